@@ -1,0 +1,1 @@
+//! Policies and the runner that records their episodes.

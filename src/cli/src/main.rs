@@ -1,0 +1,3 @@
+//! The `reel` command: parses arguments, calls the crates, prints.
+
+fn main() {}

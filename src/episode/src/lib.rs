@@ -1,0 +1,1 @@
+//! The one step function every runner uses.

@@ -1,0 +1,1 @@
+//! Re-executes traces and names the first difference.

@@ -1,0 +1,1 @@
+//! Reward presets and metrics as pure functions of recorded steps.

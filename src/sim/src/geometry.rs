@@ -1,0 +1,218 @@
+//! Shapes, poses, coloured parts and the camera: what models are made of, and what physics, navigation and
+//! the renderer share. Frame: metres, z up. Bodies: quaternions x, y, z, w.
+
+/// Focal length of the head camera in pixels (640 x 480, horizontal field of view 77 degrees).
+pub const FOCAL_PX: f32 = 400.0;
+
+/// A convex primitive around its own origin. Cylinders and capsules stand along z.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub enum Shape {
+    /// A box.
+    Cuboid {
+        /// Half extents along x, y, z.
+        half: [f32; 3],
+    },
+    /// A cylinder.
+    Cylinder {
+        /// In metres.
+        radius: f32,
+        /// In metres.
+        half_height: f32,
+    },
+    /// A ball.
+    Ball {
+        /// In metres.
+        radius: f32,
+    },
+    /// A cylinder with half balls at its ends.
+    Capsule {
+        /// In metres.
+        radius: f32,
+        /// Half length of the cylinder between the balls.
+        half_height: f32,
+    },
+    /// A cone, its tip up. Looks only: never solid.
+    Cone {
+        /// In metres.
+        radius: f32,
+        /// In metres.
+        half_height: f32,
+    },
+}
+
+/// How a part's colour varies over its surface.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Pattern {
+    /// One colour.
+    #[default]
+    Plain,
+    /// Bands of the second colour.
+    Stripes,
+    /// Dots of the second colour.
+    Dots,
+    /// Irregular lines of the second colour along the longer side.
+    Grain,
+    /// Bright spots, as on polished things.
+    Glossy,
+}
+
+/// A coloured primitive of a model.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Part {
+    /// Its shape.
+    pub shape: Shape,
+    /// Pose in the frame of the model it belongs to.
+    pub pose: Pose,
+    /// Main colour, sRGB.
+    pub color: [u8; 3],
+    /// Second colour of the pattern.
+    pub accent: [u8; 3],
+    /// Its pattern.
+    pub pattern: Pattern,
+    /// Whether physics knows it: looks without a collider are false.
+    pub solid: bool,
+}
+
+/// Position and rotation.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Pose {
+    /// In metres.
+    pub position: [f32; 3],
+    /// Quaternion x, y, z, w.
+    pub rotation: [f32; 4],
+}
+
+impl Pose {
+    /// No motion.
+    pub const IDENTITY: Pose = Pose { position: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
+
+    /// A translation.
+    pub fn at(position: [f32; 3]) -> Self {
+        Self { position, ..Self::IDENTITY }
+    }
+
+    /// A rotation around z, in radians, then a translation.
+    pub fn yawed(position: [f32; 3], yaw: f32) -> Self {
+        Self { position, rotation: [0.0, 0.0, libm::sinf(yaw * 0.5), libm::cosf(yaw * 0.5)] }
+    }
+
+    /// Rotates a vector by this pose's quaternion.
+    pub fn rotate(&self, v: [f32; 3]) -> [f32; 3] {
+        let [x, y, z, w] = self.rotation;
+        let u = [x, y, z];
+        let t = cross(u, v).map(|c| 2.0 * c);
+        let ut = cross(u, t);
+        [v[0] + w * t[0] + ut[0], v[1] + w * t[1] + ut[1], v[2] + w * t[2] + ut[2]]
+    }
+
+    /// Takes a point of this pose's frame to the outer frame.
+    pub fn apply(&self, point: [f32; 3]) -> [f32; 3] {
+        add(self.rotate(point), self.position)
+    }
+
+    /// This pose after an inner one: `outer_from_here * here_from_inner`.
+    pub fn then(&self, inner: &Pose) -> Pose {
+        Pose { position: self.apply(inner.position), rotation: quaternion_product(self.rotation, inner.rotation) }
+    }
+}
+
+/// Sum of two vectors.
+pub fn add(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// Difference of two vectors.
+pub fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// Scalar product.
+pub fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Vector product.
+pub fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// Distance of two points on the floor plan.
+pub fn distance_2d(a: [f32; 2], b: [f32; 2]) -> f32 {
+    libm::sqrtf((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]))
+}
+
+fn quaternion_product([ax, ay, az, aw]: [f32; 4], [bx, by, bz, bw]: [f32; 4]) -> [f32; 4] {
+    [
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    ]
+}
+
+/// The head camera. Camera frame: x right, y down, z forward.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Camera {
+    /// In metres.
+    pub position: [f32; 3],
+    /// Around z, in radians; 0 looks along +x.
+    pub yaw: f32,
+    /// In radians; negative looks down.
+    pub pitch: f32,
+}
+
+impl Camera {
+    /// Looks from a point at a point.
+    pub fn looking_at(position: [f32; 3], target: [f32; 3]) -> Self {
+        let d = sub(target, position);
+        let level = libm::sqrtf(d[0] * d[0] + d[1] * d[1]);
+        Self { position, yaw: libm::atan2f(d[1], d[0]), pitch: libm::atan2f(d[2], level) }
+    }
+
+    /// Rows of the rotation that takes scene vectors to the camera frame: right, down, forward.
+    pub fn axes(&self) -> [[f32; 3]; 3] {
+        let (sy, cy) = (libm::sinf(self.yaw), libm::cosf(self.yaw));
+        let (sp, cp) = (libm::sinf(self.pitch), libm::cosf(self.pitch));
+        let forward = [cy * cp, sy * cp, sp];
+        let right = [sy, -cy, 0.0];
+        [right, cross(forward, right), forward]
+    }
+
+    /// A scene point in the camera frame.
+    pub fn to_camera(&self, point: [f32; 3]) -> [f32; 3] {
+        let d = sub(point, self.position);
+        self.axes().map(|axis| dot(axis, d))
+    }
+
+    /// Pixel coordinates of a scene point in front of the camera.
+    pub fn project(&self, point: [f32; 3]) -> Option<[f32; 2]> {
+        let [x, y, z] = self.to_camera(point);
+        (z > 0.05).then(|| [320.0 + FOCAL_PX * x / z, 240.0 + FOCAL_PX * y / z])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn camera_axes_point_right_down_forward() {
+        let camera = Camera { position: [1.0, 2.0, 1.0], yaw: 0.0, pitch: 0.0 };
+        // Looking along +x, +y is on the left and +z is up.
+        assert_eq!(camera.to_camera([3.0, 2.0, 1.0]), [0.0, 0.0, 2.0]);
+        assert!(camera.project([3.0, 2.5, 1.0]).unwrap()[0] < 320.0);
+        assert!(camera.project([3.0, 2.0, 1.5]).unwrap()[1] < 240.0);
+        let down = Camera::looking_at([0.0, 0.0, 1.4], [1.0, 1.0, 0.4]);
+        let [x, y] = down.project([1.0, 1.0, 0.4]).unwrap();
+        assert!((x - 320.0).abs() < 0.01 && (y - 240.0).abs() < 0.01);
+    }
+
+    #[test]
+    fn yaw_turns_x_towards_y() {
+        let pose = Pose::yawed([1.0, 0.0, 0.0], std::f32::consts::FRAC_PI_2);
+        let [x, y, z] = pose.apply([1.0, 0.0, 0.0]);
+        assert!((x - 1.0).abs() < 1e-6 && (y - 1.0).abs() < 1e-6 && z == 0.0);
+        let twice = pose.then(&pose).apply([0.0; 3]);
+        assert!((twice[0] - 1.0).abs() < 1e-6 && (twice[1] - 1.0).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,12 @@
+//! The simulator: rapier world, navigation, camera and rasterizer, tool handlers, state digests.
+//!
+//! Deterministic: no clock, thread, environment, file, hash-order container or `std` transcendental
+//! (`clippy.toml` bans them).
+
+pub mod geometry;
+pub mod model;
+pub mod nav;
+pub mod render;
+
+/// Changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`.
+pub const SIM_VERSION: u32 = 1;

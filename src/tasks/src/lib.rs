@@ -1,0 +1,1 @@
+//! REAL-Bench tasks, scenes, the object library and the task generator.

@@ -1,0 +1,1 @@
+//! Pictures and Rerun recordings of an episode.

@@ -1,0 +1,33 @@
+//! The words every other crate speaks: scenes, tasks, the world graph and its difference, tools and
+//! outcomes, the records of an episode, and named invariants.
+//!
+//! Pure data and pure functions. Never I/O, a clock, a thread, randomness or hash-order containers.
+
+mod digest;
+mod frame;
+mod graph;
+mod id;
+mod scene;
+mod task;
+mod tool;
+
+pub mod invariants;
+pub mod language;
+pub mod outcome;
+pub mod record;
+
+pub use digest::{Digest, canonical_json};
+pub use frame::{FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests};
+pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
+pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};
+pub use outcome::{ErrorClass, ErrorCode, Outcome};
+pub use scene::{Door, Receptacle, Rect, Room, Scene, Wall};
+pub use task::{Attributes, Family, ObjectInstance, PlanStep, Task};
+pub use tool::{CallError, Lifecycle, NameSet, Profile, Tool, ToolCall, ToolSpec};
+
+/// One physics step, in seconds (SPEC section 2).
+pub const DT_S: f32 = 1.0 / 240.0;
+/// Most decisions in an episode (`H_max`, paper, Action Space and Tool Configurations).
+pub const HORIZON: u32 = 30;
+/// Discount factor (paper, Full POMDP Definition).
+pub const GAMMA: f64 = 0.99;

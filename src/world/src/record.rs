@@ -1,0 +1,377 @@
+//! The records of an episode: what a trace stores, replay compares, rewards read and tables spread out.
+//!
+//! Inputs (header, calls, policy outputs, replies) are what an episode is a function of; everything else
+//! is an output and can be made again.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::{Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, ToolCall, WorldGraph};
+
+/// Where an episode ran.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Backend {
+    /// Our simulator: re-executable.
+    #[default]
+    Sim,
+    /// A robot.
+    Robot,
+    /// Another simulator behind the recording proxy.
+    Proxy,
+}
+
+/// Who decided.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct PolicyInfo {
+    /// e.g. `oracle`
+    pub name: String,
+    /// Digest of a model's checkpoint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub checkpoint: Option<String>,
+    /// Sampling parameters and the policy's own settings.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub parameters: BTreeMap<String, Value>,
+}
+
+/// The inputs of an episode that are known before its first call.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct EpisodeHeader {
+    /// Digest of the other inputs here, shortened: equal inputs give equal ids.
+    pub episode_id: String,
+    /// The run (one command) it belongs to.
+    pub run_id: String,
+    /// The prompt group of a rollout, if any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub group_id: Option<String>,
+    /// Its index in that group.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rollout_index: Option<u32>,
+    /// The task.
+    pub task_id: String,
+    /// Its family.
+    pub family: Family,
+    /// The scene.
+    pub scene_id: String,
+    /// Of the task's canonical JSON.
+    pub task_digest: Digest,
+    /// Of the scene's canonical JSON.
+    pub scene_digest: Digest,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// The simulator's version; another one may give other bits.
+    pub sim_version: u32,
+    /// Version of Reel.
+    pub build: String,
+    /// Behaviour where paper and published code differ.
+    pub profile: Profile,
+    /// Reward preset whose terms the steps hold.
+    pub reward_preset: String,
+    /// Who decided.
+    pub policy: PolicyInfo,
+    /// Where it ran.
+    #[serde(default)]
+    pub backend: Backend,
+    /// The trace and call this one branches from, if any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub parent: Option<Parent>,
+}
+
+/// Where a branched episode came from.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Parent {
+    /// Chain digest of the parent trace.
+    pub trace: Digest,
+    /// First call that differs.
+    pub call: u32,
+}
+
+/// What came with a decision besides the call (SPEC section 4). Inputs, kept as they came.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct PolicyOutput {
+    /// The raw text.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub raw: String,
+    /// `c_t`: the reasoning.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub reasoning: String,
+    /// `sigma_t`: the History.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub history: String,
+    /// `q_t`: schedule and subtask.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub plan: String,
+    /// Tokens read and written, where a model counts them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tokens: Option<[u32; 2]>,
+    /// How long the policy took, in nanoseconds; outside every digest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub latency_ns: Option<u64>,
+}
+
+/// Who answered an `ask`.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum UserSource {
+    /// The rules of SPEC section 3.
+    RuleBased,
+    /// A model.
+    Model,
+    /// A person.
+    Human,
+}
+
+/// An answer to an `ask`.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct UserReply {
+    /// What was said.
+    pub text: String,
+    /// By whom.
+    pub source: UserSource,
+}
+
+/// The inputs of one step.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct StepInput {
+    /// The call as the policy made it.
+    pub call: ToolCall,
+    /// What came with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub policy: Option<PolicyOutput>,
+    /// The reply from outside; absent: the rule-based user answers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub user_reply: Option<UserReply>,
+}
+
+/// What a marker stands for.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(tag = "kind", content = "id", rename_all = "lowercase")]
+pub enum MarkerTarget {
+    /// An object.
+    Object(InstanceId),
+    /// A receptacle.
+    Receptacle(ReceptacleId),
+}
+
+/// One number of the current marker map.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Marker {
+    /// The number.
+    pub id: u32,
+    /// What it stands for. Never shown to the policy.
+    pub target: MarkerTarget,
+}
+
+/// An object in the current picture.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct VisibleObject {
+    /// Which.
+    pub object: InstanceId,
+    /// How many pixels of it are seen.
+    pub pixels: u32,
+    /// Its bounding box in the picture: x, y of the first and of the last pixel.
+    pub bbox: [u16; 4],
+}
+
+/// Motion state of one body, exactly. Frame: the scene's, metres, quaternion x, y, z, w.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct BodyState {
+    /// Instance id, or `door:<receptacle>`.
+    pub body: String,
+    /// Position of its origin, in metres.
+    pub position: [f32; 3],
+    /// Rotation.
+    pub rotation: [f32; 4],
+    /// In metres per second.
+    pub linear_velocity: [f32; 3],
+    /// In radians per second.
+    pub angular_velocity: [f32; 3],
+    /// Whether physics put it to sleep.
+    pub asleep: bool,
+}
+
+/// The robot: base on the floor, camera on its head.
+#[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct RobotState {
+    /// Base: x, y in metres.
+    pub base: [f32; 2],
+    /// Heading of base and camera around z, in radians (0 looks along +x).
+    pub yaw: f32,
+    /// Camera position in metres.
+    pub camera: [f32; 3],
+    /// Camera pitch in radians (negative looks down).
+    pub pitch: f32,
+    /// Path the base drove since the start of the episode, in metres.
+    pub path_length_m: f32,
+}
+
+/// Digests of a moment.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+pub struct StateDigests {
+    /// Of the whole simulator state.
+    pub state: Digest,
+    /// Of the picture, where one was taken.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<FrameDigests>,
+    /// First four bytes of the state digest after each executed physics step, in order.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub physics_steps: Vec<u32>,
+    /// Chained: of the previous chain digest, this step's inputs and its outputs.
+    pub chain: Digest,
+}
+
+/// Both authorities' graphs (SPEC section 1, "Authority").
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+pub struct Graphs {
+    /// Where physics says the objects are: scores in preset `paper`.
+    pub physics: WorldGraph,
+    /// Where picks and places say they are: scores in preset `real-repo`.
+    pub registry: WorldGraph,
+}
+
+/// Both authorities' changes in one step.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+pub struct GraphChanges {
+    /// Of the physical graph.
+    pub physics: Vec<GraphEvent>,
+    /// Of the registry.
+    pub registry: Vec<GraphEvent>,
+}
+
+/// One term of a step's reward.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct RewardTerm {
+    /// `task`, `prog`, `phys`, `ask`, `time`, `safe`.
+    pub component: String,
+    /// Its value.
+    pub value: f64,
+    /// Why, for people: which event or rule.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub reason: String,
+}
+
+/// The state after the start, before the first decision.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct StartRecord {
+    /// After settling.
+    pub graphs: Graphs,
+    /// After settling, by stable id.
+    pub bodies: Vec<BodyState>,
+    /// Where the robot stands.
+    pub robot: RobotState,
+    /// What its camera sees.
+    pub visible: Vec<VisibleObject>,
+    /// Shortest base path start -> src -> dest with a perfect map, in metres (`l` of SPL); absent if there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shortest_path_m: Option<f32>,
+    /// Digests.
+    pub digests: StateDigests,
+}
+
+/// One decision and what came of it.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct StepRecord {
+    /// From 0.
+    pub step: u32,
+    /// What it was a function of.
+    pub input: StepInput,
+    /// What the policy got.
+    pub outcome: Outcome,
+    /// The tool's name in the paper; absent when the call was none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tool: Option<String>,
+    /// The answer of an `ask`, from outside or by rule.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reply: Option<UserReply>,
+    /// The marker map after the call.
+    pub markers: Vec<Marker>,
+    /// Objects in the picture.
+    pub visible: Vec<VisibleObject>,
+    /// Objects whose existence the outcome told in words (`walk_around`).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub listed: Vec<InstanceId>,
+    /// The object that the call acted on: picked, placed, gazed at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub object: Option<InstanceId>,
+    /// The receptacle that the call acted on.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub receptacle: Option<ReceptacleId>,
+    /// What the gripper holds after the call.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held: Option<InstanceId>,
+    /// Graph changes.
+    pub changes: GraphChanges,
+    /// Motion states after the call, by stable id.
+    pub bodies: Vec<BodyState>,
+    /// The robot after the call.
+    pub robot: RobotState,
+    /// Simulation time after the call, in physics steps since the start.
+    pub sim_step: u64,
+    /// Reward terms under the header's preset; those that are zero are left out.
+    pub reward: Vec<RewardTerm>,
+    /// Digests.
+    pub digests: StateDigests,
+}
+
+/// Why an episode ended.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EndReason {
+    /// The policy called `finish`.
+    Finished,
+    /// The horizon was reached.
+    Horizon,
+    /// An error that cannot be recovered from.
+    Fault,
+    /// The runner or a client stopped it.
+    Aborted,
+}
+
+/// How an episode ended.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct EndRecord {
+    /// Why.
+    pub reason: EndReason,
+    /// Final graphs.
+    pub graphs: Graphs,
+    /// Metrics under the header's preset.
+    pub metrics: Metrics,
+    /// Chain digest of the last step (of the start, where there was none).
+    pub chain: Digest,
+    /// How many steps there were.
+    pub steps: u32,
+}
+
+/// Metrics of one episode (SPEC section 6).
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct Metrics {
+    /// SR: no goal change is left.
+    pub success: bool,
+    /// CR: share of the goal changes that hold.
+    pub completion: f64,
+    /// Cumulative reward, undiscounted.
+    pub total_reward: f64,
+    /// Discounted return, gamma 0.99.
+    pub discounted_return: f64,
+    /// Decisions.
+    pub length: u32,
+    /// `ask` calls.
+    pub asks: u32,
+    /// `S * l / max(p, l)`; absent where `l` is unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spl: Option<f64>,
+}
+
+impl StepRecord {
+    /// The tool that was called: the paper's name, or the name as called where it is no tool.
+    pub fn tool_name(&self) -> &str {
+        self.tool.as_deref().unwrap_or(&self.input.call.name)
+    }
+
+    /// Sum of the reward terms.
+    pub fn reward_total(&self) -> f64 {
+        self.reward.iter().map(|term| term.value).sum()
+    }
+}

@@ -1,0 +1,225 @@
+//! Scenes as data: rooms, walls, receptacles with surfaces and doors, and how they are described.
+//!
+//! This is the scene file format (`schemas/scene.schema.json`) too, so that the scene in a trace reads
+//! like the scene on disk. Metres, z up; x and y span the floor. Geometry built from it (legs, shelves,
+//! colliders) belongs to the simulator.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::{Attributes, ReceptacleId};
+
+/// A scene: a flat with furniture.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Scene {
+    /// Its name; tasks refer to it.
+    pub scene_id: String,
+    /// The rooms, disjoint.
+    pub rooms: Vec<Room>,
+    /// Walls. Absent: the simulator builds them around the rooms, with an opening between neighbours.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub walls: Option<Vec<Wall>>,
+    /// Where the robot starts: x, y in metres, yaw in radians (0 looks along +x). Absent: the simulator chooses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot_start: Option<[f64; 3]>,
+    /// The furniture, in the order of the file.
+    pub receptacles: Vec<Receptacle>,
+    /// Fields we do not know, kept.
+    #[serde(flatten)]
+    pub extra: BTreeMap<String, Value>,
+}
+
+/// A room as a union of rectangles.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Room {
+    /// e.g. `living room/0`
+    pub name: String,
+    /// Its exact footprint: disjoint rectangles. Absent: the one rectangle `min`..`max`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rects: Vec<Rect>,
+    /// Lower corner of the bounding rectangle.
+    pub min: [f64; 2],
+    /// Upper corner of the bounding rectangle.
+    pub max: [f64; 2],
+    /// Fields we do not know, kept.
+    #[serde(flatten)]
+    pub extra: BTreeMap<String, Value>,
+}
+
+/// An axis-aligned rectangle on the floor.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Rect {
+    /// Lower corner: x, y.
+    pub min: [f64; 2],
+    /// Upper corner: x, y.
+    pub max: [f64; 2],
+}
+
+/// A straight wall from one point to another, axis-aligned.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Wall {
+    /// One end: x, y.
+    pub from: [f64; 2],
+    /// The other end: x, y.
+    pub to: [f64; 2],
+    /// In metres.
+    pub height: f64,
+}
+
+/// A fixed piece of furniture that holds objects.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Receptacle {
+    /// e.g. `table_1`
+    pub id: ReceptacleId,
+    /// Name of its room.
+    pub room: String,
+    /// e.g. `table`
+    pub category: String,
+    /// The door, if it has one.
+    #[serde(default)]
+    pub door: Door,
+    /// How people call it, with how often (weight); any of them may stand in an instruction.
+    #[serde(default)]
+    pub captions: BTreeMap<String, f64>,
+    /// Attribute words by kind (colour, top, handles, bedding, ...), which the renderer shows.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub attributes: Attributes,
+    /// Lower corner of the slab whose top is the interaction surface.
+    pub surface_min: [f64; 3],
+    /// Upper corner of that slab; its z is the height of the surface.
+    pub surface_max: [f64; 3],
+    /// Direction its front looks to, in degrees around z (0 is +x). Absent: the simulator chooses the freest side.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub facing_deg: Option<f64>,
+    /// Whether it may be placed upon.
+    #[serde(default = "yes", skip_serializing_if = "is_true")]
+    pub placeable: bool,
+    /// The receptacle it lies on (a lid on its pot). It is taken off while that one holds objects.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covers: Option<ReceptacleId>,
+    /// Fields we do not know, kept.
+    #[serde(flatten)]
+    pub extra: BTreeMap<String, Value>,
+}
+
+/// Whether a receptacle has a door, and on which side its hinge is. In files also a plain boolean.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(from = "DoorField", into = "DoorField")]
+pub enum Door {
+    /// None.
+    #[default]
+    None,
+    /// Vertical hinge on the left, seen from the front.
+    Left,
+    /// Vertical hinge on the right, seen from the front.
+    Right,
+}
+
+impl Door {
+    /// Whether there is one.
+    pub fn exists(self) -> bool {
+        self != Door::None
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum DoorField {
+    Has(bool),
+    Hinge(Hinge),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Hinge {
+    Left,
+    Right,
+}
+
+impl From<DoorField> for Door {
+    fn from(field: DoorField) -> Self {
+        match field {
+            DoorField::Has(false) => Door::None,
+            DoorField::Has(true) | DoorField::Hinge(Hinge::Left) => Door::Left,
+            DoorField::Hinge(Hinge::Right) => Door::Right,
+        }
+    }
+}
+
+impl From<Door> for DoorField {
+    fn from(door: Door) -> Self {
+        match door {
+            Door::None => DoorField::Has(false),
+            Door::Left => DoorField::Hinge(Hinge::Left),
+            Door::Right => DoorField::Hinge(Hinge::Right),
+        }
+    }
+}
+
+fn yes() -> bool {
+    true
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's skip_serializing_if passes a reference")]
+fn is_true(value: &bool) -> bool {
+    *value
+}
+
+impl Scene {
+    /// Finds a receptacle.
+    pub fn receptacle(&self, id: &ReceptacleId) -> Option<&Receptacle> {
+        self.receptacles.iter().find(|receptacle| receptacle.id == *id)
+    }
+
+    /// Rooms and furniture as the published `list_receptacles` prints them (SPEC section 9).
+    pub fn room_listing(&self) -> String {
+        let mut text = String::new();
+        for room in &self.rooms {
+            let inside = self.receptacles.iter().filter(|receptacle| receptacle.room == room.name);
+            let lines: Vec<String> = inside.map(|receptacle| format!("  - {}\n", receptacle.id)).collect();
+            if !lines.is_empty() {
+                text.push_str(&format!("Room: {}\n{}", room.name, lines.concat()));
+            }
+        }
+        text
+    }
+}
+
+impl Room {
+    /// Its footprint as rectangles.
+    pub fn footprint(&self) -> Vec<Rect> {
+        if self.rects.is_empty() { vec![Rect { min: self.min, max: self.max }] } else { self.rects.clone() }
+    }
+}
+
+impl Rect {
+    /// Whether a point lies inside or on the border.
+    pub fn contains(&self, [x, y]: [f64; 2]) -> bool {
+        (self.min[0]..=self.max[0]).contains(&x) && (self.min[1]..=self.max[1]).contains(&y)
+    }
+}
+
+impl Receptacle {
+    /// Height of the interaction surface, in metres.
+    pub fn surface_height(&self) -> f64 {
+        self.surface_max[2]
+    }
+
+    /// The surface seen from above.
+    pub fn surface_rect(&self) -> Rect {
+        Rect { min: [self.surface_min[0], self.surface_min[1]], max: [self.surface_max[0], self.surface_max[1]] }
+    }
+
+    /// The caption people use most (the first in alphabet of equals).
+    pub fn main_caption(&self) -> Option<&str> {
+        let mut best: Option<(&str, f64)> = None;
+        for (caption, weight) in &self.captions {
+            if best.is_none_or(|(_, most)| *weight > most) {
+                best = Some((caption, *weight));
+            }
+        }
+        best.map(|(caption, _)| caption)
+    }
+}

@@ -1,0 +1,175 @@
+//! A household task: what stands where, what shall be where, and what the agent is told.
+
+use std::{collections::BTreeMap, fmt};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::{AssetId, GraphEvent, InstanceId, ReceptacleId, Scene, WorldGraph};
+
+/// Attribute words by kind, e.g. `colour -> [red, white]`.
+pub type Attributes = BTreeMap<String, Vec<String>>;
+
+/// The families of REAL-Bench (paper, Benchmark Construction).
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+pub enum Family {
+    /// Furniture distractors, precise instruction.
+    FDP,
+    /// Furniture and object distractors, precise instruction.
+    FODP,
+    /// Furniture distractors with doors to open.
+    FDO,
+    /// Social: underspecified instruction, the agent must ask.
+    SUL,
+}
+
+impl Family {
+    /// All four, in the order of the paper's tables.
+    pub const ALL: [Family; 4] = [Family::FDP, Family::FODP, Family::FDO, Family::SUL];
+
+    /// As it stands in files.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Family::FDP => "FDP",
+            Family::FODP => "FODP",
+            Family::FDO => "FDO",
+            Family::SUL => "SUL",
+        }
+    }
+
+    /// Reads what [`Family::as_str`] wrote.
+    pub fn parse(text: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|family| family.as_str() == text)
+    }
+}
+
+impl fmt::Display for Family {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// One object of a task as it stands at the start.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct ObjectInstance {
+    /// Its key.
+    pub instance: InstanceId,
+    /// Its asset.
+    pub asset: AssetId,
+    /// e.g. `alarm clock`
+    pub category: String,
+    /// How people would describe it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub caption: Option<String>,
+    /// Attribute words by kind (colour, material, shape, size), which the renderer shows.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub attributes: Attributes,
+    /// Width (x), depth (y), height (z) of the box at rest in the world, in metres.
+    pub size: [f64; 3],
+    /// Centre of that box before it settles: surface + half height + 0.02.
+    pub position: [f64; 3],
+    /// Rotation around z, in radians.
+    #[serde(default)]
+    pub yaw: f64,
+    /// The receptacle it is placed on.
+    pub receptacle: ReceptacleId,
+    /// Where another simulator saw it come to rest, if the file says so (a check, never an input of ours).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference_rest: Option<[f64; 3]>,
+}
+
+/// One step of a published plan.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct PlanStep {
+    /// `nav_to`, `find`, `gaze_at`, `pick`, `place`, `open`, `close`, `ask`.
+    pub action: String,
+    /// Its arguments as published.
+    pub args: BTreeMap<String, Value>,
+}
+
+/// A task.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Task {
+    /// e.g. `FDP/verify_task_10`; unique within a set of tasks.
+    pub task_id: String,
+    /// Its family.
+    pub family: Family,
+    /// e.g. `store`; absent where the file has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub task_type: Option<String>,
+    /// The scene it plays in.
+    pub scene_id: String,
+    /// What the agent is told.
+    pub instruction: String,
+    /// The precise instruction; the same where the agent gets it.
+    pub precise_instruction: String,
+    /// Whether the agent gets less than the precise instruction (SUL).
+    #[serde(default)]
+    pub fuzzy: bool,
+    /// What the target is for, in fuzzy tasks, e.g. `timekeeping device`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub purpose: Option<String>,
+    /// Every object, sorted by instance.
+    pub objects: Vec<ObjectInstance>,
+    /// At the start: all receptacles of the scene, the objects, doors as they stand.
+    pub initial: WorldGraph,
+    /// At the end: the authority for reward and success (SPEC section 1, "Goal").
+    pub goal: WorldGraph,
+    /// The instance to move; the first one where a task moves several.
+    pub target: InstanceId,
+    /// Where it stands.
+    pub src: ReceptacleId,
+    /// Where it shall go.
+    pub dest: ReceptacleId,
+    /// Receptacles like `src`.
+    #[serde(default)]
+    pub src_distractors: Vec<ReceptacleId>,
+    /// Receptacles like `dest`.
+    #[serde(default)]
+    pub dest_distractors: Vec<ReceptacleId>,
+    /// Objects like the target.
+    #[serde(default)]
+    pub object_distractors: Vec<AssetId>,
+    /// The published plan; empty where there is none.
+    #[serde(default)]
+    pub plan: Vec<PlanStep>,
+    /// The file's own goal graph: stored, never scored (it need not conserve objects).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub published_goal: Option<Value>,
+    /// Fields we do not know, kept.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub extra: BTreeMap<String, Value>,
+}
+
+impl Task {
+    /// `Delta_goal`: what must change (paper, Detailed Reward Configuration).
+    pub fn goal_changes(&self) -> Vec<GraphEvent> {
+        self.goal.difference(&self.initial)
+    }
+
+    /// Finds an object.
+    pub fn object(&self, instance: &InstanceId) -> Option<&ObjectInstance> {
+        self.objects.iter().find(|object| object.instance == *instance)
+    }
+
+    /// The target object.
+    ///
+    /// # Panics
+    /// When the target is no object of the task; the loader refuses such tasks.
+    pub fn target_object(&self) -> &ObjectInstance {
+        self.object(&self.target).expect("the loader checked that the target is an object of the task")
+    }
+
+    /// The start graph for a scene: every receptacle, closed doors, the given objects.
+    pub fn initial_graph(scene: &Scene, objects: &[ObjectInstance]) -> WorldGraph {
+        let mut graph = WorldGraph::default();
+        for receptacle in &scene.receptacles {
+            let state = graph.receptacles.entry(receptacle.id.clone()).or_default();
+            state.door = receptacle.door.exists().then_some(crate::DoorState::Closed);
+        }
+        for object in objects {
+            graph.add(&object.receptacle, &object.instance);
+        }
+        graph
+    }
+}
