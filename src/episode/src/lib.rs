@@ -1,1 +1,135 @@
-//! The one step function every runner uses.
+//! The one step function that every runner uses: dispatch of a call to the simulator or the user, graphs,
+//! reward, digests and the hash chain. Never files, clocks or threads; the caller owns those.
+
+pub mod user;
+
+use std::sync::Arc;
+
+use reel_world::{
+    ErrorCode, Frame, InstanceId, Profile, ReceptacleId, Scene, Task, WorldGraph,
+    record::{EndReason, EndRecord, EpisodeHeader, Marker, PolicyInfo, StartRecord, StepInput, StepRecord},
+};
+
+/// What an episode is a function of, besides its calls.
+#[derive(Clone, Debug)]
+pub struct EpisodeConfig {
+    /// The task.
+    pub task: Arc<Task>,
+    /// The scene of that task.
+    pub scene: Arc<Scene>,
+    /// Seed of everything random in the simulator.
+    pub seed: u64,
+    /// Behaviour where paper and published code differ.
+    pub profile: Profile,
+    /// The run it belongs to.
+    pub run_id: String,
+    /// Who decides.
+    pub policy: PolicyInfo,
+}
+
+/// A running episode.
+#[derive(Debug)]
+pub struct Episode {}
+
+/// What a step gives back: the record for the trace and the picture for the policy.
+#[derive(Clone, Debug)]
+pub struct StepOutput {
+    /// The record.
+    pub record: StepRecord,
+    /// The picture, where the tool returns one.
+    pub frame: Option<Frame>,
+}
+
+/// Why an episode cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum EpisodeError {
+    /// The task plays in another scene.
+    #[error("task {task} plays in scene {wanted}, not in {given}")]
+    OtherScene {
+        /// The task.
+        task: String,
+        /// Its scene.
+        wanted: String,
+        /// The scene given.
+        given: String,
+    },
+}
+
+/// What an agent is told before its first decision: nothing privileged.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Briefing {
+    /// The instruction.
+    pub instruction: String,
+    /// Receptacle ids with category and room.
+    pub receptacles: Vec<(ReceptacleId, String, String)>,
+}
+
+/// What an agent gets after a decision (and before the first): nothing privileged.
+#[derive(Clone, Debug)]
+pub struct Observation {
+    /// Text of the outcome; empty before the first decision.
+    pub text: String,
+    /// Code of the error, if the call failed.
+    pub error: Option<ErrorCode>,
+    /// The picture, if there is a new one.
+    pub frame: Option<Frame>,
+}
+
+/// The simulator's truth, for the oracle, built-in policies and tests. Never for a policy under evaluation.
+#[derive(Clone, Debug)]
+pub struct Privileged<'a> {
+    /// The task, goal included.
+    pub task: &'a Task,
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Where physics says the objects are.
+    pub graph: &'a WorldGraph,
+    /// The current marker map with what the numbers stand for.
+    pub markers: &'a [Marker],
+    /// What the gripper holds.
+    pub held: Option<&'a InstanceId>,
+    /// The receptacle the robot stands at.
+    pub landmark: Option<&'a ReceptacleId>,
+}
+
+impl Episode {
+    /// Builds the world, lets it settle, takes the first picture.
+    ///
+    /// # Errors
+    /// When task and scene do not belong together.
+    pub fn start(config: EpisodeConfig) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
+        let _ = config;
+        unimplemented!("by the lead")
+    }
+
+    /// The header of the trace.
+    pub fn header(&self) -> &EpisodeHeader {
+        unimplemented!("by the lead")
+    }
+
+    /// What the agent is told.
+    pub fn briefing(&self) -> Briefing {
+        unimplemented!("by the lead")
+    }
+
+    /// Takes one decision. After the end every call is an `episode_over` error.
+    pub fn step(&mut self, input: StepInput) -> StepOutput {
+        let _ = input;
+        unimplemented!("by the lead")
+    }
+
+    /// Why the episode ended; none while it runs.
+    pub fn ended(&self) -> Option<EndReason> {
+        unimplemented!("by the lead")
+    }
+
+    /// The simulator's truth.
+    pub fn privileged(&self) -> Privileged<'_> {
+        unimplemented!("by the lead")
+    }
+
+    /// Closes the episode: final graphs and metrics. `Aborted` if it still runs.
+    pub fn end(self) -> EndRecord {
+        unimplemented!("by the lead")
+    }
+}

@@ -3,6 +3,7 @@
 //!
 //! Pure data and pure functions. Never I/O, a clock, a thread, randomness or hash-order containers.
 
+pub mod chain;
 mod digest;
 mod frame;
 mod graph;

@@ -1,0 +1,24 @@
+//! The hash chain of an episode: each link covers the link before it, the step's inputs and its outputs, so
+//! that nothing can be changed, left out or put elsewhere without being seen. Wall-clock values are not covered.
+
+use crate::{
+    Digest, canonical_json,
+    record::{EpisodeHeader, StartRecord, StepRecord},
+};
+
+/// The link of the start: over the header and the start record.
+pub fn start_link(header: &EpisodeHeader, start: &StartRecord) -> Digest {
+    let mut start = start.clone();
+    start.digests.chain = Digest::default();
+    Digest::of(canonical_json(&(header, &start)).as_bytes())
+}
+
+/// The link of a step: over the link before it and the step's record.
+pub fn step_link(before: &Digest, step: &StepRecord) -> Digest {
+    let mut step = step.clone();
+    step.digests.chain = Digest::default();
+    if let Some(policy) = &mut step.input.policy {
+        policy.latency_ns = None;
+    }
+    Digest::of(canonical_json(&(before, &step)).as_bytes())
+}
