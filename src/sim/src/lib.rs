@@ -6,7 +6,15 @@
 pub mod geometry;
 pub mod model;
 pub mod nav;
+pub mod physics;
+pub mod placement;
 pub mod render;
+
+mod simulator;
+mod tools;
+
+pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
+pub use tools::ToolResult;
 
 /// Changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`.
 pub const SIM_VERSION: u32 = 1;

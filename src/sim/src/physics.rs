@@ -1,0 +1,269 @@
+//! The rapier world: fixed furniture, hinged doors and free objects, stepped at 1/240 s.
+//!
+//! Bodies go in in canonical order (shell, furniture, doors, objects by instance), because another order gives
+//! other bits. One thread owns a step. Everything that moves is named by an entity number in `user_data`.
+
+use rapier3d::prelude::*;
+use reel_world::DT_S;
+
+use crate::{
+    geometry::{self, Part},
+    model::{DoorModel, ObjectModel, SceneModel},
+};
+
+/// How far above its place an object is spawned (SPEC section 3, "Physics verification").
+pub const SPAWN_OFFSET_M: f32 = 0.1;
+
+const FRICTION: f32 = 0.7;
+/// Without damping balls and cylinders would roll on for ever and never sleep.
+const LINEAR_DAMPING: f32 = 0.2;
+const ANGULAR_DAMPING: f32 = 2.0;
+/// Critically damped door motor: 15 rad/s reaches 90 degrees to within 1.3 in 100 steps.
+const DOOR_STIFFNESS: f32 = 225.0;
+const DOOR_DAMPING: f32 = 30.0;
+/// Turns the y axis, along which rapier's cylinders stand, to our z.
+const Y_TO_Z: Rotation = Rotation::from_xyzw(std::f32::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f32::consts::FRAC_1_SQRT_2);
+
+/// Motion state of one body.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Motion {
+    /// Scene from body.
+    pub pose: geometry::Pose,
+    /// In metres per second.
+    pub linear: [f32; 3],
+    /// In radians per second.
+    pub angular: [f32; 3],
+    /// Whether physics put it to sleep.
+    pub asleep: bool,
+}
+
+/// The physics of one episode.
+pub struct Physics {
+    world: PhysicsWorld,
+    objects: Vec<Option<RigidBodyHandle>>,
+    doors: Vec<DoorBody>,
+    fault: bool,
+}
+
+struct DoorBody {
+    body: RigidBodyHandle,
+    joint: ImpulseJointHandle,
+    closed: geometry::Pose,
+    open_angle: f32,
+    target: f32,
+}
+
+impl Physics {
+    /// Builds the fixed world and the doors; objects come by [`Physics::insert_object`].
+    pub fn new(model: &SceneModel, object_count: usize) -> Self {
+        let mut world = PhysicsWorld::new();
+        world.gravity = Vector::new(0.0, 0.0, -9.81);
+        world.integration_parameters.dt = DT_S;
+        let shell = world.insert_body(RigidBodyBuilder::fixed());
+        insert_colliders(&mut world, shell, &model.shell, None);
+        let mut doors = Vec::new();
+        let mut frames = Vec::new();
+        for furniture in &model.furniture {
+            let body = world.insert_body(RigidBodyBuilder::fixed());
+            insert_colliders(&mut world, body, &furniture.parts, None);
+            frames.push(body);
+        }
+        for (furniture, frame) in model.furniture.iter().zip(frames) {
+            if let Some(door) = &furniture.door {
+                doors.push(insert_door(&mut world, frame, door));
+            }
+        }
+        Self { world, objects: vec![None; object_count], doors, fault: false }
+    }
+
+    /// Puts an object into the world at a pose.
+    pub fn insert_object(&mut self, index: usize, model: &ObjectModel, pose: geometry::Pose) {
+        assert!(self.objects[index].is_none(), "object {index} is already in the world");
+        let builder = RigidBodyBuilder::dynamic()
+            .pose(to_rapier(&pose))
+            .linear_damping(LINEAR_DAMPING)
+            .angular_damping(ANGULAR_DAMPING)
+            .user_data(index as u128);
+        let body = self.world.insert_body(builder);
+        insert_colliders(&mut self.world, body, &model.parts, Some(model.density));
+        self.objects[index] = Some(body);
+    }
+
+    /// Takes an object out of the world.
+    pub fn remove_object(&mut self, index: usize) {
+        let body = self.objects[index].take().expect("the object is in the world");
+        self.world.remove_body(body);
+    }
+
+    /// Drives a door (in the order of the furniture that has one) towards open or closed.
+    pub fn drive_door(&mut self, door: usize, open: bool) {
+        let door = &mut self.doors[door];
+        door.target = if open { door.open_angle } else { 0.0 };
+        let joint = self.world.impulse_joints.get_mut(door.joint, true).expect("doors are never removed");
+        joint.data.set_motor_position(JointAxis::AngX, door.target, DOOR_STIFFNESS, DOOR_DAMPING);
+        self.world.wake_up(door.body, true);
+    }
+
+    /// Angle of a door around its hinge, in radians, as it stands now; closed is 0.
+    pub fn door_angle(&self, door: usize) -> f32 {
+        let [_, _, z, w] = self.door_motion(door).pose.rotation;
+        let [_, _, closed_z, closed_w] = self.doors[door].closed.rotation;
+        2.0 * libm::atan2f(z * closed_w - w * closed_z, w * closed_w + z * closed_z)
+    }
+
+    /// Whether a door is nearer to open than to closed.
+    pub fn door_is_open(&self, door: usize) -> bool {
+        self.door_angle(door) / self.doors[door].open_angle > 0.5
+    }
+
+    /// One step of 1/240 s.
+    pub fn step(&mut self) {
+        self.world.step();
+        self.fault |= !self.world.quarantine().is_empty();
+    }
+
+    /// Whether everything sleeps, so that further steps change nothing.
+    pub fn at_rest(&self) -> bool {
+        self.world.islands.num_active_bodies() == 0
+    }
+
+    /// Whether physics met a value that is not finite and took the body out.
+    pub fn fault(&self) -> bool {
+        self.fault
+    }
+
+    /// Motion of an object; none while it is held.
+    pub fn object_motion(&self, index: usize) -> Option<Motion> {
+        self.objects[index].map(|body| motion(&self.world.bodies[body]))
+    }
+
+    /// Motion of a door.
+    pub fn door_motion(&self, door: usize) -> Motion {
+        motion(&self.world.bodies[self.doors[door].body])
+    }
+
+    /// Where the motor of a door wants it, in radians.
+    pub fn door_target(&self, door: usize) -> f32 {
+        self.doors[door].target
+    }
+
+    /// How many doors there are.
+    pub fn door_count(&self) -> usize {
+        self.doors.len()
+    }
+
+    /// Bounding box of an object's colliders: lower and upper corner; none while it is held.
+    pub fn object_bounds(&self, index: usize) -> Option<[[f32; 3]; 2]> {
+        let body = &self.world.bodies[self.objects[index]?];
+        let mut bounds = [[f32::INFINITY; 3], [f32::NEG_INFINITY; 3]];
+        for collider in body.colliders() {
+            let collider = &self.world.colliders[*collider];
+            // The body's pose, not the collider's: that one lags until the next step.
+            let pose = match collider.position_wrt_parent() {
+                Some(local) => *body.position() * *local,
+                None => *collider.position(),
+            };
+            let aabb = collider.shape().compute_aabb(&pose);
+            for axis in 0..3 {
+                bounds[0][axis] = bounds[0][axis].min(aabb.mins[axis]);
+                bounds[1][axis] = bounds[1][axis].max(aabb.maxs[axis]);
+            }
+        }
+        Some(bounds)
+    }
+
+    /// Feeds the motion state of everything that moves, in stable order, to a hasher.
+    pub fn hash_into(&self, hasher: &mut blake3::Hasher) {
+        for (index, body) in self.objects.iter().enumerate() {
+            hasher.update(&(index as u32).to_le_bytes());
+            match body {
+                None => hasher.update(&[0]),
+                Some(body) => hash_motion(hasher, &motion(&self.world.bodies[*body])),
+            };
+        }
+        for (index, door) in self.doors.iter().enumerate() {
+            hasher.update(&(index as u32).to_le_bytes());
+            hasher.update(&door.target.to_bits().to_le_bytes());
+            hash_motion(hasher, &motion(&self.world.bodies[door.body]));
+        }
+        hasher.update(&[u8::from(self.fault)]);
+    }
+
+    /// First four bytes of the digest of the motion state.
+    pub fn step_digest(&self) -> u32 {
+        let mut hasher = blake3::Hasher::new();
+        self.hash_into(&mut hasher);
+        let bytes = hasher.finalize();
+        u32::from_le_bytes([bytes.as_bytes()[0], bytes.as_bytes()[1], bytes.as_bytes()[2], bytes.as_bytes()[3]])
+    }
+}
+
+impl std::fmt::Debug for Physics {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Physics({} objects, {} doors)", self.objects.len(), self.doors.len())
+    }
+}
+
+fn insert_door(world: &mut PhysicsWorld, frame: RigidBodyHandle, door: &DoorModel) -> DoorBody {
+    let builder = RigidBodyBuilder::dynamic().pose(to_rapier(&door.closed)).angular_damping(0.5).gravity_scale(0.0);
+    let body = world.insert_body(builder);
+    insert_colliders(world, body, &door.parts, Some(300.0));
+    // The hinge: the closed door's frame, seen from the fixed body (whose frame is the scene's) and from the door.
+    // A revolute joint turns around the x axis of its frames, so both carry the rotation of x to z.
+    let x_to_z = Rotation::from_xyzw(0.0, -std::f32::consts::FRAC_1_SQRT_2, 0.0, std::f32::consts::FRAC_1_SQRT_2);
+    let hinge = Pose::from_parts(Vector::ZERO, x_to_z);
+    let joint = GenericJointBuilder::new(JointAxesMask::LOCKED_REVOLUTE_AXES)
+        .local_frame1(to_rapier(&door.closed) * hinge)
+        .local_frame2(hinge)
+        .motor_model(JointAxis::AngX, MotorModel::AccelerationBased)
+        .motor_position(JointAxis::AngX, 0.0, DOOR_STIFFNESS, DOOR_DAMPING)
+        .contacts_enabled(false);
+    let joint = world.insert_impulse_joint(frame, body, joint);
+    DoorBody { body, joint, closed: door.closed, open_angle: door.open_angle, target: 0.0 }
+}
+
+fn insert_colliders(world: &mut PhysicsWorld, body: RigidBodyHandle, parts: &[Part], density: Option<f32>) {
+    for part in parts.iter().filter(|part| part.solid) {
+        let pose = to_rapier(&part.pose);
+        let upright = pose * Pose::from_parts(Vector::ZERO, Y_TO_Z);
+        let (builder, pose) = match part.shape {
+            geometry::Shape::Cuboid { half: [x, y, z] } => (ColliderBuilder::cuboid(x, y, z), pose),
+            geometry::Shape::Ball { radius } => (ColliderBuilder::ball(radius), pose),
+            geometry::Shape::Cylinder { radius, half_height } => (ColliderBuilder::cylinder(half_height, radius), upright),
+            geometry::Shape::Capsule { radius, half_height } => (ColliderBuilder::capsule_y(half_height, radius), upright),
+            geometry::Shape::Cone { .. } => unreachable!("a cone is never solid"),
+        };
+        let builder = builder.position(pose).friction(FRICTION).restitution(0.0);
+        let builder = match density {
+            Some(density) => builder.density(density),
+            None => builder,
+        };
+        world.insert_collider(builder, Some(body));
+    }
+}
+
+fn to_rapier(pose: &geometry::Pose) -> Pose {
+    let [x, y, z, w] = pose.rotation;
+    Pose::from_parts(Vector::from(pose.position), Rotation::from_xyzw(x, y, z, w))
+}
+
+fn motion(body: &RigidBody) -> Motion {
+    let (position, rotation) = (body.translation(), body.rotation());
+    let (linear, angular) = (body.linvel(), body.angvel());
+    Motion {
+        pose: geometry::Pose { position: position.into(), rotation: [rotation.x, rotation.y, rotation.z, rotation.w] },
+        linear: linear.into(),
+        angular: angular.into(),
+        asleep: body.is_sleeping(),
+    }
+}
+
+fn hash_motion<'h>(hasher: &'h mut blake3::Hasher, motion: &Motion) -> &'h mut blake3::Hasher {
+    let values = motion.pose.position.iter().chain(&motion.pose.rotation).chain(&motion.linear).chain(&motion.angular);
+    let mut bytes = [0u8; 13 * 4 + 1];
+    for (slot, value) in bytes.chunks_exact_mut(4).zip(values) {
+        slot.copy_from_slice(&value.to_bits().to_le_bytes());
+    }
+    bytes[52] = u8::from(motion.asleep);
+    hasher.update(&bytes)
+}

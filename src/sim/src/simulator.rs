@@ -1,0 +1,413 @@
+//! The state of one episode in the simulator: physics, registry, inventory, markers, robot; its graphs,
+//! pictures and digests. The tool handlers are in `tools`.
+
+use std::{collections::BTreeSet, sync::Arc};
+
+use reel_world::{
+    Digest, DoorState, FLOOR, Frame, InstanceId, Profile, Scene, Task, WorldGraph,
+    record::{BodyState, Graphs, Marker, MarkerTarget, RobotState, VisibleObject},
+};
+
+use crate::{
+    geometry::{Camera, Pose},
+    model::{ObjectModel, SceneModel, object_model, scene_model},
+    nav::{CAMERA_HEIGHT_M, NavMap, Viewpoint},
+    physics::{Motion, Physics, SPAWN_OFFSET_M},
+    render::{Drawable, Mark, Region, overlay, render},
+};
+
+/// Physics steps after spawning (SPEC section 3, "Physics verification").
+pub const SPAWN_SETTLE_STEPS: u32 = 500;
+/// Fewest pixels of a thing that is in view.
+pub const VISIBLE_PIXELS: u32 = 12;
+/// How far below or above a surface an object's lowest point may be and still rest on it, in metres.
+const REST_BELOW_M: f32 = 0.04;
+const REST_ABOVE_M: f32 = 0.30;
+/// How far its centre may be outside the surface, in metres.
+const REST_ASIDE_M: f32 = 0.02;
+
+/// Entity number of floor and walls in the id buffer.
+const SHELL_ENTITY: u16 = 1;
+const FIRST_FURNITURE_ENTITY: u16 = 2;
+
+/// One episode's world.
+#[derive(Debug)]
+pub struct Simulator {
+    pub(crate) scene: Arc<Scene>,
+    pub(crate) task: Arc<Task>,
+    pub(crate) profile: Profile,
+    pub(crate) seed: u64,
+    pub(crate) model: SceneModel,
+    pub(crate) object_models: Vec<ObjectModel>,
+    pub(crate) nav: NavMap,
+    pub(crate) physics: Physics,
+    /// The door (index into physics) of each piece of furniture.
+    pub(crate) door_of: Vec<Option<usize>>,
+    pub(crate) registry: WorldGraph,
+    pub(crate) held: Option<usize>,
+    pub(crate) markers: Vec<Marker>,
+    pub(crate) has_marker_map: bool,
+    /// Whether the markers stay through `gaze_at` (they stand for objects).
+    pub(crate) markers_persist: bool,
+    /// Furniture index.
+    pub(crate) landmark: Option<usize>,
+    pub(crate) robot: RobotState,
+    /// The id buffer of the last picture, and what stood in it.
+    pub(crate) view: Frame,
+    pub(crate) sim_step: u64,
+    pub(crate) step_digests: Vec<u32>,
+}
+
+impl Simulator {
+    /// Spawns the task's objects in the scene and lets them settle.
+    pub fn new(scene: Arc<Scene>, task: Arc<Task>, profile: Profile, seed: u64) -> Self {
+        let in_use: BTreeSet<_> = task.objects.iter().map(|object| object.receptacle.clone()).collect();
+        let model = scene_model(&scene, &in_use);
+        let object_models: Vec<ObjectModel> = task.objects.iter().map(object_model).collect();
+        let mut physics = Physics::new(&model, object_models.len());
+        for (index, (object, shape)) in task.objects.iter().zip(&object_models).enumerate() {
+            let [x, y, z] = object.position.map(|value| value as f32);
+            physics.insert_object(index, shape, Pose::yawed([x, y, z + SPAWN_OFFSET_M], object.yaw as f32));
+        }
+        let mut door_count = 0;
+        let door_of = model.furniture.iter().map(|furniture| {
+            furniture.door.as_ref().map(|_| {
+                door_count += 1;
+                door_count - 1
+            })
+        });
+        let door_of: Vec<Option<usize>> = door_of.collect();
+        let nav = NavMap::new(&model);
+        let robot = start_robot(&scene, &model, &nav);
+        let mut simulator = Self {
+            registry: task.initial.clone(),
+            scene,
+            task,
+            profile,
+            seed,
+            model,
+            object_models,
+            nav,
+            physics,
+            door_of,
+            held: None,
+            markers: Vec::new(),
+            has_marker_map: false,
+            markers_persist: false,
+            landmark: None,
+            robot,
+            view: Frame::new(),
+            sim_step: 0,
+            step_digests: Vec::new(),
+        };
+        simulator.run(SPAWN_SETTLE_STEPS);
+        simulator
+    }
+
+    /// The task.
+    pub fn task(&self) -> &Task {
+        &self.task
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The scene as parts.
+    pub fn model(&self) -> &SceneModel {
+        &self.model
+    }
+
+    /// The object models, in the order of the task's objects.
+    pub fn object_models(&self) -> &[ObjectModel] {
+        &self.object_models
+    }
+
+    /// The navigation map.
+    pub fn nav(&self) -> &NavMap {
+        &self.nav
+    }
+
+    /// What the gripper holds.
+    pub fn held(&self) -> Option<&InstanceId> {
+        self.held.map(|index| &self.task.objects[index].instance)
+    }
+
+    /// The current marker map.
+    pub fn markers(&self) -> &[Marker] {
+        &self.markers
+    }
+
+    /// The receptacle the robot stands at.
+    pub fn landmark(&self) -> Option<&reel_world::ReceptacleId> {
+        self.landmark.map(|index| &self.model.furniture[index].id)
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> RobotState {
+        self.robot
+    }
+
+    /// Physics steps since the start, those of a world at rest included.
+    pub fn sim_step(&self) -> u64 {
+        self.sim_step
+    }
+
+    /// Whether physics met a value that is not finite.
+    pub fn fault(&self) -> bool {
+        self.physics.fault()
+    }
+
+    /// Digests of the physics steps executed since this was last asked.
+    pub fn take_step_digests(&mut self) -> Vec<u32> {
+        std::mem::take(&mut self.step_digests)
+    }
+
+    /// Both authorities' graphs.
+    pub fn graphs(&self) -> Graphs {
+        Graphs { physics: self.physical_graph(), registry: self.registry.clone() }
+    }
+
+    /// Where physics says the objects are, and how the doors stand.
+    pub fn physical_graph(&self) -> WorldGraph {
+        let mut graph = WorldGraph::default();
+        for (index, furniture) in self.model.furniture.iter().enumerate() {
+            let state = graph.receptacles.entry(furniture.id.clone()).or_default();
+            state.door = self.door_state(index);
+        }
+        for (index, object) in self.task.objects.iter().enumerate() {
+            if let Some(place) = self.place_of(index) {
+                let id = place.map_or_else(|| FLOOR.into(), |furniture| self.model.furniture[furniture].id.clone());
+                graph.add(&id, &object.instance);
+            }
+        }
+        graph
+    }
+
+    /// Door state of a piece of furniture; none where it has no door.
+    pub fn door_state(&self, furniture: usize) -> Option<DoorState> {
+        let door = self.door_of[furniture]?;
+        Some(if self.physics.door_is_open(door) { DoorState::Open } else { DoorState::Closed })
+    }
+
+    /// The furniture an object rests on: `Some(None)` is the floor, `None` is the gripper.
+    pub fn place_of(&self, object: usize) -> Option<Option<usize>> {
+        let bounds = self.physics.object_bounds(object)?;
+        let center = [(bounds[0][0] + bounds[1][0]) * 0.5, (bounds[0][1] + bounds[1][1]) * 0.5];
+        let bottom = bounds[0][2];
+        let mut best: Option<(f32, usize)> = None;
+        for (index, furniture) in self.model.furniture.iter().enumerate().filter(|(_, furniture)| furniture.present) {
+            let surface = &furniture.surface;
+            let inside = (0..2)
+                .all(|axis| center[axis] >= surface.min[axis] - REST_ASIDE_M && center[axis] <= surface.max[axis] + REST_ASIDE_M);
+            let height = bottom - surface.z;
+            if inside && (-REST_BELOW_M..=REST_ABOVE_M).contains(&height) && best.is_none_or(|(z, _)| surface.z > z) {
+                best = Some((surface.z, index));
+            }
+        }
+        Some(best.map(|(_, index)| index))
+    }
+
+    /// Motion state of every body, objects by instance and then doors.
+    pub fn bodies(&self) -> Vec<BodyState> {
+        let objects = self
+            .task
+            .objects
+            .iter()
+            .enumerate()
+            .filter_map(|(index, object)| Some(body_state(object.instance.to_string(), self.physics.object_motion(index)?)));
+        let doors = self.model.furniture.iter().zip(&self.door_of).filter_map(|(furniture, door)| {
+            Some(body_state(format!("door:{}", furniture.id), self.physics.door_motion((*door)?)))
+        });
+        objects.chain(doors).collect()
+    }
+
+    /// Digest of the whole state: motion, registry, inventory, markers, robot, counters.
+    pub fn digest(&self) -> Digest {
+        let mut hasher = blake3::Hasher::new();
+        self.physics.hash_into(&mut hasher);
+        hasher.update(reel_world::canonical_json(&self.registry).as_bytes());
+        hasher.update(&self.held.map_or(u32::MAX, |index| index as u32).to_le_bytes());
+        hasher.update(reel_world::canonical_json(&self.markers).as_bytes());
+        hasher.update(&[u8::from(self.has_marker_map), u8::from(self.markers_persist)]);
+        hasher.update(&self.landmark.map_or(u32::MAX, |index| index as u32).to_le_bytes());
+        let robot = &self.robot;
+        let values = robot.base.iter().chain(&robot.camera).chain([&robot.yaw, &robot.pitch, &robot.path_length_m]);
+        for value in values {
+            hasher.update(&value.to_bits().to_le_bytes());
+        }
+        hasher.update(&self.seed.to_le_bytes());
+        hasher.update(&self.sim_step.to_le_bytes());
+        Digest(*hasher.finalize().as_bytes())
+    }
+
+    /// Shortest base path start -> src -> dest with a perfect map, in metres (`l` of SPL).
+    pub fn shortest_path_m(&self) -> Option<f32> {
+        let index = |id: &reel_world::ReceptacleId| self.model.furniture.iter().position(|furniture| furniture.id == *id);
+        let source = self.nav.viewpoint(&self.model, self.robot.base, index(&self.task.src)?)?;
+        let destination = self.nav.viewpoint(&self.model, source.base, index(&self.task.dest)?)?;
+        Some(source.path_length_m + destination.path_length_m)
+    }
+
+    /// Takes the picture from the robot's head and remembers what is in view.
+    pub fn take_picture(&mut self) -> Frame {
+        self.view = self.picture_from(&self.camera());
+        self.view.clone()
+    }
+
+    /// The picture from any camera; changes nothing.
+    pub fn picture_from(&self, camera: &Camera) -> Frame {
+        let shell = Drawable { parts: &self.model.shell, pose: Pose::IDENTITY, entity: SHELL_ENTITY };
+        let mut drawables = vec![shell];
+        for (index, furniture) in self.model.furniture.iter().enumerate() {
+            let entity = furniture_entity(index);
+            drawables.push(Drawable { parts: &furniture.parts, pose: Pose::IDENTITY, entity });
+            if let (Some(door), Some(body)) = (&furniture.door, self.door_of[index]) {
+                let pose = self.physics.door_motion(body).pose;
+                drawables.push(Drawable { parts: &door.parts, pose, entity });
+            }
+        }
+        for (index, shape) in self.object_models.iter().enumerate() {
+            if let Some(motion) = self.physics.object_motion(index) {
+                drawables.push(Drawable { parts: &shape.parts, pose: motion.pose, entity: self.object_entity(index) });
+            }
+        }
+        render(camera, &drawables)
+    }
+
+    /// The head camera.
+    pub fn camera(&self) -> Camera {
+        Camera { position: self.robot.camera, yaw: self.robot.yaw, pitch: self.robot.pitch }
+    }
+
+    /// Objects in the last picture, in the task's order.
+    pub fn visible(&self) -> Vec<VisibleObject> {
+        let seen = seen_entities(&self.view);
+        let objects = self.task.objects.iter().enumerate();
+        let visible = objects.filter_map(|(index, object)| {
+            let sight = seen.get(usize::from(self.object_entity(index)))?.filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
+            Some(VisibleObject { object: object.instance.clone(), pixels: sight.pixels, bbox: sight.bbox })
+        });
+        visible.collect()
+    }
+
+    /// How each entity stands in the last picture, by entity number.
+    pub(crate) fn sights(&self) -> Vec<Option<Sight>> {
+        seen_entities(&self.view)
+    }
+
+    pub(crate) fn object_entity(&self, index: usize) -> u16 {
+        furniture_entity(self.model.furniture.len() + index)
+    }
+
+    pub(crate) fn object_index(&self, instance: &InstanceId) -> Option<usize> {
+        self.task.objects.iter().position(|object| object.instance == *instance)
+    }
+
+    pub(crate) fn furniture_index(&self, id: &reel_world::ReceptacleId) -> Option<usize> {
+        self.model.furniture.iter().position(|furniture| furniture.id == *id)
+    }
+
+    /// Runs physics for so many steps, or until everything sleeps: the rest would change nothing.
+    pub(crate) fn run(&mut self, steps: u32) {
+        for executed in 0..steps {
+            // What was just inserted or driven joins the active bodies only in the next step.
+            if executed > 0 && self.physics.at_rest() {
+                break;
+            }
+            self.physics.step();
+            self.step_digests.push(self.physics.step_digest());
+        }
+        self.sim_step += u64::from(steps);
+    }
+
+    /// Drives the robot to a viewpoint.
+    pub(crate) fn go(&mut self, viewpoint: &Viewpoint) {
+        self.robot.base = viewpoint.base;
+        self.robot.camera = viewpoint.camera.position;
+        self.robot.yaw = viewpoint.camera.yaw;
+        self.robot.pitch = viewpoint.camera.pitch;
+        self.robot.path_length_m += viewpoint.path_length_m;
+    }
+
+    /// Draws the current markers into a picture, those of them that are in it.
+    pub(crate) fn draw_markers(&self, frame: &mut Frame) {
+        let sights = self.sights();
+        let entity = |target: &MarkerTarget| match target {
+            MarkerTarget::Object(object) => self.object_index(object).map(|index| self.object_entity(index)),
+            MarkerTarget::Receptacle(id) => self.furniture_index(id).map(furniture_entity),
+        };
+        let marks: Vec<Mark> = self
+            .markers
+            .iter()
+            .filter_map(|marker| {
+                let entity = entity(&marker.target)?;
+                sights.get(usize::from(entity))?.filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
+                Some(Mark { number: marker.id, region: Region::Entity(entity) })
+            })
+            .collect();
+        overlay(frame, &marks);
+    }
+}
+
+/// How one entity stands in a picture.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Sight {
+    pub(crate) pixels: u32,
+    pub(crate) bbox: [u16; 4],
+    /// Sum of the columns, for the mean.
+    pub(crate) column_sum: u64,
+}
+
+impl Sight {
+    /// Mean column times 16, so that things can be put in order from left to right.
+    pub(crate) fn column(&self) -> u64 {
+        self.column_sum * 16 / u64::from(self.pixels)
+    }
+}
+
+pub(crate) fn furniture_entity(index: usize) -> u16 {
+    FIRST_FURNITURE_ENTITY + u16::try_from(index).expect("a scene has fewer than 65,000 things")
+}
+
+fn seen_entities(frame: &Frame) -> Vec<Option<Sight>> {
+    let mut seen: Vec<Option<Sight>> = Vec::new();
+    for (row, ids) in frame.ids.chunks_exact(reel_world::FRAME_WIDTH).enumerate() {
+        for (column, id) in ids.iter().enumerate() {
+            let id = usize::from(*id);
+            if id >= seen.len() {
+                seen.resize(id + 1, None);
+            }
+            let (x, y) = (column as u16, row as u16);
+            let sight = seen[id].get_or_insert(Sight { pixels: 0, bbox: [x, y, x, y], column_sum: 0 });
+            sight.pixels += 1;
+            sight.column_sum += column as u64;
+            let [x0, y0, x1, y1] = sight.bbox;
+            sight.bbox = [x0.min(x), y0.min(y), x1.max(x), y1.max(y)];
+        }
+    }
+    seen
+}
+
+fn body_state(body: String, motion: Motion) -> BodyState {
+    BodyState {
+        body,
+        position: motion.pose.position,
+        rotation: motion.pose.rotation,
+        linear_velocity: motion.linear,
+        angular_velocity: motion.angular,
+        asleep: motion.asleep,
+    }
+}
+
+/// The given start, or the free place nearest to the middle of the scene, looking along +x.
+fn start_robot(scene: &Scene, model: &SceneModel, nav: &NavMap) -> RobotState {
+    let [x, y, yaw] = scene.robot_start.unwrap_or_else(|| {
+        let [min, max] = model.bounds;
+        [f64::from(min[0] + max[0]) * 0.5, f64::from(min[1] + max[1]) * 0.5, 0.0]
+    });
+    let wanted = [x as f32, y as f32];
+    let base = nav.free_near(wanted).unwrap_or(wanted);
+    RobotState { base, yaw: yaw as f32, camera: [base[0], base[1], CAMERA_HEIGHT_M], pitch: -0.3, path_length_m: 0.0 }
+}

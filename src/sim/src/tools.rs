@@ -1,0 +1,373 @@
+//! The tool handlers: what each call does to the world, what it shows and says (SPEC section 2).
+//!
+//! Nothing privileged reaches the policy: texts name receptacles (which the agent knows), numbers and
+//! categories, never instances, assets or poses. A failed call changes nothing.
+
+use reel_world::{
+    DoorState, ErrorCode, Frame, InstanceId, Lifecycle, Outcome, ReceptacleId, Tool, ToolSpec, language,
+    record::{Marker, MarkerTarget},
+};
+
+use crate::{
+    geometry::distance_2d,
+    nav::REACH_M,
+    placement,
+    simulator::{Simulator, VISIBLE_PIXELS, furniture_entity},
+};
+
+/// Physics steps after each kind of call.
+const GAZE_SETTLE_STEPS: u32 = 10;
+const PLACE_SETTLE_STEPS: u32 = 1000;
+const DOOR_SETTLE_STEPS: u32 = 100;
+/// Slack of the arm beyond the reach that viewpoints are chosen by, in metres.
+const REACH_SLACK_M: f32 = 0.4;
+/// Fewest pixels of a receptacle that is marked.
+const RECEPTACLE_PIXELS: u32 = 120;
+
+/// What a call came to.
+#[derive(Clone, Debug)]
+pub struct ToolResult {
+    /// For the policy.
+    pub outcome: Outcome,
+    /// The picture, where the tool returns one.
+    pub frame: Option<Frame>,
+    /// Objects that the text told of.
+    pub listed: Vec<InstanceId>,
+    /// The object the call acted on.
+    pub object: Option<InstanceId>,
+    /// The receptacle the call acted on.
+    pub receptacle: Option<ReceptacleId>,
+}
+
+impl ToolResult {
+    fn new(outcome: Outcome) -> Self {
+        Self { outcome, frame: None, listed: Vec::new(), object: None, receptacle: None }
+    }
+
+    fn error(code: ErrorCode, text: impl Into<String>) -> Self {
+        Self::new(Outcome::error(code, text))
+    }
+}
+
+/// A failed call, before it is told.
+type Refusal = (ErrorCode, String);
+
+impl Simulator {
+    /// Carries out a tool of the world. `ask`, `finish` and lifecycle tools but `list_receptacles` belong to the
+    /// episode and do nothing here.
+    pub fn call(&mut self, tool: &Tool) -> ToolResult {
+        let result = match tool {
+            Tool::NavTo { receptacle } => self.nav_to(receptacle),
+            Tool::WalkAround => self.walk_around(),
+            Tool::ShowObjectByCategory { category } => self.show_objects(category),
+            Tool::ShowReceptacles => self.show_receptacles(),
+            Tool::GazeAt { marker } => self.gaze_at(*marker),
+            Tool::Pick { marker } => self.pick(*marker),
+            Tool::Place { marker } => self.place(*marker),
+            Tool::Open { marker } => self.drive_door(*marker, true),
+            Tool::Close { marker } => self.drive_door(*marker, false),
+            Tool::Lifecycle(Lifecycle::ListReceptacles) => Ok(ToolResult::new(Outcome::ok(self.scene.room_listing()))),
+            Tool::Ask { .. } | Tool::Finish | Tool::Lifecycle(_) => Ok(ToolResult::new(Outcome::ok(""))),
+        };
+        result.unwrap_or_else(|(code, text)| ToolResult::error(code, text))
+    }
+
+    fn nav_to(&mut self, receptacle: &ReceptacleId) -> Result<ToolResult, Refusal> {
+        let unknown = || (ErrorCode::UnknownReceptacle, format!("Receptacle {receptacle} not found in the scene."));
+        let index = self.furniture_index(receptacle).ok_or_else(unknown)?;
+        let hidden = || (ErrorCode::NoViewpoint, format!("Cannot find a non-occluded position to navigate to {receptacle}."));
+        if !self.model.furniture[index].present {
+            return Err(hidden());
+        }
+        let viewpoint = self.nav.viewpoint(&self.model, self.robot.base, index).ok_or_else(hidden)?;
+        self.go(&viewpoint);
+        self.landmark = Some(index);
+        self.clear_markers();
+        self.run(self.profile.nav_settle_steps());
+        let mut result = self.seen(format!("Arrived at {receptacle}."));
+        result.receptacle = Some(receptacle.clone());
+        Ok(result)
+    }
+
+    fn walk_around(&mut self) -> Result<ToolResult, Refusal> {
+        let nav = self.name("nav_to");
+        let landmark =
+            self.landmark.ok_or_else(|| (ErrorCode::NoLandmark, format!("No landmark selected. Use '{nav}' first.")))?;
+        let id = self.model.furniture[landmark].id.clone();
+        let hidden = self.door_state(landmark) == Some(DoorState::Closed) && !self.profile.inventory_ignores_doors();
+        let objects: Vec<InstanceId> = match self.profile {
+            _ if hidden => Vec::new(),
+            reel_world::Profile::Paper => {
+                let here = |index: &usize| self.place_of(*index) == Some(Some(landmark));
+                (0..self.task.objects.len()).filter(here).map(|index| self.task.objects[index].instance.clone()).collect()
+            }
+            reel_world::Profile::RealRepo => self.registry.objects_on(&id),
+        };
+        if objects.is_empty() {
+            self.clear_markers();
+            let text = format!("Seems there is no object on the {id}'s top shelf to observe.");
+            return Err((ErrorCode::NothingFound, text));
+        }
+        let first = self.profile.first_inventory_number();
+        let mut text = String::from("I found the following object(s): ");
+        for (number, object) in (first..).zip(&objects) {
+            let category = &self.task.object(object).expect("what lies here is an object of the task").category;
+            text.push_str(&format!("\n\t{number}: a(an) {category}."));
+        }
+        text.push('\n');
+        let targets = objects.iter().cloned().map(MarkerTarget::Object);
+        self.set_markers((first..).zip(targets), true);
+        let mut result = ToolResult::new(Outcome::ok(text));
+        result.frame = Some(self.take_picture());
+        result.listed = objects;
+        result.receptacle = Some(id);
+        Ok(result)
+    }
+
+    fn show_objects(&mut self, query: &str) -> Result<ToolResult, Refusal> {
+        let _ = self.take_picture();
+        let in_view = self.objects_in_view();
+        let categories: Vec<&str> = in_view.iter().map(|index| self.task.objects[*index].category.as_str()).collect();
+        let matched = language::match_category(query, &categories);
+        let found = in_view.into_iter().filter(|index| matched.categories.contains(&self.task.objects[*index].category));
+        let found: Vec<usize> = found.collect();
+        if found.is_empty() {
+            self.clear_markers();
+            return Err((ErrorCode::NothingFound, format!("No object matching '{query}' is in view.")));
+        }
+        let instance = |index: &usize| MarkerTarget::Object(self.task.objects[*index].instance.clone());
+        let targets: Vec<MarkerTarget> = found.iter().map(instance).collect();
+        self.set_markers((1..).zip(targets), true);
+        let text = format!("Found {} object(s) matching '{query}': {}.", found.len(), numbers(&self.markers));
+        Ok(self.seen(text))
+    }
+
+    fn show_receptacles(&mut self) -> Result<ToolResult, Refusal> {
+        let _ = self.take_picture();
+        let sights = self.sights();
+        let mut found: Vec<(u64, usize)> = (0..self.model.furniture.len())
+            .filter_map(|index| {
+                let sight = sights.get(usize::from(furniture_entity(index)))?.as_ref()?;
+                (sight.pixels >= RECEPTACLE_PIXELS).then(|| (sight.column(), index))
+            })
+            .collect();
+        found.sort_unstable();
+        if found.is_empty() {
+            self.clear_markers();
+            return Err((ErrorCode::NothingFound, "No receptacle is in view.".to_owned()));
+        }
+        let receptacle = |(_, index): &(u64, usize)| MarkerTarget::Receptacle(self.model.furniture[*index].id.clone());
+        let targets: Vec<MarkerTarget> = found.iter().map(receptacle).collect();
+        self.set_markers((1..).zip(targets), false);
+        let lines = self.markers.iter().map(|marker| match &marker.target {
+            MarkerTarget::Receptacle(id) => format!("\n\t{}: {id}", marker.id),
+            MarkerTarget::Object(_) => unreachable!("only receptacles were marked"),
+        });
+        let text = format!("Receptacles in view: {}\n", lines.collect::<String>());
+        Ok(self.seen(text))
+    }
+
+    fn gaze_at(&mut self, number: u32) -> Result<ToolResult, Refusal> {
+        let (show, walk) = (self.name("show_object_by_category"), self.name("walk_around"));
+        let target = self.marker(number, &format!("No marker map available. Use '{show}' or '{walk}' first."))?;
+        let (viewpoint, object, receptacle) = match &target {
+            MarkerTarget::Object(instance) => {
+                let index = self.object_index(instance).expect("markers stand for objects of the task");
+                let motion = self.physics.object_motion(index).ok_or_else(|| not_in_view(number))?;
+                let place = self.place_of(index).flatten();
+                if place.is_some_and(|furniture| self.door_state(furniture) == Some(DoorState::Closed)) {
+                    return Err(not_in_view(number));
+                }
+                let viewpoint = self.nav.approach(self.robot.base, motion.pose.position, place);
+                (viewpoint, Some(instance.clone()), None)
+            }
+            MarkerTarget::Receptacle(id) => {
+                let index = self.furniture_index(id).expect("markers stand for receptacles of the scene");
+                let viewpoint = self.nav.viewpoint(&self.model, self.robot.base, index);
+                if viewpoint.is_some() {
+                    self.landmark = Some(index);
+                }
+                (viewpoint, None, Some(id.clone()))
+            }
+        };
+        let text = || format!("Cannot find a non-occluded position to look at marker {number} from.");
+        let viewpoint = viewpoint.ok_or_else(|| (ErrorCode::NoViewpoint, text()))?;
+        self.go(&viewpoint);
+        self.run(GAZE_SETTLE_STEPS);
+        if !self.markers_persist {
+            self.markers.retain(|marker| marker.id == number);
+        }
+        let mut result = self.seen(format!("Looking at marker {number}."));
+        result.object = object;
+        result.receptacle = receptacle;
+        Ok(result)
+    }
+
+    fn pick(&mut self, number: u32) -> Result<ToolResult, Refusal> {
+        if let Some(held) = self.held {
+            let category = &self.task.objects[held].category;
+            let text = format!("You are already holding '{category}'. Place it before picking another object.");
+            return Err((ErrorCode::AlreadyHolding, text));
+        }
+        let [show, walk, receptacles] =
+            ["show_object_by_category", "walk_around", "show_receptacles"].map(|tool| self.name(tool));
+        let missing = format!("No marker map available. Use '{show}', '{walk}' or '{receptacles}' first.");
+        let instance = match self.marker(number, &missing)? {
+            MarkerTarget::Object(instance) => instance,
+            MarkerTarget::Receptacle(id) => {
+                return Err((ErrorCode::NotGraspable, format!("Object {id} is not graspable. Cannot pick it up.")));
+            }
+        };
+        let index = self.object_index(&instance).expect("markers stand for objects of the task");
+        let _ = self.take_picture();
+        if !self.objects_in_view().contains(&index) {
+            return Err(not_in_view(number));
+        }
+        let position = self.physics.object_motion(index).expect("what is in view is not held").pose.position;
+        let distance_m = distance_2d(self.robot.base, [position[0], position[1]]);
+        if distance_m > REACH_M + REACH_SLACK_M {
+            let gaze = self.name("gaze_at");
+            let text = format!("Marker {number} is out of reach. Use '{gaze}' to approach it first.");
+            return Err((ErrorCode::OutOfReach, text));
+        }
+        let receptacle = self.place_of(index).flatten().map(|furniture| self.model.furniture[furniture].id.clone());
+        if let Some(place) = self.registry.place_of(&instance).cloned() {
+            self.registry.remove(&place, &instance);
+        }
+        self.physics.remove_object(index);
+        self.held = Some(index);
+        let mut result = self.seen(format!("Picked up the object with marker {number}."));
+        result.object = Some(instance);
+        result.receptacle = receptacle;
+        Ok(result)
+    }
+
+    fn place(&mut self, number: u32) -> Result<ToolResult, Refusal> {
+        let held = self.held.ok_or_else(|| (ErrorCode::NothingHeld, "No object in the inventory to place.".to_owned()))?;
+        let receptacles = self.name("show_receptacles");
+        let id = match self.marker(number, &format!("No marker map available. Use '{receptacles}' first."))? {
+            MarkerTarget::Receptacle(id) => id,
+            MarkerTarget::Object(_) => {
+                let text = format!("'marker {number}' is not a valid placement surface.");
+                return Err((ErrorCode::NotASurface, text));
+            }
+        };
+        let index = self.furniture_index(&id).expect("markers stand for receptacles of the scene");
+        if !self.placeable(index) {
+            return Err((ErrorCode::NotASurface, format!("'{id}' is not a valid placement surface.")));
+        }
+        if self.door_state(index) == Some(DoorState::Closed) {
+            return Err((ErrorCode::DoorClosed, format!("The door of '{id}' is closed. Use 'open' first.")));
+        }
+        let surface = self.model.furniture[index].surface;
+        if placement::distance_to_surface(&surface, self.robot.base) > REACH_M + REACH_SLACK_M {
+            let nav = self.name("nav_to");
+            return Err((ErrorCode::OutOfReach, format!("'{id}' is out of reach. Use '{nav}' to approach it first.")));
+        }
+        let obstacles: Vec<[[f32; 3]; 2]> =
+            (0..self.task.objects.len()).filter_map(|object| self.physics.object_bounds(object)).collect();
+        let half = self.object_models[held].half;
+        let full = || (ErrorCode::NoFreeSpot, format!("There is no free spot on '{id}' for the held object."));
+        let pose = placement::clamp(&surface, half, self.robot.base, &obstacles).ok_or_else(full)?;
+        let instance = self.task.objects[held].instance.clone();
+        self.physics.insert_object(held, &self.object_models[held], pose);
+        self.registry.add(&id, &instance);
+        self.held = None;
+        self.run(PLACE_SETTLE_STEPS);
+        let mut result = self.seen(format!("Placed the object on {id}."));
+        result.object = Some(instance);
+        result.receptacle = Some(id);
+        Ok(result)
+    }
+
+    fn drive_door(&mut self, number: u32, open: bool) -> Result<ToolResult, Refusal> {
+        let (verb, done) = if open { ("open", "Opened") } else { ("close", "Closed") };
+        let id = match self.marker(number, "No marker map available.")? {
+            MarkerTarget::Receptacle(id) => id,
+            MarkerTarget::Object(_) => {
+                return Err((ErrorCode::NoDoor, format!("Marker {number} has no door. Cannot {verb} it.")));
+            }
+        };
+        let index = self.furniture_index(&id).expect("markers stand for receptacles of the scene");
+        let (Some(door), Some(model)) = (self.door_of[index], &self.model.furniture[index].door) else {
+            return Err((ErrorCode::NoDoor, format!("'{id}' has no door. Cannot {verb} it.")));
+        };
+        if self.held.is_some() {
+            let text = format!("The hand is not free. Place the held object before you {verb} '{id}'.");
+            return Err((ErrorCode::HandNotFree, text));
+        }
+        if distance_2d(self.robot.base, [model.center[0], model.center[1]]) > REACH_M + 2.0 * REACH_SLACK_M {
+            let nav = self.name("nav_to");
+            return Err((ErrorCode::OutOfReach, format!("'{id}' is out of reach. Use '{nav}' to approach it first.")));
+        }
+        self.physics.drive_door(door, open);
+        self.run(DOOR_SETTLE_STEPS);
+        if let Some(state) = self.registry.receptacles.get_mut(&id) {
+            state.door = Some(if open { DoorState::Open } else { DoorState::Closed });
+        }
+        let mut result = self.seen(format!("{done} the door of {id}."));
+        result.receptacle = Some(id);
+        Ok(result)
+    }
+
+    /// Takes the picture with the current markers in it.
+    fn seen(&mut self, text: String) -> ToolResult {
+        let mut frame = self.take_picture();
+        self.draw_markers(&mut frame);
+        ToolResult { frame: Some(frame), ..ToolResult::new(Outcome::ok(text)) }
+    }
+
+    /// Objects in the last picture, from left to right.
+    fn objects_in_view(&self) -> Vec<usize> {
+        let sights = self.sights();
+        let mut found: Vec<(u64, usize)> = (0..self.task.objects.len())
+            .filter_map(|index| {
+                let sight = sights.get(usize::from(self.object_entity(index)))?.as_ref()?;
+                (sight.pixels >= VISIBLE_PIXELS).then(|| (sight.column(), index))
+            })
+            .collect();
+        found.sort_unstable();
+        found.into_iter().map(|(_, index)| index).collect()
+    }
+
+    fn marker(&self, number: u32, missing: &str) -> Result<MarkerTarget, Refusal> {
+        if !self.has_marker_map {
+            return Err((ErrorCode::NoMarkerMap, missing.to_owned()));
+        }
+        let found = self.markers.iter().find(|marker| marker.id == number);
+        let unknown = || (ErrorCode::UnknownMarker, format!("Marker ID {number} not found in the marker map."));
+        found.map(|marker| marker.target.clone()).ok_or_else(unknown)
+    }
+
+    fn set_markers(&mut self, markers: impl Iterator<Item = (u32, MarkerTarget)>, persist: bool) {
+        self.markers = markers.map(|(id, target)| Marker { id, target }).collect();
+        self.has_marker_map = true;
+        self.markers_persist = persist;
+    }
+
+    fn clear_markers(&mut self) {
+        self.markers.clear();
+        self.has_marker_map = false;
+        self.markers_persist = false;
+    }
+
+    fn placeable(&self, furniture: usize) -> bool {
+        let id = &self.model.furniture[furniture].id;
+        self.scene.receptacle(id).is_some_and(|receptacle| receptacle.placeable) && self.model.furniture[furniture].present
+    }
+
+    /// A tool's name as this profile calls it.
+    fn name(&self, paper_name: &str) -> &'static str {
+        let spec = ToolSpec::by_name(paper_name).expect("a tool of ours");
+        spec.name(self.profile.names())
+    }
+}
+
+fn not_in_view(number: u32) -> Refusal {
+    (ErrorCode::MarkerNotInView, format!("The object with marker {number} is not in view."))
+}
+
+fn numbers(markers: &[Marker]) -> String {
+    let numbers: Vec<String> = markers.iter().map(|marker| format!("marker {}", marker.id)).collect();
+    numbers.join(", ")
+}
