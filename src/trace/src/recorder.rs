@@ -88,7 +88,7 @@ enum Turn {
     },
     Step {
         step: u32,
-        input: StepInput,
+        input: Box<StepInput>,
     },
     /// Writing failed half-way; nothing may follow.
     Failed,
@@ -189,7 +189,7 @@ impl Recorder {
             self.message(schema::USER_DIALOGUE, &codec::user_dialogue(step, "outside", reply))?;
         }
         self.flush()?;
-        self.turn = Turn::Step { step, input: input.clone() };
+        self.turn = Turn::Step { step, input: Box::new(input.clone()) };
         Ok(())
     }
 
@@ -199,7 +199,7 @@ impl Recorder {
     /// When it is called out of turn or with other inputs than [`Recorder::input`], the record's chain digest
     /// is not that of the records, or the file cannot be written.
     pub fn step(&mut self, record: &StepRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
-        if !matches!(&self.turn, Turn::Step { step, input } if *step == record.step && *input == record.input) {
+        if !matches!(&self.turn, Turn::Step { step, input } if *step == record.step && **input == record.input) {
             return Err(self.out_of_turn(&format!("step {} ({})", record.step, record.input.call)));
         }
         self.link(Some(record.step), chain::step_link(&self.link, record), record.digests.chain)?;

@@ -92,7 +92,7 @@ mod tests {
                 assert!(file.dependency.iter().all(|import| names.contains(import.as_str())), "{}", channel.topic);
                 assert!(file.source_code_info.is_none());
             }
-            eprintln!("{} {} bytes", channel.message, bytes.len());
+            assert!(bytes.len() < 8 << 10, "{} takes {} bytes in every trace", channel.message, bytes.len());
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Killed recordings, flipped bytes, changed and missing messages, gibberish.
 
-use std::{borrow::Cow, fs, io::Cursor, path::Path};
+use std::{borrow::Cow, collections::BTreeSet, fs, io::Cursor, path::Path};
 
 use mcap::{MessageStream, WriteOptions, read::LinearReader, records::Record};
 use proptest::prelude::*;
@@ -29,32 +29,30 @@ fn a_recording_cut_at_any_byte_gives_its_whole_steps() {
     let (_, part) = recorded(&sample);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap.part");
-    let (mut whole, mut torn, mut most) = (0, 0, 0);
+    let mut whole = BTreeSet::new();
     for length in 0..=part.len() {
-        fs::write(&path, &part[..length]).unwrap();
-        let partial = Trace::read_partial(&path);
-        match Trace::read(&path) {
+        let steps_readable = match read(&part[..length]) {
             Ok(trace) => {
-                whole += 1;
                 assert_eq!(trace.steps, sample.steps[..trace.steps.len()]);
-                let (partial, lost) = partial.unwrap();
-                assert_eq!((partial.steps.len(), lost), (trace.steps.len(), None));
+                whole.insert(trace.steps.len());
+                continue;
             }
             Err(TraceError::Torn { offset, steps_readable, .. }) => {
-                torn += 1;
                 assert!(offset <= length as u64);
-                assert!(steps_readable >= most, "more bytes never give fewer steps");
-                most = steps_readable;
-                if let Ok((trace, lost)) = partial {
-                    assert_eq!(trace.steps, sample.steps[..steps_readable as usize]);
-                    assert!(lost.unwrap().contains("torn at byte"));
-                }
+                steps_readable as usize
             }
-            Err(TraceError::NotMcap { .. }) => assert!(length < 8),
+            Err(TraceError::NotMcap { .. }) if length < 8 => continue,
             Err(other) => panic!("cut at {length} of {}: {other}", part.len()),
+        };
+        assert_eq!(steps_readable, whole.last().copied().unwrap_or(0), "cut at {length}");
+        if length % 64 == 0 && !whole.is_empty() {
+            fs::write(&path, &part[..length]).unwrap();
+            let (trace, lost) = Trace::read_partial(&path).unwrap();
+            assert_eq!(trace.steps, sample.steps[..steps_readable]);
+            assert!(lost.unwrap().contains("torn at byte"));
         }
     }
-    assert_eq!((whole, most), (4, 2), "the start and each step end whole once; {torn} cuts tore something");
+    assert_eq!(whole, BTreeSet::from([0, 1, 2, 3]));
 }
 
 #[test]
@@ -75,14 +73,12 @@ fn no_flipped_byte_of_a_finished_trace_is_accepted() {
     read(&trace).unwrap();
     let accepted: Vec<usize> = (0..trace.len())
         .filter(|position| {
-            [1 << (position % 8), 0xff].into_iter().any(|flip| {
-                let mut bytes = trace.clone();
-                bytes[*position] ^= flip;
-                read(&bytes).is_ok()
-            })
+            let mut bytes = trace.clone();
+            bytes[*position] ^= 1 << (position % 8);
+            read(&bytes).is_ok()
         })
         .collect();
-    assert_eq!(accepted, [], "of {} bytes", trace.len());
+    assert!(accepted.is_empty(), "accepted flips at {accepted:?} of {} bytes", trace.len());
 }
 
 #[test]

@@ -326,7 +326,7 @@ fn frame(index: usize) -> Frame {
     for (pixel, rgb) in frame.rgb.chunks_exact_mut(3).enumerate() {
         let (x, y) = (pixel % FRAME_WIDTH, pixel / FRAME_WIDTH);
         rgb[0] = (y / 4) as u8;
-        rgb[1] = if (x / 40 + y / 40 + index) % 3 == 0 { 200 } else { 60 };
+        rgb[1] = if (x / 40 + y / 40 + index).is_multiple_of(3) { 200 } else { 60 };
         rgb[2] = if (x + index * 7) % 97 < 2 { 255 } else { (x / 8) as u8 };
     }
     frame
