@@ -1,1 +1,24 @@
-//! Episodes to MCAP and back.
+//! Episodes to MCAP and back: a recorder that survives being killed, and a reader that believes nothing.
+//!
+//! A trace is one MCAP file: our protobuf messages (`schemas/reel/v1`), one type a channel, beside Foxglove's
+//! well-known ones for viewers, and task and scene as attachments. While it is recorded it is `<path>.part`,
+//! without chunks; every message reached the operating system before the call returns. The finished file is
+//! compressed, indexed, and covered by checksums and the hash chain. Equal records give equal bytes: log times
+//! are simulation time after a fixed epoch.
+//!
+//! Never: physics, a clock, threads. A trace opens without the simulator.
+
+mod assembly;
+mod codec;
+mod container;
+mod error;
+mod picture;
+mod reader;
+mod recorder;
+mod schema;
+mod viewer;
+
+pub use error::TraceError;
+pub use picture::{decode_webp, encode_webp};
+pub use reader::{Limits, Trace};
+pub use recorder::{Images, Recorder, TraceSummary};

@@ -1,0 +1,395 @@
+//! Puts the messages of a trace together to records, in the one order they may have.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use mcap::records::MessageHeader;
+use prost::Message;
+use reel_world::{
+    Digest, Outcome, Scene, Task, ToolCall, chain,
+    record::{
+        EndRecord, EpisodeHeader, GraphChanges, Graphs, PolicyOutput, RewardTerm, StartRecord, StepInput, StepRecord, UserReply,
+    },
+};
+use serde::de::DeserializeOwned;
+
+use crate::{
+    Trace, TraceError, codec,
+    container::Item,
+    recorder::{HEADER_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment, header_metadata},
+    schema::{
+        self,
+        foxglove::CompressedImage,
+        reel::{self, episode_event::Event},
+    },
+};
+
+/// A refusal of one message: what is wrong with it, or an error that says so itself.
+enum Refusal {
+    What(String),
+    Error(TraceError),
+}
+
+impl From<String> for Refusal {
+    fn from(what: String) -> Self {
+        Refusal::What(what)
+    }
+}
+
+impl From<&str> for Refusal {
+    fn from(what: &str) -> Self {
+        Refusal::What(what.to_owned())
+    }
+}
+
+/// Records so far, and the moment that is being put together.
+pub(crate) struct Assembly<'a> {
+    path: &'a Path,
+    attachments: BTreeMap<String, Vec<u8>>,
+    metadata: Option<BTreeMap<String, String>>,
+    log_time: u64,
+    header: Option<EpisodeHeader>,
+    settled: Option<reel::EpisodeSettled>,
+    start_graphs: Option<Graphs>,
+    start: Option<StartRecord>,
+    draft: Option<Draft>,
+    steps: Vec<StepRecord>,
+    end_graphs: Option<Graphs>,
+    end: Option<EndRecord>,
+    image: Option<Vec<u8>>,
+    images: BTreeMap<Option<u32>, Vec<u8>>,
+    offsets: Vec<u64>,
+}
+
+/// A step whose last message has not come yet.
+struct Draft {
+    offset: u64,
+    call: ToolCall,
+    policy: Option<PolicyOutput>,
+    user_reply: Option<UserReply>,
+    result: Option<(Outcome, reel::ToolResult)>,
+    answer: Option<UserReply>,
+    changes: Option<GraphChanges>,
+    reward: Option<Vec<RewardTerm>>,
+}
+
+impl<'a> Assembly<'a> {
+    pub(crate) fn new(path: &'a Path) -> Self {
+        Self {
+            path,
+            attachments: BTreeMap::new(),
+            metadata: None,
+            log_time: 0,
+            header: None,
+            settled: None,
+            start_graphs: None,
+            start: None,
+            draft: None,
+            steps: Vec::new(),
+            end_graphs: None,
+            end: None,
+            image: None,
+            images: BTreeMap::new(),
+            offsets: Vec::new(),
+        }
+    }
+
+    /// How many steps are whole.
+    pub(crate) fn step_count(&self) -> u32 {
+        self.steps.len() as u32
+    }
+
+    /// Takes the next thing of the file.
+    pub(crate) fn item(&mut self, offset: u64, item: Item) -> Result<(), TraceError> {
+        match item {
+            Item::Metadata(metadata) if metadata.name == HEADER_METADATA => {
+                self.metadata = Some(metadata.metadata.clone());
+            }
+            Item::Metadata(_) => {}
+            Item::Attachment { header, data } => {
+                if self.attachments.insert(header.name.clone(), data.to_vec()).is_some() {
+                    let what = format!("the attachment {} stands there twice", header.name);
+                    return Err(TraceError::Damaged { path: self.path.to_owned(), offset, what });
+                }
+            }
+            Item::Message { header, topic, data } => {
+                return self.message(offset, header, topic, data).map_err(|refusal| match refusal {
+                    Refusal::Error(error) => error,
+                    Refusal::What(what) => {
+                        TraceError::Message { path: self.path.to_owned(), offset, topic: topic.to_owned(), what }
+                    }
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// What a finished file must hold besides.
+    pub(crate) fn check_finished(&self) -> Result<(), TraceError> {
+        if self.end.is_some() { Ok(()) } else { Err(self.missing("end of the episode")) }
+    }
+
+    /// Whether an unfinished recording ends with a whole step.
+    pub(crate) fn check_open(&self, bytes: u64) -> Result<(), TraceError> {
+        let (offset, lost) = match &self.draft {
+            Some(draft) => {
+                (draft.offset, format!("call {} was received, {}, but not what came of it", self.steps.len(), draft.call))
+            }
+            None if self.start.is_none() => (bytes, "the state after settling".to_owned()),
+            None if self.end_graphs.is_some() && self.end.is_none() => (bytes, "the end of the episode".to_owned()),
+            None => return Ok(()),
+        };
+        Err(TraceError::Torn { path: self.path.to_owned(), offset, steps_readable: self.step_count(), lost })
+    }
+
+    /// The trace up to here.
+    ///
+    /// # Errors
+    /// When there is no state after settling.
+    pub(crate) fn into_trace(mut self, bytes: u64) -> Result<Trace, TraceError> {
+        let Some(header) = self.header.take() else { return Err(self.missing("header of an episode")) };
+        let task: Task = self.attachment(TASK_ATTACHMENT, header.task_digest)?;
+        let scene: Scene = self.attachment(SCENE_ATTACHMENT, header.scene_digest)?;
+        let Some(start) = self.start.take() else { return Err(self.missing("state after settling")) };
+        Ok(Trace {
+            path: self.path.to_owned(),
+            header,
+            task,
+            scene,
+            start,
+            steps: self.steps,
+            end: self.end,
+            bytes,
+            images: self.images,
+            offsets: self.offsets,
+        })
+    }
+
+    fn message(&mut self, offset: u64, header: &MessageHeader, topic: &str, data: &[u8]) -> Result<(), Refusal> {
+        let Some(channel) = schema::channel(topic) else { return Ok(()) };
+        if self.end.is_some() {
+            return Err("the episode is already over".into());
+        }
+        if header.log_time <= self.log_time {
+            return Err("it is not later than the message before it".into());
+        }
+        self.log_time = header.log_time;
+        match channel {
+            schema::EPISODE => match decode::<reel::EpisodeEvent>(data)?.event.ok_or("it holds no event")? {
+                Event::Start(start) => self.episode_start(start),
+                Event::Settled(settled) => once(&mut self.settled, settled),
+                Event::End(end) => self.episode_end(end),
+            },
+            schema::WORLD_GRAPH => self.world_graph(decode(data)?),
+            schema::TOOL_CALL => self.tool_call(offset, decode(data)?),
+            schema::POLICY_OUTPUT => {
+                let message: reel::PolicyOutput = decode(data)?;
+                let draft = self.draft(message.step)?;
+                once(&mut draft.policy, codec::read_policy_output(message))
+            }
+            schema::USER_DIALOGUE => {
+                let message: reel::UserDialogue = decode(data)?;
+                let draft = self.draft(message.step)?;
+                match message.kind.as_str() {
+                    "outside" => once(&mut draft.user_reply, codec::read_reply(message)?),
+                    "answer" => once(&mut draft.answer, codec::read_reply(message)?),
+                    other => Err(format!("{other:?} is no kind of reply").into()),
+                }
+            }
+            schema::TOOL_RESULT => {
+                let message: reel::ToolResult = decode(data)?;
+                let draft = self.draft(message.step)?;
+                once(&mut draft.result, (codec::read_outcome(&message)?, message))
+            }
+            schema::WORLD_DIFF => {
+                let message: reel::WorldDiff = decode(data)?;
+                let draft = self.draft(message.step)?;
+                once(&mut draft.changes, codec::read_changes(message)?)
+            }
+            schema::REWARD => self.reward(decode(data)?),
+            schema::CAMERA => once(&mut self.image, decode::<CompressedImage>(data)?.data),
+            schema::SIM_DIGEST => self.moment(codec::read_sim_digest(decode(data)?)?),
+            // Derived for viewers; a recorder writes them, nobody reads them back.
+            _ => Ok(()),
+        }
+    }
+
+    fn episode_start(&mut self, message: reel::EpisodeStart) -> Result<(), Refusal> {
+        let header = codec::read_header(message)?;
+        let listed = self.metadata.as_ref().ok_or("there is no metadata record of the header")?;
+        for (key, value) in header_metadata(&header) {
+            if listed.get(&key).is_some_and(|listed| *listed != value) {
+                return Err(format!("{key} is {value:?}, but {:?} in the metadata record", listed[&key]).into());
+            }
+        }
+        once(&mut self.header, header)
+    }
+
+    fn world_graph(&mut self, message: reel::WorldGraphs) -> Result<(), Refusal> {
+        match (message.moment.as_str(), self.start.is_some()) {
+            ("start", false) => once(&mut self.start_graphs, codec::read_graphs(message)?),
+            ("end", true) if self.draft.is_none() => once(&mut self.end_graphs, codec::read_graphs(message)?),
+            (moment, _) => Err(format!("the graphs of {moment:?} are out of place").into()),
+        }
+    }
+
+    fn tool_call(&mut self, offset: u64, message: reel::ToolCall) -> Result<(), Refusal> {
+        let expected = self.step_count();
+        if self.start.is_none() || self.draft.is_some() || self.end_graphs.is_some() || message.step != expected {
+            return Err(format!("call {} is out of place, {expected} whole steps are before it", message.step).into());
+        }
+        self.draft = Some(Draft {
+            offset,
+            call: codec::read_tool_call(message)?,
+            policy: None,
+            user_reply: None,
+            result: None,
+            answer: None,
+            changes: None,
+            reward: None,
+        });
+        Ok(())
+    }
+
+    fn reward(&mut self, message: reel::Reward) -> Result<(), Refusal> {
+        let preset = self.header.as_ref().map(|header| header.reward_preset.clone()).unwrap_or_default();
+        if message.preset != preset {
+            return Err(format!("the preset is {:?}, but {preset:?} in the header", message.preset).into());
+        }
+        let draft = self.draft(message.step)?;
+        once(&mut draft.reward, codec::read_reward(message.terms)?)
+    }
+
+    /// The last message of a moment: makes the record and checks its link of the chain.
+    fn moment(&mut self, moment: codec::Moment) -> Result<(), Refusal> {
+        let (at, found) = (moment.step, moment.digests.chain);
+        let expected = match moment.step {
+            None => {
+                let (Some(header), Some(settled), Some(graphs)) = (&self.header, self.settled.take(), self.start_graphs.take())
+                else {
+                    return Err("header, settled state or graphs of the start are missing before it".into());
+                };
+                let start = StartRecord {
+                    graphs,
+                    bodies: moment.bodies,
+                    robot: moment.robot,
+                    visible: codec::read_visible(settled.visible)?,
+                    shortest_path_m: settled.shortest_path_m,
+                    digests: moment.digests,
+                };
+                let link = chain::start_link(header, &start);
+                once(&mut self.start, start)?;
+                link
+            }
+            Some(step) => {
+                self.draft(step)?;
+                let before = self.last_link();
+                let draft = self.draft.take().ok_or("its call is missing")?;
+                let offset = draft.offset;
+                let record = draft.into_record(step, moment)?;
+                let link = chain::step_link(&before, &record);
+                self.steps.push(record);
+                self.offsets.push(offset);
+                link
+            }
+        };
+        if expected != found {
+            // The record is not believed; what is before it stays readable.
+            match at {
+                None => self.start = None,
+                Some(_) => drop((self.steps.pop(), self.offsets.pop())),
+            }
+            return Err(Refusal::Error(TraceError::ChainBroken { path: self.path.to_owned(), step: at, expected, found }));
+        }
+        if let Some(image) = self.image.take() {
+            self.images.insert(at, image);
+        }
+        Ok(())
+    }
+
+    fn episode_end(&mut self, message: reel::EpisodeEnd) -> Result<(), Refusal> {
+        if self.draft.is_some() {
+            return Err("a step before it is not whole".into());
+        }
+        let graphs = self.end_graphs.clone().ok_or("the graphs of the end are missing before it")?;
+        let end = codec::read_end(message, graphs)?;
+        let expected = self.last_link();
+        if end.chain != expected {
+            let (path, step) = (PathBuf::from(self.path), self.step_count().checked_sub(1));
+            return Err(Refusal::Error(TraceError::ChainBroken { path, step, expected, found: end.chain }));
+        }
+        if end.steps != self.step_count() {
+            return Err(format!("it speaks of {} steps, but there are {}", end.steps, self.step_count()).into());
+        }
+        once(&mut self.end, end)
+    }
+
+    fn last_link(&self) -> Digest {
+        let start = self.start.as_ref().map(|start| start.digests.chain).unwrap_or_default();
+        self.steps.last().map_or(start, |step| step.digests.chain)
+    }
+
+    /// The step in the making, if a message belongs to it.
+    fn draft(&mut self, step: u32) -> Result<&mut Draft, Refusal> {
+        let expected = self.step_count();
+        match &mut self.draft {
+            Some(draft) if step == expected => Ok(draft),
+            Some(_) => Err(format!("it belongs to step {step}, but stands in step {expected}").into()),
+            None => Err(format!("the call of step {step} is missing before it").into()),
+        }
+    }
+
+    fn attachment<T: DeserializeOwned>(&self, name: &'static str, expected: Digest) -> Result<T, TraceError> {
+        let Some(json) = self.attachments.get(name) else { return Err(self.missing(name)) };
+        check_attachment(self.path, name, expected, json)?;
+        serde_json::from_slice(json).map_err(|error| TraceError::Damaged {
+            path: self.path.to_owned(),
+            offset: 0,
+            what: format!("the attachment {name} is not what it should be ({error})"),
+        })
+    }
+
+    fn missing(&self, what: &'static str) -> TraceError {
+        TraceError::Missing { path: self.path.to_owned(), what }
+    }
+}
+
+impl Draft {
+    fn into_record(self, step: u32, moment: codec::Moment) -> Result<StepRecord, Refusal> {
+        let (outcome, result) = self.result.ok_or("the result of its step is missing")?;
+        Ok(StepRecord {
+            step,
+            input: StepInput { call: self.call, policy: self.policy, user_reply: self.user_reply },
+            outcome,
+            tool: result.tool,
+            reply: self.answer,
+            markers: codec::read_markers(result.markers)?,
+            visible: codec::read_visible(result.visible)?,
+            listed: result.listed.into_iter().map(Into::into).collect(),
+            object: result.object.map(Into::into),
+            receptacle: result.receptacle.map(Into::into),
+            held: result.held.map(Into::into),
+            changes: self.changes.ok_or("the world changes of its step are missing")?,
+            bodies: moment.bodies,
+            robot: moment.robot,
+            sim_step: moment.sim_step,
+            reward: self.reward.ok_or("the reward of its step is missing")?,
+            digests: moment.digests,
+        })
+    }
+}
+
+fn decode<M: Message + Default>(data: &[u8]) -> Result<M, Refusal> {
+    codec::decode_message(data).map_err(Refusal::What)
+}
+
+/// Sets what may be said only once.
+fn once<T>(slot: &mut Option<T>, value: T) -> Result<(), Refusal> {
+    if slot.is_some() {
+        return Err("it was already said".into());
+    }
+    *slot = Some(value);
+    Ok(())
+}

@@ -1,0 +1,54 @@
+//! Records to our protobuf messages and back, bit for bit. Knows neither files nor order.
+
+mod decode;
+mod encode;
+
+pub(crate) use decode::*;
+pub(crate) use encode::*;
+
+#[cfg(test)]
+mod tests {
+    use prost::Message;
+    use reel_world::record::*;
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    #[test]
+    fn minus_zero_and_not_a_number_keep_their_bits() {
+        let odd = [f32::from_bits(0x8000_0000), f32::from_bits(0x7fc0_1234), f32::MIN_POSITIVE / 2.0];
+        let robot = RobotState { base: [odd[0], odd[1]], yaw: odd[0], camera: odd, pitch: -0.0, path_length_m: odd[2] };
+        let body = BodyState {
+            body: "door:fridge_1".into(),
+            position: odd,
+            rotation: [odd[0], odd[1], odd[2], -0.0],
+            linear_velocity: odd,
+            angular_velocity: odd,
+            asleep: true,
+        };
+        let message = sim_digest(Some(0), 7, &[body], &robot, &StateDigests::default());
+        let bytes = message.encode_to_vec();
+        let message = decode_message::<crate::schema::reel::SimDigest>(&bytes).unwrap();
+        let moment = read_sim_digest(message).unwrap();
+        assert_eq!(moment.step, Some(0));
+        let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&moment.bodies[0].position), bits(&odd));
+        assert_eq!(bits(&moment.robot.camera), bits(&odd));
+        assert_eq!(moment.robot.yaw.to_bits(), odd[0].to_bits());
+        assert_eq!(moment.robot.pitch.to_bits(), (-0.0f32).to_bits());
+    }
+
+    #[test]
+    fn arguments_keep_every_number() {
+        let arguments = json!({
+            "z": u64::MAX, "a": i64::MIN, "third": 1.0 / 3.0, "tiny": 5e-324, "one": 1.0, "minus": -0.0,
+            "long": 0.123_456_789_012_345_68_f64, "nested": [[null, true, "\u{0}\n"], {}],
+        });
+        let call = reel_world::ToolCall::new("pick", arguments.clone());
+        let read = read_tool_call(tool_call(3, &call)).unwrap();
+        assert_eq!(read, call);
+        assert_eq!(read.arguments.to_string(), arguments.to_string());
+        let bare = reel_world::ToolCall::new("", Value::String("not an object".into()));
+        assert_eq!(read_tool_call(tool_call(3, &bare)).unwrap(), bare);
+    }
+}

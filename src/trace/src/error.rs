@@ -1,0 +1,139 @@
+//! Why a trace could not be written or is not believed.
+
+use std::{io, path::PathBuf};
+
+use reel_world::Digest;
+
+/// Every error of this crate.
+#[derive(Debug, thiserror::Error)]
+pub enum TraceError {
+    /// The operating system refused.
+    #[error("cannot {action} a trace: {source}; check that the folder exists and has space: {path}")]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+    /// A recording of this name was left unfinished.
+    #[error("an unfinished recording is in the way; recover or delete it first: {part}")]
+    PartExists {
+        /// The unfinished recording.
+        part: PathBuf,
+    },
+    /// There is only an unfinished recording of this name.
+    #[error("the recording was never finished; read what there is from {part}")]
+    Unfinished {
+        /// The unfinished recording.
+        part: PathBuf,
+    },
+    /// The file is larger than the reader's limit.
+    #[error("the trace has {found} bytes, more than the limit of {limit}; raise the limit if it is yours: {path}")]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// The limit.
+        limit: u64,
+        /// What was found.
+        found: u64,
+    },
+    /// Not an MCAP file.
+    #[error("not an MCAP file: it does not begin with the magic bytes: {path}")]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file ends too early.
+    #[error("the trace is torn at byte {offset}: {lost}; {steps_readable} steps are readable, recover them: {path}")]
+    Torn {
+        /// The file.
+        path: PathBuf,
+        /// Where what is whole ends.
+        offset: u64,
+        /// How many steps are whole.
+        steps_readable: u32,
+        /// What is lost.
+        lost: String,
+    },
+    /// A checksum or a record of the container is wrong.
+    #[error("the trace is damaged at byte {offset}: {what}; take another copy or record it again: {path}")]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// What is wrong.
+        what: String,
+    },
+    /// A message is not what its schema says, or is missing, twice or in the wrong place.
+    #[error("{topic} at byte {offset} does not belong in a trace: {what}; it was changed or written by another program: {path}")]
+    Message {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// The channel.
+        topic: String,
+        /// What is wrong.
+        what: String,
+    },
+    /// Something that every trace holds is not there.
+    #[error("the trace holds no {what}; it was cut or written by another program: {path}")]
+    Missing {
+        /// The file.
+        path: PathBuf,
+        /// What.
+        what: &'static str,
+    },
+    /// An attachment is not the one that the header names, or no valid one.
+    #[error("{attachment} is not the one of this episode (expected digest {expected}, found {found}): {path}")]
+    Attachment {
+        /// The file.
+        path: PathBuf,
+        /// `task.json` or `scene.json`.
+        attachment: &'static str,
+        /// Digest in the header.
+        expected: Digest,
+        /// Digest found.
+        found: Digest,
+    },
+    /// A record is not what was recorded: the hash chain does not hold.
+    #[error("the hash chain breaks at {}: expected {expected}, found {found}; the records were changed: {path}", moment(*.step))]
+    ChainBroken {
+        /// The file.
+        path: PathBuf,
+        /// The step; none: the start.
+        step: Option<u32>,
+        /// What the records before and here give.
+        expected: Digest,
+        /// What is written.
+        found: Digest,
+    },
+    /// A picture cannot be read or is not the recorded one.
+    #[error("the picture of {} {what}; it was changed or damaged: {path}", moment(*.step))]
+    Picture {
+        /// The file.
+        path: PathBuf,
+        /// The step; none: the start.
+        step: Option<u32>,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// The recorder was called out of turn.
+    #[error("cannot record {what}: {expected} comes next: {path}")]
+    OutOfTurn {
+        /// The file.
+        path: PathBuf,
+        /// What should be recorded.
+        what: String,
+        /// What the recorder waits for.
+        expected: String,
+    },
+}
+
+/// A step in words.
+pub(crate) fn moment(step: Option<u32>) -> String {
+    step.map_or_else(|| "the start".to_owned(), |step| format!("step {step}"))
+}

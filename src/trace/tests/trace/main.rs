@@ -1,0 +1,6 @@
+//! Traces from the outside: what is recorded is what is read, and nothing else is believed.
+
+mod damage;
+mod round_trip;
+mod sample;
+mod viewers;

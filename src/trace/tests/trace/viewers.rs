@@ -1,0 +1,53 @@
+//! Other programs read our files: the Python library `mcap`, where it is installed.
+
+use std::process::Command;
+
+use reel_trace::Images;
+
+use crate::sample::Source;
+
+const SCRIPT: &str = r"
+import sys
+from mcap.reader import make_reader, NonSeekingReader
+from mcap_protobuf.decoder import DecoderFactory
+path = sys.argv[1]
+with open(path, 'rb') as file:
+    reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+    names = sorted(attachment.name for attachment in reader.iter_attachments())
+    assert names == ['scene.json', 'task.json'], names
+    assert [metadata.name for metadata in reader.iter_metadata()] == ['reel.episode']
+    seen = {}
+    for schema, channel, message, decoded in reader.iter_decoded_messages():
+        seen.setdefault(channel.topic, []).append(decoded)
+    assert reader.get_summary().statistics.message_count == sum(map(len, seen.values()))
+with open(path, 'rb') as file:
+    reader = NonSeekingReader(file, validate_crcs=True)
+    assert sum(1 for _ in reader.iter_messages()) == sum(map(len, seen.values()))
+assert len(seen['/tool/call']) == len(seen['/sim/digest']) - 1 == 3, seen.keys()
+assert [call.step for call in seen['/tool/call']] == [0, 1, 2]
+picture = seen['/camera/head'][0]
+assert picture.format == 'webp' and picture.data[:4] == b'RIFF', picture.format
+assert seen['/camera/head/calibration'][0].width == 640
+assert {t.child_frame_id for t in seen['/tf'][0].transforms} >= {'base', 'camera'}
+assert len(seen['/scene'][0].entities) == 4
+print('read')
+";
+
+#[test]
+fn the_python_library_reads_it_and_validates_the_checksums() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let (sample, frames) = Source::seeded(4).sample(3).with_frames();
+    sample.record_open(&path, &frames, Images::Full).unwrap().end(&sample.end).unwrap();
+    let python = |arguments: &[&str]| Command::new("python3").args(arguments).output();
+    match python(&["-c", "import mcap, mcap_protobuf"]) {
+        Ok(output) if output.status.success() => {}
+        _ => {
+            eprintln!("skipped: python3 with the modules mcap and mcap-protobuf-support is not installed");
+            return;
+        }
+    }
+    let output = python(&["-c", SCRIPT, path.to_str().unwrap()]).unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.stdout, b"read\n");
+}
