@@ -121,6 +121,11 @@ pub fn fits(text: &str, object: &ObjectInstance, purpose: Option<&str>) -> bool 
     }
 }
 
+/// Whether a text speaks of an object that can be carried, if only as `the red one`.
+pub fn names_object(text: &str) -> bool {
+    phrases(text).iter().any(names_something)
+}
+
 /// Longest name in words that is looked for in a phrase.
 const LONGEST_NAME: usize = 4;
 /// Up to so many words a description must hold word by word.
