@@ -171,10 +171,11 @@ impl RuleUser {
     }
 
     fn is_other_candidate(&self, object: &ObjectInstance) -> bool {
-        object.asset != self.task.target_object().asset
+        let target = self.task.target_object();
+        let alike = || language::is_a(&object.category, &target.category) || language::is_a(&target.category, &object.category);
+        object.asset != target.asset
             && self.seen.contains(&object.instance)
-            && (language::fits(&self.task.instruction, object, self.task.purpose.as_deref())
-                || language::is_a(&object.category, &self.task.target_object().category))
+            && (alike() || language::fits(&self.task.instruction, object, self.task.purpose.as_deref()))
     }
 }
 
