@@ -1,9 +1,27 @@
 //! What scenes and objects look like and consist of: furniture, walls, floor and household objects as coloured parts.
 
+mod appliances;
+mod details;
+mod furniture;
+mod layout;
+mod looks;
+mod objects;
+mod parts;
+#[cfg(test)]
+mod tests;
+mod walls;
+
 use std::collections::BTreeSet;
 
 use reel_world::{ObjectInstance, ReceptacleId, Scene, Wall};
 
+use self::{
+    appliances::Enclosure,
+    furniture::Kind,
+    layout::Spot,
+    looks::Traits,
+    parts::{Parts, bounds},
+};
 use crate::geometry::{Part, Pose};
 
 /// A scene as parts, in the scene frame.
@@ -28,7 +46,7 @@ pub struct Furniture {
     pub parts: Vec<Part>,
     /// The interaction surface.
     pub surface: Surface,
-    /// Bounding box of the parts (door closed): lower and upper corner.
+    /// Bounding box of the parts (door closed, lid on): lower and upper corner.
     pub bounds: [[f32; 3]; 2],
     /// Unit vector its front looks to, on the floor.
     pub facing: [f32; 2],
@@ -75,14 +93,103 @@ pub struct ObjectModel {
     pub density: f32,
 }
 
+/// Height to which the space above an open surface counts as free, in metres.
+const ROOM_HEIGHT_M: f32 = 2.5;
+
 /// Builds a scene. `in_use` names the receptacles that hold objects at the start: what covers them is taken off.
 pub fn scene_model(scene: &Scene, in_use: &BTreeSet<ReceptacleId>) -> SceneModel {
-    let _ = (scene, in_use);
-    unimplemented!("by the model helper")
+    let covered = layout::covered(scene);
+    let pieces = covered.iter().enumerate();
+    let furniture: Vec<Furniture> = pieces.map(|(index, below)| piece(scene, index, *below, in_use)).collect();
+    let footprints: Vec<_> = furniture.iter().map(|piece| piece.bounds.map(|[x, y, _]| [x, y])).collect();
+    let walls = walls::walls(scene, &footprints);
+    let shell = walls::shell(scene, &walls);
+    let corners = scene.rooms.iter().flat_map(|room| room.footprint()).flat_map(|rect| [rect.min, rect.max]);
+    let bounds = corners.map(|corner| corner.map(|c| c as f32)).fold(None, |bounds: Option<[[f32; 2]; 2]>, point| {
+        let [low, high] = bounds.unwrap_or([point; 2]);
+        Some([[low[0].min(point[0]), low[1].min(point[1])], [high[0].max(point[0]), high[1].max(point[1])]])
+    });
+    SceneModel { shell, walls, furniture, bounds: bounds.unwrap_or_default() }
 }
 
 /// Builds an object from its category, size and attribute words.
 pub fn object_model(object: &ObjectInstance) -> ObjectModel {
-    let _ = object;
-    unimplemented!("by the model helper")
+    objects::build(object)
+}
+
+/// What a receptacle is built as.
+enum Build {
+    Open(Kind),
+    Enclosed(Enclosure),
+    Sink,
+    Pot,
+    Lid,
+}
+
+impl Build {
+    fn of(category: &str, has_door: bool, is_cover: bool) -> Self {
+        let letters: String = category.to_lowercase().chars().filter(|letter| letter.is_alphanumeric()).collect();
+        if is_cover || letters.ends_with("lid") {
+            Build::Lid
+        } else if let Some(enclosure) = Enclosure::of(&letters, has_door) {
+            Build::Enclosed(enclosure)
+        } else if letters.contains("sink") || letters.contains("basin") {
+            Build::Sink
+        } else if matches!(letters.as_str(), "pot" | "pan" | "stockpot" | "saucepan") {
+            Build::Pot
+        } else {
+            Build::Open(Kind::of(&letters))
+        }
+    }
+
+    fn least_size(&self) -> [f32; 2] {
+        match self {
+            Build::Open(kind) => kind.least_size(),
+            Build::Enclosed(enclosure) => enclosure.least_size(),
+            Build::Sink => [0.4, 0.5],
+            // Round things whose size the whole stove shows.
+            Build::Pot | Build::Lid => [0.2, 0.2],
+        }
+    }
+}
+
+fn piece(scene: &Scene, index: usize, below: Option<usize>, in_use: &BTreeSet<ReceptacleId>) -> Furniture {
+    let receptacle = &scene.receptacles[index];
+    let build = Build::of(&receptacle.category, receptacle.door.exists(), below.is_some());
+    let spot = Spot::of(scene, index, build.least_size(), matches!(build, Build::Open(Kind::Bed)));
+    let z = receptacle.surface_max[2] as f32;
+    let traits = Traits::of(receptacle);
+    let mut parts = Parts::new(spot.frame);
+    let mut clearance = (ROOM_HEIGHT_M - z).max(0.1);
+    let mut door = None;
+    match build {
+        Build::Open(kind) => furniture::build(kind, &spot, z, &traits, &mut parts),
+        Build::Enclosed(enclosure) => {
+            clearance = enclosure.clearance();
+            door = appliances::enclosure(enclosure, receptacle.door, &spot, z, &traits, &mut parts);
+        }
+        Build::Sink => appliances::sink(&spot, z, &traits, &mut parts),
+        Build::Pot => appliances::pot(&spot, z, &traits, &mut parts),
+        Build::Lid => {
+            let on = below.map(|below| scene.receptacles[below].surface_max[2] as f32);
+            appliances::lid(&spot, z, on, &traits, &mut parts);
+        }
+    }
+    let parts = parts.finish();
+    let door_parts: Vec<Part> = door.iter().flat_map(closed_parts).collect();
+    let taken_off = below.is_some_and(|below| in_use.contains(&scene.receptacles[below].id)) && !in_use.contains(&receptacle.id);
+    Furniture {
+        id: receptacle.id.clone(),
+        bounds: bounds(parts.iter().chain(&door_parts)),
+        surface: Surface { min: spot.surface[0], max: spot.surface[1], z, clearance },
+        facing: spot.frame.turn([1.0, 0.0]),
+        door,
+        present: !taken_off,
+        parts: if taken_off { Vec::new() } else { parts },
+    }
+}
+
+/// The parts of a closed door in the scene frame.
+fn closed_parts(door: &DoorModel) -> Vec<Part> {
+    door.parts.iter().map(|part| Part { pose: door.closed.then(&part.pose), ..*part }).collect()
 }
