@@ -1,4 +1,16 @@
 //! Where the robot can stand and go: a 5 cm occupancy grid, shortest paths, viewpoints with a line of sight.
+//!
+//! Knows what is fixed: the shell and the furniture. Doors and movable objects are never part of it, and nothing
+//! here changes the world. Equal arguments give equal answers; points that are not finite or lie outside
+//! the flat are answered with "no".
+
+mod footprint;
+mod grid;
+mod path;
+mod sight;
+#[cfg(test)]
+mod tests;
+mod vantage;
 
 use crate::{geometry::Camera, model::SceneModel};
 
@@ -13,9 +25,17 @@ pub const STANDOFF_M: f32 = 0.6;
 /// How far the arm reaches horizontally from the robot's centre.
 pub const REACH_M: f32 = 1.0;
 
+/// How far a blocked end of a path is moved to the nearest free cell, in metres.
+const SNAP_M: f32 = 0.5;
+
 /// The navigation map of a scene.
 #[derive(Clone, PartialEq, Debug)]
-pub struct NavMap {}
+pub struct NavMap {
+    grid: grid::Grid,
+    solids: Vec<sight::Solid>,
+    /// By furniture: its front, if it has a door.
+    fronts: Vec<Option<vantage::Front>>,
+}
 
 /// A place to stand and look from.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -31,45 +51,76 @@ pub struct Viewpoint {
 impl NavMap {
     /// Builds the map from the solid parts below the robot's height; doors are left out.
     pub fn new(model: &SceneModel) -> Self {
-        let _ = model;
-        unimplemented!("by the nav helper")
+        let fronts = model.furniture.iter().map(vantage::Front::of).collect();
+        Self { grid: grid::Grid::new(model), solids: sight::solids(model), fronts }
     }
 
-    /// Length of the shortest collision-free path of the base, in metres.
+    /// Length of the shortest collision-free path of the base, in metres: that of [`NavMap::path`].
     pub fn path_length(&self, from: [f32; 2], to: [f32; 2]) -> Option<f32> {
-        let _ = (from, to);
-        unimplemented!("by the nav helper")
+        let (cost, _) = path::shortest(&self.grid, self.snapped(from)?, self.snapped(to)?)?;
+        Some(path::metres(cost))
     }
 
-    /// The shortest path as points, both ends included.
+    /// The shortest path as centres of cells, both ends included. An end that is blocked is moved to the nearest free
+    /// cell within half a metre.
     pub fn path(&self, from: [f32; 2], to: [f32; 2]) -> Option<Vec<[f32; 2]>> {
-        let _ = (from, to);
-        unimplemented!("by the nav helper")
+        let (_, cells) = path::shortest(&self.grid, self.snapped(from)?, self.snapped(to)?)?;
+        Some(cells.into_iter().map(|cell| self.grid.center(cell)).collect())
     }
 
     /// Whether nothing fixed stands between two points; parts of the furniture `ignoring` do not count.
     pub fn line_of_sight(&self, from: [f32; 3], to: [f32; 3], ignoring: Option<usize>) -> bool {
-        let _ = (from, to, ignoring);
-        unimplemented!("by the nav helper")
+        let solids = self.solids.iter().filter(|solid| ignoring.is_none() || solid.owner != ignoring);
+        sight::is_clear(solids, from, to)
     }
 
-    /// The viewpoint for furniture `index`: nearest to the standoff, then to the robot, free, connected to the
-    /// robot's base, with a line of sight to the surface (or the front of the door).
+    /// The viewpoint for furniture `index`: free, connected to the robot's base, at least [`STANDOFF_M`] from its
+    /// bounding box (nearer or farther only where there is nothing else), in front of its door if it has one, and with a
+    /// line of sight to the surface (or the door) past everything else.
+    ///
+    /// Of those the one that sees most of the surface past the furniture's own parts, then with all of it in the
+    /// picture, then nearest to the standoff, then to the robot. `None` if there is none or the furniture is not there.
     pub fn viewpoint(&self, model: &SceneModel, robot: [f32; 2], index: usize) -> Option<Viewpoint> {
-        let _ = (model, robot, index);
-        unimplemented!("by the nav helper")
+        vantage::viewpoint(self, model, robot, index)
     }
 
-    /// The pose closest to the robot's base from which `target` is within reach and in sight; `furniture` is what it
-    /// stands on.
+    /// The pose closest to the robot's base from which `target` is within [`REACH_M`] (at worst 1.3 m) and in sight;
+    /// `furniture` is what it stands on. Only if there is no such pose may parts of that furniture hide it.
     pub fn approach(&self, robot: [f32; 2], target: [f32; 3], furniture: Option<usize>) -> Option<Viewpoint> {
-        let _ = (robot, target, furniture);
-        unimplemented!("by the nav helper")
+        vantage::approach(self, robot, target, furniture)
     }
 
-    /// A free cell to start in: the one given if it is free, else the nearest free one.
+    /// A place to start in: the one given if the base can stand there, else the centre of the nearest free cell.
     pub fn free_near(&self, point: [f32; 2]) -> Option<[f32; 2]> {
-        let _ = point;
-        unimplemented!("by the nav helper")
+        if self.standable(point) {
+            return Some(point);
+        }
+        self.grid.nearest_free(point, f32::INFINITY).map(|cell| self.grid.center(cell))
+    }
+
+    /// Whether something solid overlaps the cell of a point, or it lies outside the rooms. Not inflated.
+    pub fn occupied(&self, point: [f32; 2]) -> bool {
+        self.grid.cell(point).is_none_or(|cell| self.grid.is_occupied(cell))
+    }
+
+    /// Whether the base can stand in the cell of a point.
+    pub fn standable(&self, point: [f32; 2]) -> bool {
+        self.grid.cell(point).is_some_and(|cell| self.grid.is_free(cell))
+    }
+
+    /// Whether no cell that a disc overlaps is occupied. Not inflated.
+    pub fn cells_free_in_disc(&self, center: [f32; 2], radius: f32) -> bool {
+        self.grid.disc_is_clear(center, radius)
+    }
+
+    /// Floor on which the base can drive from a point, in square metres; 0 where it cannot stand. Small values tell
+    /// pockets between furniture from rooms.
+    pub fn reachable_area_m2(&self, point: [f32; 2]) -> f32 {
+        self.grid.cell(point).map_or(0.0, |cell| self.grid.reachable_cells(cell) as f32 * (CELL_M * CELL_M))
+    }
+
+    /// The free cell of a point that may be slightly blocked.
+    fn snapped(&self, point: [f32; 2]) -> Option<usize> {
+        self.grid.nearest_free(point, SNAP_M)
     }
 }
