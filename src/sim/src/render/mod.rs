@@ -77,7 +77,7 @@ pub fn render(camera: &Camera, drawables: &[Drawable<'_>]) -> Frame {
     let mut frame = Frame::new();
     color(&camera_axes, &visibility, &surfaces, &mut frame);
     outline::darken_contacts(&visibility, &surfaces, &mut frame);
-    outline::draw_edges(&visibility, &surfaces, &mut frame);
+    outline::draw_edges(&visibility, &mut frame);
     frame
 }
 

@@ -18,13 +18,17 @@ pub fn overlay(frame: &mut Frame, marks: &[Mark]) {
             mask.paint(&mut frame.rgb, color_of(mark.number), tint);
         }
     }
-    for label in place_labels(marks, &masks) {
+    let labels = place_labels(marks, &masks);
+    for label in &labels {
+        label.draw_pointer(&mut frame.rgb);
+    }
+    for label in &labels {
         label.draw(&mut frame.rgb);
     }
 }
 
 /// Coverage of tints and outlines, of 255.
-const ENTITY_TINT: u16 = 84;
+const ENTITY_TINT: u16 = 48;
 const RECTANGLE_TINT: u16 = 36;
 const OUTLINE: u16 = 235;
 const OUTLINE_PX: i32 = 2;
@@ -57,17 +61,17 @@ fn color_of(number: u32) -> [u8; 3] {
     PALETTE[number.wrapping_sub(1) as usize % PALETTE.len()]
 }
 
-/// The pixels of a region: a bitmap over its bounding box.
+/// The pixels of a region over its bounding box.
 struct Mask {
     left: i32,
     top: i32,
     width: i32,
-    height: i32,
-    inside: Vec<bool>,
-    /// Where a label is wished: the middle of the mask or of its top.
+    /// City-block distance of each pixel to the nearest one outside the mask; 0 outside. Row by row.
+    depths: Vec<i32>,
     anchor: Anchor,
 }
 
+/// Where a label is wished.
 #[derive(Clone, Copy)]
 enum Anchor {
     /// The label's centre lies here.
@@ -82,98 +86,93 @@ impl Mask {
     fn of(region: Region, ids: &[u16]) -> Option<Self> {
         match region {
             Region::Entity(id) => Self::of_entity(id, ids),
-            Region::Rectangle(corners) => Self::of_rectangle(corners),
+            Region::Rectangle(corners) => Some(Self::of_rectangle(corners)),
         }
     }
 
     fn of_entity(id: u16, ids: &[u16]) -> Option<Self> {
         let (mut left, mut right, mut top, mut bottom) = (FRAME_WIDTH, 0, FRAME_HEIGHT, 0);
         for (y, row) in ids.chunks_exact(FRAME_WIDTH).enumerate() {
-            if let Some(first) = row.iter().position(|&other| other == id) {
-                let last = row.iter().rposition(|&other| other == id).unwrap_or(first);
-                (left, right) = (left.min(first), right.max(last));
-                (top, bottom) = (top.min(y), bottom.max(y));
+            // Counting is fast, searching is not, and most rows lack most things.
+            if row.iter().map(|&other| u16::from(other == id)).sum::<u16>() == 0 {
+                continue;
             }
+            let first = row.iter().position(|&other| other == id)?;
+            let last = row.iter().rposition(|&other| other == id)?;
+            (left, right) = (left.min(first), right.max(last));
+            (top, bottom) = (top.min(y), bottom.max(y));
         }
         if left > right {
             return None;
         }
         let rows = ids.chunks_exact(FRAME_WIDTH).skip(top).take(bottom - top + 1);
-        let inside = rows.flat_map(|row| row[left..=right].iter().map(|&other| other == id)).collect();
-        let (width, height) = ((right - left + 1) as i32, (bottom - top + 1) as i32);
-        let mut mask =
-            Self { left: left as i32, top: top as i32, width, height, inside, anchor: Anchor::Centre([left as i32, top as i32]) };
+        let inside = rows.flat_map(|row| row[left..=right].iter().map(|&other| other == id));
+        let depths = distances_to_border(inside, right - left + 1);
+        let (left, top, width) = (left as i32, top as i32, (right - left + 1) as i32);
+        let mut mask = Self { left, top, width, depths, anchor: Anchor::Centre([left, top]) };
         mask.anchor = mask.find_anchor();
         Some(mask)
     }
 
-    fn of_rectangle([x0, y0, x1, y1]: [u16; 4]) -> Option<Self> {
+    fn of_rectangle([x0, y0, x1, y1]: [u16; 4]) -> Self {
         let clip = |value: u16, size: usize| i32::from(value).min(size as i32 - 1);
         let (left, right) = (clip(x0.min(x1), FRAME_WIDTH), clip(x0.max(x1), FRAME_WIDTH));
         let (top, bottom) = (clip(y0.min(y1), FRAME_HEIGHT), clip(y0.max(y1), FRAME_HEIGHT));
-        let (width, height) = (right - left + 1, bottom - top + 1);
-        let inside = vec![true; (width * height) as usize];
-        Some(Self { left, top, width, height, inside, anchor: Anchor::Top([(left + right) / 2, top]) })
+        let across = |y: i32| (left..=right).map(move |x| (x - left).min(right - x).min(y - top).min(bottom - y) + 1);
+        let depths = (top..=bottom).flat_map(across).collect();
+        Self { left, top, width: right - left + 1, depths, anchor: Anchor::Top([(left + right) / 2, top]) }
     }
 
-    fn contains(&self, x: i32, y: i32) -> bool {
-        (0..self.width).contains(&x) && (0..self.height).contains(&y) && self.inside[(y * self.width + x) as usize]
+    /// Pixels of the mask in the picture, with their distances to its border.
+    fn pixels(&self) -> impl Iterator<Item = ([i32; 2], i32)> {
+        (self.top..)
+            .zip(self.depths.chunks_exact(self.width as usize))
+            .flat_map(|(y, row)| (self.left..).zip(row).filter(|&(_, &depth)| depth > 0).map(move |(x, &depth)| ([x, y], depth)))
     }
 
     /// Tints the mask and draws its border, inside the mask.
     fn paint(&self, rgb: &mut [u8], color: [u8; 3], tint: u16) {
-        for y in 0..self.height {
-            for x in 0..self.width {
-                if !self.contains(x, y) {
-                    continue;
-                }
-                let surrounded = (1..=OUTLINE_PX).all(|d| {
-                    self.contains(x - d, y) && self.contains(x + d, y) && self.contains(x, y - d) && self.contains(x, y + d)
-                });
-                let at = ((self.top + y) as usize * FRAME_WIDTH + (self.left + x) as usize) * 3;
-                blend(&mut rgb[at..at + 3], color, if surrounded { tint } else { OUTLINE });
-            }
+        for ([x, y], depth) in self.pixels() {
+            let at = (y as usize * FRAME_WIDTH + x as usize) * 3;
+            blend(&mut rgb[at..at + 3], color, if depth > OUTLINE_PX { tint } else { OUTLINE });
         }
     }
 
     /// The place nearest to the mask's centroid where a label has room, or else the widest place.
     fn find_anchor(&self) -> Anchor {
-        let depths = self.distances_to_border();
         let (mut count, mut sum) = (0i64, [0i64; 2]);
-        for (i, _) in self.inside.iter().enumerate().filter(|(_, inside)| **inside) {
+        for ([x, y], _) in self.pixels() {
             count += 1;
-            sum[0] += i as i64 % i64::from(self.width);
-            sum[1] += i as i64 / i64::from(self.width);
+            sum = [sum[0] + i64::from(x), sum[1] + i64::from(y)];
         }
-        let centroid = sum.map(|s| s / count.max(1));
-        let best = depths.iter().enumerate().max_by_key(|&(i, &depth)| {
-            let (dx, dy) = (i as i64 % i64::from(self.width) - centroid[0], i as i64 / i64::from(self.width) - centroid[1]);
-            (depth.min(ROOMY_PX), -(dx * dx + dy * dy), core::cmp::Reverse(i))
-        });
-        let (i, &depth) = best.unwrap_or((0, &0));
-        let point = [self.left + i as i32 % self.width, self.top + i as i32 / self.width];
-        if depth < SMALL_PX { Anchor::Beside([point[0], self.top]) } else { Anchor::Centre(point) }
+        let centroid = sum.map(|s| (s / count.max(1)) as i32);
+        let (mut best, mut place) = ((0, i32::MIN), centroid);
+        for (point, depth) in self.pixels() {
+            let (dx, dy) = (point[0] - centroid[0], point[1] - centroid[1]);
+            let value = (depth.min(ROOMY_PX), -(dx * dx + dy * dy));
+            if value > best {
+                (best, place) = (value, point);
+            }
+        }
+        if best.0 < SMALL_PX { Anchor::Beside([place[0], self.top]) } else { Anchor::Centre(place) }
     }
+}
 
-    /// City-block distance of each pixel to the nearest one outside the mask; 0 outside.
-    fn distances_to_border(&self) -> Vec<i32> {
-        let (width, height) = (self.width as usize, self.height as usize);
-        let mut distances: Vec<i32> = self.inside.iter().map(|&inside| if inside { i32::MAX } else { 0 }).collect();
-        for i in 0..width * height {
-            let before = if i % width > 0 { distances[i - 1] } else { 0 };
-            let above = if i >= width { distances[i - width] } else { 0 };
-            distances[i] = distances[i].min(before.min(above) + 1);
-        }
-        for i in (0..width * height).rev() {
-            let after = if i % width + 1 < width { distances[i + 1] } else { 0 };
-            let below = if i + width < width * height { distances[i + width] } else { 0 };
-            distances[i] = distances[i].min(after.min(below) + 1);
-        }
-        for (distance, &inside) in distances.iter_mut().zip(&self.inside) {
-            *distance = if inside { *distance } else { 0 };
-        }
-        distances
+/// City-block distances of the pixels of a mask to the nearest one outside; outside the bounding box is outside.
+fn distances_to_border(inside: impl Iterator<Item = bool>, width: usize) -> Vec<i32> {
+    let mut distances: Vec<i32> = inside.map(|inside| if inside { i32::MAX } else { 0 }).collect();
+    let count = distances.len();
+    for i in 0..count {
+        let before = if i % width > 0 { distances[i - 1] } else { 0 };
+        let above = if i >= width { distances[i - width] } else { 0 };
+        distances[i] = distances[i].min(before.min(above) + 1);
     }
+    for i in (0..count).rev() {
+        let after = if i % width + 1 < width { distances[i + 1] } else { 0 };
+        let below = if i + width < count { distances[i + width] } else { 0 };
+        distances[i] = distances[i].min(after.min(below) + 1);
+    }
+    distances
 }
 
 /// A mask this far from its border has room for a label.
@@ -238,9 +237,6 @@ impl Label {
     }
 
     fn draw(&self, rgb: &mut [u8]) {
-        if let Some(target) = self.target {
-            self.draw_pointer(rgb, target);
-        }
         for y in 0..LABEL_HEIGHT {
             for x in 0..self.width {
                 let edge = x.min(self.width - 1 - x).min(y).min(LABEL_HEIGHT - 1 - y);
@@ -258,8 +254,9 @@ impl Label {
         draw_text(rgb, FRAME_WIDTH, FRAME_HEIGHT, x, y, LABEL_SIZE, [255; 3], &self.text);
     }
 
-    /// A two-pixel line from the middle of the label to what it marks.
-    fn draw_pointer(&self, rgb: &mut [u8], [to_x, to_y]: [i32; 2]) {
+    /// A two-pixel line from the middle of the label to what it marks, if it lies away from it.
+    fn draw_pointer(&self, rgb: &mut [u8]) {
+        let Some([to_x, to_y]) = self.target else { return };
         let (from_x, from_y) = (self.left + self.width / 2, self.top + LABEL_HEIGHT / 2);
         let steps = (to_x - from_x).abs().max((to_y - from_y).abs()).max(1);
         for step in 0..=steps {

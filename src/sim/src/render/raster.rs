@@ -116,22 +116,9 @@ impl Visibility {
         let share = weights.map(|weight| f64::from(weight) * scale);
         let slope = (0..3).map(|i| edges[i].per_x as f64 * share[i]).sum::<f64>() * SUBPIXELS as f64;
         for y in rows.0..=rows.1 {
-            let (mut first, mut last) = columns;
             let centre_y = y * SUBPIXELS + SUBPIXELS / 2;
             let values = edges.each_ref().map(|edge| edge.per_x * (SUBPIXELS / 2) + edge.per_y * centre_y + edge.constant);
-            for (edge, value) in edges.iter().zip(values) {
-                let (value, step) = (value + edge.bias, edge.per_x * SUBPIXELS);
-                if step > 0 {
-                    first = first.max((step - 1 - value).div_euclid(step));
-                } else if step < 0 {
-                    last = last.min(value.div_euclid(-step));
-                } else if value < 0 {
-                    last = -1;
-                }
-            }
-            if first > last {
-                continue;
-            }
+            let Some((first, last)) = span(&edges, values, columns) else { continue };
             let start = (0..3).map(|i| (values[i] + edges[i].per_x * SUBPIXELS * first) as f64 * share[i]).sum::<f64>() as f32;
             let row = y as usize * FRAME_WIDTH;
             let span = row + first as usize..row + last as usize + 1;
@@ -203,6 +190,34 @@ impl Edge {
         Self { per_x, per_y, constant: from.x * to.y - from.y * to.x, bias: if left_or_top { 0 } else { -1 } }
     }
 }
+
+/// First and last pixel of a row that all edges hold inside, given the edges' values in the middle of pixel 0.
+fn span(edges: &[Edge; 3], values: [i64; 3], (mut first, mut last): (i64, i64)) -> Option<(i64, i64)> {
+    if last - first < NARROW {
+        let outside = |x: i64| (0..3).any(|i| values[i] + edges[i].bias + edges[i].per_x * SUBPIXELS * x < 0);
+        while first <= last && outside(first) {
+            first += 1;
+        }
+        while first < last && outside(last) {
+            last -= 1;
+        }
+    } else {
+        for (edge, value) in edges.iter().zip(values) {
+            let (value, step) = (value + edge.bias, edge.per_x * SUBPIXELS);
+            if step > 0 {
+                first = first.max((step - 1 - value).div_euclid(step));
+            } else if step < 0 {
+                last = last.min(value.div_euclid(-step));
+            } else if value < 0 {
+                return None;
+            }
+        }
+    }
+    (first <= last).then_some((first, last))
+}
+
+/// Triangles of fewer columns than this are searched pixel by pixel, which gives the same and spares divisions.
+const NARROW: i64 = 24;
 
 /// First and last pixel whose centre can lie within three coordinates, within the picture.
 fn pixel_range([a, b, c]: [i64; 3], size: usize) -> (i64, i64) {

@@ -6,9 +6,9 @@ use std::sync::LazyLock;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
 use super::mesh::{BOTTOM, TOP};
-use super::pattern::{self, SurfacePoint};
+use super::pattern::{Mapping, dots, grain, stripes};
 use super::raster::CameraFromPart;
-use crate::geometry::{FOCAL_PX, Part, Pattern, Pose, Shape, dot};
+use crate::geometry::{FOCAL_PX, Part, Pattern, Pose, Shape, add, dot, sub};
 
 /// A part that may be visible, with all that its pixels need.
 pub(super) struct Surface {
@@ -17,6 +17,8 @@ pub(super) struct Surface {
     pattern: Pattern,
     color: [f32; 3],
     accent: [f32; 3],
+    /// Colour of mirrored light.
+    gloss: [f32; 3],
     /// Right, down, forward and the position of the camera in the frame of the part.
     axes: [[f32; 3]; 3],
     eye: [f32; 3],
@@ -37,6 +39,7 @@ impl Surface {
             pattern: part.pattern,
             color: part.color.map(to_linear),
             accent: part.accent.map(to_linear),
+            gloss: part.accent.map(|channel| 0.4 + 0.6 * to_linear(channel)),
             axes,
             eye: [0, 1, 2].map(|k| -(axes[0][k] * away[0] + axes[1][k] * away[1] + axes[2][k] * away[2])),
             key: columns.map(|column| dot(column, KEY)),
@@ -45,12 +48,12 @@ impl Surface {
     }
 
     /// The normal of a flat face; nothing on a round one.
+    #[inline]
     fn flat_normal(&self, face: u8) -> Option<[f32; 3]> {
         match self.shape {
             Shape::Cuboid { .. } => {
-                let mut normal = [0.0; 3];
-                normal[usize::from(face / 2)] = if face % 2 == 1 { 1.0 } else { -1.0 };
-                Some(normal)
+                let side = if face % 2 == 1 { 1.0 } else { -1.0 };
+                Some([0, 1, 2].map(|axis| if face / 2 == axis { side } else { 0.0 }))
             }
             _ if face == TOP => Some([0.0, 0.0, 1.0]),
             _ if face == BOTTOM => Some([0.0, 0.0, -1.0]),
@@ -59,6 +62,7 @@ impl Surface {
     }
 
     /// The normal at a point of a round face. The true shape's rather than the mesh's, hence smooth.
+    #[inline]
     fn round_normal(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         match self.shape {
             Shape::Ball { radius } => [x / radius, y / radius, z / radius],
@@ -83,43 +87,73 @@ impl Surface {
 
     /// Colours pixels `x..` of row `y`, given their inverse depths.
     pub fn shade(&self, face: u8, x: usize, y: usize, inverse_depth: &[f32], rgb: &mut [u8]) {
-        let encode = &LINEAR_TO_SRGB;
+        let encode: &Encoder = &LINEAR_TO_SRGB;
         let flat = self.flat_normal(face);
-        let pixels = rgb.as_chunks_mut::<3>().0.iter_mut().zip(inverse_depth);
         if let (Some(normal), Pattern::Plain) = (flat, self.pattern) {
             let light = light(dot(normal, self.key), dot(normal, self.up));
             let color = [0, 1, 2].map(|k| self.color[k] * light[k]);
-            for (pixel, &inverse) in pixels {
+            for (pixel, &inverse) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(inverse_depth) {
                 let weight = falloff(inverse);
-                *pixel = color.map(|channel| encode.get(channel * weight));
+                *pixel = encode.encode(scaled(color, weight));
             }
             return;
         }
-        let flat_light = flat.map(|normal| light(dot(normal, self.key), dot(normal, self.up)));
-        let surface = pattern::Mapping::new(&self.shape, face, flat.is_some());
-        let [right, down, forward] = self.axes;
-        let across_y = (y as f32 + 0.5 - FRAME_HEIGHT as f32 * 0.5) / FOCAL_PX;
-        let row = [0, 1, 2].map(|k| forward[k] + down[k] * across_y);
-        for (i, (pixel, &inverse)) in pixels.enumerate() {
-            let across_x = ((x + i) as f32 + 0.5 - FRAME_WIDTH as f32 * 0.5) / FOCAL_PX;
-            let depth = 1.0 / inverse;
-            let ray = [0, 1, 2].map(|k| row[k] + right[k] * across_x);
-            let point = [0, 1, 2].map(|k| self.eye[k] + ray[k] * depth);
-            let normal = flat.unwrap_or_else(|| self.round_normal(point));
-            let light = flat_light.unwrap_or_else(|| light(dot(normal, self.key), dot(normal, self.up)));
-            let weight = falloff(inverse);
-            let mut color = self.color;
-            let mut shine = 0.0;
-            match self.pattern {
-                Pattern::Plain => {}
-                Pattern::Glossy => shine = shine_of(normal, ray, self.key),
-                Pattern::Stripes | Pattern::Dots | Pattern::Grain => {
-                    let at: SurfacePoint = surface.at(point, depth / FOCAL_PX);
-                    let share = pattern::accent_share(self.pattern, &at);
-                    color = [0, 1, 2].map(|k| color[k] + (self.accent[k] - color[k]) * share);
-                }
-            }
-            *pixel = [0, 1, 2].map(|k| encode.get((color[k] * light[k] + shine * (0.4 + 0.6 * self.accent[k])) * weight));
+        let mapping = Mapping::new(&self.shape, face, flat.is_some());
+        let run = Run { surface: self, flat, x, y, inverse_depth };
+        let mixed = |share: f32| (add(self.color, scaled(sub(self.accent, self.color), share)), [0.0; 3]);
+        // One loop for each pattern, so that each is short.
+        match self.pattern {
+            Pattern::Plain => run.shade(rgb, |_| (self.color, [0.0; 3])),
+            Pattern::Glossy => run.shade(rgb, |at| (self.color, scaled(self.gloss, shine_of(at.normal, at.ray, self.key)))),
+            Pattern::Stripes => run.shade(rgb, |at| mixed(stripes(&mapping.at(at.point, at.pixels_per_metre)))),
+            Pattern::Dots => run.shade(rgb, |at| mixed(dots(&mapping.at(at.point, at.pixels_per_metre)))),
+            Pattern::Grain => run.shade(rgb, |at| mixed(grain(&mapping.at(at.point, at.pixels_per_metre)))),
+        }
+    }
+}
+
+/// Neighbouring pixels that show one face.
+struct Run<'a> {
+    surface: &'a Surface,
+    /// The normal, if it is the same everywhere.
+    flat: Option<[f32; 3]>,
+    x: usize,
+    y: usize,
+    inverse_depth: &'a [f32],
+}
+
+/// What a pixel sees, in the frame of the part.
+struct Sight {
+    point: [f32; 3],
+    normal: [f32; 3],
+    /// From the eye, of length 1 along the optical axis.
+    ray: [f32; 3],
+    pixels_per_metre: f32,
+}
+
+impl Run<'_> {
+    /// Lights the colours that `look` gives: of the surface itself and of what it mirrors.
+    #[inline(always)]
+    fn shade(&self, rgb: &mut [u8], look: impl Fn(&Sight) -> ([f32; 3], [f32; 3])) {
+        let encode: &Encoder = &LINEAR_TO_SRGB;
+        let surface = self.surface;
+        let lit = |normal: [f32; 3]| light(dot(normal, surface.key), dot(normal, surface.up));
+        let flat = self.flat.map(|normal| (normal, lit(normal)));
+        let [right, down, forward] = surface.axes;
+        let across_y = (self.y as f32 + 0.5 - FRAME_HEIGHT as f32 * 0.5) / FOCAL_PX;
+        let row = add(forward, scaled(down, across_y));
+        let mut across = self.x as f32 + 0.5 - FRAME_WIDTH as f32 * 0.5;
+        for (pixel, &inverse) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(self.inverse_depth) {
+            let ray = add(row, scaled(right, across * (1.0 / FOCAL_PX)));
+            across += 1.0;
+            let point = add(surface.eye, scaled(ray, 1.0 / inverse));
+            let (normal, [red, green, blue]) = flat.unwrap_or_else(|| {
+                let normal = surface.round_normal(point);
+                (normal, lit(normal))
+            });
+            let (own, mirrored) = look(&Sight { point, normal, ray, pixels_per_metre: FOCAL_PX * inverse });
+            let color = add([own[0] * red, own[1] * green, own[2] * blue], mirrored);
+            *pixel = encode.encode(scaled(color, falloff(inverse)));
         }
     }
 }
@@ -130,32 +164,34 @@ pub(super) fn background_row(camera_axes: &[[f32; 3]; 3], y: usize) -> [u8; 3] {
     let up = camera_axes[2][2] + camera_axes[1][2] * across_y;
     let share = if up.is_finite() { (0.5 + up * 0.7).clamp(0.0, 1.0) } else { 0.5 };
     let (low, high) = ([0.42, 0.42, 0.40], [0.62, 0.71, 0.80]);
-    [0, 1, 2].map(|k| LINEAR_TO_SRGB.get(low[k] + (high[k] - low[k]) * share))
+    LINEAR_TO_SRGB.encode(add(low, scaled(sub(high, low), share)))
 }
 
 /// Towards the key light in the scene: high, from behind the left of a robot that looks along +x.
 const KEY: [f32; 3] = [-0.45, 0.36, 0.817];
 
 /// Light on a surface, per channel, given the cosines of its normal with the key light and with up.
+#[inline]
 fn light(toward_key: f32, up: f32) -> [f32; 3] {
     // Wrapped around the terminator, as light of a large window is.
     let wrapped = (toward_key + 0.3) * (1.0 / 1.3);
-    let key = if wrapped > 0.0 { wrapped * wrapped * 0.62 } else { 0.0 };
+    let key = if wrapped > 0.0 { wrapped * wrapped * 0.56 } else { 0.0 };
     let sky = 0.5 + 0.5 * up;
-    [0.25 + 0.19 * sky + key, 0.235 + 0.215 * sky + key * 0.975, 0.225 + 0.25 * sky + key * 0.92]
+    [0.335 + 0.2 * sky + key, 0.32 + 0.22 * sky + key * 0.975, 0.305 + 0.25 * sky + key * 0.93]
 }
 
 /// Things far away are a little darker.
+#[inline]
 fn falloff(inverse_depth: f32) -> f32 {
     let square = inverse_depth * inverse_depth;
-    square / (square + 0.012)
+    square / (square + 0.008)
 }
 
 /// Mirror-like light: a spot towards the key light and a sheen at grazing angles.
+#[inline]
 fn shine_of(normal: [f32; 3], ray: [f32; 3], key: [f32; 3]) -> f32 {
-    let toward_eye = -1.0 / dot(ray, ray).sqrt();
-    let eye = ray.map(|c| c * toward_eye);
-    let half = [0, 1, 2].map(|k| key[k] + eye[k]);
+    let eye = scaled(ray, -1.0 / dot(ray, ray).sqrt());
+    let half = add(key, eye);
     let cosine = (dot(normal, half) / dot(half, half).sqrt().max(1e-3)).max(0.0);
     let (p2, facing) = (cosine * cosine, (1.0 - dot(normal, eye)).clamp(0.0, 1.0));
     let p4 = p2 * p2;
@@ -191,8 +227,16 @@ static LINEAR_TO_SRGB: LazyLock<Encoder> = LazyLock::new(|| {
 struct Encoder([u8; LEVELS]);
 
 impl Encoder {
-    fn get(&self, linear: f32) -> u8 {
+    #[inline]
+    fn encode(&self, [red, green, blue]: [f32; 3]) -> [u8; 3] {
         // The cast saturates, so darkness and glare stay in the table.
-        self.0[((linear * LEVELS as f32) as i32).clamp(0, LEVELS as i32 - 1) as usize]
+        let byte = |linear: f32| self.0[((linear * LEVELS as f32) as i32).clamp(0, LEVELS as i32 - 1) as usize];
+        [byte(red), byte(green), byte(blue)]
     }
+}
+
+/// A vector or colour times a number; inlined, unlike `map`, into what runs for every pixel.
+#[inline(always)]
+fn scaled(v: [f32; 3], factor: f32) -> [f32; 3] {
+    [v[0] * factor, v[1] * factor, v[2] * factor]
 }

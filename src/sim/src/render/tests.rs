@@ -169,7 +169,12 @@ fn frame_digests_are_stable() {
 }
 
 /// RGB, ids, depth, RGB with overlay.
-const GOLDEN: [&str; 4] = ["", "", "", ""];
+const GOLDEN: [&str; 4] = [
+    "ff7341a0a0de107e52e5a38e3262987dcc29bade16b4d43ea6ed0f871770af4f",
+    "13f7db7579d5e908dddec99b5e9c86b72503b0e576f90c4d38b6f3a0afaa3328",
+    "4f226c26764ea0106d86e7481ef83edca449ec6846b76d716aae75fb5214c74e",
+    "0e58286e03fc0e9a8d5aa20395d79c87f2e55d149d3828d5ad0c2a17782c329f",
+];
 
 #[test]
 fn a_camera_amid_things_sees_without_panic() {
