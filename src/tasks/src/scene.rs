@@ -56,6 +56,11 @@ pub fn parse(text: &str, file: &str) -> Result<LoadedScene, TaskError> {
     Ok(LoadedScene { scene, warnings })
 }
 
+/// The scene of our own: 18 receptacles in 6 rooms, three of them with doors.
+pub fn home() -> Scene {
+    parse(include_str!("data/home.json"), "home.json").expect("the committed scene is well formed").scene
+}
+
 type Fault = (String, String);
 
 fn check(scene: &Scene) -> Result<(), Fault> {
