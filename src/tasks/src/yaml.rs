@@ -129,7 +129,7 @@ fn insert(at: &mut Value, path: &str, value: Value) {
     }
 }
 
-/// Writes the entries of a mapping or list, each on its own line.
+/// Writes the entries of a mapping or list, each on lines of its own.
 fn write_entries(value: &Value, indent: usize, text: &mut String) {
     let pad = " ".repeat(indent);
     match value {
@@ -141,18 +141,30 @@ fn write_entries(value: &Value, indent: usize, text: &mut String) {
         }
         Value::Array(items) => {
             for item in items {
-                text.push_str(&format!("{pad}-"));
-                write_value(item, indent, text);
+                let start = text.len();
+                // An empty mapping or list has no line of its own yet.
+                if matches!(item, Value::Object(entries) if entries.is_empty())
+                    || matches!(item, Value::Array(items) if items.is_empty())
+                {
+                    text.push_str(&format!("{pad}- {item}\n"));
+                    continue;
+                }
+                write_entries(item, indent + 2, text);
+                text.replace_range(start..start + indent + 2, &format!("{pad}- "));
             }
         }
-        _ => {}
+        _ => text.push_str(&format!("{pad}{}\n", scalar(value))),
     }
 }
 
 fn write_value(value: &Value, indent: usize, text: &mut String) {
+    let nested = |value: &Value| matches!(value, Value::Object(_) | Value::Array(_));
     match value {
         Value::Object(entries) if entries.is_empty() => text.push_str(" {}\n"),
-        Value::Array(items) if items.is_empty() => text.push_str(" []\n"),
+        Value::Array(items) if !items.iter().any(nested) => {
+            let items: Vec<String> = items.iter().map(scalar).collect();
+            text.push_str(&format!(" [{}]\n", items.join(", ")));
+        }
         Value::Object(_) | Value::Array(_) => {
             text.push('\n');
             write_entries(value, indent + 2, text);
@@ -171,4 +183,31 @@ fn scalar(value: &Value) -> String {
             && !reserved.contains(&text.to_lowercase().as_str())
     };
     value.as_str().filter(is_plain).map_or_else(|| value.to_string(), str::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_of_every_kind_survive() {
+        let value = json!({
+            "plain": "table_1", "quoted": "a: b, \"c\"", "word": "yes", "number": "12", "empty": "", "lines": "a\nb",
+            "list": [1.5, "x y", -3, null, true], "nested": [[1, 2], {"a": [], "b": {}}, {}, [], [[{"c": 1e-7}]]],
+            "odd: key": {"- x": 1}, "large": 4_000_000_000_u32,
+        });
+        let mut text = String::new();
+        write_entries(&value, 0, &mut text);
+        let node = crate::document::parse(&text).unwrap();
+        assert_eq!(crate::field::Field::root(&node).json(), value, "{text}");
+    }
+
+    #[test]
+    fn a_value_goes_where_its_path_says() {
+        let mut root = json!({ "a.b": { "c": [{ "d": 1 }] }, "a": {} });
+        insert(&mut root, "a.b.c[0].e", json!(2));
+        insert(&mut root, "a.x", json!(3));
+        insert(&mut root, "new", json!(4));
+        assert_eq!(root, json!({ "a.b": { "c": [{ "d": 1, "e": 2 }] }, "a": { "x": 3 }, "new": 4 }));
+    }
 }
