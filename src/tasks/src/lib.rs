@@ -1,1 +1,26 @@
 //! REAL-Bench tasks, scenes, the object library and the task generator.
+//!
+//! Reads outside files, so everything here that fails says which file, which line and which field. Never
+//! simulates: whether a task can be done is found out by running it.
+
+pub mod attributes;
+pub mod library;
+pub mod scene;
+pub mod yaml;
+
+mod document;
+mod error;
+mod field;
+mod generate;
+mod load;
+mod oddity;
+mod placement;
+mod random;
+mod real_schema;
+mod wording;
+
+pub use error::TaskError;
+pub use generate::{GenerateOptions, Generated, generate};
+pub use load::{LoadReport, load, parse};
+pub use oddity::{Oddity, OddityKind};
+pub use scene::home;

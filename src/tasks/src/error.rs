@@ -1,0 +1,90 @@
+//! What can be wrong with a task or scene file: always where, and what.
+
+/// A file that could not be taken.
+#[derive(Debug, thiserror::Error)]
+pub enum TaskError {
+    /// It could not be read.
+    #[error("{file}: cannot be read: {source}")]
+    Read {
+        /// The file or folder.
+        file: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It is larger than any task.
+    #[error("{file}: larger than {most} bytes, which no task file is")]
+    TooLarge {
+        /// The file.
+        file: String,
+        /// The limit.
+        most: u64,
+    },
+    /// A folder without a task in it.
+    #[error("{file}: no file in it ends with .yaml or .yml")]
+    Empty {
+        /// The folder.
+        file: String,
+    },
+    /// It is no YAML or JSON, or a kind of it that no honest writer makes.
+    #[error("{file}:{line}: {problem}")]
+    Syntax {
+        /// The file.
+        file: String,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A field is missing or wrong.
+    #[error("{file}:{line}: {field}: {problem}")]
+    Field {
+        /// The file.
+        file: String,
+        /// The line, from 1: of the field, or of the mapping that lacks it.
+        line: usize,
+        /// Where in the document, e.g. `episodes[0].dest`.
+        field: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A scene that reads well but cannot be.
+    #[error("{file}: {field}: {problem}")]
+    Scene {
+        /// The file.
+        file: String,
+        /// Where in the document, e.g. `receptacles[3] (table_1)`.
+        field: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Two files hold a task of the same name.
+    #[error("{file}: task {task_id} stands in {first} already")]
+    DuplicateTask {
+        /// The second file.
+        file: String,
+        /// The first file.
+        first: String,
+        /// The name.
+        task_id: String,
+    },
+}
+
+/// A [`TaskError`] before the file is known. Without a field it is one of syntax.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Problem {
+    pub line: usize,
+    pub field: String,
+    pub problem: String,
+}
+
+impl Problem {
+    pub fn syntax(line: usize, problem: impl Into<String>) -> Self {
+        Self { line, field: String::new(), problem: problem.into() }
+    }
+
+    pub fn in_file(self, file: &str) -> TaskError {
+        let Problem { line, field, problem } = self;
+        let file = file.to_owned();
+        if field.is_empty() { TaskError::Syntax { file, line, problem } } else { TaskError::Field { file, line, field, problem } }
+    }
+}

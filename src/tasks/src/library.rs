@@ -1,0 +1,123 @@
+//! The object library: 60 categories of 4 objects each, made from the tables of `data/objects.json` by an
+//! attribute grammar, so that objects of a category differ in colour and captions are unique.
+
+use std::sync::OnceLock;
+
+use reel_world::{AssetId, Attributes};
+use serde::Deserialize;
+
+use crate::attributes;
+
+/// An object that can be placed.
+#[derive(Clone, PartialEq, Debug)]
+pub struct LibraryObject {
+    /// e.g. `mug_03`
+    pub asset: AssetId,
+    /// e.g. `mug`
+    pub category: String,
+    /// What it is for, e.g. `drink container`; several categories share a purpose.
+    pub purpose: String,
+    /// e.g. `Small green ceramic cylindrical mug with a curved handle.`
+    pub caption: String,
+    /// Words of the caption by kind.
+    pub attributes: Attributes,
+    /// Width, depth, height in metres.
+    pub size: [f64; 3],
+}
+
+/// Sizes the objects of a category come in: the word in the caption, and the scale.
+const SIZES: [(&str, f64); 4] = [("", 1.0), ("large", 1.2), ("", 1.0), ("small", 0.8)];
+/// No object is lower, in metres: thinner ones are hard on any physics.
+const LOWEST_M: f64 = 0.02;
+
+/// One row of `data/objects.json`.
+#[derive(Deserialize)]
+struct Category {
+    category: String,
+    purpose: String,
+    size: [f64; 3],
+    shape: String,
+    colours: [String; 4],
+    materials: Vec<String>,
+    details: Vec<String>,
+}
+
+/// Every object, by category and number.
+pub fn objects() -> &'static [LibraryObject] {
+    static OBJECTS: OnceLock<Vec<LibraryObject>> = OnceLock::new();
+    OBJECTS.get_or_init(|| {
+        let rows: Vec<Category> =
+            serde_json::from_str(include_str!("data/objects.json")).expect("the committed table is well formed");
+        rows.iter().flat_map(|row| (0..4).map(move |number| row.object(number))).collect()
+    })
+}
+
+impl Category {
+    fn object(&self, number: usize) -> LibraryObject {
+        let (size_word, scale) = SIZES[number];
+        let cycle = |words: &[String]| words.get(number % words.len().max(1)).cloned().unwrap_or_default();
+        let words = [size_word, &self.colours[number], &cycle(&self.materials), &self.shape, &self.category];
+        let words: Vec<&str> = words.into_iter().filter(|word| !word.is_empty()).collect();
+        let caption = capitalize(&format!("{} with {}.", words.join(" "), cycle(&self.details)));
+        let [width, depth, height] = self.size.map(|length| round_mm(length * scale));
+        LibraryObject {
+            asset: format!("{}_{:02}", self.category.replace(' ', "_"), number + 1).into(),
+            category: self.category.clone(),
+            purpose: self.purpose.clone(),
+            attributes: attributes::from_caption(&caption),
+            caption,
+            size: [width, depth, height.max(LOWEST_M)],
+        }
+    }
+}
+
+fn round_mm(length_m: f64) -> f64 {
+    (length_m * 1000.0).round() / 1000.0
+}
+
+pub(crate) fn capitalize(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::{BTreeMap, BTreeSet};
+
+    use super::*;
+
+    #[test]
+    fn there_are_60_categories_of_4_objects_each_with_its_own_asset_and_caption() {
+        let distinct = |of: fn(&LibraryObject) -> String| objects().iter().map(of).collect::<BTreeSet<_>>().len();
+        assert_eq!(objects().len(), 240);
+        assert_eq!(distinct(|object| object.category.clone()), 60);
+        assert_eq!(distinct(|object| object.asset.to_string()), 240);
+        assert_eq!(distinct(|object| object.caption.clone()), 240);
+        assert_eq!(objects()[3].caption, "Small green ceramic cylindrical mug with a curved handle.");
+    }
+
+    #[test]
+    fn objects_of_a_category_differ_in_colour_and_the_caption_says_nothing_else_of_colour_or_size() {
+        let mut seen = BTreeSet::new();
+        for (index, object) in objects().iter().enumerate() {
+            let [colour] = object.attributes["colour"].as_slice() else { panic!("one colour: {}", object.caption) };
+            assert!(seen.insert((object.category.clone(), colour.clone())), "{colour} twice: {}", object.caption);
+            let size = object.attributes.get("size").map_or("", |words| words[0].as_str());
+            assert_eq!(size, SIZES[index % 4].0, "{}", object.caption);
+        }
+    }
+
+    #[test]
+    fn every_purpose_has_several_categories_and_every_object_fits_a_surface() {
+        let mut categories: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+        for object in objects() {
+            categories.entry(&object.purpose).or_default().insert(&object.category);
+            let [width, depth, height] = object.size;
+            assert!(
+                (0.01..0.4).contains(&width) && (0.01..0.3).contains(&depth) && (LOWEST_M..0.3).contains(&height),
+                "{object:?}"
+            );
+        }
+        assert!(categories.len() >= 12 && categories.values().all(|of| of.len() >= 3), "{categories:?}");
+    }
+}

@@ -1,0 +1,105 @@
+//! Files and folders of tasks: every task that can be taken, every file that cannot, every oddity.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io::Read,
+    path::{Path, PathBuf},
+};
+
+use reel_world::{Scene, Task};
+
+use crate::{Oddity, TaskError, document, error::Problem, field::Field, real_schema};
+
+/// Largest task file; real ones have 30 kB.
+const MOST_BYTES: u64 = 4 * 1024 * 1024;
+/// Deepest folder.
+const MOST_FOLDERS: usize = 16;
+
+/// What came of loading.
+#[derive(Debug, Default)]
+pub struct LoadReport {
+    /// The tasks, in the order of their paths.
+    pub tasks: Vec<Task>,
+    /// What is strange in them, in the same order.
+    pub oddities: Vec<Oddity>,
+    /// Files that could not be taken.
+    pub broken: Vec<TaskError>,
+}
+
+/// Loads a task file, or every `.yaml` and `.yml` file of a folder and its folders, in the order of their paths.
+/// A broken file is reported and the rest load. The scene completes the graphs: files leave receptacles out.
+pub fn load(path: &Path, scene: &Scene) -> LoadReport {
+    let mut report = LoadReport::default();
+    let mut files = Vec::new();
+    find_files(path, 0, &mut files, &mut report.broken);
+    if files.is_empty() && report.broken.is_empty() {
+        report.broken.push(TaskError::Empty { file: path.display().to_string() });
+    }
+    let mut first_file: BTreeMap<String, String> = BTreeMap::new();
+    for path in files {
+        let file = path.display().to_string();
+        match read_file(&path, &file).and_then(|text| parse(&text, &file, scene)) {
+            Err(error) => report.broken.push(error),
+            Ok((task, oddities)) => match first_file.get(&task.task_id) {
+                Some(first) => {
+                    let (task_id, first) = (task.task_id, first.clone());
+                    report.broken.push(TaskError::DuplicateTask { file, first, task_id });
+                }
+                None => {
+                    first_file.insert(task.task_id.clone(), file);
+                    report.tasks.push(task);
+                    report.oddities.extend(oddities);
+                }
+            },
+        }
+    }
+    report
+}
+
+/// Reads one task from the text of a file; `file` is its name in errors.
+///
+/// # Errors
+/// When it is no YAML, lacks a field, or does not fit the scene.
+pub fn parse(text: &str, file: &str, scene: &Scene) -> Result<(Task, Vec<Oddity>), TaskError> {
+    let read = || -> Result<_, Problem> { real_schema::read(&Field::root(&document::parse(text)?), scene) };
+    read().map_err(|problem| problem.in_file(file))
+}
+
+fn find_files(path: &Path, depth: usize, files: &mut Vec<PathBuf>, broken: &mut Vec<TaskError>) {
+    let failed = |source| TaskError::Read { file: path.display().to_string(), source };
+    match fs::metadata(path) {
+        Err(source) => broken.push(failed(source)),
+        Ok(metadata) if metadata.is_dir() => {
+            if depth == MOST_FOLDERS {
+                return broken.push(failed(std::io::Error::other(format!("folders nested deeper than {MOST_FOLDERS}"))));
+            }
+            match fs::read_dir(path).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>, _>>()) {
+                Err(source) => broken.push(failed(source)),
+                Ok(mut paths) => {
+                    paths.sort();
+                    let wanted = |path: &PathBuf| path.is_dir() || has_yaml_name(path);
+                    paths.iter().filter(|path| wanted(path)).for_each(|path| find_files(path, depth + 1, files, broken));
+                }
+            }
+        }
+        Ok(_) => files.push(path.to_owned()),
+    }
+}
+
+fn has_yaml_name(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "yaml" || extension == "yml")
+}
+
+pub(crate) fn read_file(path: &Path, file: &str) -> Result<String, TaskError> {
+    let failed = |source| TaskError::Read { file: file.to_owned(), source };
+    let mut text = Vec::new();
+    File::open(path).map_err(failed)?.take(MOST_BYTES + 1).read_to_end(&mut text).map_err(failed)?;
+    if text.len() as u64 > MOST_BYTES {
+        return Err(TaskError::TooLarge { file: file.to_owned(), most: MOST_BYTES });
+    }
+    String::from_utf8(text).map_err(|error| {
+        let line = 1 + error.as_bytes()[..error.utf8_error().valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
+        TaskError::Syntax { file: file.to_owned(), line, problem: "not UTF-8 text".to_owned() }
+    })
+}

@@ -1,0 +1,149 @@
+//! Scene files: JSON into a [`Scene`], checked so that the simulator can rely on it.
+
+use std::path::Path;
+
+use reel_world::{Receptacle, ReceptacleId, Rect, Scene};
+
+use crate::{TaskError, attributes, load::read_file};
+
+/// A scene and what is doubtful in it.
+#[derive(Clone, PartialEq, Debug)]
+pub struct LoadedScene {
+    /// The scene.
+    pub scene: Scene,
+    /// What is doubtful but can be lived with, for people.
+    pub warnings: Vec<String>,
+}
+
+/// Loads a scene file.
+///
+/// # Errors
+/// When it cannot be read, is no scene, or contradicts itself.
+pub fn load(path: &Path) -> Result<LoadedScene, TaskError> {
+    let file = path.display().to_string();
+    parse(&read_file(path, &file)?, &file)
+}
+
+/// Reads a scene from the text of a file; `file` is its name in errors.
+///
+/// Furniture without attribute words gets those of its captions. A lid (category ending in `lid`) without
+/// `placeable` in the file cannot be placed upon, and covers the receptacle under it.
+///
+/// # Errors
+/// When it is no scene or contradicts itself.
+pub fn parse(text: &str, file: &str) -> Result<LoadedScene, TaskError> {
+    let syntax = |error: serde_json::Error| TaskError::Syntax {
+        file: file.to_owned(),
+        line: error.line(),
+        problem: without_place(&error),
+    };
+    let mut scene: Scene = serde_json::from_str(text).map_err(syntax)?;
+    let raw: serde_json::Value = serde_json::from_str(text).map_err(syntax)?;
+    check(&scene).map_err(|(field, problem)| TaskError::Scene { file: file.to_owned(), field, problem })?;
+    for index in 0..scene.receptacles.len() {
+        if scene.receptacles[index].category.ends_with("lid") && raw["receptacles"][index].get("placeable").is_none() {
+            let covers = covered_by(&scene, &scene.receptacles[index]);
+            let lid = &mut scene.receptacles[index];
+            lid.placeable = false;
+            lid.covers = lid.covers.take().or(covers);
+        }
+        let receptacle = &mut scene.receptacles[index];
+        if receptacle.attributes.is_empty() {
+            receptacle.attributes = attributes::from_furniture_captions(receptacle.captions.keys().map(String::as_str));
+        }
+    }
+    let warnings = warnings(&scene);
+    Ok(LoadedScene { scene, warnings })
+}
+
+/// The scene of our own: 18 receptacles in 6 rooms, three of them with doors.
+pub fn home() -> Scene {
+    parse(include_str!("data/home.json"), "home.json").expect("the committed scene is well formed").scene
+}
+
+type Fault = (String, String);
+
+fn check(scene: &Scene) -> Result<(), Fault> {
+    let fault = |field: String, problem: &str| Err((field, problem.to_owned()));
+    if scene.rooms.is_empty() {
+        return fault("rooms".to_owned(), "none; a scene needs at least one room");
+    }
+    if scene.receptacles.is_empty() {
+        return fault("receptacles".to_owned(), "none; a scene needs furniture");
+    }
+    for (index, room) in scene.rooms.iter().enumerate() {
+        let field = format!("rooms[{index}] ({})", room.name);
+        if scene.rooms[..index].iter().any(|other| other.name == room.name) {
+            return fault(field, "this name stands twice");
+        }
+        for rect in room.footprint() {
+            check_range(&rect.min, &rect.max).map_err(|problem| (field.clone(), problem))?;
+        }
+    }
+    for (index, wall) in scene.walls.iter().flatten().enumerate() {
+        let field = format!("walls[{index}]");
+        if wall.from.iter().zip(&wall.to).filter(|(from, to)| from != to).count() != 1 {
+            return fault(field, "is not a straight line along x or y");
+        }
+        if wall.height <= 0.0 {
+            return fault(field, "height must be above 0");
+        }
+    }
+    for (index, receptacle) in scene.receptacles.iter().enumerate() {
+        let field = format!("receptacles[{index}] ({})", receptacle.id);
+        if receptacle.id.as_str() == reel_world::FLOOR || receptacle.id.as_str().is_empty() {
+            return fault(field, "this id is reserved");
+        }
+        if scene.receptacles[..index].iter().any(|other| other.id == receptacle.id) {
+            return fault(field, "this id stands twice");
+        }
+        if !scene.rooms.iter().any(|room| room.name == receptacle.room) {
+            return Err((field, format!("its room {:?} is no room of the scene", receptacle.room)));
+        }
+        check_range(&receptacle.surface_min, &receptacle.surface_max).map_err(|problem| (field.clone(), problem))?;
+        if let Some(covered) = &receptacle.covers
+            && (scene.receptacle(covered).is_none() || *covered == receptacle.id)
+        {
+            return Err((field, format!("covers {covered}, which is no other receptacle of the scene")));
+        }
+    }
+    Ok(())
+}
+
+fn check_range(min: &[f64], max: &[f64]) -> Result<(), String> {
+    if min.iter().zip(max).all(|(min, max)| min < max) {
+        return Ok(());
+    }
+    Err(format!("its minimum {min:?} is not below its maximum {max:?}"))
+}
+
+fn warnings(scene: &Scene) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for receptacle in &scene.receptacles {
+        let room = scene.rooms.iter().find(|room| room.name == receptacle.room).expect("checked: the room is there");
+        let Rect { min, max } = receptacle.surface_rect();
+        let corners = [min, max, [min[0], max[1]], [max[0], min[1]]];
+        if !corners.iter().all(|corner| room.footprint().iter().any(|rect| rect.contains(*corner))) {
+            warnings.push(format!("{} reaches out of its room {}", receptacle.id, room.name));
+        }
+        if receptacle.captions.is_empty() {
+            warnings.push(format!("{} has no caption: no instruction can name it", receptacle.id));
+        }
+    }
+    warnings
+}
+
+/// The highest receptacle under a lid.
+fn covered_by(scene: &Scene, lid: &Receptacle) -> Option<ReceptacleId> {
+    let centre = [0, 1].map(|axis| (lid.surface_min[axis] + lid.surface_max[axis]) / 2.0);
+    let under = scene.receptacles.iter().filter(|other| {
+        other.id != lid.id && other.surface_rect().contains(centre) && other.surface_height() < lid.surface_height()
+    });
+    under.max_by(|a, b| a.surface_height().total_cmp(&b.surface_height())).map(|receptacle| receptacle.id.clone())
+}
+
+/// The message of a JSON error without "at line 1 column 2", which stands before it already.
+fn without_place(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    text.split(" at line ").next().unwrap_or(&text).to_owned()
+}
