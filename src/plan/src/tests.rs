@@ -168,7 +168,7 @@ fn every_state_leads_to_every_goal() {
             code /= 4;
         }
         for door in ["fridge_1", "washer_1"] {
-            set_door(&mut graph, door, if code % 2 == 0 { DoorState::Closed } else { DoorState::Open });
+            set_door(&mut graph, door, if usize::is_multiple_of(code, 2) { DoorState::Closed } else { DoorState::Open });
             code /= 2;
         }
         graph
