@@ -1,1 +1,79 @@
-//! Policies and the runner that records their episodes.
+//! Policies that come with Reel, and the runner that plays and records episodes.
+//!
+//! The oracle, a planner that sees only what an agent sees, and policies with one fault each. Never the
+//! simulator's inside: a policy gets a [`Context`] and gives a call. Only the oracle and the faulty policies,
+//! which are built on it, read the truth.
+
+mod faults;
+mod narration;
+mod oracle;
+mod perception;
+mod planner;
+mod policy;
+mod random;
+mod record;
+mod runner;
+mod sink;
+
+use std::path::PathBuf;
+
+pub use faults::{Gibberish, Oscillating, mistaken_task};
+pub use oracle::{Habits, Oracle};
+pub use planner::{GoalHint, Planner};
+pub use policy::{Context, POLICIES, Policy, Seen, policy};
+pub use record::{RecordTo, TraceSink};
+pub use runner::{EpisodeReport, Job, run_all, run_episode};
+pub use sink::{NoSink, Recorded, Sink, SinkError};
+
+/// What can go wrong around an episode; never what goes wrong in it, which is feedback for the policy.
+#[derive(Debug, thiserror::Error)]
+pub enum AgentError {
+    /// No policy of this name.
+    #[error("no policy is called '{name}'; known are {known}", known = policy::names())]
+    UnknownPolicy {
+        /// What was asked for.
+        name: String,
+    },
+    /// The episode cannot start.
+    #[error("task {task}: the episode cannot start; check that task and scene belong together")]
+    Start {
+        /// The task.
+        task: String,
+        /// Why.
+        source: reel_episode::EpisodeError,
+    },
+    /// The trace cannot be written.
+    #[error("task {task}, seed {seed}: the trace cannot be written to {path}")]
+    Trace {
+        /// The task.
+        task: String,
+        /// The seed.
+        seed: u64,
+        /// The trace.
+        path: PathBuf,
+        /// Why.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// An episode broke down by a fault of ours.
+    #[error("task {task}, policy {policy}, seed {seed}: the episode broke down: {message}; reproduce it by: {command}")]
+    Panicked {
+        /// The task.
+        task: String,
+        /// The policy.
+        policy: String,
+        /// The seed.
+        seed: u64,
+        /// What the panic said.
+        message: String,
+        /// The command that plays this episode alone.
+        command: String,
+    },
+    /// The worker threads cannot be started.
+    #[error("{workers} worker threads cannot be started; ask for fewer")]
+    Workers {
+        /// How many.
+        workers: usize,
+        /// Why.
+        message: String,
+    },
+}

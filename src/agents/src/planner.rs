@@ -1,0 +1,415 @@
+//! A policy that sees only what an agent sees: it searches candidate receptacles, remembers what it saw,
+//! compares captions with what it was told, and asks when several things fit. Never the simulator's truth.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use reel_world::{
+    ErrorCode, ReceptacleId, Task, Tool,
+    record::{PolicyInfo, StepInput},
+};
+
+use crate::{Context, Policy, Seen, oracle::question, policy};
+
+/// Failed calls after which it stops.
+const FAILURES_MAX: u32 = 6;
+/// A destination is mentioned last in an instruction: at most so many words ("to place it") follow it.
+const WORDS_AFTER_DESTINATION: usize = 3;
+/// Furniture that one expects to have a closed door.
+const DOOR_WORDS: [&str; 6] = ["fridge", "refrigerator", "microwave", "washing", "dishwasher", "electriccooker"];
+
+/// One object to move, as far as the instruction and the list of receptacles tell.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct GoalHint {
+    /// What to look for: a category, or a purpose where the instruction is underspecified.
+    pub category: String,
+    /// How it is described, where the instruction is precise.
+    pub caption: Option<String>,
+    /// Where it may stand, in identifier order.
+    pub sources: Vec<ReceptacleId>,
+    /// Where it may have to go, in identifier order.
+    pub destinations: Vec<ReceptacleId>,
+}
+
+impl GoalHint {
+    /// The hints of a task: one for every object that its goal moves, the target first.
+    pub fn of_task(task: &Task) -> Vec<GoalHint> {
+        let sorted = |one: &ReceptacleId, others: &[ReceptacleId]| {
+            let all: BTreeSet<ReceptacleId> = others.iter().chain([one]).cloned().collect();
+            all.into_iter().collect::<Vec<_>>()
+        };
+        let mut moved: Vec<_> = task
+            .objects
+            .iter()
+            .filter(|object| task.initial.place_of(&object.instance) != task.goal.place_of(&object.instance))
+            .collect();
+        moved.sort_by_key(|object| object.instance != task.target);
+        let hint = |object: &&reel_world::ObjectInstance| {
+            let is_target = object.instance == task.target;
+            let to = task.goal.place_of(&object.instance).unwrap_or(&task.dest);
+            let purpose = task.purpose.clone().filter(|_| task.fuzzy && is_target);
+            GoalHint {
+                caption: object.caption.clone().filter(|_| purpose.is_none()),
+                category: purpose.unwrap_or_else(|| object.category.clone()),
+                sources: sorted(&object.receptacle, if is_target { &task.src_distractors } else { &[] }),
+                destinations: sorted(to, if is_target { &task.dest_distractors } else { &[] }),
+            }
+        };
+        moved.iter().map(hint).collect()
+    }
+}
+
+/// Searches, remembers, asks.
+#[derive(Debug)]
+pub struct Planner {
+    seed: u64,
+    hints: Vec<GoalHint>,
+    /// The hint at work.
+    current: usize,
+    at: Option<ReceptacleId>,
+    holding: bool,
+    /// Captions of receptacles, as read.
+    captions: BTreeMap<ReceptacleId, String>,
+    /// Receptacles that are of no use for this hint.
+    rejected: BTreeSet<ReceptacleId>,
+    /// Doors it opened.
+    opened: BTreeSet<ReceptacleId>,
+    /// Receptacles that turned out to have no door to open.
+    doorless: BTreeSet<ReceptacleId>,
+    /// A door that must be opened before the held object can be placed.
+    in_the_way: Option<ReceptacleId>,
+    /// Where the held object was taken from.
+    origin: Option<ReceptacleId>,
+    /// Where it looked last for something to pick: what it saw, and how it looked.
+    view: Vec<Seen>,
+    probed: bool,
+    walked: bool,
+    gazed: bool,
+    /// Whether the receptacles in view have numbers.
+    marked: bool,
+    asked: bool,
+    reply: String,
+    failures: u32,
+    /// The last call, and the receptacle that a number in it stands for.
+    last: Option<(Tool, Option<ReceptacleId>)>,
+}
+
+impl Planner {
+    /// A planner for what the instruction tells. It draws nothing at random; `seed` is only written down.
+    pub fn new(hints: Vec<GoalHint>, seed: u64) -> Self {
+        Self {
+            seed,
+            hints,
+            current: 0,
+            at: None,
+            holding: false,
+            captions: BTreeMap::new(),
+            rejected: BTreeSet::new(),
+            opened: BTreeSet::new(),
+            doorless: BTreeSet::new(),
+            in_the_way: None,
+            origin: None,
+            view: Vec::new(),
+            probed: false,
+            walked: false,
+            gazed: false,
+            marked: false,
+            asked: false,
+            reply: String::new(),
+            failures: 0,
+            last: None,
+        }
+    }
+
+    /// Takes in what the last call gave.
+    fn learn(&mut self, context: &Context<'_>) {
+        let Some((tool, receptacle)) = self.last.take() else { return };
+        let error = context.observation.error;
+        if error.is_some() {
+            return self.learn_failure(&tool, receptacle, error);
+        }
+        match tool {
+            Tool::NavTo { receptacle } => {
+                self.at = Some(receptacle);
+                self.forget_view();
+            }
+            Tool::ShowReceptacles => {
+                self.marked = true;
+                let furniture = context.seen.iter().filter(|thing| thing.furniture);
+                for thing in furniture {
+                    if let Some(id) = &thing.receptacle_hint {
+                        self.captions.insert(id.clone(), thing.caption.clone().unwrap_or_default());
+                    }
+                }
+            }
+            Tool::ShowObjectByCategory { .. } | Tool::WalkAround => {
+                self.probed = true;
+                self.walked |= tool == Tool::WalkAround;
+                self.marked = false;
+                self.view = context.seen.iter().filter(|thing| !thing.furniture).cloned().collect();
+            }
+            Tool::GazeAt { .. } => self.gazed = true,
+            Tool::Pick { .. } => {
+                self.holding = true;
+                self.origin = self.at.clone();
+            }
+            Tool::Place { .. } => {
+                self.holding = false;
+                if self.in_the_way.is_none() {
+                    self.current += 1;
+                    self.rejected.clear();
+                }
+                self.forget_view();
+            }
+            Tool::Open { .. } => {
+                self.opened.extend(receptacle);
+                self.in_the_way = None;
+            }
+            Tool::Close { .. } => {
+                receptacle.iter().for_each(|id| _ = self.opened.remove(id));
+            }
+            Tool::Ask { .. } => self.reply = context.observation.text.clone(),
+            Tool::Finish | Tool::Lifecycle(_) => {}
+        }
+    }
+
+    fn learn_failure(&mut self, tool: &Tool, receptacle: Option<ReceptacleId>, error: Option<ErrorCode>) {
+        match tool {
+            Tool::ShowObjectByCategory { .. } => self.probed = true,
+            Tool::WalkAround => self.walked = true,
+            Tool::GazeAt { .. } => self.gazed = true,
+            Tool::Ask { .. } => {}
+            Tool::NavTo { receptacle } => {
+                self.rejected.insert(receptacle.clone());
+                self.opened.remove(receptacle);
+                self.failures += 1;
+            }
+            Tool::Place { .. } if error == Some(ErrorCode::DoorClosed) => {
+                self.in_the_way = receptacle;
+                self.failures += 1;
+            }
+            Tool::Open { .. } => {
+                self.doorless.extend(receptacle);
+                self.in_the_way = None;
+            }
+            Tool::Close { .. } => {
+                receptacle.iter().for_each(|id| _ = self.opened.remove(id));
+            }
+            _ => {
+                self.rejected.extend(self.at.take());
+                self.failures += 1;
+            }
+        }
+    }
+
+    fn forget_view(&mut self) {
+        self.view.clear();
+        (self.probed, self.walked, self.gazed, self.marked) = (false, false, false, false);
+    }
+
+    fn decide(&mut self, context: &Context<'_>) -> (Tool, Option<ReceptacleId>) {
+        if self.failures >= FAILURES_MAX {
+            return (Tool::Finish, None);
+        }
+        let Some(hint) = self.hints.get(self.current).cloned() else { return self.wrap_up(context) };
+        if self.holding {
+            let goal = match (&self.in_the_way, &self.origin) {
+                (Some(_), Some(origin)) => Some(origin.clone()),
+                _ => self.choose(&hint.destinations, context, |after| after <= WORDS_AFTER_DESTINATION),
+            };
+            let Some(receptacle) = goal else { return (Tool::Finish, None) };
+            return self.at_number(&receptacle, context, |marker| Tool::Place { marker });
+        }
+        // A hand must be free to open a door, so the destination's comes first.
+        let only = if hint.destinations.len() == 1 { hint.destinations.first() } else { None };
+        if let Some(door) = self.in_the_way.clone().or_else(|| only.filter(|id| self.is_shut(id, context)).cloned()) {
+            return self.at_number(&door, context, |marker| Tool::Open { marker });
+        }
+        match self.choose(&hint.sources, context, |after| after > WORDS_AFTER_DESTINATION) {
+            Some(source) => self.take_from(&source, &hint, context),
+            None => (Tool::Finish, None),
+        }
+    }
+
+    /// The candidate whose caption stands at the right place of the instruction; else one it knows nothing of;
+    /// else the one that has most words in common with the instruction.
+    fn choose(
+        &self,
+        candidates: &[ReceptacleId],
+        context: &Context<'_>,
+        is_right: impl Fn(usize) -> bool,
+    ) -> Option<ReceptacleId> {
+        let pool: Vec<&ReceptacleId> = candidates.iter().filter(|id| !self.rejected.contains(*id)).collect();
+        let instruction = words(&context.briefing.instruction);
+        let fits = |id: &ReceptacleId| {
+            self.captions.get(id).is_some_and(|caption| words_after(&instruction, &words(caption)).is_some_and(&is_right))
+        };
+        let overlap = |id: &ReceptacleId| self.captions.get(id).map_or(0, |caption| share(&words(caption), &instruction));
+        let known = pool.iter().find(|id| fits(id));
+        let unknown = || pool.iter().find(|id| !self.captions.contains_key(**id));
+        // `max_by_key` takes the last of equals; candidates come in order, so look from the back.
+        let best = || pool.iter().rev().max_by_key(|id| overlap(id));
+        known.or_else(unknown).or_else(best).map(|id| (*id).clone())
+    }
+
+    /// Looks for the object on a receptacle, and takes it.
+    fn take_from(&mut self, source: &ReceptacleId, hint: &GoalHint, context: &Context<'_>) -> (Tool, Option<ReceptacleId>) {
+        if self.at.as_ref() != Some(source) {
+            return (Tool::NavTo { receptacle: source.clone() }, None);
+        }
+        if hint.sources.len() > 1 && !self.captions.contains_key(source) {
+            if !self.marked {
+                return (Tool::ShowReceptacles, None);
+            }
+            // It is not in view from its own viewpoint: nothing is known of it, which is something to know.
+            self.captions.insert(source.clone(), String::new());
+            return self.decide(context);
+        }
+        if self.is_shut(source, context) {
+            return self.at_number(source, context, |marker| Tool::Open { marker });
+        }
+        if !self.probed {
+            return (Tool::ShowObjectByCategory { category: hint.category.clone() }, None);
+        }
+        let fitting = self.fitting(hint, source);
+        let underspecified = hint.caption.is_none() && self.reply.is_empty();
+        if !self.asked && underspecified && (2..).contains(&fitting.len()) {
+            self.asked = true;
+            return (Tool::Ask { question: question(&self.view, Some(&hint.category)) }, None);
+        }
+        match fitting.first().map(|thing| thing.marker) {
+            Some(Some(marker)) if !self.gazed => (Tool::GazeAt { marker }, None),
+            Some(Some(marker)) => (Tool::Pick { marker }, None),
+            _ if !self.walked => (Tool::WalkAround, None),
+            _ => {
+                self.rejected.insert(source.clone());
+                self.decide(context)
+            }
+        }
+    }
+
+    /// What fits best of what was seen here: several where it cannot tell them apart.
+    fn fitting(&self, hint: &GoalHint, source: &ReceptacleId) -> Vec<&Seen> {
+        let told = words(&[&hint.category, hint.caption.as_deref().unwrap_or(""), &self.reply].join(" "));
+        let here = |thing: &&Seen| thing.receptacle_hint.as_ref().is_none_or(|id| id == source);
+        let mut things: Vec<(&Seen, usize)> = Vec::new();
+        for thing in self.view.iter().filter(here) {
+            let described = words(&[&thing.category, thing.caption.as_deref().unwrap_or("")].join(" "));
+            things.push((thing, share(&described, &told)));
+        }
+        let of_category = things.iter().any(|(thing, _)| thing.category == hint.category);
+        if of_category {
+            things.retain(|(thing, _)| thing.category == hint.category);
+        }
+        let numbered = things.iter().any(|(thing, _)| thing.marker.is_some());
+        let told_apart = hint.caption.is_some() || !self.reply.is_empty();
+        let best = things.iter().map(|(_, share)| *share).max().filter(|_| told_apart);
+        things.retain(|(_, share)| best.is_none_or(|best| *share == best));
+        // Numbered ones first: only they can be taken.
+        things.sort_by_key(|(thing, _)| thing.marker.is_none());
+        if numbered || self.walked { things.into_iter().map(|(thing, _)| thing).collect() } else { Vec::new() }
+    }
+
+    /// Closes what it opened, then finishes.
+    fn wrap_up(&mut self, context: &Context<'_>) -> (Tool, Option<ReceptacleId>) {
+        let here = self.opened.iter().find(|id| self.at.as_ref() == Some(id));
+        match here.or_else(|| self.opened.first()).cloned() {
+            Some(door) => self.at_number(&door, context, |marker| Tool::Close { marker }),
+            None => (Tool::Finish, None),
+        }
+    }
+
+    /// Goes to the receptacle, gets it numbered, and uses the number.
+    fn at_number(
+        &mut self,
+        receptacle: &ReceptacleId,
+        context: &Context<'_>,
+        call: impl Fn(u32) -> Tool,
+    ) -> (Tool, Option<ReceptacleId>) {
+        if self.at.as_ref() != Some(receptacle) {
+            return (Tool::NavTo { receptacle: receptacle.clone() }, None);
+        }
+        if !self.marked {
+            return (Tool::ShowReceptacles, None);
+        }
+        let is_it = |thing: &&Seen| thing.furniture && thing.receptacle_hint.as_ref() == Some(receptacle);
+        let marker = context.seen.iter().filter(is_it).find_map(|thing| thing.marker);
+        // The numbers hold for one use; the next one looks again.
+        self.marked = false;
+        match marker {
+            Some(marker) => (call(marker), Some(receptacle.clone())),
+            None => {
+                self.failures += 1;
+                self.rejected.insert(receptacle.clone());
+                self.opened.remove(receptacle);
+                self.doorless.insert(receptacle.clone());
+                self.in_the_way = None;
+                self.decide(context)
+            }
+        }
+    }
+
+    fn is_shut(&self, id: &ReceptacleId, context: &Context<'_>) -> bool {
+        let category =
+            context.briefing.receptacles.iter().find(|(known, ..)| known == id).map_or("", |(_, category, _)| category);
+        let has_door = DOOR_WORDS.iter().any(|word| category.contains(word));
+        has_door && !self.opened.contains(id) && !self.doorless.contains(id) && !self.rejected.contains(id)
+    }
+}
+
+impl Policy for Planner {
+    fn info(&self) -> PolicyInfo {
+        policy::info("planner", self.seed)
+    }
+
+    fn wants_truth(&self) -> bool {
+        false
+    }
+
+    fn act(&mut self, context: &Context<'_>) -> StepInput {
+        self.learn(context);
+        let (tool, receptacle) = self.decide(context);
+        self.last = Some((tool.clone(), receptacle));
+        StepInput { call: tool.to_call(), policy: None, user_reply: None }
+    }
+}
+
+/// Lower-case words without articles.
+fn words(text: &str) -> Vec<String> {
+    let parts = text.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
+    parts.map(str::to_lowercase).filter(|word| !["the", "a", "an"].contains(&word.as_str())).collect()
+}
+
+/// How many words of the text follow the last mention of the phrase; none where it is not mentioned.
+fn words_after(text: &[String], phrase: &[String]) -> Option<usize> {
+    if phrase.is_empty() {
+        return None;
+    }
+    let start = text.windows(phrase.len()).rposition(|window| window == phrase)?;
+    Some(text.len() - start - phrase.len())
+}
+
+/// Per mille of the words that stand among the others.
+fn share(of: &[String], among: &[String]) -> usize {
+    let common = of.iter().filter(|word| among.contains(word)).count();
+    if of.is_empty() { 0 } else { common * 1000 / of.len() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mention_is_found_without_articles_and_case() {
+        let text = words("Navigate to the table to place my snack, grasp it, and carry it to the Table much larger.");
+        assert_eq!(words_after(&text, &words("the table much larger")), Some(0));
+        assert!(words_after(&text, &words("table to place my snack")).unwrap() > WORDS_AFTER_DESTINATION);
+        assert_eq!(words_after(&text, &words("the bed")), None);
+        assert_eq!(words_after(&text, &[]), None);
+    }
+
+    #[test]
+    fn a_share_is_of_the_first() {
+        assert_eq!(share(&words("round green apple"), &words("the green one, an apple")), 666);
+        assert_eq!(share(&[], &words("apple")), 0);
+    }
+}

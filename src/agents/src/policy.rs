@@ -1,0 +1,100 @@
+//! What a policy is, what it is shown, and the policies by name. Never how one decides.
+
+use std::sync::Arc;
+
+use reel_episode::{Briefing, Observation, Privileged};
+use reel_world::{
+    ReceptacleId, Scene, Task,
+    record::{PolicyInfo, StepInput},
+};
+
+use crate::{AgentError, GoalHint, Oracle, Planner, faults};
+
+/// What decides in an episode.
+pub trait Policy {
+    /// Name and settings, for the trace.
+    fn info(&self) -> PolicyInfo;
+
+    /// Whether it reads the simulator's truth. A policy under evaluation never does.
+    fn wants_truth(&self) -> bool;
+
+    /// The next call.
+    fn act(&mut self, context: &Context<'_>) -> StepInput;
+
+    /// Why it gave up on the goal, if it did.
+    fn gave_up(&self) -> Option<String> {
+        None
+    }
+}
+
+/// What a policy knows when it decides.
+#[derive(Clone, Copy, Debug)]
+pub struct Context<'a> {
+    /// What it was told at the start.
+    pub briefing: &'a Briefing,
+    /// What its last call gave.
+    pub observation: &'a Observation,
+    /// What a perfect eye reads from the picture and the text of the last call.
+    pub seen: &'a [Seen],
+    /// The simulator's truth, only for a policy that wants it.
+    pub truth: Option<&'a Privileged<'a>>,
+    /// Decisions taken so far.
+    pub step: u32,
+}
+
+/// One thing in view, numbered or told of: the stand-in for perception of the built-in policies.
+/// It holds no identifier of an object and no position.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Seen {
+    /// Its number, where it has one.
+    pub marker: Option<u32>,
+    /// Whether it is a receptacle; else it is an object.
+    pub furniture: bool,
+    /// e.g. `alarm clock`
+    pub category: String,
+    /// How one would describe it. Of a receptacle's captions the one that stands in the instruction, if any:
+    /// who knows the instruction sees that it fits.
+    pub caption: Option<String>,
+    /// For an object the receptacle it is seen on; for a receptacle which of the briefing's it is.
+    pub receptacle_hint: Option<ReceptacleId>,
+}
+
+/// Every built-in policy: name and what it does, in one line.
+pub const POLICIES: &[(&str, &str)] = &[
+    ("oracle", "knows the truth and follows the published plan (paper, Oracle Trajectory Generation)"),
+    ("planner", "sees only what an agent sees: searches the candidates, remembers, asks when several fit"),
+    ("wrong-object", "the oracle, but it takes a similar object for the target"),
+    ("wrong-receptacle", "the oracle, but it takes a similar receptacle for the destination"),
+    ("no-ask", "the oracle, but it never asks and takes any object that fits the instruction"),
+    ("oscillating", "the oracle up to the pick, then it drives to and fro until the horizon"),
+    ("forgets-door", "the oracle, but it never opens a door"),
+    ("gibberish", "the oracle, but now and then it calls unknown tools, bad arguments or stale numbers"),
+];
+
+/// A built-in policy by name. `seed` is of everything random in it.
+///
+/// # Errors
+/// When no policy is called so.
+pub fn policy(name: &str, task: &Arc<Task>, scene: &Arc<Scene>, seed: u64) -> Result<Box<dyn Policy + Send>, AgentError> {
+    Ok(match name {
+        "oracle" => Box::new(Oracle::new(task.clone(), seed)),
+        "planner" => Box::new(Planner::new(GoalHint::of_task(task), seed)),
+        "wrong-object" => Box::new(faults::wrong_object(task, seed)),
+        "wrong-receptacle" => Box::new(faults::wrong_receptacle(task, scene, seed)),
+        "no-ask" => Box::new(faults::no_ask(task, seed)),
+        "oscillating" => Box::new(faults::Oscillating::new(task, scene, seed)),
+        "forgets-door" => Box::new(faults::forgets_door(task, seed)),
+        "gibberish" => Box::new(faults::Gibberish::new(task, seed)),
+        _ => return Err(AgentError::UnknownPolicy { name: name.to_owned() }),
+    })
+}
+
+/// The names, for messages.
+pub(crate) fn names() -> String {
+    POLICIES.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
+}
+
+/// Name and seed of a built-in policy.
+pub(crate) fn info(name: &str, seed: u64) -> PolicyInfo {
+    PolicyInfo { name: name.to_owned(), checkpoint: None, parameters: [("seed".to_owned(), seed.into())].into() }
+}

@@ -1,0 +1,51 @@
+//! Records episodes as traces. The only file here that knows the trace crate.
+
+use std::path::{Path, PathBuf};
+
+use reel_trace::{Images, Recorder};
+use reel_world::{
+    Frame, Scene, Task,
+    record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
+};
+
+use crate::sink::{Recorded, Sink, SinkError};
+
+/// Where and how to record an episode.
+#[derive(Clone, Debug)]
+pub struct RecordTo {
+    /// The trace to write.
+    pub path: PathBuf,
+    /// Whether pictures are stored or made again on replay.
+    pub images: Images,
+}
+
+/// Writes a trace.
+pub struct TraceSink {
+    recorder: Recorder,
+}
+
+impl TraceSink {
+    /// Creates the trace and writes its header.
+    pub fn create(path: &Path, images: Images, header: &EpisodeHeader, task: &Task, scene: &Scene) -> Result<Self, SinkError> {
+        Ok(Self { recorder: Recorder::create(path, header, task, scene, images)? })
+    }
+}
+
+impl Sink for TraceSink {
+    fn start(&mut self, start: &StartRecord, frame: &Frame) -> Result<(), SinkError> {
+        Ok(self.recorder.start(start, Some(frame))?)
+    }
+
+    fn input(&mut self, step: u32, input: &StepInput) -> Result<(), SinkError> {
+        Ok(self.recorder.input(step, input)?)
+    }
+
+    fn step(&mut self, step: &StepRecord, frame: Option<&Frame>) -> Result<(), SinkError> {
+        Ok(self.recorder.step(step, frame)?)
+    }
+
+    fn end(self: Box<Self>, end: &EndRecord) -> Result<Option<Recorded>, SinkError> {
+        let summary = self.recorder.end(end)?;
+        Ok(Some(Recorded { path: summary.path, bytes: summary.bytes }))
+    }
+}

@@ -1,0 +1,220 @@
+//! Plays an episode with a policy and records it, and plays many on several threads. Never decides anything:
+//! it carries calls to the episode and records to the trace, inputs before they are used.
+
+use std::{
+    any::Any,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::PathBuf,
+};
+
+use rayon::prelude::*;
+use reel_episode::{Episode, EpisodeConfig, Observation};
+use reel_world::{Family, HORIZON, record::EndReason};
+
+use crate::{
+    AgentError, Context, Policy, perception, policy,
+    record::{RecordTo, TraceSink},
+    sink::{NoSink, Sink, SinkError},
+};
+
+/// How an episode went.
+#[derive(Clone, PartialEq, Debug)]
+pub struct EpisodeReport {
+    /// Its id.
+    pub episode_id: String,
+    /// The task.
+    pub task_id: String,
+    /// The task's family.
+    pub family: Family,
+    /// The policy.
+    pub policy: String,
+    /// The seed.
+    pub seed: u64,
+    /// SR: no goal change is left.
+    pub success: bool,
+    /// CR: share of the goal changes that hold.
+    pub completion: f64,
+    /// Cumulative reward, undiscounted.
+    pub total_reward: f64,
+    /// Decisions.
+    pub length: u32,
+    /// `ask` calls.
+    pub asks: u32,
+    /// Why it ended.
+    pub end_reason: EndReason,
+    /// The trace, where one was recorded.
+    pub trace: Option<PathBuf>,
+    /// Its length in bytes; 0 without a trace.
+    pub bytes: u64,
+    /// Why the policy gave up on the goal, where it failed for that.
+    pub unreachable: Option<String>,
+}
+
+/// One episode to play.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// What it is a function of. Who decides is filled in by the runner.
+    pub config: EpisodeConfig,
+    /// Name of the built-in policy; its seed is the episode's.
+    pub policy: String,
+    /// Where to record it; none: nowhere.
+    pub record: Option<RecordTo>,
+    /// The command that plays this episode alone, for messages.
+    pub command: String,
+}
+
+/// Plays one episode to its end.
+///
+/// # Errors
+/// When the episode cannot start or its trace cannot be written.
+pub fn run_episode(
+    mut config: EpisodeConfig,
+    policy: &mut dyn Policy,
+    record: Option<&RecordTo>,
+) -> Result<EpisodeReport, AgentError> {
+    config.policy = policy.info();
+    let (task, scene, seed, name) = (config.task.clone(), config.scene.clone(), config.seed, config.policy.name.clone());
+    let fail = |source: SinkError| AgentError::Trace {
+        task: task.task_id.clone(),
+        seed,
+        path: record.map(|record| record.path.clone()).unwrap_or_default(),
+        source,
+    };
+    let (mut episode, start, frame) =
+        Episode::start(config).map_err(|source| AgentError::Start { task: task.task_id.clone(), source })?;
+    let mut sink: Box<dyn Sink> = match record {
+        Some(RecordTo { path, images }) => {
+            Box::new(TraceSink::create(path, *images, episode.header(), &task, &scene).map_err(fail)?)
+        }
+        None => Box::new(NoSink),
+    };
+    sink.start(&start, &frame).map_err(fail)?;
+
+    let briefing = episode.briefing();
+    let mut seen = perception::at_start(&task, &scene, &start);
+    let mut observation = Observation { text: String::new(), error: None, frame: Some(frame) };
+    let mut step = 0;
+    while episode.ended().is_none() && step < HORIZON {
+        let input = {
+            let truth = policy.wants_truth().then(|| episode.privileged());
+            policy.act(&Context { briefing: &briefing, observation: &observation, seen: &seen, truth: truth.as_ref(), step })
+        };
+        sink.input(step, &input).map_err(fail)?;
+        let output = episode.step(input);
+        sink.step(&output.record, output.frame.as_ref()).map_err(fail)?;
+        seen = perception::after_step(&task, &scene, episode.privileged().graph, &output.record);
+        let outcome = output.record.outcome;
+        observation = Observation { text: outcome.text, error: outcome.error, frame: output.frame };
+        step += 1;
+    }
+
+    let episode_id = episode.header().episode_id.clone();
+    let end = episode.end();
+    let recorded = sink.end(&end).map_err(fail)?;
+    let metrics = end.metrics;
+    Ok(EpisodeReport {
+        episode_id,
+        task_id: task.task_id.clone(),
+        family: task.family,
+        policy: name,
+        seed,
+        success: metrics.success,
+        completion: metrics.completion,
+        total_reward: metrics.total_reward,
+        length: end.steps,
+        asks: metrics.asks,
+        end_reason: end.reason,
+        bytes: recorded.as_ref().map_or(0, |recorded| recorded.bytes),
+        trace: recorded.map(|recorded| recorded.path),
+        unreachable: policy.gave_up().filter(|_| !metrics.success),
+    })
+}
+
+/// Plays many episodes on `workers` threads. Results come in the order of the jobs, whatever the order they end in;
+/// `on_done` is called from the worker threads as episodes end. A panic ends only its own episode.
+pub fn run_all(
+    jobs: Vec<Job>,
+    workers: usize,
+    on_done: impl Fn(&EpisodeReport) + Sync,
+) -> Vec<Result<EpisodeReport, AgentError>> {
+    let pool = match rayon::ThreadPoolBuilder::new().num_threads(workers.max(1)).build() {
+        Ok(pool) => pool,
+        Err(error) => {
+            let failed = |_| Err(AgentError::Workers { workers, message: error.to_string() });
+            return jobs.iter().map(failed).collect();
+        }
+    };
+    let play = |job: &Job| {
+        let report = contained(job, || {
+            let mut policy = policy(&job.policy, &job.config.task, &job.config.scene, job.config.seed)?;
+            run_episode(job.config.clone(), policy.as_mut(), job.record.as_ref())
+        })?;
+        on_done(&report);
+        Ok(report)
+    };
+    // One job at a time: episodes differ much in length.
+    pool.install(|| jobs.par_iter().with_max_len(1).map(play).collect())
+}
+
+/// Turns a panic into an error that says how to see it again.
+fn contained<T>(job: &Job, play: impl FnOnce() -> Result<T, AgentError>) -> Result<T, AgentError> {
+    catch_unwind(AssertUnwindSafe(play)).unwrap_or_else(|panic| {
+        Err(AgentError::Panicked {
+            task: job.config.task.task_id.clone(),
+            policy: job.policy.clone(),
+            seed: job.config.seed,
+            message: message_of(panic.as_ref()),
+            command: job.command.clone(),
+        })
+    })
+}
+
+fn message_of(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use reel_world::{Profile, Scene, Task, record::PolicyInfo};
+    use serde_json::json;
+
+    use super::*;
+
+    fn job() -> Job {
+        let task = json!({"task_id": "FDP/t_7", "family": "FDP", "scene_id": "flat", "instruction": "", "precise_instruction": "",
+            "objects": [], "initial": {}, "goal": {}, "target": "apple", "src": "table_1", "dest": "desk_1"});
+        let task: Task = serde_json::from_value(task).unwrap();
+        let scene: Scene = serde_json::from_value(json!({"scene_id": "flat", "rooms": [], "receptacles": []})).unwrap();
+        let config = EpisodeConfig {
+            task: Arc::new(task),
+            scene: Arc::new(scene),
+            seed: 11,
+            profile: Profile::Paper,
+            run_id: "run".into(),
+            policy: PolicyInfo::default(),
+        };
+        Job { config, policy: "oracle".into(), record: None, command: "reel run --seed 11".into() }
+    }
+
+    #[test]
+    fn a_panic_becomes_an_error_that_can_be_reproduced() {
+        let error = contained::<()>(&job(), || panic!("index {} is out of range", 4)).unwrap_err().to_string();
+        let expected = "task FDP/t_7, policy oracle, seed 11: the episode broke down: index 4 is out of range; \
+                        reproduce it by: reel run --seed 11";
+        assert_eq!(error, expected);
+        assert_eq!(contained(&job(), || Ok(3)).unwrap(), 3);
+    }
+
+    #[test]
+    fn results_come_in_the_order_of_the_jobs() {
+        let unknown = |index: usize| Job { policy: format!("nobody-{index}"), ..job() };
+        let results = run_all((0..16).map(unknown).collect(), 2, |_| {});
+        for (index, result) in results.into_iter().enumerate() {
+            let error = result.unwrap_err().to_string();
+            assert!(error.contains(&format!("'nobody-{index}'")), "{error}");
+        }
+    }
+}
