@@ -178,7 +178,6 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
         seen.extend(record.visible.iter().map(|visible| &visible.object));
         seen.extend(&record.listed);
         let policy = record.input.policy.as_ref();
-        let text = |text: Option<&'_ String>| text.map(String::as_str).filter(|text| !text.is_empty());
         rows.push(Step {
             step: record.step,
             tool: record.tool_name(),
@@ -206,9 +205,9 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             robot_yaw_rad: record.robot.yaw,
             path_length_m: record.robot.path_length_m,
             latency_ns: policy.and_then(|policy| policy.latency_ns),
-            reasoning: text(policy.map(|policy| &policy.reasoning)),
-            history: text(policy.map(|policy| &policy.history)),
-            plan: text(policy.map(|policy| &policy.plan)),
+            reasoning: policy.and_then(|policy| said(&policy.reasoning)),
+            history: policy.and_then(|policy| said(&policy.history)),
+            plan: policy.and_then(|policy| said(&policy.plan)),
             question: question(record),
             reply: record.reply.as_ref().map(|reply| reply.text.as_str()),
             reply_source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
@@ -218,6 +217,10 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
         });
     }
     rows
+}
+
+fn said(text: &str) -> Option<&str> {
+    Some(text).filter(|text| !text.is_empty())
 }
 
 /// Objects that may be taken for the target: of its category, or named as its distractors. The target is one of them.
