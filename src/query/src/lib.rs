@@ -18,6 +18,7 @@ use datafusion::{
     error::DataFusionError,
     execution::{context::SQLOptions, runtime_env::RuntimeEnvBuilder},
     prelude::{SessionConfig, SessionContext},
+    sql::parser::DFParser,
 };
 use reel_tables::{Store, Table, schema};
 use tokio::runtime::Runtime;
@@ -91,7 +92,11 @@ impl Session {
     /// When it is no question, is wrong, or takes too much memory.
     pub fn run(&self, sql: &str) -> Result<Vec<RecordBatch>, QueryError> {
         self.runtime.block_on(async {
-            let plan = self.context.state().create_logical_plan(sql).await.map_err(refusal)?;
+            let count = DFParser::parse_sql(sql)?.len();
+            if count != 1 {
+                return Err(QueryError::ReadOnly { reason: format!("found {count} statements") });
+            }
+            let plan = self.context.state().create_logical_plan(sql).await?;
             let questions = SQLOptions::new().with_allow_ddl(false).with_allow_dml(false).with_allow_statements(false);
             questions.verify_plan(&plan).map_err(|error| QueryError::ReadOnly { reason: message(&error) })?;
             let frame = self.context.execute_logical_plan(plan).await?;
@@ -133,14 +138,6 @@ fn steps_view() -> String {
     let episode = EPISODE_COLUMNS_OF_STEPS.join(", ");
     let step: Vec<String> = schema::STEP.iter().map(|column| format!("s['{0}'] AS {0}", column.name)).collect();
     format!("SELECT {episode}, {} FROM (SELECT {episode}, unnest(steps) AS s FROM episodes)", step.join(", "))
-}
-
-/// Some statements are refused while they are planned, others by the check of the plan.
-fn refusal(error: DataFusionError) -> QueryError {
-    match error.find_root() {
-        DataFusionError::NotImplemented(reason) => QueryError::ReadOnly { reason: reason.clone() },
-        _ => QueryError::Engine(error),
-    }
 }
 
 /// The engine's own words, without its wrappers.
