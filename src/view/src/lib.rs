@@ -1,1 +1,35 @@
-//! Pictures and Rerun recordings of an episode.
+//! An episode for human eyes: a transcript, a contact sheet, a Rerun recording. A leaf: Rerun brings an Arrow of its own.
+//!
+//! Shows what the trace holds; never runs physics, never judges.
+
+mod canvas;
+mod contact_sheet;
+#[cfg(feature = "rerun")]
+mod rerun_recording;
+mod transcript;
+
+use std::path::PathBuf;
+
+pub use contact_sheet::contact_sheet;
+#[cfg(feature = "rerun")]
+pub use rerun_recording::rrd;
+pub use transcript::transcript;
+
+/// Why an episode cannot be shown.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewError {
+    /// A picture of the trace is damaged.
+    #[error(transparent)]
+    Trace(#[from] reel_trace::TraceError),
+    /// A PNG cannot be made.
+    #[error("cannot encode a picture: {0}")]
+    Png(#[from] png::EncodingError),
+    /// The Rerun recording cannot be written.
+    #[error("cannot write the Rerun recording: {reason}: {path}", path = path.display())]
+    Rerun {
+        /// What Rerun says.
+        reason: String,
+        /// Which file.
+        path: PathBuf,
+    },
+}

@@ -1,0 +1,155 @@
+//! An episode as a Rerun recording: the head camera, the robot, objects and receptacles in 3D, the transcript, the rewards.
+//! Timelines `step` (-1: before the first decision) and `sim_time`; no wall-clock time.
+
+use std::{collections::BTreeMap, path::Path};
+
+use reel_trace::Trace;
+use reel_world::{
+    DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, Task,
+    record::{BodyState, RobotState, StepRecord},
+};
+use rerun::{
+    AsComponents, Boxes3D, Color, EncodedImage, Pinhole, Quaternion, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
+    Scalars, TextDocument, TextLog, TextLogLevel, Transform3D, ViewCoordinates,
+};
+
+use crate::{ViewError, canvas::encode_png, transcript};
+
+/// Focal length of the head camera in pixels, as in the trace's camera calibration.
+const FOCAL_PX: f32 = 400.0;
+/// Half of the robot's box in metres: for the eye, not the collider.
+const ROBOT_HALF_M: [f32; 3] = [0.22, 0.22, 0.5];
+
+const TARGET: Color = Color::from_rgb(46, 160, 67);
+const DISTRACTOR: Color = Color::from_rgb(227, 140, 28);
+const OTHER: Color = Color::from_rgb(120, 132, 150);
+const FURNITURE: Color = Color::from_rgb(86, 104, 168);
+const DOOR: Color = Color::from_rgb(150, 92, 170);
+const ROBOT: Color = Color::from_rgb(40, 44, 52);
+
+/// Writes the recording. Equal traces give equal content.
+///
+/// # Errors
+/// When the file cannot be written or a picture of the trace is damaged.
+pub fn rrd(trace: &Trace, path: &Path) -> Result<(), ViewError> {
+    let failed = |reason: String| ViewError::Rerun { reason, path: path.to_path_buf() };
+    let builder = RecordingStreamBuilder::new("reel").recording_id(trace.header.episode_id.as_str());
+    let stream = builder.save(path).map_err(|error| failed(error.to_string()))?;
+    stream.set_log_tick_enabled(false);
+    stream.set_log_time_enabled(false);
+    let recording = Recording { trace, stream, path };
+    recording.scene()?;
+    recording.moment(-1, 0, None, &trace.start.bodies, &trace.start.robot)?;
+    let mut total = 0.0;
+    for record in &trace.steps {
+        recording.moment(i64::from(record.step), record.sim_step, Some(record.step), &record.bodies, &record.robot)?;
+        total += record.reward_total();
+        recording.told(record, total)?;
+    }
+    recording.stream.flush_blocking().map_err(|error| failed(error.to_string()))
+}
+
+struct Recording<'a> {
+    trace: &'a Trace,
+    stream: RecordingStream,
+    path: &'a Path,
+}
+
+impl Recording<'_> {
+    fn scene(&self) -> Result<(), ViewError> {
+        let scene = &self.trace.scene;
+        self.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
+        let floors = scene.rooms.iter().flat_map(|room| room.footprint().into_iter().map(|rect| (room.name.as_str(), rect)));
+        let floors: Vec<_> = floors.collect();
+        let mins = floors.iter().map(|(_, rect)| [rect.min[0] as f32, rect.min[1] as f32, -0.02]);
+        let sizes = floors.iter().map(|(_, rect)| [(rect.max[0] - rect.min[0]) as f32, (rect.max[1] - rect.min[1]) as f32, 0.02]);
+        let rooms = Boxes3D::from_mins_and_sizes(mins, sizes).with_labels(floors.iter().map(|(name, _)| *name));
+        self.log_static("world/rooms", &rooms)?;
+        let mins = scene.receptacles.iter().map(|it| [it.surface_min[0] as f32, it.surface_min[1] as f32, 0.0]);
+        let size = |axis: usize, it: &reel_world::Receptacle| (it.surface_max[axis] - it.surface_min[axis]) as f32;
+        let sizes = scene.receptacles.iter().map(|it| [size(0, it), size(1, it), it.surface_height() as f32]);
+        let furniture = Boxes3D::from_mins_and_sizes(mins, sizes)
+            .with_labels(scene.receptacles.iter().map(|it| it.id.as_str()))
+            .with_colors(scene.receptacles.iter().map(|it| if it.door.exists() { DOOR } else { FURNITURE }));
+        self.log_static("world/receptacles", &furniture)?;
+        let resolution = [FRAME_WIDTH as f32, FRAME_HEIGHT as f32];
+        self.log_static("world/camera", &Pinhole::from_focal_length_and_resolution([FOCAL_PX, FOCAL_PX], resolution))?;
+        self.log_static("episode", &TextDocument::from_markdown(format!("```\n{}```\n", transcript(self.trace))))
+    }
+
+    fn moment(&self, step: i64, sim_step: u64, picture: Option<u32>, bodies: &[BodyState], robot: &RobotState) -> Result<(), ViewError> {
+        self.stream.set_time_sequence("step", step);
+        self.stream.set_duration_secs("sim_time", sim_step as f64 * f64::from(DT_S));
+        if let Some(rgb) = self.trace.frame_rgb(picture)? {
+            let png = encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
+            self.log("world/camera/image", &EncodedImage::new(png).with_media_type("image/png"))?;
+        }
+        self.log("world/camera", &Transform3D::from_translation_mat3x3(robot.camera, world_from_camera(robot)))?;
+        let base = [robot.base[0], robot.base[1], ROBOT_HALF_M[2]];
+        let (sin, cos) = (robot.yaw / 2.0).sin_cos();
+        let body = Boxes3D::from_centers_and_half_sizes([base], [ROBOT_HALF_M])
+            .with_quaternions([Quaternion::from_xyzw([0.0, 0.0, sin, cos])])
+            .with_labels(["robot"])
+            .with_colors([ROBOT]);
+        self.log("world/robot", &body)?;
+        self.log("world/objects", &objects(&self.trace.task, bodies))
+    }
+
+    fn told(&self, record: &StepRecord, total: f64) -> Result<(), ViewError> {
+        let level = if record.outcome.is_ok() { TextLogLevel::INFO } else { TextLogLevel::ERROR };
+        self.log("transcript", &TextLog::new(record.input.call.to_string()).with_level(TextLogLevel::INFO))?;
+        self.log("transcript", &TextLog::new(record.outcome.text.as_str()).with_level(level))?;
+        for event in &record.changes.physics {
+            self.log("transcript", &TextLog::new(event.to_string()).with_level(TextLogLevel::DEBUG))?;
+        }
+        let mut components: BTreeMap<&str, f64> = BTreeMap::new();
+        for term in &record.reward {
+            *components.entry(&term.component).or_default() += term.value;
+        }
+        for (component, value) in components {
+            self.log(&format!("reward/{component}"), &Scalars::single(value))?;
+        }
+        self.log("return", &Scalars::single(total))
+    }
+
+    fn log(&self, entity: &str, what: &dyn AsComponents) -> Result<(), ViewError> {
+        self.stream.log(entity, what).map_err(|error| self.failed(&error))
+    }
+
+    fn log_static(&self, entity: &str, what: &dyn AsComponents) -> Result<(), ViewError> {
+        self.stream.log_static(entity, what).map_err(|error| self.failed(&error))
+    }
+
+    fn failed(&self, error: &RecordingStreamError) -> ViewError {
+        ViewError::Rerun { reason: error.to_string(), path: self.path.to_path_buf() }
+    }
+}
+
+/// Every object whose body is in the world; a held one is not.
+fn objects(task: &Task, bodies: &[BodyState]) -> Boxes3D {
+    let known = bodies.iter().filter_map(|body| Some((body, task.object(&InstanceId::from(body.body.as_str()))?)));
+    let known: Vec<_> = known.collect();
+    let colour = |object: &reel_world::ObjectInstance| {
+        let like_target = task.object(&task.target).is_some_and(|target| target.category == object.category);
+        match () {
+            () if object.instance == task.target => TARGET,
+            () if like_target || task.object_distractors.contains(&object.asset) => DISTRACTOR,
+            () => OTHER,
+        }
+    };
+    let halves = known.iter().map(|(_, object)| object.size.map(|side| (side / 2.0) as f32));
+    Boxes3D::from_centers_and_half_sizes(known.iter().map(|(body, _)| body.position), halves)
+        .with_quaternions(known.iter().map(|(body, _)| Quaternion::from_xyzw(body.rotation)))
+        .with_labels(known.iter().map(|(_, object)| object.category.as_str()))
+        .with_colors(known.iter().map(|(_, object)| colour(object)))
+}
+
+/// Columns: right, down and forward of the camera in the world.
+fn world_from_camera(robot: &RobotState) -> [[f32; 3]; 3] {
+    let (sin_yaw, cos_yaw) = robot.yaw.sin_cos();
+    let (sin_pitch, cos_pitch) = robot.pitch.sin_cos();
+    let right = [sin_yaw, -cos_yaw, 0.0];
+    let forward = [cos_pitch * cos_yaw, cos_pitch * sin_yaw, sin_pitch];
+    let down = [sin_pitch * cos_yaw, sin_pitch * sin_yaw, -cos_pitch];
+    [right, down, forward]
+}

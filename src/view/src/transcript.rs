@@ -1,0 +1,106 @@
+//! An episode as text to read: calls, outcomes, graph changes, rewards, totals.
+
+use std::fmt::Write as _;
+
+use reel_trace::Trace;
+use reel_world::{
+    GraphEvent,
+    record::{EndReason, StepRecord},
+};
+
+/// The whole episode, for people. Names instances and receptacles as the simulator knows them.
+pub fn transcript(trace: &Trace) -> String {
+    let mut text = String::new();
+    header(trace, &mut text);
+    for record in &trace.steps {
+        step(record, &mut text);
+    }
+    end(trace, &mut text);
+    text
+}
+
+fn header(trace: &Trace, text: &mut String) {
+    let (header, task) = (&trace.header, &trace.task);
+    let mut line = |name: &str, value: &str| {
+        let _ = writeln!(text, "{name:<12} {value}");
+    };
+    line("episode", &header.episode_id);
+    line("task", &format!("{} ({}), scene {}", header.task_id, header.family, header.scene_id));
+    line("instruction", &task.instruction);
+    if task.fuzzy {
+        line("precisely", &task.precise_instruction);
+    }
+    line("goal", &task.goal_changes().iter().map(ToString::to_string).collect::<Vec<_>>().join("  "));
+    line("policy", &format!("{}, seed {}, profile {}", header.policy.name, header.seed, header.profile.as_str()));
+    line("recorded by", &format!("reel {}, simulator {}", header.build, header.sim_version));
+}
+
+fn step(record: &StepRecord, text: &mut String) {
+    let _ = writeln!(text, "\n{:>3}  {}", record.step, record.input.call);
+    let mut line = |mark: &str, content: &str| {
+        for (index, part) in content.trim_end().lines().enumerate() {
+            let _ = writeln!(text, "     {:<8} {part}", if index == 0 { mark } else { "" });
+        }
+    };
+    if let Some(policy) = &record.input.policy {
+        line("thought", &policy.reasoning);
+    }
+    match record.outcome.error {
+        None => line("ok", &record.outcome.text),
+        Some(code) => line("ERROR", &format!("{code}: {}", record.outcome.text)),
+    }
+    if let Some(held) = &record.held {
+        line("holds", held.as_str());
+    }
+    line("change", &join(&record.changes.physics));
+    if record.changes.registry != record.changes.physics {
+        let changes = join(&record.changes.registry);
+        line("registry", if changes.is_empty() { "no change" } else { &changes });
+    }
+    let terms = record.reward.iter().map(|term| {
+        let reason = if term.reason.is_empty() { String::new() } else { format!(" ({})", term.reason) };
+        format!("{} {:+.2}{reason}", term.component, term.value)
+    });
+    let terms: Vec<String> = terms.collect();
+    if !terms.is_empty() {
+        line("reward", &format!("{:+.2} = {}", record.reward_total(), terms.join(", ")));
+    }
+}
+
+fn join(events: &[GraphEvent]) -> String {
+    events.iter().map(ToString::to_string).collect::<Vec<_>>().join("  ")
+}
+
+fn end(trace: &Trace, text: &mut String) {
+    let Some(end) = &trace.end else {
+        let _ = writeln!(text, "\nthe trace breaks off after {} decisions", trace.steps.len());
+        return;
+    };
+    let metrics = &end.metrics;
+    let reason = match end.reason {
+        EndReason::Finished => "the policy finished",
+        EndReason::Horizon => "the horizon was reached",
+        EndReason::Fault => "a fault ended the episode",
+        EndReason::Aborted => "the episode was aborted",
+    };
+    let verdict = if metrics.success { "SUCCESS" } else { "FAILURE" };
+    let spl = metrics.spl.map(|spl| format!(", SPL {spl:.2}")).unwrap_or_default();
+    let _ = writeln!(text, "\n{verdict}: {reason} after {} decisions, {} asks{spl}", metrics.length, metrics.asks);
+    let _ = writeln!(
+        text,
+        "{:.0}% of the goal done, reward {:+.2} (discounted {:+.2}), {:.1} m driven",
+        100.0 * metrics.completion,
+        metrics.total_reward,
+        metrics.discounted_return,
+        trace.steps.last().map_or(0.0, |step| step.robot.path_length_m),
+    );
+    let mut components: Vec<(&str, f64)> = Vec::new();
+    for term in trace.steps.iter().flat_map(|step| &step.reward) {
+        match components.iter_mut().find(|(name, _)| *name == term.component) {
+            Some((_, sum)) => *sum += term.value,
+            None => components.push((&term.component, term.value)),
+        }
+    }
+    let sums: Vec<String> = components.iter().map(|(name, sum)| format!("{name} {sum:+.2}")).collect();
+    let _ = writeln!(text, "{}", sums.join(", "));
+}

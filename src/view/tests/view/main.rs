@@ -1,0 +1,95 @@
+//! Hand-made episodes as transcript, contact sheet and Rerun recording.
+
+#[path = "../../../tables/tests/tables/play.rs"]
+mod play;
+
+use play::{DISTRACTOR, Play, success};
+use reel_trace::Images;
+use reel_view::{contact_sheet, transcript};
+use reel_world::{ErrorCode, Family, record::EndReason};
+use tempfile::TempDir;
+
+fn size(png: &[u8]) -> (u32, u32) {
+    let reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+    (reader.info().width, reader.info().height)
+}
+
+#[test]
+fn a_transcript_tells_everything_once() {
+    let dir = TempDir::new().unwrap();
+    let play = Play::new("hasty", Family::SUL, 3).nav("table_1").fails("pick", ErrorCode::NoMarkerMap).find("clock").pick(DISTRACTOR);
+    let text = transcript(&play.finish().record(dir.path(), Images::None));
+    let expected = "\
+episode      hasty-SUL-3
+task         SUL/t (SUL), scene flat
+instruction  Move a timekeeping device to the desk.
+precisely    Move the white alarm clock from the small table to the desk.
+goal         -clock_white_7_on_table_1_at_t@table_1  +clock_white_7_on_table_1_at_t@desk_1
+policy       hasty, seed 3, profile paper
+recorded by  reel 0.1.0, simulator 1
+
+  0  nav_to(receptacle_name=\"table_1\")
+     ok       You are at table_1.
+     reward   -0.03 = time -0.03 (one more decision)
+
+  1  pick(marker_id=1)
+     ERROR    no_marker_map: It does not work: no_marker_map.
+     reward   -0.03 = time -0.03 (one more decision)
+
+  2  show_object_by_category(target_category=\"clock\")
+     ok       Marked 2 objects.
+     reward   -0.03 = time -0.03 (one more decision)
+
+  3  pick(marker_id=1)
+     ok       Done.
+     holds    clock_blue_3_on_table_1_at_t
+     change   -clock_blue_3_on_table_1_at_t@table_1
+     reward   -0.03 = time -0.03 (one more decision)
+
+  4  finish()
+     ok       The episode is over.
+     holds    clock_blue_3_on_table_1_at_t
+     reward   -0.03 = time -0.03 (one more decision)
+
+FAILURE: the policy finished after 5 decisions, 0 asks, SPL 0.00
+0% of the goal done, reward -0.15 (discounted +0.50), 1.0 m driven
+time -0.15
+";
+    assert_eq!(text, expected);
+}
+
+#[test]
+fn a_sheet_has_a_card_for_every_moment() {
+    let dir = TempDir::new().unwrap();
+    let trace = success("oracle", Family::SUL, 1).record(dir.path(), Images::Full);
+    let sheet = contact_sheet(&trace).unwrap();
+    if let Some(folder) = std::env::var_os("REEL_TEST_OUTPUT") {
+        std::fs::write(std::path::Path::new(&folder).join("sheet.png"), &sheet).unwrap();
+    }
+    let (width, height) = size(&sheet);
+    assert_eq!(width, 16 + 4 * (320 + 16), "four cards a row");
+    assert!(height > 2 * 340 && height < 3 * 420, "two rows for the start and seven steps: {height}");
+    assert_eq!(sheet, contact_sheet(&trace).unwrap());
+    let lean = Play::new("lean", Family::FDP, 1).ended(EndReason::Aborted).record(dir.path(), Images::None);
+    assert_eq!(size(&contact_sheet(&lean).unwrap()).0, 16 + 2 * (320 + 16), "a lean trace without a step is still a sheet");
+}
+
+#[cfg(feature = "rerun")]
+#[test]
+fn a_recording_is_what_rerun_accepts() {
+    let dir = TempDir::new().unwrap();
+    let trace = success("oracle", Family::FDO, 1).record(dir.path(), Images::Full);
+    let path = dir.path().join("episode.rrd");
+    reel_view::rrd(&trace, &path).unwrap();
+    if let Some(folder) = std::env::var_os("REEL_TEST_OUTPUT") {
+        std::fs::copy(&path, std::path::Path::new(&folder).join("episode.rrd")).unwrap();
+    }
+    let bytes = std::fs::read(&path).unwrap();
+    assert_eq!(&bytes[..4], b"RRF2");
+    assert!(bytes.len() > 50_000, "the pictures are in it: {}", bytes.len());
+    let rerun = std::env::var("REEL_RERUN").unwrap_or_else(|_| "rerun".into());
+    match std::process::Command::new(&rerun).args(["rrd", "verify"]).arg(&path).output() {
+        Err(error) => eprintln!("skipped: {rerun} cannot be run ({error}); REEL_RERUN names another one"),
+        Ok(output) => assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr)),
+    }
+}
