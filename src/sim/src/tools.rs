@@ -3,6 +3,8 @@
 //! Nothing privileged reaches the policy: texts name receptacles (which the agent knows), numbers and
 //! categories, never instances, assets or poses. A failed call changes nothing.
 
+use std::collections::BTreeSet;
+
 use reel_world::{
     DoorState, ErrorCode, Frame, InstanceId, Lifecycle, Outcome, ReceptacleId, Tool, ToolSpec, language,
     record::{Marker, MarkerTarget},
@@ -127,7 +129,7 @@ impl Simulator {
     fn show_objects(&mut self, query: &str) -> Result<ToolResult, Refusal> {
         let _ = self.take_picture();
         let in_view = self.objects_in_view();
-        let categories: Vec<&str> = in_view.iter().map(|index| self.task.objects[*index].category.as_str()).collect();
+        let categories: BTreeSet<&str> = in_view.iter().map(|index| self.task.objects[*index].category.as_str()).collect();
         let matched = language::match_category(query, &categories);
         let found = in_view.into_iter().filter(|index| matched.categories.contains(&self.task.objects[*index].category));
         let found: Vec<usize> = found.collect();
