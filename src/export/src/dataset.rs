@@ -18,7 +18,8 @@ impl Writer {
     pub(crate) fn create(path: &Path) -> Result<Self, ExportError> {
         let file = File::create(path).map_err(|source| ExportError::Io { source, path: path.to_path_buf() })?;
         let metadata = KeyValueMetadata::from_static(vec![("huggingface".to_owned(), features().to_string())]);
-        let writer = ParquetWriter::new(file).with_compression(ParquetCompression::Zstd(None)).with_key_value_metadata(Some(metadata));
+        let writer =
+            ParquetWriter::new(file).with_compression(ParquetCompression::Zstd(None)).with_key_value_metadata(Some(metadata));
         // A frame of one row tells the types; it is not written.
         let sample = Row {
             episode_id: String::new(),
@@ -69,7 +70,8 @@ fn frame(rows: &[Row]) -> Result<DataFrame, ExportError> {
         fields(roles.len(), &[Series::new("role".into(), roles), Series::new("content".into(), contents)])
     });
     let images = rows.iter().map(|row| {
-        let bytes = BinaryChunked::from_slice("bytes".into(), &row.images.iter().map(|(_, png)| png.as_slice()).collect::<Vec<_>>());
+        let bytes =
+            BinaryChunked::from_slice("bytes".into(), &row.images.iter().map(|(_, png)| png.as_slice()).collect::<Vec<_>>());
         let names: Vec<&str> = row.images.iter().map(|(name, _)| name.as_str()).collect();
         fields(names.len(), &[bytes.into_series(), Series::new("path".into(), names)])
     });

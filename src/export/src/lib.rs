@@ -83,7 +83,13 @@ pub(crate) struct Row {
 ///
 /// # Errors
 /// When the file cannot be written. A trace that cannot be used is refused in the report, and the rest goes on.
-pub fn sft(traces: &[PathBuf], out: &Path, options: SftOptions, verify: Verify<'_>, progress: Progress<'_>) -> Result<SftReport, ExportError> {
+pub fn sft(
+    traces: &[PathBuf],
+    out: &Path,
+    options: SftOptions,
+    verify: Verify<'_>,
+    progress: Progress<'_>,
+) -> Result<SftReport, ExportError> {
     let io_error = |source| ExportError::Io { source, path: out.to_path_buf() };
     let unfinished = out.with_added_extension("part");
     let mut report = SftReport::default();

@@ -18,11 +18,7 @@ pub fn prompt_digest() -> Digest {
 
 /// The three messages of a decision: system, user, assistant.
 pub(crate) fn messages(trace: &Trace, index: usize) -> Vec<(&'static str, String)> {
-    vec![
-        ("system", SYSTEM_PROMPT.trim_end().to_owned()),
-        ("user", user(trace, index)),
-        ("assistant", assistant(trace, index)),
-    ]
+    vec![("system", SYSTEM_PROMPT.trim_end().to_owned()), ("user", user(trace, index)), ("assistant", assistant(trace, index))]
 }
 
 /// The first thing in the messages that a policy must not know: an instance.

@@ -168,7 +168,10 @@ mod tests {
     #[test]
     fn csv_quotes_and_cuts_nothing() {
         let text = format(&[batch()], Format::Csv).unwrap();
-        assert_eq!(text, format!("policy,n,sr,text\noracle,1,0.123456,\"one\ntwo\"\n\"a \"\"b\"\", c\",,1.0,{}\n,300,,\n", "x".repeat(120)));
+        assert_eq!(
+            text,
+            format!("policy,n,sr,text\noracle,1,0.123456,\"one\ntwo\"\n\"a \"\"b\"\", c\",,1.0,{}\n,300,,\n", "x".repeat(120))
+        );
     }
 
     #[test]

@@ -234,7 +234,9 @@ fn role(task: &Task, instance: &InstanceId) -> &'static str {
     }
     let target_category = task.object(&task.target).map(|object| &object.category);
     match task.object(instance) {
-        Some(object) if Some(&object.category) == target_category || task.object_distractors.contains(&object.asset) => "distractor",
+        Some(object) if Some(&object.category) == target_category || task.object_distractors.contains(&object.asset) => {
+            "distractor"
+        }
         _ => "other",
     }
 }

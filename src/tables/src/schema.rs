@@ -87,7 +87,11 @@ pub const STEP: &[Column] = &[
     may("held", Text, "instance in the gripper after the call"),
     must("markers", Int, "numbers in the marker map after the call"),
     must("visible", Int, "objects in the picture"),
-    must("candidates", Int, "different objects of the target's category, or among the task's object distractors, seen or listed so far"),
+    must(
+        "candidates",
+        Int,
+        "different objects of the target's category, or among the task's object distractors, seen or listed so far",
+    ),
     must("reward", Float, "sum of the reward terms under the episode's preset"),
     must("sim_step", Long, "simulation time after the call, in physics steps of 1/240 s"),
     must("robot_x_m", Float, "base of the robot, metres"),

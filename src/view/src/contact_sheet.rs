@@ -117,7 +117,10 @@ fn verdict(trace: &Trace) -> (String, Colour) {
         EndReason::Aborted => "aborted",
     };
     let (done, reward) = (100.0 * metrics.completion, metrics.total_reward);
-    (format!("{word}: {how} after {} decisions, {done:.0}% done, reward {reward:+.2}, {} asks", metrics.length, metrics.asks), colour)
+    (
+        format!("{word}: {how} after {} decisions, {done:.0}% done, reward {reward:+.2}, {} asks", metrics.length, metrics.asks),
+        colour,
+    )
 }
 
 fn draw(canvas: &mut Canvas, card: &Card, x: usize, y: usize) {

@@ -9,8 +9,8 @@ use reel_world::{
     record::{BodyState, RobotState, StepRecord},
 };
 use rerun::{
-    AsComponents, Boxes3D, Color, EncodedImage, Pinhole, Quaternion, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
-    Scalars, TextDocument, TextLog, TextLogLevel, Transform3D, ViewCoordinates,
+    AsComponents, Boxes3D, Color, EncodedImage, Pinhole, Quaternion, RecordingStream, RecordingStreamBuilder,
+    RecordingStreamError, Scalars, TextDocument, TextLog, TextLogLevel, Transform3D, ViewCoordinates,
 };
 
 use crate::{ViewError, canvas::encode_png, transcript};
@@ -77,7 +77,14 @@ impl Recording<'_> {
         self.log_static("episode", &TextDocument::from_markdown(format!("```\n{}```\n", transcript(self.trace))))
     }
 
-    fn moment(&self, step: i64, sim_step: u64, picture: Option<u32>, bodies: &[BodyState], robot: &RobotState) -> Result<(), ViewError> {
+    fn moment(
+        &self,
+        step: i64,
+        sim_step: u64,
+        picture: Option<u32>,
+        bodies: &[BodyState],
+        robot: &RobotState,
+    ) -> Result<(), ViewError> {
         self.stream.set_time_sequence("step", step);
         self.stream.set_duration_secs("sim_time", sim_step as f64 * f64::from(DT_S));
         if let Some(rgb) = self.trace.frame_rgb(picture)? {

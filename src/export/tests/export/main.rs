@@ -17,7 +17,8 @@ fn export(dir: &Path, plays: &[Play], options: SftOptions) -> (SftReport, DataFr
     let record = |play: &Play| play.record_as(&dir.join(format!("{}.mcap", play.header.episode_id)), Images::Full);
     let paths: Vec<_> = plays.iter().map(record).collect();
     let out = dir.join("sft.parquet");
-    let verify = |path: &Path| if path.to_string_lossy().contains("diverged") { Err("call 2 differs".to_owned()) } else { Ok(()) };
+    let verify =
+        |path: &Path| if path.to_string_lossy().contains("diverged") { Err("call 2 differs".to_owned()) } else { Ok(()) };
     let report = sft(&paths, &out, options, &verify, &|_, _| ()).unwrap();
     assert_eq!(report.bytes, out.metadata().unwrap().len());
     (report, ParquetReader::new(File::open(out).unwrap()).finish().unwrap())
@@ -33,7 +34,8 @@ fn message(frame: &DataFrame, row: usize, index: usize) -> String {
 #[test]
 fn only_verified_successes_are_exported() {
     let dir = TempDir::new().unwrap();
-    let plays = [success("oracle", Family::FDP, 1), success("diverged", Family::FDP, 1), Play::new("hasty", Family::FDP, 1).finish()];
+    let plays =
+        [success("oracle", Family::FDP, 1), success("diverged", Family::FDP, 1), Play::new("hasty", Family::FDP, 1).finish()];
     let (report, frame) = export(dir.path(), &plays, SftOptions::default());
     assert_eq!((report.episodes, report.rows, report.unsuccessful), (1, 6, 1));
     assert_eq!(report.refused.len(), 1);
@@ -53,18 +55,29 @@ fn a_row_is_what_the_policy_saw_and_did() {
         plan: "Pick the clock.".into(),
         ..PolicyOutput::default()
     };
-    let play = Play::new("model", Family::FDP, 1).nav("table_1").thinking(thought).fails("pick", ErrorCode::NoMarkerMap).find("alarm clock");
+    let play = Play::new("model", Family::FDP, 1)
+        .nav("table_1")
+        .thinking(thought)
+        .fails("pick", ErrorCode::NoMarkerMap)
+        .find("alarm clock");
     let (report, frame) = export(dir.path(), &[play.finish()], SftOptions { all: true });
     assert_eq!((report.rows, report.failed_calls), (3, 1));
-    assert!(message(&frame, 0, 1).contains("Progress:\nNothing done yet.") && message(&frame, 0, 1).contains("Last action: none"));
+    assert!(
+        message(&frame, 0, 1).contains("Progress:\nNothing done yet.") && message(&frame, 0, 1).contains("Last action: none")
+    );
     let first = message(&frame, 0, 2);
-    assert!(first.starts_with("<think>The clock is white.</think>\n{\"History\":\"I went to the table.\",\"New Schedule\":\"Pick the clock.\""));
+    assert!(first.starts_with(
+        "<think>The clock is white.</think>\n{\"History\":\"I went to the table.\",\"New Schedule\":\"Pick the clock.\""
+    ));
     assert!(first.ends_with("\"next_action\":{\"tool_name\":\"nav_to\",\"args\":{\"receptacle_name\":\"table_1\"}}}"), "{first}");
     let user = message(&frame, 1, 1);
     assert!(user.contains("Last outcome: It does not work: no_marker_map."), "the failed call is told, though not imitated");
     assert!(user.contains("- cabinet_1 (cabinet, living room/0)") && user.contains("\"name\":\"show_receptacles\""));
     assert!(!message(&frame, 1, 2).contains("<think>"));
-    assert!(message(&frame, 2, 1).contains("1. nav_to(receptacle_name=\"table_1\"): You are at table_1.\n2. pick(marker_id=1): It does not work"));
+    assert!(
+        message(&frame, 2, 1)
+            .contains("1. nav_to(receptacle_name=\"table_1\"): You are at table_1.\n2. pick(marker_id=1): It does not work")
+    );
 }
 
 #[test]
@@ -96,7 +109,8 @@ fn no_privileged_word_reaches_a_row() {
 #[test]
 fn hugging_face_datasets_decodes_the_images() {
     let python = std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".into());
-    let importable = Command::new(&python).args(["-c", "import datasets, PIL"]).output().is_ok_and(|output| output.status.success());
+    let importable =
+        Command::new(&python).args(["-c", "import datasets, PIL"]).output().is_ok_and(|output| output.status.success());
     if !importable {
         eprintln!("skipped: {python} has no `datasets` and `pillow` (REEL_PYTHON names another one)");
         return;

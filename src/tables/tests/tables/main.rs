@@ -48,7 +48,11 @@ fn a_trace_becomes_rows_of_every_table() {
     let steps = RecordBatch::from(steps.as_struct());
     assert_eq!(steps.num_rows(), 7);
     assert_eq!(texts(&steps, "argument")[..3], [Some("table_1".into()), Some("alarm clock".into()), Some("Which one?".into())]);
-    assert_eq!(steps["candidates"].as_primitive::<Int32Type>().values()[..2], [2, 2], "the start shows one clock, the first call the other");
+    assert_eq!(
+        steps["candidates"].as_primitive::<Int32Type>().values()[..2],
+        [2, 2],
+        "the start shows one clock, the first call the other"
+    );
     let pick = 3;
     assert_eq!(texts(&steps, "object")[pick].as_deref(), Some(TARGET));
     assert!(steps["goal_object"].as_boolean().value(pick) && !steps["goal_receptacle"].as_boolean().value(pick));
@@ -83,7 +87,11 @@ fn ingesting_twice_adds_nothing_and_a_changed_trace_supersedes() {
     assert_eq!((rows(&store, Table::Episodes), rows(&store, Table::Tasks), rows(&store, Table::WorldDiffs)), (2, 2, 8));
     let reopened = Store::open(dir.path().join("store")).unwrap();
     assert_eq!(reopened.episodes().count(), 2);
-    assert_eq!(fs::read_dir(dir.path().join("store/episodes")).unwrap().count(), reopened.files(Table::Episodes).len(), "nothing unused is left");
+    assert_eq!(
+        fs::read_dir(dir.path().join("store/episodes")).unwrap().count(),
+        reopened.files(Table::Episodes).len(),
+        "nothing unused is left"
+    );
 }
 
 #[test]

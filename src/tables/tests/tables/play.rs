@@ -82,16 +82,19 @@ impl Play {
     }
 
     pub fn nav(self, receptacle: &str) -> Self {
-        let mut play = self.call("nav_to", json!({ "receptacle_name": receptacle }), Outcome::ok(format!("You are at {receptacle}.")));
+        let mut play =
+            self.call("nav_to", json!({ "receptacle_name": receptacle }), Outcome::ok(format!("You are at {receptacle}.")));
         play.last().receptacle = Some(receptacle.into());
         play
     }
 
     pub fn find(self, category: &str) -> Self {
-        let mut play = self.call("show_object_by_category", json!({ "target_category": category }), Outcome::ok("Marked 2 objects."));
+        let mut play =
+            self.call("show_object_by_category", json!({ "target_category": category }), Outcome::ok("Marked 2 objects."));
         let seen = [TARGET, DISTRACTOR].map(InstanceId::from);
         let record = play.last();
-        record.visible = seen.iter().map(|object| VisibleObject { object: object.clone(), pixels: 300, bbox: [0, 0, 9, 9] }).collect();
+        record.visible =
+            seen.iter().map(|object| VisibleObject { object: object.clone(), pixels: 300, bbox: [0, 0, 9, 9] }).collect();
         record.markers = (1..).zip(seen).map(|(id, object)| Marker { id, target: MarkerTarget::Object(object) }).collect();
         play
     }
@@ -246,7 +249,10 @@ fn task(family: Family) -> Task {
         asset: asset.into(),
         category: category.into(),
         caption: Some(format!("{colour} {category}")),
-        attributes: Attributes::from([("colour".into(), vec![colour.into()]), ("shape".into(), vec!["round".into(), "small".into()])]),
+        attributes: Attributes::from([
+            ("colour".into(), vec![colour.into()]),
+            ("shape".into(), vec!["round".into(), "small".into()]),
+        ]),
         size: [0.1, 0.1, 0.12],
         position: [x, 2.3, 0.83],
         yaw: 0.0,

@@ -17,7 +17,8 @@ fn size(png: &[u8]) -> (u32, u32) {
 #[test]
 fn a_transcript_tells_everything_once() {
     let dir = TempDir::new().unwrap();
-    let play = Play::new("hasty", Family::SUL, 3).nav("table_1").fails("pick", ErrorCode::NoMarkerMap).find("clock").pick(DISTRACTOR);
+    let play =
+        Play::new("hasty", Family::SUL, 3).nav("table_1").fails("pick", ErrorCode::NoMarkerMap).find("clock").pick(DISTRACTOR);
     let text = transcript(&play.finish().record(dir.path(), Images::None));
     let expected = "\
 episode      hasty-SUL-3
