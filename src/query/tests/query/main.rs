@@ -1,6 +1,7 @@
 //! The named queries over a store of hand-made episodes, and what the session refuses.
 
 #[path = "../../../tables/tests/tables/play.rs"]
+#[expect(dead_code, reason = "the tests of several crates share it")]
 mod play;
 
 use std::{fs, path::Path};
