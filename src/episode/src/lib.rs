@@ -1,14 +1,18 @@
 //! The one step function that every runner uses: dispatch of a call to the simulator or the user, graphs,
 //! reward, digests and the hash chain. Never files, clocks or threads; the caller owns those.
 
+mod episode;
 pub mod user;
 
 use std::sync::Arc;
 
+use reel_reward::Preset;
 use reel_world::{
     ErrorCode, Frame, InstanceId, Profile, ReceptacleId, Scene, Task, WorldGraph,
-    record::{EndReason, EndRecord, EpisodeHeader, Marker, PolicyInfo, StartRecord, StepInput, StepRecord},
+    record::{Marker, PolicyInfo, StepRecord},
 };
+
+pub use episode::Episode;
 
 /// What an episode is a function of, besides its calls.
 #[derive(Clone, Debug)]
@@ -21,15 +25,13 @@ pub struct EpisodeConfig {
     pub seed: u64,
     /// Behaviour where paper and published code differ.
     pub profile: Profile,
+    /// Reward preset whose terms the steps hold.
+    pub preset: Preset,
     /// The run it belongs to.
     pub run_id: String,
     /// Who decides.
     pub policy: PolicyInfo,
 }
-
-/// A running episode.
-#[derive(Debug)]
-pub struct Episode {}
 
 /// What a step gives back: the record for the trace and the picture for the policy.
 #[derive(Clone, Debug)]
@@ -90,46 +92,4 @@ pub struct Privileged<'a> {
     pub held: Option<&'a InstanceId>,
     /// The receptacle the robot stands at.
     pub landmark: Option<&'a ReceptacleId>,
-}
-
-impl Episode {
-    /// Builds the world, lets it settle, takes the first picture.
-    ///
-    /// # Errors
-    /// When task and scene do not belong together.
-    pub fn start(config: EpisodeConfig) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
-        let _ = config;
-        unimplemented!("by the lead")
-    }
-
-    /// The header of the trace.
-    pub fn header(&self) -> &EpisodeHeader {
-        unimplemented!("by the lead")
-    }
-
-    /// What the agent is told.
-    pub fn briefing(&self) -> Briefing {
-        unimplemented!("by the lead")
-    }
-
-    /// Takes one decision. After the end every call is an `episode_over` error.
-    pub fn step(&mut self, input: StepInput) -> StepOutput {
-        let _ = input;
-        unimplemented!("by the lead")
-    }
-
-    /// Why the episode ended; none while it runs.
-    pub fn ended(&self) -> Option<EndReason> {
-        unimplemented!("by the lead")
-    }
-
-    /// The simulator's truth.
-    pub fn privileged(&self) -> Privileged<'_> {
-        unimplemented!("by the lead")
-    }
-
-    /// Closes the episode: final graphs and metrics. `Aborted` if it still runs.
-    pub fn end(self) -> EndRecord {
-        unimplemented!("by the lead")
-    }
 }

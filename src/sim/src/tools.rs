@@ -42,7 +42,8 @@ pub struct ToolResult {
 }
 
 impl ToolResult {
-    fn new(outcome: Outcome) -> Self {
+    /// A result without a picture.
+    pub fn new(outcome: Outcome) -> Self {
         Self { outcome, frame: None, listed: Vec::new(), object: None, receptacle: None }
     }
 

@@ -99,9 +99,9 @@ impl Canvas {
             return;
         }
         let at = (y * self.width + x) * 3;
-        for channel in 0..3 {
-            let (under, over, ink) = (u32::from(self.rgb[at + channel]), u32::from(colour[channel]), u32::from(ink));
-            self.rgb[at + channel] = ((under * (255 - ink) + over * ink + 127) / 255) as u8;
+        let ink = u32::from(ink);
+        for (under, over) in self.rgb[at..at + 3].iter_mut().zip(colour) {
+            *under = ((u32::from(*under) * (255 - ink) + u32::from(over) * ink + 127) / 255) as u8;
         }
     }
 }

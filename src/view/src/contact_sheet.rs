@@ -16,9 +16,7 @@ const PADDING: usize = 8;
 const STRIP: usize = 4;
 const CALL_LINES: usize = 2;
 const OUTCOME_LINES: usize = 3;
-const CAPTION_HEIGHT: usize = 2 * PADDING + (1 + CALL_LINES + OUTCOME_LINES) * LINE;
 const LINE: usize = 18;
-const CARD_HEIGHT: usize = STRIP + PICTURE_HEIGHT + CAPTION_HEIGHT;
 
 const PAPER: Colour = [241, 243, 246];
 const CARD: Colour = [255, 255, 255];
@@ -34,8 +32,8 @@ struct Card {
     picture: Option<Vec<u8>>,
     title: String,
     reward: Option<f64>,
-    call: String,
-    outcome: String,
+    call: Vec<String>,
+    outcome: Vec<String>,
     colour: Colour,
 }
 
@@ -57,20 +55,22 @@ pub fn contact_sheet(trace: &Trace) -> Result<Vec<u8>, ViewError> {
     let instruction = wrap(&trace.task.instruction, small_columns, 4);
     let verdicts = wrap(&verdict, small_columns, 2);
     let header = MARGIN + titles.len() * 30 + (instruction.len() + verdicts.len()) * 20 + MARGIN;
-    let mut canvas = Canvas::new(width, header + rows * (CARD_HEIGHT + MARGIN), PAPER);
+    let caption = cards.iter().map(|card| card.call.len() + card.outcome.len()).max().unwrap_or(0);
+    let card_height = STRIP + PICTURE_HEIGHT + 2 * PADDING + (1 + caption) * LINE;
+    let mut canvas = Canvas::new(width, header + rows * (card_height + MARGIN), PAPER);
     let mut y = MARGIN;
-    let mut lines = |lines: &[String], font: Font, colour: Colour, step: usize| {
+    let mut write = |lines: &[String], font: Font, colour: Colour, step: usize| {
         for line in lines {
             canvas.text(MARGIN, y, line, font, colour);
             y += step;
         }
     };
-    lines(&titles, Font::Title, INK, 30);
-    lines(&instruction, Font::Small, INK, 20);
-    lines(&verdicts, Font::SmallBold, verdict_colour, 20);
+    write(&titles, Font::Title, INK, 30);
+    write(&instruction, Font::Small, INK, 20);
+    write(&verdicts, Font::SmallBold, verdict_colour, 20);
     for (index, card) in cards.iter().enumerate() {
         let x = MARGIN + index % columns * (CARD_WIDTH + MARGIN);
-        draw(&mut canvas, card, x, header + index / columns * (CARD_HEIGHT + MARGIN));
+        draw(&mut canvas, card, x, header + index / columns * (card_height + MARGIN), card_height);
     }
     Ok(canvas.png()?)
 }
@@ -80,8 +80,8 @@ fn cards(trace: &Trace) -> Result<Vec<Card>, ViewError> {
         picture: trace.frame_rgb(None)?,
         title: "start".into(),
         reward: None,
-        call: trace.scene.scene_id.clone(),
-        outcome: "before the first decision".into(),
+        call: lines(&trace.scene.scene_id, CALL_LINES),
+        outcome: lines("before the first decision", OUTCOME_LINES),
         colour: BLUE,
     };
     let mut cards = vec![start];
@@ -90,12 +90,25 @@ fn cards(trace: &Trace) -> Result<Vec<Card>, ViewError> {
             picture: trace.frame_rgb(Some(record.step))?,
             title: format!("step {}", record.step),
             reward: Some(record.reward_total()),
-            call: record.input.call.to_string(),
-            outcome: outcome(record),
+            call: lines(&call(record), CALL_LINES),
+            outcome: lines(&outcome(record), OUTCOME_LINES),
             colour: if record.outcome.is_ok() { GREEN } else { RED },
         });
     }
     Ok(cards)
+}
+
+fn lines(text: &str, lines_max: usize) -> Vec<String> {
+    wrap(text, (CARD_WIDTH - 2 * PADDING) / Font::Small.width(), lines_max)
+}
+
+/// The tool and the values of its arguments.
+fn call(record: &StepRecord) -> String {
+    let values: Vec<String> = match record.input.call.arguments.as_object() {
+        Some(map) => map.values().map(|value| value.as_str().map_or(value.to_string(), str::to_owned)).collect(),
+        None => Vec::new(),
+    };
+    format!("{} {}", record.input.call.name, values.join(", "))
 }
 
 fn outcome(record: &StepRecord) -> String {
@@ -123,8 +136,8 @@ fn verdict(trace: &Trace) -> (String, Colour) {
     )
 }
 
-fn draw(canvas: &mut Canvas, card: &Card, x: usize, y: usize) {
-    canvas.fill(x, y, CARD_WIDTH, CARD_HEIGHT, CARD);
+fn draw(canvas: &mut Canvas, card: &Card, x: usize, y: usize, height: usize) {
+    canvas.fill(x, y, CARD_WIDTH, height, CARD);
     canvas.fill(x, y, CARD_WIDTH, STRIP, card.colour);
     match &card.picture {
         Some(rgb) => canvas.paste_halved(x, y + STRIP, rgb, FRAME_WIDTH, FRAME_HEIGHT),
@@ -135,7 +148,6 @@ fn draw(canvas: &mut Canvas, card: &Card, x: usize, y: usize) {
             canvas.text(note_x, y + STRIP + (PICTURE_HEIGHT - Font::Small.height()) / 2, note, Font::Small, FAINT);
         }
     }
-    let columns = (CARD_WIDTH - 2 * PADDING) / Font::Small.width();
     let (left, mut line) = (x + PADDING, y + STRIP + PICTURE_HEIGHT + PADDING);
     canvas.text(left, line, &card.title, Font::SmallBold, card.colour);
     if let Some(reward) = card.reward {
@@ -144,12 +156,12 @@ fn draw(canvas: &mut Canvas, card: &Card, x: usize, y: usize) {
         canvas.text(right, line, &text, Font::SmallBold, if reward < 0.0 { RED } else { GREEN });
     }
     line += LINE;
-    for text in wrap(&card.call, columns, CALL_LINES) {
-        canvas.text(left, line, &text, Font::SmallBold, INK);
+    for text in &card.call {
+        canvas.text(left, line, text, Font::SmallBold, INK);
         line += LINE;
     }
-    for text in wrap(&card.outcome, columns, OUTCOME_LINES) {
-        canvas.text(left, line, &text, Font::Small, FAINT);
+    for text in &card.outcome {
+        canvas.text(left, line, text, Font::Small, FAINT);
         line += LINE;
     }
 }

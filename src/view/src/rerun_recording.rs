@@ -9,8 +9,8 @@ use reel_world::{
     record::{BodyState, RobotState, StepRecord},
 };
 use rerun::{
-    AsComponents, Boxes3D, Color, EncodedImage, Pinhole, Quaternion, RecordingStream, RecordingStreamBuilder,
-    RecordingStreamError, Scalars, TextDocument, TextLog, TextLogLevel, Transform3D, ViewCoordinates,
+    AsComponents, Boxes3D, EncodedImage, Pinhole, Quaternion, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
+    Rgba32, Scalars, TextDocument, TextLog, TextLogLevel, Transform3D, ViewCoordinates,
 };
 
 use crate::{ViewError, canvas::encode_png, transcript};
@@ -20,12 +20,12 @@ const FOCAL_PX: f32 = 400.0;
 /// Half of the robot's box in metres: for the eye, not the collider.
 const ROBOT_HALF_M: [f32; 3] = [0.22, 0.22, 0.5];
 
-const TARGET: Color = Color::from_rgb(46, 160, 67);
-const DISTRACTOR: Color = Color::from_rgb(227, 140, 28);
-const OTHER: Color = Color::from_rgb(120, 132, 150);
-const FURNITURE: Color = Color::from_rgb(86, 104, 168);
-const DOOR: Color = Color::from_rgb(150, 92, 170);
-const ROBOT: Color = Color::from_rgb(40, 44, 52);
+const TARGET: Rgba32 = Rgba32::from_rgb(46, 160, 67);
+const DISTRACTOR: Rgba32 = Rgba32::from_rgb(227, 140, 28);
+const OTHER: Rgba32 = Rgba32::from_rgb(120, 132, 150);
+const FURNITURE: Rgba32 = Rgba32::from_rgb(86, 104, 168);
+const DOOR: Rgba32 = Rgba32::from_rgb(150, 92, 170);
+const ROBOT: Rgba32 = Rgba32::from_rgb(40, 44, 52);
 
 /// Writes the recording. Equal traces give equal content.
 ///

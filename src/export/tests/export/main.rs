@@ -1,6 +1,7 @@
 //! The training set: what a row holds, what is refused, and that Hugging Face `datasets` reads it.
 
 #[path = "../../../tables/tests/tables/play.rs"]
+#[expect(dead_code, reason = "the tests of several crates share it")]
 mod play;
 
 use std::{fs::File, path::Path, process::Command};

@@ -303,7 +303,7 @@ fn frame(index: usize) -> Frame {
     let mut frame = Frame::new();
     for (pixel, rgb) in frame.rgb.chunks_exact_mut(3).enumerate() {
         let (x, y) = (pixel % FRAME_WIDTH, pixel / FRAME_WIDTH);
-        rgb.copy_from_slice(&[(y / 2) as u8, if (x / 40 + y / 40 + index) % 3 == 0 { 190 } else { 90 }, (x / 3) as u8]);
+        rgb.copy_from_slice(&[(y / 2) as u8, if (x / 40 + y / 40 + index).is_multiple_of(3) { 190 } else { 90 }, (x / 3) as u8]);
     }
     frame
 }

@@ -6,7 +6,10 @@ mod play;
 use play::{DISTRACTOR, Play, success};
 use reel_trace::Images;
 use reel_view::{contact_sheet, transcript};
-use reel_world::{ErrorCode, Family, record::EndReason};
+use reel_world::{
+    ErrorCode, Family,
+    record::{EndReason, PolicyOutput},
+};
 use tempfile::TempDir;
 
 fn size(png: &[u8]) -> (u32, u32) {
@@ -19,6 +22,7 @@ fn a_transcript_tells_everything_once() {
     let dir = TempDir::new().unwrap();
     let play =
         Play::new("hasty", Family::SUL, 3).nav("table_1").fails("pick", ErrorCode::NoMarkerMap).find("clock").pick(DISTRACTOR);
+    let play = play.thinking(PolicyOutput { reasoning: "Any clock\ntells the time.".into(), ..PolicyOutput::default() });
     let text = transcript(&play.finish().record(dir.path(), Images::None));
     let expected = "\
 episode      hasty-SUL-3
@@ -42,6 +46,8 @@ recorded by  reel 0.1.0, simulator 1
      reward   -0.03 = time -0.03 (one more decision)
 
   3  pick(marker_id=1)
+     thought  Any clock
+              tells the time.
      ok       Done.
      holds    clock_blue_3_on_table_1_at_t
      change   -clock_blue_3_on_table_1_at_t@table_1
@@ -69,7 +75,7 @@ fn a_sheet_has_a_card_for_every_moment() {
     }
     let (width, height) = size(&sheet);
     assert_eq!(width, 16 + 4 * (320 + 16), "four cards a row");
-    assert!(height > 2 * 340 && height < 3 * 420, "two rows for the start and seven steps: {height}");
+    assert!(height > 2 * 290 && height < 3 * 390, "two rows for the start and seven steps: {height}");
     assert_eq!(sheet, contact_sheet(&trace).unwrap());
     let lean = Play::new("lean", Family::FDP, 1).ended(EndReason::Aborted).record(dir.path(), Images::None);
     assert_eq!(size(&contact_sheet(&lean).unwrap()).0, 16 + 2 * (320 + 16), "a lean trace without a step is still a sheet");

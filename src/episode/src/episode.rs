@@ -1,0 +1,258 @@
+//! A running episode: the step function itself.
+
+use std::fmt;
+
+use reel_reward::{Rewarder, metrics};
+use reel_sim::{SIM_VERSION, Simulator, ToolResult};
+use reel_world::{
+    Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Tool, WorldGraph, chain, invariants,
+    record::{
+        Backend, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord, StateDigests, StepInput, StepRecord,
+        UserReply,
+    },
+};
+
+use crate::{Briefing, EpisodeConfig, EpisodeError, Privileged, StepOutput, user::RuleUser};
+
+/// A running episode.
+pub struct Episode {
+    config: EpisodeConfig,
+    header: EpisodeHeader,
+    simulator: Simulator,
+    user: RuleUser,
+    rewarder: Box<dyn Rewarder>,
+    graphs: Graphs,
+    start: StartRecord,
+    steps: Vec<StepRecord>,
+    chain: Digest,
+    ended: Option<EndReason>,
+}
+
+impl fmt::Debug for Episode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Episode({}, {} steps, ended: {:?})", self.header.episode_id, self.steps.len(), self.ended)
+    }
+}
+
+impl Episode {
+    /// Builds the world, lets it settle, takes the first picture.
+    ///
+    /// # Errors
+    /// When task and scene do not belong together.
+    pub fn start(config: EpisodeConfig) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
+        let (task, scene) = (&config.task, &config.scene);
+        if task.scene_id != scene.scene_id {
+            let (wanted, given) = (task.scene_id.clone(), scene.scene_id.clone());
+            return Err(EpisodeError::OtherScene { task: task.task_id.clone(), wanted, given });
+        }
+        let header = header(&config);
+        let mut simulator = Simulator::new(scene.clone(), task.clone(), config.profile, config.seed);
+        let frame = simulator.take_picture();
+        let graphs = simulator.graphs();
+        let mut start = StartRecord {
+            graphs: graphs.clone(),
+            bodies: simulator.bodies(),
+            robot: simulator.robot(),
+            visible: simulator.visible(),
+            shortest_path_m: simulator.shortest_path_m(),
+            digests: digests(&mut simulator, Some(&frame)),
+        };
+        start.digests.chain = chain::start_link(&header, &start);
+        let mut rewarder = config.preset.rewarder(task, scene);
+        rewarder.start(&start);
+        let mut user = RuleUser::new(task, scene);
+        user.observe("", &seen(&start.visible, &[]));
+        let chain = start.digests.chain;
+        let ended = simulator.fault().then_some(EndReason::Fault);
+        let episode =
+            Episode { header, simulator, user, rewarder, graphs, start: start.clone(), steps: Vec::new(), chain, ended, config };
+        Ok((episode, start, frame))
+    }
+
+    /// The header of the trace.
+    pub fn header(&self) -> &EpisodeHeader {
+        &self.header
+    }
+
+    /// What the agent is told.
+    pub fn briefing(&self) -> Briefing {
+        let entry =
+            |receptacle: &reel_world::Receptacle| (receptacle.id.clone(), receptacle.category.clone(), receptacle.room.clone());
+        Briefing {
+            instruction: self.config.task.instruction.clone(),
+            receptacles: self.config.scene.receptacles.iter().map(entry).collect(),
+        }
+    }
+
+    /// Takes one decision. After the end every call is an `episode_over` error that changes nothing.
+    ///
+    /// # Panics
+    /// When the simulator breaks an invariant of its own: a programmer's error.
+    pub fn step(&mut self, input: StepInput) -> StepOutput {
+        let parsed = Tool::parse(&input.call);
+        let (result, reply) = match &parsed {
+            _ if self.ended.is_some() => (refused(ErrorCode::EpisodeOver, "The episode is over."), None),
+            Ok(tool) => self.dispatch(tool, &input),
+            Err(error) => (refused(error.code(), &error.to_string()), None),
+        };
+        let graphs = self.simulator.graphs();
+        let changes = GraphChanges {
+            physics: graphs.physics.difference(&self.graphs.physics),
+            registry: graphs.registry.difference(&self.graphs.registry),
+        };
+        self.graphs = graphs;
+        let tool = parsed.ok();
+        let mut record = StepRecord {
+            step: u32::try_from(self.steps.len()).expect("an episode has few steps"),
+            input,
+            outcome: result.outcome,
+            tool: tool.as_ref().map(|tool| tool.paper_name().to_owned()),
+            reply,
+            markers: self.simulator.markers().to_vec(),
+            visible: self.simulator.visible(),
+            listed: result.listed,
+            object: result.object,
+            receptacle: result.receptacle,
+            held: self.simulator.held().cloned(),
+            changes,
+            bodies: self.simulator.bodies(),
+            robot: self.simulator.robot(),
+            sim_step: self.simulator.sim_step(),
+            reward: Vec::new(),
+            digests: digests(&mut self.simulator, result.frame.as_ref()),
+        };
+        if self.simulator.fault() {
+            record.outcome = Outcome::error(ErrorCode::PhysicsFault, "The simulation failed; the episode ends.");
+        }
+        record.reward = self.rewarder.step(&record);
+        record.digests.chain = chain::step_link(&self.chain, &record);
+        self.chain = record.digests.chain;
+        self.user.observe(&record.input.call.to_string(), &seen(&record.visible, &record.listed));
+        self.user.observe_held(record.held.as_ref());
+        self.check_invariants();
+        self.steps.push(record.clone());
+        self.ended = self.ended.or_else(|| self.end_reason(tool.as_ref()));
+        StepOutput { record, frame: result.frame }
+    }
+
+    /// Why the episode ended; none while it runs.
+    pub fn ended(&self) -> Option<EndReason> {
+        self.ended
+    }
+
+    /// The simulator's truth.
+    pub fn privileged(&self) -> Privileged<'_> {
+        Privileged {
+            task: &self.config.task,
+            scene: &self.config.scene,
+            graph: &self.graphs.physics,
+            markers: self.simulator.markers(),
+            held: self.simulator.held(),
+            landmark: self.simulator.landmark(),
+        }
+    }
+
+    /// The simulator, to look at.
+    pub fn simulator(&self) -> &Simulator {
+        &self.simulator
+    }
+
+    /// Closes the episode: final graphs and metrics. `Aborted` if it still runs.
+    pub fn end(self) -> EndRecord {
+        let authority: &WorldGraph = self.config.preset.authority(&self.graphs);
+        EndRecord {
+            reason: self.ended.unwrap_or(EndReason::Aborted),
+            metrics: metrics(&self.config.task, &self.start, &self.steps, authority),
+            chain: self.chain,
+            steps: u32::try_from(self.steps.len()).expect("an episode has few steps"),
+            graphs: self.graphs,
+        }
+    }
+
+    fn dispatch(&mut self, tool: &Tool, input: &StepInput) -> (ToolResult, Option<UserReply>) {
+        match tool {
+            Tool::Ask { question } => {
+                let reply = input.user_reply.clone().unwrap_or_else(|| self.user.answer(question));
+                (said(reply.text.clone()), Some(reply))
+            }
+            Tool::Finish => (said("Episode finished."), None),
+            Tool::Lifecycle(Lifecycle::ListTasks) => (said(serde_json::json!([self.config.task.task_id]).to_string()), None),
+            Tool::Lifecycle(Lifecycle::FinishWithId { task_id }) => {
+                let text = format!("Task {task_id} can only be started by a session; this episode plays one task.");
+                (refused(ErrorCode::BadArguments, &text), None)
+            }
+            tool => (self.simulator.call(tool), None),
+        }
+    }
+
+    fn end_reason(&self, tool: Option<&Tool>) -> Option<EndReason> {
+        if self.simulator.fault() {
+            Some(EndReason::Fault)
+        } else if tool == Some(&Tool::Finish) {
+            Some(EndReason::Finished)
+        } else {
+            (self.steps.len() >= HORIZON as usize).then_some(EndReason::Horizon)
+        }
+    }
+
+    fn check_invariants(&self) {
+        for graph in [&self.graphs.physics, &self.graphs.registry] {
+            let moment = invariants::Moment {
+                scene: &self.config.scene,
+                task: &self.config.task,
+                graph,
+                held: self.simulator.held(),
+                markers: self.simulator.markers(),
+            };
+            if let Err(violation) = invariants::check(&moment) {
+                panic!("task {}, seed {}: {violation}", self.config.task.task_id, self.config.seed);
+            }
+        }
+    }
+}
+
+fn header(config: &EpisodeConfig) -> EpisodeHeader {
+    let mut header = EpisodeHeader {
+        episode_id: String::new(),
+        run_id: config.run_id.clone(),
+        group_id: None,
+        rollout_index: None,
+        task_id: config.task.task_id.clone(),
+        family: config.task.family,
+        scene_id: config.scene.scene_id.clone(),
+        task_digest: Digest::of_json(&*config.task),
+        scene_digest: Digest::of_json(&*config.scene),
+        seed: config.seed,
+        sim_version: SIM_VERSION,
+        build: env!("CARGO_PKG_VERSION").to_owned(),
+        profile: config.profile,
+        reward_preset: config.preset.name().to_owned(),
+        policy: config.policy.clone(),
+        backend: Backend::Sim,
+        parent: None,
+    };
+    header.episode_id = Digest::of_json(&header).to_string()[..16].to_owned();
+    header
+}
+
+fn digests(simulator: &mut Simulator, frame: Option<&Frame>) -> StateDigests {
+    StateDigests {
+        state: simulator.digest(),
+        frame: frame.map(Frame::digests),
+        physics_steps: simulator.take_step_digests(),
+        chain: Digest::default(),
+    }
+}
+
+/// What an auxiliary observation holds: what is in the picture and what was told in words.
+fn seen(visible: &[reel_world::record::VisibleObject], listed: &[InstanceId]) -> Vec<InstanceId> {
+    visible.iter().map(|object| object.object.clone()).chain(listed.iter().cloned()).collect()
+}
+
+fn said(text: impl Into<String>) -> ToolResult {
+    ToolResult::new(Outcome::ok(text))
+}
+
+fn refused(code: ErrorCode, text: &str) -> ToolResult {
+    ToolResult::new(Outcome::error(code, text))
+}
