@@ -1,3 +1,100 @@
-//! The `reel` command: parses arguments, calls the crates, prints.
+//! The `reel` command: parses arguments, calls the crates, prints. Results go to stdout, progress and complaints to
+//! stderr. Exit codes: 0 fine, 1 the answer is "no", 2 wrong usage or input, 3 done, but with data loss.
 
-fn main() {}
+mod commands;
+mod inputs;
+mod progress;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Record, replay and ask about the episodes of embodied agents.
+///
+/// A first round, on tasks that Reel makes itself:
+///   reel tasks generate --count 8 --out tasks
+///   reel run --tasks tasks --policy oracle --out traces
+///   reel replay traces
+///   reel show traces/<episode>.mcap
+#[derive(Parser)]
+#[command(name = "reel", version, verbatim_doc_comment, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Play tasks with a policy and record every episode as a trace
+    Run(commands::run::Arguments),
+    /// Re-execute traces and compare every digest, picture and text
+    Replay(commands::replay::Arguments),
+    /// Print a trace as a readable transcript
+    Show(commands::show::Arguments),
+    /// Write the pictures of a trace as PNG files, and a contact sheet
+    Frames(commands::frames::Arguments),
+    /// Read traces into a store of tables
+    #[cfg(feature = "analytics")]
+    Ingest(commands::ingest::Arguments),
+    /// Ask a store in SQL, by text or by a named query
+    #[cfg(feature = "analytics")]
+    Query(commands::query::Arguments),
+    /// Write training sets and recordings for other tools
+    Export(commands::export::Arguments),
+    /// Check or make task files
+    Tasks(commands::tasks::Arguments),
+    /// The whole loop on embedded defaults: run, replay, ingest, query, picture
+    #[cfg(feature = "analytics")]
+    Demo(commands::demo::Arguments),
+    /// Measure: physics, pictures, episodes, replay, trace bytes
+    Bench(commands::bench::Arguments),
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Run(arguments) => commands::run::run(&arguments),
+        Command::Replay(arguments) => commands::replay::run(&arguments),
+        Command::Show(arguments) => commands::show::run(&arguments),
+        Command::Frames(arguments) => commands::frames::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Ingest(arguments) => commands::ingest::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Query(arguments) => commands::query::run(&arguments),
+        Command::Export(arguments) => commands::export::run(&arguments),
+        Command::Tasks(arguments) => commands::tasks::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Demo(arguments) => commands::demo::run(&arguments),
+        Command::Bench(arguments) => commands::bench::run(&arguments),
+    };
+    match result {
+        Ok(answer) => answer.into(),
+        Err(error) => {
+            eprintln!("reel: {error:#}");
+            Answer::BadInput.into()
+        }
+    }
+}
+
+/// What a command came to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Answer {
+    /// Fine.
+    Yes,
+    /// The answer is "no": a replay diverged, a check failed.
+    No,
+    /// Wrong usage or input.
+    BadInput,
+    /// Done, but something was lost or left out.
+    Loss,
+}
+
+impl From<Answer> for ExitCode {
+    fn from(answer: Answer) -> Self {
+        ExitCode::from(match answer {
+            Answer::Yes => 0,
+            Answer::No => 1,
+            Answer::BadInput => 2,
+            Answer::Loss => 3,
+        })
+    }
+}

@@ -224,7 +224,7 @@ fn header(config: &EpisodeConfig) -> EpisodeHeader {
         scene_digest: Digest::of_json(&*config.scene),
         seed: config.seed,
         sim_version: SIM_VERSION,
-        build: env!("CARGO_PKG_VERSION").to_owned(),
+        build: String::new(),
         profile: config.profile,
         reward_preset: config.preset.name().to_owned(),
         policy: config.policy.clone(),
@@ -232,6 +232,7 @@ fn header(config: &EpisodeConfig) -> EpisodeHeader {
         parent: None,
     };
     header.episode_id = Digest::of_json(&header).to_string()[..16].to_owned();
+    header.build = env!("CARGO_PKG_VERSION").to_owned();
     header
 }
 

@@ -1,5 +1,6 @@
 //! The hash chain of an episode: each link covers the link before it, the step's inputs and its outputs, so
-//! that nothing can be changed, left out or put elsewhere without being seen. Wall-clock values are not covered.
+//! that nothing can be changed, left out or put elsewhere without being seen. Wall-clock values and the
+//! version of Reel are not covered: they do not belong to what an episode is a function of.
 
 use crate::{
     Digest, canonical_json,
@@ -8,9 +9,11 @@ use crate::{
 
 /// The link of the start: over the header and the start record.
 pub fn start_link(header: &EpisodeHeader, start: &StartRecord) -> Digest {
+    let mut header = header.clone();
+    header.build.clear();
     let mut start = start.clone();
     start.digests.chain = Digest::default();
-    Digest::of(canonical_json(&(header, &start)).as_bytes())
+    Digest::of(canonical_json(&(&header, &start)).as_bytes())
 }
 
 /// The link of a step: over the link before it and the step's record.

@@ -1,0 +1,112 @@
+//! `reel demo`: the whole loop on embedded defaults.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Instant,
+};
+
+use anyhow::{Context, bail};
+use reel_query::{Format, named};
+use reel_tasks::{GenerateOptions, generate};
+use reel_trace::Trace;
+use reel_world::{Family, Profile, Task};
+
+use crate::{
+    Answer,
+    commands::{ingest, query, run},
+    inputs, progress,
+};
+
+const POLICIES: [&str; 7] = ["oracle", "planner", "wrong-object", "wrong-receptacle", "no-ask", "oscillating", "forgets-door"];
+
+/// The whole loop on embedded defaults: make tasks, play them with the oracle and with policies that make mistakes,
+/// replay every episode bit for bit, read them into tables, ask for the benchmark and the failures, draw one episode.
+///
+/// Example:
+///   reel demo --out demo-out
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Folder for everything; what an earlier demo left there is replaced
+    #[arg(long, value_name = "DIR", default_value = "demo-out")]
+    out: PathBuf,
+    /// How many tasks; each is played by seven policies
+    #[arg(long, value_name = "N", default_value_t = 30)]
+    count: usize,
+    /// Episodes at a time; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let begun = Instant::now();
+    let out = &arguments.out;
+    let (traces, store) = (out.join("traces"), out.join("store"));
+    for folder in [&traces, &store] {
+        if folder.exists() {
+            fs::remove_dir_all(folder).with_context(|| format!("cannot clear {}", folder.display()))?;
+        }
+    }
+    let workers = inputs::workers(arguments.jobs);
+    let scene = inputs::scene(None)?;
+    let made = generate(&GenerateOptions { scene: &scene, families: &Family::ALL, count: arguments.count, seed: 1 });
+    let tasks: Vec<Arc<Task>> = made.tasks.into_iter().map(Arc::new).collect();
+    println!("1. {} tasks in scene '{}' ({} receptacles)", tasks.len(), scene.scene_id, scene.receptacles.len());
+
+    println!("2. played and recorded");
+    let mut recorded: Vec<PathBuf> = Vec::new();
+    for policy in POLICIES {
+        let plan = run::Plan { scene: scene.clone(), policy, seed: 1, profile: Profile::Paper, out: &traces, images: true };
+        let results = run::play(&plan, &tasks, workers, "reel demo --jobs 1")?;
+        let reports = results.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let won = reports.iter().filter(|report| report.success).count();
+        println!("   {policy:17} {won:3} of {} reach the goal", reports.len());
+        recorded.extend(reports.into_iter().filter_map(|report| report.trace));
+    }
+
+    let bar = progress::bar(recorded.len(), "replay");
+    let verdicts = reel_replay::verify_all(&recorded, workers, |_, _| bar.inc(1));
+    bar.finish_and_clear();
+    let exact = verdicts.iter().filter(|verdict| verdict.is_exact()).count();
+    println!("3. {exact} of {} episodes replay bit for bit", recorded.len());
+    for (path, verdict) in recorded.iter().zip(&verdicts).filter(|(_, verdict)| !verdict.is_exact()) {
+        println!("   {}: {verdict}", path.display());
+    }
+    if exact < recorded.len() {
+        bail!("a replay diverged: that is a fault of Reel; please report it with the trace");
+    }
+
+    let report = ingest::ingest(&recorded, &store)?;
+    println!("4. {} episodes in tables\n", report.added);
+    for name in ["main_results", "failures"] {
+        let named = named::by_name(name).with_context(|| format!("no query is called '{name}'"))?;
+        println!("{} (reel query --store {} --named {name})", named.summary(), store.display());
+        query::print(&store, named.sql, Format::Table)?;
+        println!();
+    }
+
+    let sheet = out.join("contact_sheet.png");
+    let episode = pictured(&recorded)?;
+    fs::write(&sheet, reel_view::contact_sheet(&Trace::read(&episode)?)?)?;
+    println!(
+        "{} episodes in {:.0} s. Where everything lies, and what to try next:",
+        recorded.len(),
+        begun.elapsed().as_secs_f64()
+    );
+    println!("  {}", sheet.display());
+    println!("  reel show {}", episode.display());
+    println!("  reel query --store {} \"SELECT task_id, policy, length FROM episodes WHERE NOT success\"", store.display());
+    println!("  reel export sft {} --out sft.parquet", traces.display());
+    println!("  reel export rrd {} --out episode.rrd", episode.display());
+    Ok(Answer::Yes)
+}
+
+/// The oracle's first FODP episode: same-category objects to tell apart.
+fn pictured(recorded: &[PathBuf]) -> anyhow::Result<PathBuf> {
+    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let wanted = |path: &&PathBuf| name(path).starts_with("FODP") && name(path).contains("--oracle--");
+    recorded.iter().find(wanted).or_else(|| recorded.first()).cloned().context("nothing was recorded")
+}

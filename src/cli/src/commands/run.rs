@@ -1,0 +1,210 @@
+//! `reel run`: plays tasks with a policy and records every episode.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use anyhow::{Context, bail};
+use reel_agents::{AgentError, EpisodeReport, Job, POLICIES, RecordTo, run_all};
+use reel_episode::EpisodeConfig;
+use reel_reward::Preset;
+use reel_trace::Images;
+use reel_world::{Profile, Scene, Task, record::PolicyInfo};
+
+use crate::{Answer, inputs, progress};
+
+/// Play tasks with a policy and record every episode as a trace.
+///
+/// Examples:
+///   reel run --tasks tasks                            # the oracle, in the home that comes with Reel
+///   reel run --tasks real-bench/tasks --scene real-bench/s7_scene.json --policy wrong-object --seed 7 --out traces/wrong
+///
+/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door, gibberish.
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Task file (REAL-Bench YAML) or folder of them
+    #[arg(long, value_name = "PATH")]
+    tasks: PathBuf,
+    /// Scene file (JSON); without it the home that comes with Reel
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Who decides
+    #[arg(long, value_name = "NAME", default_value = "oracle")]
+    policy: String,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Folder for the traces
+    #[arg(long, value_name = "DIR", default_value = "traces-out")]
+    out: PathBuf,
+    /// Episodes at a time; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// How the environment behaves where the paper and the published code differ: paper or real-repo
+    #[arg(long, value_name = "NAME", default_value = "paper")]
+    profile: String,
+    /// Leave the pictures out; replay renders them again
+    #[arg(long)]
+    no_images: bool,
+    /// Play the tasks in reverse order (a check: the traces must not depend on it)
+    #[arg(long, hide = true)]
+    reversed: bool,
+    /// Print one JSON object an episode instead of the table
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    if !POLICIES.iter().any(|(name, _)| *name == arguments.policy) {
+        let known: Vec<String> = POLICIES.iter().map(|(name, what)| format!("  {name:17} {what}")).collect();
+        bail!("no policy is called '{}'; there are\n{}", arguments.policy, known.join("\n"));
+    }
+    let Some(profile) = Profile::parse(&arguments.profile) else {
+        bail!("no profile is called '{}'; there are paper and real-repo", arguments.profile);
+    };
+    let scene = inputs::scene(arguments.scene.as_deref())?;
+    let (mut tasks, broken) = inputs::tasks(&arguments.tasks, &scene)?;
+    if arguments.reversed {
+        tasks.reverse();
+    }
+    let plan = Plan {
+        scene,
+        policy: &arguments.policy,
+        seed: arguments.seed,
+        profile,
+        out: &arguments.out,
+        images: !arguments.no_images,
+    };
+    let scene_flag = arguments.scene.as_ref().map_or(String::new(), |path| format!(" --scene {}", path.display()));
+    let command = format!(
+        "reel run --tasks {}{scene_flag} --policy {} --seed {} --jobs 1",
+        arguments.tasks.display(),
+        arguments.policy,
+        arguments.seed
+    );
+    let results = play(&plan, &tasks, inputs::workers(arguments.jobs), &command)?;
+    let mut failed = 0;
+    let mut reports = Vec::new();
+    for result in results {
+        match result {
+            Ok(report) => reports.push(report),
+            Err(error) => {
+                failed += 1;
+                eprintln!("reel: {error}");
+            }
+        }
+    }
+    if arguments.json {
+        for report in &reports {
+            println!("{}", json(report));
+        }
+    } else {
+        print!("{}", summary(&arguments.policy, &reports));
+        println!("traces: {}", arguments.out.display());
+    }
+    Ok(if failed > 0 {
+        Answer::No
+    } else if broken > 0 {
+        Answer::Loss
+    } else {
+        Answer::Yes
+    })
+}
+
+/// How to play a set of tasks.
+pub struct Plan<'a> {
+    /// The scene of all tasks.
+    pub scene: Arc<Scene>,
+    /// Name of the policy.
+    pub policy: &'a str,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Behaviour where paper and published code differ.
+    pub profile: Profile,
+    /// Folder for the traces.
+    pub out: &'a Path,
+    /// Whether the traces hold the pictures.
+    pub images: bool,
+}
+
+/// Plays tasks; results in their order.
+///
+/// # Errors
+/// When the folder cannot be made.
+pub fn play(
+    plan: &Plan<'_>,
+    tasks: &[Arc<Task>],
+    workers: usize,
+    command: &str,
+) -> anyhow::Result<Vec<Result<EpisodeReport, AgentError>>> {
+    fs::create_dir_all(plan.out).with_context(|| format!("cannot make the folder {}", plan.out.display()))?;
+    let job = |task: &Arc<Task>| {
+        let name = format!("{}--{}--{}.mcap", task.task_id.replace(['/', '\\'], "_"), plan.policy, plan.seed);
+        let images = if plan.images { Images::Full } else { Images::None };
+        let path = plan.out.join(name);
+        // What an interrupted run left of this very episode is made again.
+        let _ = fs::remove_file(path.with_added_extension("part"));
+        Job {
+            config: EpisodeConfig {
+                task: task.clone(),
+                scene: plan.scene.clone(),
+                seed: plan.seed,
+                profile: plan.profile,
+                preset: Preset::Paper,
+                run_id: format!("{}-{}", plan.policy, plan.seed),
+                policy: PolicyInfo::default(),
+            },
+            policy: plan.policy.to_owned(),
+            record: Some(RecordTo { path, images }),
+            command: command.to_owned(),
+        }
+    };
+    let bar = progress::bar(tasks.len(), plan.policy);
+    let results = run_all(tasks.iter().map(job).collect(), workers, |_| bar.inc(1));
+    bar.finish_and_clear();
+    Ok(results)
+}
+
+/// A table by family, and the tasks that could not be reached, by name and reason.
+pub fn summary(policy: &str, reports: &[EpisodeReport]) -> String {
+    let mut text = format!("{policy:18} episodes  success  completion  reward  length\n");
+    let mut line = |name: &str, group: &[&EpisodeReport]| {
+        let mean = |value: &dyn Fn(&EpisodeReport) -> f64| {
+            group.iter().map(|report| value(report)).sum::<f64>() / group.len().max(1) as f64
+        };
+        text.push_str(&format!(
+            "  {name:16} {:8} {:7.1}% {:10.1}% {:7.2} {:7.1}\n",
+            group.len(),
+            100.0 * mean(&|report| f64::from(u8::from(report.success))),
+            100.0 * mean(&|report| report.completion),
+            mean(&|report| report.total_reward),
+            mean(&|report| f64::from(report.length)),
+        ));
+    };
+    for family in reel_world::Family::ALL {
+        let group: Vec<&EpisodeReport> = reports.iter().filter(|report| report.family == family).collect();
+        if !group.is_empty() {
+            line(family.as_str(), &group);
+        }
+    }
+    line("all", &reports.iter().collect::<Vec<_>>());
+    for report in reports.iter().filter(|report| !report.success) {
+        if let Some(reason) = &report.unreachable {
+            text.push_str(&format!("  unreachable: {}: {reason}\n", report.task_id));
+        }
+    }
+    text
+}
+
+fn json(report: &EpisodeReport) -> serde_json::Value {
+    serde_json::json!({
+        "episode_id": report.episode_id, "task_id": report.task_id, "family": report.family, "policy": report.policy,
+        "seed": report.seed, "success": report.success, "completion": report.completion,
+        "total_reward": report.total_reward, "length": report.length, "asks": report.asks,
+        "end_reason": report.end_reason, "trace": report.trace, "bytes": report.bytes, "unreachable": report.unreachable,
+    })
+}

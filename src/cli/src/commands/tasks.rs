@@ -1,0 +1,130 @@
+//! `reel tasks`: checks and makes task files.
+
+use std::{collections::BTreeMap, fs, path::PathBuf};
+
+use anyhow::{Context, bail};
+use reel_tasks::{GenerateOptions, generate};
+use reel_world::Family;
+use serde_json::json;
+
+use crate::{Answer, inputs};
+
+/// Check or make task files.
+#[derive(clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Load task files, name what is broken by file, line and field, and list every oddity
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Example:
+    ///   reel tasks check real-bench/tasks --scene real-bench/s7_scene.json
+    Check {
+        /// Task file or folder
+        #[arg(value_name = "PATH")]
+        path: PathBuf,
+        /// Scene file; without it `s7_scene.json` beside the tasks, else the home that comes with Reel
+        #[arg(long, value_name = "FILE")]
+        scene: Option<PathBuf>,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Make tasks of all four families and write them as REAL-Bench YAML files
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Example:
+    ///   reel tasks generate --count 40 --seed 1 --out tasks
+    Generate {
+        /// Scene file; without it the home that comes with Reel
+        #[arg(long, value_name = "FILE")]
+        scene: Option<PathBuf>,
+        /// How many tasks
+        #[arg(long, value_name = "N", default_value_t = 40)]
+        count: usize,
+        /// Families, in turn
+        #[arg(long, value_name = "FDP,FODP,FDO,SUL", value_delimiter = ',')]
+        families: Vec<String>,
+        /// Seed of everything random
+        #[arg(long, value_name = "N", default_value_t = 0)]
+        seed: u64,
+        /// Folder for the files
+        #[arg(long, value_name = "DIR", default_value = "tasks-out")]
+        out: PathBuf,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    match &arguments.command {
+        Command::Check { path, scene, json } => check(path, scene.clone(), *json),
+        Command::Generate { scene, count, families, seed, out, json } => {
+            let scene = inputs::scene(scene.as_deref())?;
+            let families = parse_families(families)?;
+            let made = generate(&GenerateOptions { scene: &scene, families: &families, count: *count, seed: *seed });
+            for task in &made.tasks {
+                let path = out.join(format!("{}.yaml", task.task_id));
+                let folder = path.parent().unwrap_or(out);
+                fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+                fs::write(&path, reel_tasks::yaml::write(task, &scene))
+                    .with_context(|| format!("cannot write {}", path.display()))?;
+            }
+            if *json {
+                println!("{}", json!({ "tasks": made.tasks.len(), "rejected": made.rejected, "out": out }));
+            } else {
+                println!("{} tasks in {}", made.tasks.len(), out.display());
+                for (reason, count) in &made.rejected {
+                    println!("  rejected {count}: {reason}");
+                }
+            }
+            Ok(if made.tasks.len() == *count { Answer::Yes } else { Answer::No })
+        }
+    }
+}
+
+fn check(path: &std::path::Path, scene: Option<PathBuf>, as_json: bool) -> anyhow::Result<Answer> {
+    let beside = path.parent().map(|folder| folder.join("s7_scene.json")).filter(|file| file.exists());
+    let scene = inputs::scene(scene.or(beside).as_deref())?;
+    let report = reel_tasks::load(path, &scene);
+    let (loaded, files) = (report.tasks.len(), report.tasks.len() + report.broken.len());
+    if files == 0 {
+        bail!("no task file (.yaml) in {}", path.display());
+    }
+    if as_json {
+        let broken: Vec<String> = report.broken.iter().map(ToString::to_string).collect();
+        println!("{}", json!({ "loaded": loaded, "files": files, "oddities": report.oddities, "broken": broken }));
+    } else {
+        for oddity in &report.oddities {
+            println!("{oddity}");
+        }
+        for error in &report.broken {
+            println!("broken: {error}");
+        }
+        let mut kinds: BTreeMap<&str, usize> = BTreeMap::new();
+        for oddity in &report.oddities {
+            *kinds.entry(oddity.kind.as_str()).or_default() += 1;
+        }
+        println!("{loaded} of {files} tasks load in scene {}", scene.scene_id);
+        for (kind, count) in kinds {
+            println!("  {count:4} {kind}");
+        }
+    }
+    Ok(if report.broken.is_empty() { Answer::Yes } else { Answer::No })
+}
+
+fn parse_families(names: &[String]) -> anyhow::Result<Vec<Family>> {
+    if names.is_empty() {
+        return Ok(Family::ALL.to_vec());
+    }
+    let parse = |name: &String| {
+        Family::parse(name).with_context(|| format!("no family is called '{name}'; there are FDP, FODP, FDO, SUL"))
+    };
+    names.iter().map(parse).collect()
+}

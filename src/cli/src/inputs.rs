@@ -1,0 +1,70 @@
+//! What several commands take in: scenes, tasks, trace files, workers.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+    thread::available_parallelism,
+};
+
+use anyhow::{Context, bail};
+use reel_world::{Scene, Task};
+
+/// The scene of a file; without one, the home that comes with Reel.
+pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
+    let Some(path) = path else { return Ok(Arc::new(reel_tasks::home())) };
+    let loaded = reel_tasks::scene::load(path)?;
+    for warning in &loaded.warnings {
+        eprintln!("reel: {}: {warning}", path.display());
+    }
+    Ok(Arc::new(loaded.scene))
+}
+
+/// The tasks of a file or folder; broken files are named and left out.
+pub fn tasks(path: &Path, scene: &Scene) -> anyhow::Result<(Vec<Arc<Task>>, usize)> {
+    let report = reel_tasks::load(path, scene);
+    for error in &report.broken {
+        eprintln!("reel: {error}");
+    }
+    if report.tasks.is_empty() {
+        bail!("no task could be loaded from {}; `reel tasks check {0}` says more", path.display());
+    }
+    Ok((report.tasks.into_iter().map(Arc::new).collect(), report.broken.len()))
+}
+
+/// The trace files among the paths: files as given, folders searched for `.mcap`, sorted.
+pub fn traces(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for path in paths {
+        if path.is_dir() {
+            collect(path, &mut found).with_context(|| format!("cannot list {}", path.display()))?;
+        } else if path.exists() {
+            found.push(path.clone());
+        } else {
+            bail!("no such trace or folder: {}", path.display());
+        }
+    }
+    if found.is_empty() {
+        let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+        bail!("no .mcap file in {}; `reel run` records some", names.join(", "));
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// The workers asked for, or one for each core.
+pub fn workers(jobs: Option<usize>) -> usize {
+    jobs.unwrap_or_else(|| available_parallelism().map_or(1, usize::from)).max(1)
+}
+
+fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            collect(&path, found)?;
+        } else if path.extension().is_some_and(|extension| extension == "mcap") {
+            found.push(path);
+        }
+    }
+    Ok(())
+}
