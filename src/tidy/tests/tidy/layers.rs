@@ -1,0 +1,106 @@
+//! Which crate may use which, over `cargo metadata`. The table is the architecture: a line added here is a decision.
+
+use cargo_metadata::{DependencyKind, MetadataCommand, Package};
+use reel_tidy::{crates, root};
+
+/// What a crate of ours may use of ours, tests apart. `cli` may use all.
+const LAYERS: &[(&str, &[&str])] = &[
+    ("world", &[]),
+    ("reward", &["world"]),
+    ("plan", &["world"]),
+    ("sim", &["world"]),
+    ("trace", &["world"]),
+    ("tasks", &["world"]),
+    ("episode", &["world", "sim", "reward"]),
+    ("agents", &["world", "plan", "episode", "trace"]),
+    // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
+    ("replay", &["world", "sim", "reward", "plan", "episode", "trace"]),
+    ("tables", &["world", "reward", "trace"]),
+    ("query", &["tables", "replay"]),
+    ("export", &["world", "trace", "tables", "replay"]),
+    ("view", &["world", "trace", "replay"]),
+    ("tidy", &[]),
+];
+
+/// Outside packages that only some crates of ours may use, tests included. A name ending in `*` is a prefix.
+const ONLY_IN: &[(&str, &[&str])] = &[
+    ("axum*", &["server"]),
+    ("clap*", &["cli"]),
+    ("indicatif", &["cli"]),
+    ("anyhow", &["cli"]),
+    ("datafusion*", &["query", "tables"]),
+    ("arrow*", &["query", "tables"]),
+    ("parquet", &["query", "tables"]),
+    ("polars*", &["export"]),
+    ("rapier3d*", &["sim"]),
+    ("parry3d*", &["sim"]),
+    ("mcap", &["trace"]),
+    ("prost*", &["trace"]),
+    ("rerun*", &["view"]),
+    ("tokio", &["query", "server"]),
+    ("rayon", &["agents", "replay", "tables", "export", "cli", "server"]),
+    ("rand_chacha", &["sim", "tasks", "agents"]),
+    ("rand_core", &["sim", "tasks", "agents"]),
+    ("rand", &[]),
+];
+
+#[test]
+fn every_crate_keeps_to_its_layer() {
+    for package in workspace() {
+        let name = short(&package);
+        if name == "cli" {
+            continue;
+        }
+        let (_, allowed) = LAYERS.iter().find(|(layer, _)| *layer == name).unwrap_or_else(|| panic!("src/{name} has no layer in this table"));
+        let uses = package.dependencies.iter().filter(|dependency| dependency.kind != DependencyKind::Development);
+        for used in uses.filter_map(|dependency| dependency.name.strip_prefix("reel-").map(str::to_owned)) {
+            assert!(allowed.contains(&used.as_str()), "src/{name} may not use src/{used}");
+        }
+    }
+}
+
+/// Tests may reach across, but a lower layer is never tested with what is built on it by accident: no cycles through tests
+/// into `cli`, and the table above is free of cycles because every crate stands below those it uses.
+#[test]
+fn the_table_has_no_cycles() {
+    for (index, (name, uses)) in LAYERS.iter().enumerate() {
+        for used in *uses {
+            let below = LAYERS[..index].iter().any(|(layer, _)| layer == used);
+            assert!(below, "{used} has to stand above {name} in the table");
+        }
+    }
+}
+
+#[test]
+fn outside_packages_stay_where_they_belong() {
+    for package in workspace() {
+        let name = short(&package);
+        for dependency in &package.dependencies {
+            for (pattern, allowed) in ONLY_IN {
+                let matches = match pattern.strip_suffix('*') {
+                    Some(prefix) => dependency.name.starts_with(prefix),
+                    None => dependency.name == *pattern,
+                };
+                assert!(!matches || allowed.contains(&name.as_str()), "src/{name} may not use {}", dependency.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn every_folder_is_a_crate_of_its_name() {
+    let mut names: Vec<String> = workspace().iter().map(short).collect();
+    names.sort();
+    assert_eq!(names, crates());
+}
+
+/// The packages of the workspace, as Cargo sees them.
+pub fn workspace() -> Vec<Package> {
+    let metadata = MetadataCommand::new().manifest_path(root().join("Cargo.toml")).no_deps().exec();
+    metadata.unwrap_or_else(|error| panic!("cargo metadata: {error}")).packages
+}
+
+fn short(package: &Package) -> String {
+    let name = package.name.as_str();
+    name.strip_prefix("reel-").unwrap_or(name).to_owned()
+}
