@@ -9,6 +9,7 @@ use super::{parts::extent, *};
 use crate::geometry::{Shape, add, sub};
 
 /// Reads a file of the real benchmark data; none, with a word, where it is absent.
+#[expect(clippy::disallowed_methods, reason = "tests look for outside data; the simulator itself reads nothing")]
 fn real_data(name: &str) -> Option<Value> {
     let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/real-bench");
     let folder = std::env::var_os("REEL_REAL_BENCH").map_or(default, PathBuf::from);

@@ -1,0 +1,31 @@
+# Reel's few verbs. Build output goes to one place outside the checkout, so that clones and worktrees share it.
+export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
+# Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
+TEST_ARGS ?=
+
+.PHONY: help demo test bench lint acceptance clean
+.DEFAULT_GOAL := help
+
+help: ## list these verbs
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 20
+
+demo: ## build reel; then record, replay, ask, export and draw episodes in demo-out
+	cargo build --locked -p reel-cli
+	"$(CARGO_TARGET_DIR)/debug/reel" demo --out demo-out
+
+test: ## run every test of the workspace
+	cargo test --locked --workspace -- $(TEST_ARGS)
+
+bench: ## measure the lean release build
+	cargo run --locked --release -p reel-cli --no-default-features -- bench
+
+lint: ## check format and lints
+	cargo fmt --all --check
+	cargo clippy --locked --workspace --all-targets -- -D warnings
+
+acceptance: ## play all of REAL-Bench, replay it in every build and print figures (needs the data)
+	tests/acceptance.sh
+
+clean: ## remove what was built and written here
+	rm -rf demo-out
+	cargo clean

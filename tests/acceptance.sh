@@ -1,0 +1,73 @@
+#!/usr/bin/env bash
+# Plays every REAL-Bench task with the oracle and with each faulty policy, replays all of it with one and with two
+# threads, lets an unoptimised build replay what an optimised one recorded, and prints figures. Fails on any divergence.
+#
+# REEL_REAL_BENCH  the published data (default: ../shared/real-bench beside the checkout)
+# REEL_OUT         where traces go (default: a temporary folder, removed at the end)
+# REEL_SAMPLE      tasks of each family that the builds exchange (default: 3; the unoptimised build is slow)
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+data=${REEL_REAL_BENCH:-../shared/real-bench}
+sample=${REEL_SAMPLE:-3}
+seed=7
+export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
+if [[ ! -d $data/tasks ]]; then
+  echo "no REAL-Bench data at $data: set REEL_REAL_BENCH" >&2
+  exit 2
+fi
+scene=$data/s7_scene.json
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+out=${REEL_OUT:-$work/traces}
+mkdir -p "$out"
+
+figures=()
+# timed NAME COMMAND...: runs it, keeps the seconds; stops the script when it fails.
+timed() {
+  local name=$1 begin=$EPOCHREALTIME
+  shift
+  echo "== $name" >&2
+  "$@"
+  figures+=("$(awk -v n="$name" -v a="$begin" -v b="$EPOCHREALTIME" 'BEGIN { printf "%-44s %9.1f s", n, b - a }')")
+}
+count() { find "$1" -name '*.mcap' | wc -l; }
+bytes() { find "$1" -name '*.mcap' -printf '%s\n' | awk '{ sum += $1 } END { printf "%d", sum }'; }
+
+timed "build, daily" cargo build --locked --quiet -p reel-cli
+timed "build, lean release" cargo build --locked --quiet --release -p reel-cli --no-default-features
+timed "build, lean unoptimised" cargo build --locked --quiet --profile unopt -p reel-cli --no-default-features
+daily=$CARGO_TARGET_DIR/debug/reel
+release=$CARGO_TARGET_DIR/release/reel
+unopt=$CARGO_TARGET_DIR/unopt/reel
+jobs=$(nproc)
+
+timed "tasks check" "$daily" tasks check "$data/tasks" --scene "$scene"
+
+tasks=$(find "$data/tasks" -name '*.yaml' | wc -l)
+for policy in oracle wrong-object wrong-receptacle no-ask oscillating forgets-door gibberish; do
+  timed "record $policy" "$daily" run --tasks "$data/tasks" --scene "$scene" --policy "$policy" --seed "$seed" --out "$out/$policy" --jobs "$jobs"
+  recorded=$(count "$out/$policy")
+  if ((recorded == 0)); then
+    echo "$policy recorded nothing in $out/$policy" >&2
+    exit 1
+  fi
+  timed "replay $policy, 1 thread" "$daily" replay "$out/$policy" --jobs 1
+  timed "replay $policy, 2 threads" "$daily" replay "$out/$policy" --jobs 2
+  figures+=("$(printf '%-44s %9d of %d task files, %d bytes each' "traces of $policy" "$recorded" "$tasks" "$(($(bytes "$out/$policy") / recorded))")")
+done
+
+# A few tasks of each family, from one build to the other.
+for family in "$data"/tasks/*/; do
+  mkdir -p "$work/sample/$(basename "$family")"
+  find "$family" -name '*.yaml' | sort | awk -v n="$sample" 'NR <= n' | xargs -I{} cp {} "$work/sample/$(basename "$family")/"
+done
+timed "record a sample, release" "$release" run --tasks "$work/sample" --scene "$scene" --policy oracle --seed "$seed" --out "$work/release" --jobs "$jobs"
+timed "replay it, release" "$release" replay "$work/release" --jobs "$jobs"
+timed "replay it, daily" "$daily" replay "$work/release" --jobs "$jobs"
+timed "replay it, unoptimised" "$unopt" replay "$work/release" --jobs "$jobs"
+
+echo
+echo "== figures ($(count "$out") traces, $(bytes "$out") bytes, $jobs cores) =="
+printf '%s\n' "${figures[@]}"
+echo "no replay diverged"
