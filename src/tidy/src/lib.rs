@@ -39,7 +39,8 @@ pub fn rust_files() -> Vec<(String, String)> {
 /// The folders of `src`: one crate each.
 pub fn crates() -> Vec<String> {
     let entries = fs::read_dir(root().join("src")).expect("src is a folder");
-    let mut names: Vec<String> = entries.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<String> =
+        entries.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned()).collect();
     names.sort();
     names
 }
@@ -52,8 +53,13 @@ pub fn opens_with_doc(text: &str) -> bool {
 /// Lines with what someone meant to come back to, as (line number from 1, what).
 pub fn leftovers(text: &str) -> Vec<(usize, &'static str)> {
     // In two parts, so that this file does not find itself.
-    const WORDS: &[&str] =
-        &[concat!("dbg", "!("), concat!("todo", "!("), concat!("unimplemented", "!("), concat!("FIX", "ME"), concat!("#[", "ignore")];
+    const WORDS: &[&str] = &[
+        concat!("dbg", "!("),
+        concat!("todo", "!("),
+        concat!("unimplemented", "!("),
+        concat!("FIX", "ME"),
+        concat!("#[", "ignore"),
+    ];
     lines_with(text, WORDS)
 }
 
@@ -65,7 +71,9 @@ pub fn machine_paths(text: &str) -> Vec<(usize, &'static str)> {
 
 /// Whether a Cargo.toml takes the lints of the workspace.
 pub fn inherits_lints(manifest: &str) -> bool {
-    manifest.split("\n[").any(|section| section.strip_prefix("lints]").is_some_and(|rest| rest.lines().any(|l| l.trim() == "workspace = true")))
+    manifest
+        .split("\n[")
+        .any(|section| section.strip_prefix("lints]").is_some_and(|rest| rest.lines().any(|l| l.trim() == "workspace = true")))
 }
 
 /// The paths that a `clippy.toml` bans.
@@ -76,7 +84,9 @@ pub fn banned(clippy: &str) -> Vec<&str> {
 
 fn lines_with(text: &str, words: &'static [&'static str]) -> Vec<(usize, &'static str)> {
     let numbered = text.lines().zip(1..);
-    numbered.flat_map(|(line, number)| words.iter().filter(|word| line.contains(**word)).map(move |word| (number, *word))).collect()
+    numbered
+        .flat_map(|(line, number)| words.iter().filter(|word| line.contains(**word)).map(move |word| (number, *word)))
+        .collect()
 }
 
 fn walk(folder: &Path, found: &mut Vec<(String, String)>) {

@@ -33,8 +33,8 @@ const FUNCTIONS: &[&str] = &[
 
 /// What the standard library leaves to the platform, for `f32` and `f64`. Square roots are exact everywhere.
 const MATHEMATICS: &[&str] = &[
-    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sin_cos", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "exp2",
-    "exp_m1", "ln", "ln_1p", "log", "log2", "log10", "powf", "powi", "cbrt", "hypot", "mul_add",
+    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sin_cos", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp",
+    "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10", "powf", "powi", "cbrt", "hypot", "mul_add",
 ];
 
 #[test]
@@ -43,7 +43,9 @@ fn the_ban_list_is_complete() {
     let banned: BTreeSet<&str> = banned(&text).into_iter().collect();
     let methods = ["f32", "f64"].into_iter().flat_map(|float| MATHEMATICS.iter().map(move |name| format!("{float}::{name}")));
     let wanted = TYPES.iter().chain(FUNCTIONS).map(ToString::to_string).chain(methods);
-    super::none(wanted.filter(|path| !banned.contains(path.as_str())).map(|path| format!("src/sim/clippy.toml does not ban {path}")));
+    super::none(
+        wanted.filter(|path| !banned.contains(path.as_str())).map(|path| format!("src/sim/clippy.toml does not ban {path}")),
+    );
 }
 
 #[test]
@@ -58,11 +60,18 @@ fn every_computing_crate_has_the_same_ban_list() {
 /// Cargo unifies features: a crate built alone must get what it gets inside `reel`, so who computes names them itself.
 #[test]
 fn who_uses_physics_names_its_mathematics() {
-    const FEATURES: &[(&str, &[&str])] =
-        &[("rapier3d", &["enhanced-determinism"]), ("simba", &["libm_force"]), ("glamx", &["libm", "scalar-math"]), ("libm", &[])];
+    const FEATURES: &[(&str, &[&str])] = &[
+        ("rapier3d", &["enhanced-determinism"]),
+        ("simba", &["libm_force"]),
+        ("glamx", &["libm", "scalar-math"]),
+        ("libm", &[]),
+    ];
     let packages = workspace();
     let users: Vec<_> = packages.iter().filter(|package| package.dependencies.iter().any(|d| d.name == "rapier3d")).collect();
-    assert!(users.iter().any(|package| package.name.as_str() == "reel-sim"), "reel-sim without rapier3d: does this test still look right?");
+    assert!(
+        users.iter().any(|package| package.name.as_str() == "reel-sim"),
+        "reel-sim without rapier3d: does this test still look right?"
+    );
     for package in users {
         for (name, features) in FEATURES {
             let dependency = package.dependencies.iter().find(|dependency| dependency.name == *name);

@@ -21,22 +21,31 @@ fn no_file_is_too_long() {
 
 #[test]
 fn nothing_is_left_over() {
-    none(rust_files().iter().flat_map(|(path, text)| {
-        leftovers(text).into_iter().map(move |(line, word)| format!("{path}:{line}: `{word}`"))
-    }));
+    none(
+        rust_files()
+            .iter()
+            .flat_map(|(path, text)| leftovers(text).into_iter().map(move |(line, word)| format!("{path}:{line}: `{word}`"))),
+    );
 }
 
 #[test]
 fn no_path_of_one_machine() {
-    none(files().iter().flat_map(|(path, text)| {
-        machine_paths(text).into_iter().map(move |(line, word)| format!("{path}:{line}: `{word}`"))
-    }));
+    none(
+        files()
+            .iter()
+            .flat_map(|(path, text)| machine_paths(text).into_iter().map(move |(line, word)| format!("{path}:{line}: `{word}`"))),
+    );
 }
 
 #[test]
 fn every_crate_is_in_the_architecture() {
     let page = read("ARCHITECTURE.md");
-    none(crates().iter().filter(|name| !page.contains(&format!("`src/{name}`"))).map(|name| format!("ARCHITECTURE.md: no `src/{name}`")));
+    none(
+        crates()
+            .iter()
+            .filter(|name| !page.contains(&format!("`src/{name}`")))
+            .map(|name| format!("ARCHITECTURE.md: no `src/{name}`")),
+    );
 }
 
 #[test]
