@@ -1,13 +1,20 @@
 //! The Parquet file: columns by Polars, and the metadata by which Hugging Face `datasets` decodes the images by itself.
 
-use std::{fs::File, path::Path};
+use std::{collections::HashMap, fs::File, path::Path};
 
+use arrow::datatypes::{DataType, Field, Fields, Schema};
+use parquet::arrow::{ARROW_SCHEMA_META_KEY, encode_arrow_schema};
 use polars_core::prelude::{BinaryChunked, Column, DataFrame, IntoSeries, NamedFrom, NewChunkedArray, Series, StructChunked};
 use polars_io::parquet::write::{BatchedWriter, KeyValueMetadata, ParquetCompression, ParquetWriter};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use crate::{ExportError, Row, prompt_digest};
+
+/// The key under which `datasets` looks for the types.
+const FEATURES_KEY: &str = "huggingface";
+/// Columns of text, in order; `step` stands after the second, messages and images after the last.
+const TEXT_COLUMNS: [&str; 6] = ["episode_id", "task_id", "trace_uri", "trace_digest", "preset", "prompt_digest"];
 
 /// Writes rows batch by batch.
 pub(crate) struct Writer {
@@ -17,7 +24,7 @@ pub(crate) struct Writer {
 impl Writer {
     pub(crate) fn create(path: &Path) -> Result<Self, ExportError> {
         let file = File::create(path).map_err(|source| ExportError::Io { source, path: path.to_path_buf() })?;
-        let metadata = KeyValueMetadata::from_static(vec![("huggingface".to_owned(), features().to_string())]);
+        let metadata = KeyValueMetadata::from_static(metadata());
         let writer =
             ParquetWriter::new(file).with_compression(ParquetCompression::Zstd(None)).with_key_value_metadata(Some(metadata));
         // A frame of one row tells the types; it is not written.
@@ -94,18 +101,28 @@ fn fields(length: usize, fields: &[Series]) -> Result<Series, ExportError> {
     Ok(StructChunked::from_series("".into(), length, fields.iter())?.into_series())
 }
 
+/// What the file says of itself. Readers through Arrow take the types and the metadata from the schema that is stored in the
+/// file, so it must hold the features too; Polars' own would say `string_view`, which older readers do not know.
+fn metadata() -> Vec<(String, String)> {
+    let features = features().to_string();
+    let text = |name: &str| Field::new(name, DataType::Utf8, true);
+    let list = |name: &str, fields: Vec<Field>| {
+        Field::new_list(name, Field::new("element", DataType::Struct(Fields::from(fields)), true), true)
+    };
+    let mut columns: Vec<Field> = TEXT_COLUMNS.map(text).into();
+    columns.insert(2, Field::new("step", DataType::Int32, true));
+    columns.push(list("messages", vec![text("role"), text("content")]));
+    columns.push(list("images", vec![Field::new("bytes", DataType::Binary, true), text("path")]));
+    let schema = Schema::new(columns).with_metadata(HashMap::from([(FEATURES_KEY.to_owned(), features.clone())]));
+    vec![(FEATURES_KEY.to_owned(), features), (ARROW_SCHEMA_META_KEY.to_owned(), encode_arrow_schema(&schema))]
+}
+
 /// Types of every column for `datasets`; lists in the plain form, which its older versions read too.
 fn features() -> Value {
     let value = |dtype: &str| json!({ "dtype": dtype, "_type": "Value" });
-    json!({ "info": { "features": {
-        "episode_id": value("string"),
-        "task_id": value("string"),
-        "step": value("int32"),
-        "trace_uri": value("string"),
-        "trace_digest": value("string"),
-        "preset": value("string"),
-        "prompt_digest": value("string"),
-        "messages": [{ "role": value("string"), "content": value("string") }],
-        "images": [{ "_type": "Image" }],
-    } } })
+    let mut features: Map<String, Value> = TEXT_COLUMNS.iter().map(|name| ((*name).to_owned(), value("string"))).collect();
+    features.insert("step".into(), value("int32"));
+    features.insert("messages".into(), json!([{ "role": value("string"), "content": value("string") }]));
+    features.insert("images".into(), json!([{ "_type": "Image" }]));
+    json!({ "info": { "features": features } })
 }
