@@ -51,7 +51,7 @@ pub struct Viewpoint {
 impl NavMap {
     /// Builds the map from the solid parts below the robot's height; doors are left out.
     pub fn new(model: &SceneModel) -> Self {
-        let fronts = model.furniture.iter().map(vantage::Front::of).collect();
+        let fronts = model.furniture.iter().enumerate().map(|(index, furniture)| vantage::Front::of(index, furniture)).collect();
         Self { grid: grid::Grid::new(model), solids: sight::solids(model), fronts }
     }
 

@@ -1,12 +1,12 @@
 //! Lines of sight: a segment against the solid parts of a scene.
 //!
-//! Boxes, cylinders and balls are exact; capsules and cones count as the cylinder around them. Doors and objects
-//! are not part of it.
+//! Boxes, cylinders and balls are exact; capsules and cones count as the cylinder around them. Objects
+//! are not part of it, and doors only as they stand when open.
 
 use super::footprint::box_corners;
 use crate::{
     geometry::{Part, Pose, Shape, dot, sub},
-    model::SceneModel,
+    model::{Furniture, SceneModel},
 };
 
 /// A solid part that can hide things.
@@ -55,6 +55,14 @@ pub(super) fn solids(model: &SceneModel) -> Vec<Solid> {
     let present = model.furniture.iter().enumerate().filter(|(_, furniture)| furniture.present);
     let furniture = present.flat_map(|(index, furniture)| furniture.parts.iter().map(move |part| (Some(index), part)));
     shell.chain(furniture).filter(|(_, part)| part.solid).filter_map(|(owner, part)| solid(owner, part)).collect()
+}
+
+/// The panel of a piece of furniture's door as it stands when open.
+pub(super) fn open_panel(owner: usize, furniture: &Furniture) -> Vec<Solid> {
+    let Some(door) = &furniture.door else { return Vec::new() };
+    let open = door.closed.then(&Pose::yawed([0.0; 3], door.open_angle));
+    let placed = door.parts.iter().filter(|part| part.solid).map(|part| Part { pose: open.then(&part.pose), ..*part });
+    placed.filter_map(|part| solid(Some(owner), &part)).collect()
 }
 
 /// Whether none of the solids hides one point from the other. Points that are not finite see nothing.

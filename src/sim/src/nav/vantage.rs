@@ -5,7 +5,7 @@
 use super::{
     CAMERA_HEIGHT_M, NavMap, REACH_M, STANDOFF_M, Viewpoint,
     path::{UNREACHED, costs_from, metres},
-    sight::{Solid, is_clear},
+    sight::{Solid, is_clear, open_panel},
 };
 use crate::{
     geometry::{Camera, FOCAL_PX, distance_2d, dot, sub},
@@ -22,17 +22,19 @@ const BUCKET_M: f32 = 0.1;
 const OVER_SURFACE_M: f32 = 0.02;
 
 /// The front of furniture with a door: one looks into it only from there.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub(super) struct Front {
     /// Centre of the closed door: x, y.
     door: [f32; 2],
     facing: [f32; 2],
+    /// The open door, which must not stand in the way when one looks in.
+    panel: Vec<Solid>,
 }
 
 impl Front {
-    pub(super) fn of(furniture: &Furniture) -> Option<Self> {
+    pub(super) fn of(index: usize, furniture: &Furniture) -> Option<Self> {
         let [x, y, _] = furniture.door.as_ref()?.center;
-        Some(Self { door: [x, y], facing: furniture.facing })
+        Some(Self { door: [x, y], facing: furniture.facing, panel: open_panel(index, furniture) })
     }
 
     /// Whether a point lies less than 60 degrees off the direction the door faces.
@@ -46,13 +48,14 @@ impl Front {
 pub(super) fn viewpoint(map: &NavMap, model: &SceneModel, robot: [f32; 2], index: usize) -> Option<Viewpoint> {
     let furniture = model.furniture.get(index).filter(|furniture| furniture.present)?;
     let costs = costs_from(&map.grid, map.snapped(robot)?);
-    let front = Front::of(furniture);
+    let front = map.fronts.get(index).and_then(Option::as_ref);
     let [center, samples @ ..] = surface_points(&furniture.surface);
     let (target, look_at) = match &furniture.door {
         Some(door) => (door.center, std::array::from_fn(|axis| (door.center[axis] + center[axis]) * 0.5)),
         None => (center, center),
     };
-    let (own, others): (Vec<&Solid>, Vec<&Solid>) = map.solids.iter().partition(|solid| solid.owner == Some(index));
+    let (mut own, others): (Vec<&Solid>, Vec<&Solid>) = map.solids.iter().partition(|solid| solid.owner == Some(index));
+    own.extend(front.iter().flat_map(|front| &front.panel));
     let [low, high] = furniture.bounds.map(|[x, y, _]| [x, y]);
 
     STANDOFFS_M.iter().find_map(|[near, far]| {
@@ -95,13 +98,14 @@ pub(super) fn approach(map: &NavMap, robot: [f32; 2], target: [f32; 3], furnitur
         return None;
     }
     let costs = costs_from(&map.grid, map.snapped(robot)?);
-    let front = furniture.and_then(|index| map.fronts.get(index).copied().flatten());
+    let front = furniture.and_then(|index| map.fronts.get(index)?.as_ref());
     let on_floor = [target[0], target[1]];
     // In plain sight within comfortable reach, else past the furniture's own parts from wherever it can be reached.
     let attempts = [(REACHES_M[0], None)].into_iter().chain(REACHES_M.map(|reach| (reach, furniture)));
     attempts.into_iter().find_map(|([near, far], ignoring)| {
         let area = [on_floor.map(|value| value - far), on_floor.map(|value| value + far)];
-        let solids = map.solids.iter().filter(|solid| ignoring.is_none() || solid.owner != ignoring);
+        let fixed = map.solids.iter().filter(|solid| ignoring.is_none() || solid.owner != ignoring);
+        let solids = fixed.chain(front.iter().flat_map(|front| &front.panel));
         let solids: Vec<&Solid> = solids.filter(|solid| meets(solid, area, target)).collect();
         let mut places: Vec<(u32, usize)> = Vec::new();
         for cell in map.grid.cells_within(area[0], area[1]).filter(|cell| costs[*cell] != UNREACHED) {
