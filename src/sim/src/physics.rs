@@ -122,6 +122,11 @@ impl Physics {
         self.fault |= !self.world.quarantine().is_empty();
     }
 
+    /// The same step with nothing of ours around it: what measurements compare with.
+    pub fn step_bare(&mut self) {
+        self.world.step();
+    }
+
     /// Whether everything sleeps, so that further steps change nothing.
     pub fn at_rest(&self) -> bool {
         self.world.islands.num_active_bodies() == 0
