@@ -10,7 +10,7 @@ help: ## list these verbs
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 20
 
 demo: ## build reel; then record, replay, ask, export and draw episodes in demo-out
-	cargo build --locked -p reel-cli
+	cargo build --locked --workspace --all-targets
 	"$(CARGO_TARGET_DIR)/debug/reel" demo --out demo-out
 
 test: ## run every test of the workspace

@@ -34,7 +34,7 @@ timed() {
 count() { find "$1" -name '*.mcap' | wc -l; }
 bytes() { find "$1" -name '*.mcap' -printf '%s\n' | awk '{ sum += $1 } END { printf "%d", sum }'; }
 
-timed "build, daily" cargo build --locked --quiet -p reel-cli
+timed "build, daily" cargo build --locked --quiet --workspace --all-targets
 timed "build, lean release" cargo build --locked --quiet --release -p reel-cli --no-default-features
 timed "build, lean unoptimised" cargo build --locked --quiet --profile unopt -p reel-cli --no-default-features
 daily=$CARGO_TARGET_DIR/debug/reel

@@ -1,0 +1,110 @@
+//! The `reel` command from outside: the loop a newcomer goes through, and the exit codes scripts rely on.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+fn reel(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_reel")).current_dir(folder).args(arguments).output().expect("the binary starts")
+}
+
+/// Standard output of a command that must end with the given exit code.
+fn expect(folder: &Path, code: i32, arguments: &[&str]) -> String {
+    let output = reel(folder, arguments);
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(code), "reel {}\n{out}\n{err}", arguments.join(" "));
+    out.into_owned()
+}
+
+/// Standard error of a command that must end with the given exit code.
+fn complaint(folder: &Path, code: i32, arguments: &[&str]) -> String {
+    let output = reel(folder, arguments);
+    assert_eq!(output.status.code(), Some(code), "reel {}", arguments.join(" "));
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn first_trace(folder: &Path) -> PathBuf {
+    let mut traces: Vec<PathBuf> = fs::read_dir(folder.join("traces")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    traces.sort();
+    traces.remove(0)
+}
+
+#[test]
+fn the_loop_end_to_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["tasks", "generate", "--count", "4", "--seed", "3", "--out", "tasks"]);
+    assert!(expect(folder, 0, &["tasks", "check", "tasks"]).contains("4 of 4 tasks load"));
+    let run = ["run", "--tasks", "tasks", "--out", "traces", "--jobs", "2", "--json"];
+    let reports = expect(folder, 0, &run);
+    assert_eq!(reports.lines().filter(|line| line.contains(r#""success":true"#)).count(), 4, "{reports}");
+    assert!(expect(folder, 0, &["replay", "traces", "--jobs", "1"]).starts_with("4 of 4 traces replay exactly"));
+
+    let trace = first_trace(folder);
+    let trace_name = trace.to_str().unwrap();
+    assert!(expect(folder, 0, &["show", trace_name]).contains("nav_to"));
+    assert!(expect(folder, 0, &["frames", trace_name, "--out", "pictures"]).contains("contact_sheet.png"));
+
+    // The same run again, with one worker and the tasks the other way round, gives the same bytes.
+    let before = fs::read(&trace).unwrap();
+    expect(folder, 0, &["run", "--tasks", "tasks", "--out", "traces", "--jobs", "1", "--reversed"]);
+    assert!(before == fs::read(&trace).unwrap(), "a trace depends on workers or order");
+
+    // Without pictures the trace still gives them: rendered again, the same to the pixel.
+    expect(folder, 0, &["run", "--tasks", "tasks", "--out", "lean", "--no-images"]);
+    let lean = folder.join("lean").join(trace.file_name().unwrap());
+    expect(folder, 0, &["frames", lean.to_str().unwrap(), "--out", "again"]);
+    assert_eq!(fs::read(folder.join("pictures/call_000.png")).unwrap(), fs::read(folder.join("again/call_000.png")).unwrap());
+}
+
+#[test]
+fn exit_codes_and_complaints() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let missing = complaint(folder, 2, &["replay", "nowhere"]);
+    assert!(missing.contains("no such trace or folder: nowhere"), "{missing}");
+    let policy = complaint(folder, 2, &["run", "--tasks", "tasks", "--policy", "clever"]);
+    assert!(policy.contains("no policy is called 'clever'") && policy.contains("oscillating"), "{policy}");
+
+    expect(folder, 0, &["tasks", "generate", "--count", "1", "--families", "FDP", "--out", "tasks"]);
+    fs::write(folder.join("tasks/broken.yaml"), "scene_id: home\nepisodes: 3\n").unwrap();
+    expect(folder, 1, &["tasks", "check", "tasks"]);
+    // One broken file is named, the rest is played: done, but with something left out.
+    let run = complaint(folder, 3, &["run", "--tasks", "tasks", "--out", "traces"]);
+    assert!(run.contains("broken.yaml"), "{run}");
+
+    let trace = first_trace(folder);
+    let mut bytes = fs::read(&trace).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&trace, bytes).unwrap();
+    let verdict = expect(folder, 1, &["replay", trace.to_str().unwrap(), "--json"]);
+    assert!(verdict.contains(r#""verdict":"refused""#), "{verdict}");
+}
+
+#[cfg(feature = "analytics")]
+#[test]
+fn tables_questions_and_training_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["tasks", "generate", "--count", "4", "--seed", "3", "--out", "tasks"]);
+    for policy in ["oracle", "wrong-object"] {
+        expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "traces"]);
+    }
+    assert!(expect(folder, 0, &["ingest", "traces", "--store", "store"]).starts_with("8 added"));
+    assert!(expect(folder, 0, &["ingest", "traces", "--store", "store"]).starts_with("0 added, 0 replaced, 8 unchanged"));
+    let count = expect(folder, 0, &["query", "--store", "store", "--format", "csv", "SELECT count(*) AS n FROM episodes"]);
+    assert_eq!(count.trim(), "n\n8");
+    for named in ["benchmark", "failures", "oscillations"] {
+        expect(folder, 0, &["query", "--store", "store", "--named", named, "--format", "json"]);
+    }
+    let refused = complaint(folder, 2, &["query", "--store", "store", "DROP TABLE episodes"]);
+    assert!(!refused.is_empty());
+
+    let report = expect(folder, 0, &["export", "sft", "traces", "--out", "sft.parquet", "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["episodes"], 4, "{report}");
+    assert!(report["rows"].as_u64().unwrap() >= 24, "{report}");
+}
