@@ -1,0 +1,65 @@
+//! Recorded episodes in the home, and traces written again with a chain that holds.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{Arc, OnceLock},
+};
+
+use reel_agents::{RecordTo, policy, run_episode};
+use reel_episode::EpisodeConfig;
+use reel_reward::Preset;
+use reel_tasks::{GenerateOptions, generate, home};
+use reel_trace::{Images, Recorder, Trace};
+use reel_world::{Family, Profile, Task, chain, record::PolicyInfo};
+
+/// One task of each family.
+pub fn tasks() -> &'static [Arc<Task>] {
+    static TASKS: OnceLock<Vec<Arc<Task>>> = OnceLock::new();
+    TASKS.get_or_init(|| {
+        let options = GenerateOptions { scene: &home(), families: &Family::ALL, count: 4, seed: 7 };
+        let tasks: Vec<_> = generate(&options).tasks.into_iter().map(Arc::new).collect();
+        assert_eq!(tasks.len(), 4);
+        tasks
+    })
+}
+
+/// Plays a task and records it.
+pub fn record(path: &Path, task: &Arc<Task>, name: &str, images: Images) -> PathBuf {
+    let scene = Arc::new(home());
+    let mut policy = policy(name, task, &scene, 3).unwrap();
+    let config = EpisodeConfig {
+        task: task.clone(),
+        scene,
+        seed: 3,
+        profile: Profile::Paper,
+        preset: Preset::Paper,
+        run_id: "test".into(),
+        policy: PolicyInfo::default(),
+    };
+    run_episode(config, policy.as_mut(), Some(&RecordTo { path: path.to_owned(), images })).unwrap();
+    path.to_owned()
+}
+
+/// Makes the chain of a changed trace hold again, and the end fit it.
+pub fn relink(trace: &mut Trace) {
+    trace.start.digests.chain = chain::start_link(&trace.header, &trace.start);
+    let mut link = trace.start.digests.chain;
+    for step in &mut trace.steps {
+        step.digests.chain = chain::step_link(&link, step);
+        link = step.digests.chain;
+    }
+    let end = trace.end.as_mut().unwrap();
+    (end.chain, end.steps) = (link, trace.steps.len() as u32);
+}
+
+/// Writes a trace with the real recorder: checksums and chain are right.
+pub fn write(path: &Path, trace: &Trace) -> PathBuf {
+    let mut recorder = Recorder::create(path, &trace.header, &trace.task, &trace.scene, Images::None).unwrap();
+    recorder.start(&trace.start, None).unwrap();
+    for step in &trace.steps {
+        recorder.input(step.step, &step.input).unwrap();
+        recorder.step(step, None).unwrap();
+    }
+    recorder.end(trace.end.as_ref().unwrap()).unwrap();
+    path.to_owned()
+}
