@@ -4,7 +4,7 @@
 --
 -- Columns:
 --   policy   who decided
---   fdp      successful / total in this family, and so on
+--   fdp, fodp, fdo, sul   successful / total in this family
 --   all      successful / total over the four
 --   success  the same as a share
 --
