@@ -169,10 +169,9 @@ impl Physics {
                 None => *collider.position(),
             };
             let aabb = collider.shape().compute_aabb(&pose);
-            for axis in 0..3 {
-                bounds[0][axis] = bounds[0][axis].min(aabb.mins[axis]);
-                bounds[1][axis] = bounds[1][axis].max(aabb.maxs[axis]);
-            }
+            let [low, high] = &mut bounds;
+            *low = std::array::from_fn(|axis| low[axis].min(aabb.mins[axis]));
+            *high = std::array::from_fn(|axis| high[axis].max(aabb.maxs[axis]));
         }
         Some(bounds)
     }

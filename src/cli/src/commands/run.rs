@@ -194,7 +194,8 @@ pub fn summary(policy: &str, reports: &[EpisodeReport]) -> String {
     line("all", &reports.iter().collect::<Vec<_>>());
     for report in reports.iter().filter(|report| !report.success) {
         if let Some(reason) = &report.unreachable {
-            text.push_str(&format!("  unreachable: {}: {reason}\n", report.task_id));
+            let what = if policy == "oracle" { "unreachable" } else { "gave up" };
+            text.push_str(&format!("  {what}: {}: {reason}\n", report.task_id));
         }
     }
     text
