@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 
-#[cfg(any(feature = "analytics", feature = "rerun"))]
 use serde_json::json;
 
 use crate::Answer;
@@ -68,6 +67,9 @@ enum Command {
         /// The picture
         #[arg(long, value_name = "FILE", default_value = "contact_sheet.png")]
         out: PathBuf,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -115,9 +117,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             }
             Ok(Answer::Yes)
         }
-        Command::Sheet { trace, out } => {
+        Command::Sheet { trace, out, json } => {
             std::fs::write(out, reel_view::contact_sheet(&reel_trace::Trace::read(trace)?)?)?;
-            println!("{}", out.display());
+            if *json {
+                println!("{}", json!({ "out": out }));
+            } else {
+                println!("{}", out.display());
+            }
             Ok(Answer::Yes)
         }
     }

@@ -105,15 +105,20 @@ pub(super) fn label(item: &Item, parts: &mut Parts) {
     }
 }
 
-/// Pages, title and spiral of a book whose covers look along its flattest axis.
-pub(super) fn book(item: &Item, parts: &mut Parts) {
+/// The axis that a thing's faces look along, and the short and the long side of its faces.
+fn face_axes(item: &Item) -> [usize; 3] {
     let flat = item.flattest();
     let [a, b] = match flat {
         0 => [1, 2],
         1 => [0, 2],
         _ => [0, 1],
     };
-    let (short, long) = if item.half[a] <= item.half[b] { (a, b) } else { (b, a) };
+    if item.half[a] <= item.half[b] { [flat, a, b] } else { [flat, b, a] }
+}
+
+/// Pages, title and spiral of a book whose covers look along its flattest axis.
+pub(super) fn book(item: &Item, parts: &mut Parts) {
+    let [flat, short, long] = face_axes(item);
     let mut pages = item.half;
     pages[flat] *= 0.74;
     pages[long] += PROUD_M;
@@ -163,13 +168,7 @@ pub(super) fn tray(item: &Item, parts: &mut Parts) {
 
 /// Rows of buttons and a screen on both faces of a flat device.
 pub(super) fn buttons(item: &Item, parts: &mut Parts) {
-    let flat = item.flattest();
-    let [a, b] = match flat {
-        0 => [1, 2],
-        1 => [0, 2],
-        _ => [0, 1],
-    };
-    let (short, long) = if item.half[a] <= item.half[b] { (a, b) } else { (b, a) };
+    let [flat, short, long] = face_axes(item);
     let keys = if item.says(&["keyboard", "keys"]) { item.paint.shaded(0.8) } else { item.paint.second() };
     let mut patch = |across: f32, along: f32, size: [f32; 2], paint: Paint| {
         let mut center = [0.0; 3];
