@@ -3,7 +3,7 @@
 use std::fmt;
 
 use reel_reward::{Rewarder, metrics};
-use reel_sim::{SIM_VERSION, Simulator, ToolResult};
+use reel_sim::{SIM_VERSION, Simulator, Snapshot, ToolResult, render::Detail};
 use reel_world::{
     Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Tool, WorldGraph, chain, invariants,
     record::{
@@ -40,13 +40,20 @@ impl Episode {
     /// # Errors
     /// When task and scene do not belong together.
     pub fn start(config: EpisodeConfig) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
-        let (task, scene) = (&config.task, &config.scene);
-        if task.scene_id != scene.scene_id {
-            let (wanted, given) = (task.scene_id.clone(), scene.scene_id.clone());
-            return Err(EpisodeError::OtherScene { task: task.task_id.clone(), wanted, given });
-        }
+        Self::start_with(config, Detail::Picture)
+    }
+
+    /// [`Episode::start`] with pictures of so much detail. Without RGB the digests of RGB and the chain, which covers
+    /// them, are not those of the episode; everything else is.
+    ///
+    /// # Errors
+    /// When task and scene do not belong together.
+    pub fn start_with(config: EpisodeConfig, detail: Detail) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
+        check_scene(&config)?;
         let header = header(&config);
+        let (task, scene) = (&config.task, &config.scene);
         let mut simulator = Simulator::new(scene.clone(), task.clone(), config.profile, config.seed);
+        simulator.set_detail(detail);
         let frame = simulator.take_picture();
         let graphs = simulator.graphs();
         let mut start = StartRecord {
@@ -58,15 +65,48 @@ impl Episode {
             digests: digests(&mut simulator, Some(&frame)),
         };
         start.digests.chain = chain::start_link(&header, &start);
-        let mut rewarder = config.preset.rewarder(task, scene);
-        rewarder.start(&start);
-        let mut user = RuleUser::new(task, scene);
-        user.observe("", &seen(&start.visible, &[]));
+        let (rewarder, user) = observers(&config, &start);
         let chain = start.digests.chain;
         let ended = simulator.fault().then_some(EndReason::Fault);
         let episode =
             Episode { header, simulator, user, rewarder, graphs, start: start.clone(), steps: Vec::new(), chain, ended, config };
         Ok((episode, start, frame))
+    }
+
+    /// Goes on with a recorded episode: `steps` are its calls up to the snapshot, and what comes now equals what came
+    /// then, bit for bit, if the inputs are equal.
+    ///
+    /// # Errors
+    /// When task and scene do not belong together, or the snapshot is not one of the state after these steps.
+    pub fn resume(
+        config: EpisodeConfig,
+        start: StartRecord,
+        steps: Vec<StepRecord>,
+        snapshot: &Snapshot,
+    ) -> Result<Episode, EpisodeError> {
+        check_scene(&config)?;
+        let last = steps.last().map_or(&start.digests, |step| &step.digests);
+        if last.state != snapshot.digest() {
+            return Err(EpisodeError::OtherMoment { steps: steps.len(), expected: last.state, found: snapshot.digest() });
+        }
+        let chain = last.chain;
+        let simulator = Simulator::resume(config.scene.clone(), config.task.clone(), config.profile, config.seed, snapshot)?;
+        let (mut rewarder, mut user) = observers(&config, &start);
+        for step in &steps {
+            // Its terms are in the record already; what counts is what the rewarder remembers of it.
+            let _ = rewarder.step(step);
+            observe(&mut user, step);
+        }
+        let (header, graphs) = (header(&config), simulator.graphs());
+        let mut episode = Episode { header, simulator, user, rewarder, graphs, start, steps, chain, ended: None, config };
+        let tool = episode.steps.last().and_then(|step| Tool::parse(&step.input.call).ok());
+        episode.ended = episode.end_reason(tool.as_ref());
+        Ok(episode)
+    }
+
+    /// The state of the simulator after the last call, to go on from.
+    pub fn snapshot(&self) -> Snapshot {
+        self.simulator.snapshot()
     }
 
     /// The header of the trace.
@@ -127,8 +167,7 @@ impl Episode {
         record.reward = self.rewarder.step(&record);
         record.digests.chain = chain::step_link(&self.chain, &record);
         self.chain = record.digests.chain;
-        self.user.observe(&record.input.call.to_string(), &seen(&record.visible, &record.listed));
-        self.user.observe_held(record.held.as_ref());
+        observe(&mut self.user, &record);
         self.check_invariants();
         self.steps.push(record.clone());
         self.ended = self.ended.or_else(|| self.end_reason(tool.as_ref()));
@@ -209,6 +248,30 @@ impl Episode {
             }
         }
     }
+}
+
+fn check_scene(config: &EpisodeConfig) -> Result<(), EpisodeError> {
+    let (task, scene) = (&config.task, &config.scene);
+    if task.scene_id == scene.scene_id {
+        return Ok(());
+    }
+    let (wanted, given) = (task.scene_id.clone(), scene.scene_id.clone());
+    Err(EpisodeError::OtherScene { task: task.task_id.clone(), wanted, given })
+}
+
+/// Those who watch an episode: the rewards and the user, told of its start.
+fn observers(config: &EpisodeConfig, start: &StartRecord) -> (Box<dyn Rewarder>, RuleUser) {
+    let mut rewarder = config.preset.rewarder(&config.task, &config.scene);
+    rewarder.start(start);
+    let mut user = RuleUser::new(&config.task, &config.scene);
+    user.observe("", &seen(&start.visible, &[]));
+    (rewarder, user)
+}
+
+/// What the user learns of a step.
+fn observe(user: &mut RuleUser, step: &StepRecord) {
+    user.observe(&step.input.call.to_string(), &seen(&step.visible, &step.listed));
+    user.observe_held(step.held.as_ref());
 }
 
 fn header(config: &EpisodeConfig) -> EpisodeHeader {

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use reel_reward::Preset;
 use reel_world::{
-    ErrorCode, Frame, InstanceId, Profile, ReceptacleId, Scene, Task, WorldGraph,
+    Digest, ErrorCode, Frame, InstanceId, Profile, ReceptacleId, Scene, Task, WorldGraph,
     record::{Marker, PolicyInfo, StepRecord},
 };
 
@@ -55,6 +55,19 @@ pub enum EpisodeError {
         /// The scene given.
         given: String,
     },
+    /// The snapshot is of another moment or episode.
+    #[error("the snapshot has the state {found}, but after {steps} steps the state was {expected}")]
+    OtherMoment {
+        /// How many steps were before.
+        steps: usize,
+        /// The recorded state.
+        expected: Digest,
+        /// The snapshot's.
+        found: Digest,
+    },
+    /// The snapshot cannot be restored.
+    #[error(transparent)]
+    Snapshot(#[from] reel_sim::SnapshotError),
 }
 
 /// What an agent is told before its first decision: nothing privileged.

@@ -4,18 +4,20 @@
 //! Never reads a clock or asks a policy: what was decided is in the trace.
 
 mod difference;
+mod player;
+mod seek;
 
-use std::{path::Path, sync::Arc};
+use std::path::Path;
 
 use rayon::prelude::*;
-use reel_episode::{Episode, EpisodeConfig};
-use reel_reward::Preset;
-use reel_sim::SIM_VERSION;
+use reel_sim::render::Detail;
 use reel_trace::{Trace, TraceError};
-use reel_world::{Frame, record::Backend};
+use reel_world::Frame;
 use serde::Serialize;
 
 pub use difference::{Divergence, Moment};
+pub use player::{Differing, Replay};
+pub use seek::{SnapshotCache, seek, verify_restored};
 
 /// What a replay found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -104,70 +106,29 @@ pub fn verify_all<P: AsRef<Path> + Sync>(paths: &[P], workers: usize, on_done: i
 
 /// Replays a trace that was read.
 pub fn verify_trace(trace: &Trace) -> Verdict {
-    let header = &trace.header;
-    if header.backend != Backend::Sim {
-        return Verdict::NotReplayable { reason: format!("recorded from {:?}, not from our simulator", header.backend) };
+    verify_with(trace, Detail::Picture)
+}
+
+/// Replays a trace that was read, drawing so much of its pictures: without RGB nothing is said of the pictures' RGB.
+pub fn verify_with(trace: &Trace, detail: Detail) -> Verdict {
+    if let Err(verdict) = player::config(trace) {
+        return verdict;
     }
-    if header.sim_version != SIM_VERSION {
-        return Verdict::OtherSimulator { recorded: header.sim_version, this: SIM_VERSION };
-    }
-    let Some(preset) = Preset::parse(&header.reward_preset) else {
-        return Verdict::NotReplayable { reason: format!("unknown reward preset '{}'", header.reward_preset) };
-    };
-    if let Err(error) = trace.verify_images() {
+    if let (Detail::Picture, Err(error)) = (detail, trace.verify_images()) {
         return refused(&error);
     }
-    match replay(trace, preset) {
-        Ok(verdict) => verdict,
-        Err(divergence) => Verdict::Diverged { divergence: *divergence },
-    }
+    let replayed = Replay::start(trace, detail).and_then(|(replay, _)| replay.finish(|_, _| {}));
+    replayed.unwrap_or_else(|verdict| verdict)
 }
 
 /// Re-executes a trace and hands every picture to `on_frame` (`None` is the start), whether or not the trace holds it.
 ///
 /// # Errors
-/// The first difference.
-pub fn replay_with(
-    trace: &Trace,
-    preset: Preset,
-    mut on_frame: impl FnMut(Option<u32>, &Frame),
-) -> Result<Verdict, Box<Divergence>> {
-    let header = &trace.header;
-    let config = EpisodeConfig {
-        task: Arc::new(trace.task.clone()),
-        scene: Arc::new(trace.scene.clone()),
-        seed: header.seed,
-        profile: header.profile,
-        preset,
-        run_id: header.run_id.clone(),
-        policy: header.policy.clone(),
-    };
-    let (mut episode, start, frame) = Episode::start(config)
-        .map_err(|error| Box::new(Divergence::text(Moment::Start, "start", "an episode", &error.to_string())))?;
-    difference::header(header, episode.header())?;
-    difference::start(&trace.start, &start)?;
+/// Why nothing can be executed, or the first difference.
+pub fn replay_with(trace: &Trace, mut on_frame: impl FnMut(Option<u32>, &Frame)) -> Result<Verdict, Verdict> {
+    let (replay, frame) = Replay::start(trace, Detail::Picture)?;
     on_frame(None, &frame);
-    let mut pictures = 1;
-    let mut physics_steps = start.digests.physics_steps.len() as u64;
-    for recorded in &trace.steps {
-        let output = episode.step(recorded.input.clone());
-        difference::step(recorded, &output.record)?;
-        physics_steps += output.record.digests.physics_steps.len() as u64;
-        if let Some(frame) = &output.frame {
-            on_frame(Some(recorded.step), frame);
-            pictures += 1;
-        }
-    }
-    let calls = trace.steps.len() as u32;
-    if let Some(recorded) = &trace.end {
-        // An episode that its runner stopped early ends as it did then.
-        difference::end(recorded, &episode.end())?;
-    }
-    Ok(Verdict::Exact { calls, physics_steps, pictures })
-}
-
-fn replay(trace: &Trace, preset: Preset) -> Result<Verdict, Box<Divergence>> {
-    replay_with(trace, preset, |_, _| {})
+    replay.finish(|call, frame| on_frame(Some(call), frame))
 }
 
 fn refused(error: &TraceError) -> Verdict {

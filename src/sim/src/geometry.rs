@@ -1,6 +1,8 @@
 //! Shapes, poses, coloured parts and the camera: what models are made of, and what physics, navigation and
 //! the renderer share. Frame: metres, z up. Bodies: quaternions x, y, z, w.
 
+use serde::{Deserialize, Serialize};
+
 /// Focal length of the head camera in pixels (640 x 480, horizontal field of view 77 degrees).
 pub const FOCAL_PX: f32 = 400.0;
 
@@ -74,7 +76,7 @@ pub struct Part {
 }
 
 /// Position and rotation.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Pose {
     /// In metres.
     pub position: [f32; 3],

@@ -10,10 +10,13 @@ pub mod physics;
 pub mod placement;
 pub mod render;
 
+mod math;
 mod simulator;
+mod snapshot;
 mod tools;
 
 pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
+pub use snapshot::{Snapshot, SnapshotError};
 pub use tools::ToolResult;
 
 /// Changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`.

@@ -5,6 +5,7 @@
 
 use rapier3d::prelude::*;
 use reel_world::DT_S;
+use serde::{Deserialize, Serialize};
 
 use crate::{
     geometry::{self, Part},
@@ -37,7 +38,8 @@ pub struct Motion {
     pub asleep: bool,
 }
 
-/// The physics of one episode.
+/// The physics of one episode. Its serialized form is a snapshot for the same build of the engine, no file format.
+#[derive(Serialize, Deserialize)]
 pub struct Physics {
     world: PhysicsWorld,
     objects: Vec<Option<RigidBodyHandle>>,
@@ -45,6 +47,7 @@ pub struct Physics {
     fault: bool,
 }
 
+#[derive(Serialize, Deserialize)]
 struct DoorBody {
     body: RigidBodyHandle,
     joint: ImpulseJointHandle,
@@ -150,6 +153,11 @@ impl Physics {
     /// Where the motor of a door wants it, in radians.
     pub fn door_target(&self, door: usize) -> f32 {
         self.doors[door].target
+    }
+
+    /// How many objects there are, held ones included.
+    pub fn object_count(&self) -> usize {
+        self.objects.len()
     }
 
     /// How many doors there are.

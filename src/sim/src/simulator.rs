@@ -9,11 +9,13 @@ use reel_world::{
 };
 
 use crate::{
+    Snapshot, SnapshotError,
     geometry::{Camera, Pose},
+    math,
     model::{ObjectModel, SceneModel, object_model, scene_model},
     nav::{CAMERA_HEIGHT_M, NavMap, Viewpoint},
     physics::{Motion, Physics, SPAWN_OFFSET_M},
-    render::{Drawable, Mark, Region, overlay, render},
+    render::{Detail, Drawable, Mark, Region, overlay, render},
 };
 
 /// Physics steps after spawning (SPEC section 3, "Physics verification").
@@ -37,9 +39,9 @@ pub struct Simulator {
     pub(crate) task: Arc<Task>,
     pub(crate) profile: Profile,
     pub(crate) seed: u64,
-    pub(crate) model: SceneModel,
-    pub(crate) object_models: Vec<ObjectModel>,
-    pub(crate) nav: NavMap,
+    pub(crate) model: Arc<SceneModel>,
+    pub(crate) object_models: Arc<[ObjectModel]>,
+    pub(crate) nav: Arc<NavMap>,
     pub(crate) physics: Physics,
     /// The door (index into physics) of each piece of furniture.
     pub(crate) door_of: Vec<Option<usize>>,
@@ -54,6 +56,7 @@ pub struct Simulator {
     pub(crate) robot: RobotState,
     /// The id buffer of the last picture, and what stood in it.
     pub(crate) view: Frame,
+    pub(crate) detail: Detail,
     pub(crate) sim_step: u64,
     pub(crate) step_digests: Vec<u32>,
 }
@@ -61,47 +64,29 @@ pub struct Simulator {
 impl Simulator {
     /// Spawns the task's objects in the scene and lets them settle.
     pub fn new(scene: Arc<Scene>, task: Arc<Task>, profile: Profile, seed: u64) -> Self {
-        let in_use: BTreeSet<_> = task.objects.iter().map(|object| object.receptacle.clone()).collect();
-        let model = scene_model(&scene, &in_use);
-        let object_models: Vec<ObjectModel> = task.objects.iter().map(object_model).collect();
-        let mut physics = Physics::new(&model, object_models.len());
-        for (index, (object, shape)) in task.objects.iter().zip(&object_models).enumerate() {
+        let mut simulator = Self::empty(scene, task, profile, seed);
+        let task = simulator.task.clone();
+        for (index, object) in task.objects.iter().enumerate() {
             let [x, y, z] = object.position.map(|value| value as f32);
-            physics.insert_object(index, shape, Pose::yawed([x, y, z + SPAWN_OFFSET_M], object.yaw as f32));
+            let pose = Pose::yawed([x, y, z + SPAWN_OFFSET_M], object.yaw as f32);
+            simulator.physics.insert_object(index, &simulator.object_models[index], pose);
         }
-        let mut door_count = 0;
-        let door_of = model.furniture.iter().map(|furniture| {
-            furniture.door.as_ref().map(|_| {
-                door_count += 1;
-                door_count - 1
-            })
-        });
-        let door_of: Vec<Option<usize>> = door_of.collect();
-        let nav = NavMap::new(&model);
-        let robot = start_robot(&scene, &model, &nav);
-        let mut simulator = Self {
-            registry: task.initial.clone(),
-            scene,
-            task,
-            profile,
-            seed,
-            model,
-            object_models,
-            nav,
-            physics,
-            door_of,
-            held: None,
-            markers: Vec::new(),
-            has_marker_map: false,
-            markers_persist: false,
-            landmark: None,
-            robot,
-            view: Frame::new(),
-            sim_step: 0,
-            step_digests: Vec::new(),
-        };
         simulator.run(SPAWN_SETTLE_STEPS);
         simulator
+    }
+
+    /// A simulator of an episode that goes on from a snapshot.
+    ///
+    /// # Errors
+    /// When the snapshot is damaged or of another episode.
+    pub fn resume(
+        scene: Arc<Scene>,
+        task: Arc<Task>,
+        profile: Profile,
+        seed: u64,
+        snapshot: &Snapshot,
+    ) -> Result<Self, SnapshotError> {
+        Self::empty(scene, task, profile, seed).restored(snapshot)
     }
 
     /// The task.
@@ -250,6 +235,11 @@ impl Simulator {
         Some(source.path_length_m + destination.path_length_m)
     }
 
+    /// How much of each picture is drawn from now on. Ids and depth, and so all that follows, do not depend on it.
+    pub fn set_detail(&mut self, detail: Detail) {
+        self.detail = detail;
+    }
+
     /// Takes the picture from the robot's head and remembers what is in view.
     pub fn take_picture(&mut self) -> Frame {
         self.view = self.picture_from(&self.camera());
@@ -273,7 +263,7 @@ impl Simulator {
                 drawables.push(Drawable { parts: &shape.parts, pose: motion.pose, entity: self.object_entity(index) });
             }
         }
-        render(camera, &drawables)
+        render(camera, &drawables, self.detail)
     }
 
     /// The head camera.
@@ -309,6 +299,47 @@ impl Simulator {
         self.model.furniture.iter().position(|furniture| furniture.id == *id)
     }
 
+    /// The scene with its doors, and the robot at its start; no objects yet.
+    fn empty(scene: Arc<Scene>, task: Arc<Task>, profile: Profile, seed: u64) -> Self {
+        math::link();
+        let in_use: BTreeSet<_> = task.objects.iter().map(|object| object.receptacle.clone()).collect();
+        let model = scene_model(&scene, &in_use);
+        let object_models: Arc<[ObjectModel]> = task.objects.iter().map(object_model).collect();
+        let physics = Physics::new(&model, object_models.len());
+        let mut door_count = 0;
+        let door_of = model.furniture.iter().map(|furniture| {
+            furniture.door.as_ref().map(|_| {
+                door_count += 1;
+                door_count - 1
+            })
+        });
+        let door_of = door_of.collect();
+        let nav = NavMap::new(&model);
+        let robot = start_robot(&scene, &model, &nav);
+        Self {
+            registry: task.initial.clone(),
+            scene,
+            task,
+            profile,
+            seed,
+            model: Arc::new(model),
+            object_models,
+            nav: Arc::new(nav),
+            physics,
+            door_of,
+            held: None,
+            markers: Vec::new(),
+            has_marker_map: false,
+            markers_persist: false,
+            landmark: None,
+            robot,
+            view: Frame::new(),
+            detail: Detail::Picture,
+            sim_step: 0,
+            step_digests: Vec::new(),
+        }
+    }
+
     /// Runs physics for so many steps, or until everything sleeps: the rest would change nothing.
     pub(crate) fn run(&mut self, steps: u32) {
         for executed in 0..steps {
@@ -333,6 +364,9 @@ impl Simulator {
 
     /// Draws the current markers into a picture, those of them that are in it.
     pub(crate) fn draw_markers(&self, frame: &mut Frame) {
+        if self.detail == Detail::Geometry {
+            return;
+        }
         let sights = self.sights();
         let entity = |target: &MarkerTarget| match target {
             MarkerTarget::Object(object) => self.object_index(object).map(|index| self.object_entity(index)),

@@ -71,12 +71,9 @@ fn pictures(trace: &Trace) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
         }
     }
     if pictures.is_empty() {
-        let Some(preset) = reel_reward::Preset::parse(&trace.header.reward_preset) else {
-            bail!("{}: unknown reward preset '{}'", trace.path.display(), trace.header.reward_preset);
-        };
-        let replayed = reel_replay::replay_with(trace, preset, |step, frame| pictures.push((step, frame.rgb.clone())));
-        if let Err(divergence) = replayed {
-            bail!("{}: the pictures cannot be made again: the replay diverged {divergence}", trace.path.display());
+        let replayed = reel_replay::replay_with(trace, |step, frame| pictures.push((step, frame.rgb.clone())));
+        if let Err(verdict) = replayed {
+            bail!("{}: the pictures cannot be made again: {verdict}", trace.path.display());
         }
     }
     Ok(pictures)

@@ -2,6 +2,7 @@
 
 mod episodes;
 mod mutations;
+mod restore;
 
 use std::fs;
 

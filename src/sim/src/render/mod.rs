@@ -52,10 +52,20 @@ pub enum Region {
     Rectangle([u16; 4]),
 }
 
+/// How much of a picture is drawn.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Detail {
+    /// All of it.
+    #[default]
+    Picture,
+    /// Instance ids and depth; RGB stays black. Everything but the picture itself is decided by these.
+    Geometry,
+}
+
 /// Draws the drawables as the camera sees them. What has no finite pose or no extent is left out.
 ///
 /// Surfaces nearer than 5 cm are cut off. Where two parts are equally far, the earlier drawable is seen.
-pub fn render(camera: &Camera, drawables: &[Drawable<'_>]) -> Frame {
+pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Frame {
     let camera_axes = camera.axes();
     let mut visibility = Visibility::new();
     let mut surfaces = Vec::new();
@@ -75,6 +85,10 @@ pub fn render(camera: &Camera, drawables: &[Drawable<'_>]) -> Frame {
         }
     }
     let mut frame = Frame::new();
+    identify(&visibility, &surfaces, &mut frame);
+    if detail == Detail::Geometry {
+        return frame;
+    }
     color(&camera_axes, &visibility, &surfaces, &mut frame);
     outline::darken_contacts(&visibility, &surfaces, &mut frame);
     outline::draw_edges(&visibility, &mut frame);
@@ -94,11 +108,22 @@ fn surface_of(code: u32) -> (usize, u8) {
     (((code - 1) / FACES) as usize, ((code - 1) % FACES) as u8)
 }
 
-/// Fills the three buffers from what is visible, run by run of one face.
-fn color(camera_axes: &[[f32; 3]; 3], visibility: &Visibility, surfaces: &[Surface], frame: &mut Frame) {
+/// Fills ids and depth from what is visible.
+fn identify(visibility: &Visibility, surfaces: &[Surface], frame: &mut Frame) {
     for (depth_mm, &inverse) in frame.depth_mm.iter_mut().zip(&visibility.inverse_depth) {
         *depth_mm = if inverse > 0.0 { (1000.0 / inverse + 0.5) as u16 } else { 0 };
     }
+    let mut start = 0;
+    for run in visibility.codes.chunk_by(|a, b| a == b) {
+        if run[0] != 0 {
+            frame.ids[start..start + run.len()].fill(surfaces[surface_of(run[0]).0].entity);
+        }
+        start += run.len();
+    }
+}
+
+/// Fills RGB from what is visible, run by run of one face.
+fn color(camera_axes: &[[f32; 3]; 3], visibility: &Visibility, surfaces: &[Surface], frame: &mut Frame) {
     for y in 0..FRAME_HEIGHT {
         let background = shade::background_row(camera_axes, y);
         let row = y * FRAME_WIDTH;
@@ -110,9 +135,7 @@ fn color(camera_axes: &[[f32; 3]; 3], visibility: &Visibility, surfaces: &[Surfa
                 rgb.as_chunks_mut::<3>().0.fill(background);
             } else {
                 let (surface, face) = surface_of(run[0]);
-                let surface = &surfaces[surface];
-                frame.ids[span.clone()].fill(surface.entity);
-                surface.shade(face, x, y, &visibility.inverse_depth[span], rgb);
+                surfaces[surface].shade(face, x, y, &visibility.inverse_depth[span], rgb);
             }
             x += run.len();
         }

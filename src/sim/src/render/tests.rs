@@ -116,7 +116,7 @@ fn trace(camera: &Camera, things: &[(Part, Pose)], x: usize, y: usize) -> (u16, 
 #[test]
 fn pictures_agree_with_an_analytic_ray_caster() {
     let (camera, things) = scene();
-    let frame = render(&camera, &drawables(&things));
+    let frame = render(&camera, &drawables(&things), Detail::Picture);
     let (mut agreeing, mut wrong_depths) = (0, 0);
     for y in 0..FRAME_HEIGHT {
         for x in 0..FRAME_WIDTH {
@@ -145,17 +145,17 @@ fn pictures_agree_with_an_analytic_ray_caster() {
 fn drawing_order_does_not_matter() {
     let (camera, things) = scene();
     let mut drawn = drawables(&things);
-    let forward = render(&camera, &drawn);
+    let forward = render(&camera, &drawn, Detail::Picture);
     drawn.reverse();
-    assert!(forward == render(&camera, &drawn));
+    assert!(forward == render(&camera, &drawn, Detail::Picture));
     drawn.rotate_left(7);
-    assert!(forward == render(&camera, &drawn));
+    assert!(forward == render(&camera, &drawn, Detail::Picture));
 }
 
 #[test]
 fn frame_digests_are_stable() {
     let (camera, things) = scene();
-    let frame = render(&camera, &drawables(&things));
+    let frame = render(&camera, &drawables(&things), Detail::Picture);
     let digests = frame.digests();
     let mut marked = frame.clone();
     let marks = [
@@ -184,7 +184,7 @@ fn a_camera_amid_things_sees_without_panic() {
         // Inside the table top, on its edge, on the floor, inside a ball.
         for position in [[1.6, 0.0, 0.72], [1.1, 0.0, 0.75], [0.0, 0.0, 0.0], [1.25, -0.25, 0.85]] {
             let camera = Camera { position, yaw, pitch: f32::from(i % 7) * 0.5 - 1.5 };
-            render(&camera, &drawables(&things));
+            render(&camera, &drawables(&things), Detail::Picture);
         }
     }
 }
@@ -193,7 +193,7 @@ fn a_camera_amid_things_sees_without_panic() {
 fn the_near_plane_cuts_a_floor_without_a_gap() {
     let floor = part(Shape::Cuboid { half: [50.0, 50.0, 0.1] }, Pose::IDENTITY, [90, 90, 90]);
     let camera = Camera { position: [0.3, 0.2, 0.06], yaw: 0.4, pitch: 0.0 };
-    let frame = render(&camera, &[Drawable { parts: &[floor], pose: Pose::at([0.0, 0.0, -0.1]), entity: 3 }]);
+    let frame = render(&camera, &[Drawable { parts: &[floor], pose: Pose::at([0.0, 0.0, -0.1]), entity: 3 }], Detail::Picture);
     // Below the horizon all is floor; the lowest row sees it at 0.06 * 400 / 239.5 = 0.1 m.
     assert!(frame.ids[250 * FRAME_WIDTH..].iter().all(|&id| id == 3));
     assert!(frame.ids[..239 * FRAME_WIDTH].iter().all(|&id| id == 0));
@@ -202,7 +202,7 @@ fn the_near_plane_cuts_a_floor_without_a_gap() {
 
 #[test]
 fn what_is_not_finite_or_not_in_view_draws_nothing() {
-    let empty = render(&Camera { position: [0.0; 3], yaw: 0.0, pitch: 0.0 }, &[]);
+    let empty = render(&Camera { position: [0.0; 3], yaw: 0.0, pitch: 0.0 }, &[], Detail::Picture);
     assert!(empty.ids.iter().all(|&id| id == 0));
     let ball = part(Shape::Ball { radius: 0.3 }, Pose::IDENTITY, [200, 20, 20]);
     let camera = Camera { position: [0.0; 3], yaw: 0.0, pitch: 0.0 };
@@ -216,7 +216,7 @@ fn what_is_not_finite_or_not_in_view_draws_nothing() {
         }
         poses.push(Pose { position: [2.0, 0.0, 0.0], rotation: [bad, 0.0, 0.0, 1.0] });
         let lost = Camera { position: [bad, 0.0, 0.0], yaw: bad, pitch: 0.0 };
-        let frame = render(&lost, &[Drawable { parts: &[ball], pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }]);
+        let frame = render(&lost, &[Drawable { parts: &[ball], pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }], Detail::Picture);
         assert!(frame.ids.iter().all(|&id| id == 0));
         let shapes = [
             Shape::Ball { radius: bad },
@@ -224,12 +224,14 @@ fn what_is_not_finite_or_not_in_view_draws_nothing() {
             Shape::Capsule { radius: 0.1, half_height: bad },
         ];
         let broken = shapes.map(|shape| part(shape, Pose::IDENTITY, [1; 3]));
-        assert!(render(&camera, &[Drawable { parts: &broken, pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }]) == empty);
+        assert!(
+            render(&camera, &[Drawable { parts: &broken, pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }], Detail::Picture) == empty
+        );
     }
     for pose in poses {
-        assert!(render(&camera, &[Drawable { parts: &[ball], pose, entity: 1 }]) == empty, "{pose:?} was drawn");
+        assert!(render(&camera, &[Drawable { parts: &[ball], pose, entity: 1 }], Detail::Picture) == empty, "{pose:?} was drawn");
     }
-    let seen = render(&camera, &[Drawable { parts: &[ball], pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }]);
+    let seen = render(&camera, &[Drawable { parts: &[ball], pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }], Detail::Picture);
     assert_eq!(seen.ids[240 * FRAME_WIDTH + 320], 1);
 }
 
@@ -239,7 +241,7 @@ fn patterns_show_their_second_colour() {
     let picture = |pattern| -> Frame {
         let mut block = part(Shape::Cuboid { half: [0.2, 0.4, 0.3] }, Pose::IDENTITY, [200, 30, 30]);
         (block.pattern, block.accent) = (pattern, [20, 40, 220]);
-        render(&camera, &[Drawable { parts: &[block], pose: Pose::at([1.5, 0.0, 0.0]), entity: 1 }])
+        render(&camera, &[Drawable { parts: &[block], pose: Pose::at([1.5, 0.0, 0.0]), entity: 1 }], Detail::Picture)
     };
     let plain = picture(Pattern::Plain);
     let blue =

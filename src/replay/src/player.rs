@@ -1,0 +1,197 @@
+//! Runs a recorded episode again, call by call, from its start or from a snapshot, and compares each call with what
+//! was recorded. Stops at the first difference.
+
+use std::sync::Arc;
+
+use reel_episode::{Episode, EpisodeConfig, StepOutput};
+use reel_reward::Preset;
+use reel_sim::{SIM_VERSION, Snapshot, render::Detail};
+use reel_trace::Trace;
+use reel_world::{
+    Digest, Frame,
+    record::{Backend, StartRecord, StateDigests, StepRecord},
+};
+
+use crate::{Divergence, Moment, Verdict, difference};
+
+/// An episode that is executed again beside its trace.
+#[derive(Debug)]
+pub struct Replay<'t> {
+    trace: &'t Trace,
+    episode: Episode,
+    detail: Detail,
+    calls: usize,
+    /// Executed physics steps, those of a sleeping world left out.
+    physics_steps: u64,
+    pictures: u32,
+}
+
+/// What a call gave that differs from its record.
+#[derive(Clone, Debug)]
+pub struct Differing {
+    /// The first difference.
+    pub divergence: Divergence,
+    /// What this simulator gave; none at the start.
+    pub output: Option<StepOutput>,
+}
+
+impl<'t> Replay<'t> {
+    /// Executes the start again; gives its picture too.
+    ///
+    /// # Errors
+    /// Why nothing can be executed, or the first difference.
+    pub fn start(trace: &'t Trace, detail: Detail) -> Result<(Self, Frame), Verdict> {
+        let config = config(trace)?;
+        let (episode, start, frame) =
+            Episode::start_with(config, detail).map_err(|error| Verdict::NotReplayable { reason: error.to_string() })?;
+        let found = difference::header(&trace.header, episode.header());
+        found.and_then(|()| compare_start(&trace.start, &start, detail)).map_err(diverged)?;
+        let physics_steps = start.digests.physics_steps.len() as u64;
+        Ok((Self { trace, episode, detail, calls: 0, physics_steps, pictures: 1 }, frame))
+    }
+
+    /// Goes on after the first `calls` recorded calls from a snapshot of the state there.
+    ///
+    /// # Errors
+    /// Why nothing can be executed, or that the snapshot is not of that state.
+    pub fn resume(trace: &'t Trace, calls: usize, snapshot: &Snapshot) -> Result<Self, Verdict> {
+        let refused = |reason| Verdict::Refused { reason };
+        let before = trace.steps.get(..calls).ok_or_else(|| refused(format!("the episode has {} calls", trace.steps.len())))?;
+        let episode = Episode::resume(config(trace)?, trace.start.clone(), before.to_vec(), snapshot)
+            .map_err(|error| refused(error.to_string()))?;
+        Ok(Self { trace, episode, detail: Detail::Picture, calls, physics_steps: 0, pictures: 0 })
+    }
+
+    /// Executes the next recorded call again and gives its picture, where it has one; nothing after the last call.
+    ///
+    /// # Errors
+    /// The first difference.
+    pub fn step(&mut self) -> Result<Option<StepOutput>, Box<Differing>> {
+        let Some(recorded) = self.trace.steps.get(self.calls) else { return Ok(None) };
+        let output = self.episode.step(recorded.input.clone());
+        match compare_step(recorded, &output.record, self.detail) {
+            Err(divergence) => Err(Box::new(Differing { divergence: *divergence, output: Some(output) })),
+            Ok(()) => {
+                self.calls += 1;
+                self.physics_steps += output.record.digests.physics_steps.len() as u64;
+                self.pictures += u32::from(output.frame.is_some());
+                Ok(Some(output))
+            }
+        }
+    }
+
+    /// Executes what is left, hands every picture over with its call, and compares the end.
+    ///
+    /// # Errors
+    /// The first difference.
+    pub fn finish(mut self, mut on_frame: impl FnMut(u32, &Frame)) -> Result<Verdict, Verdict> {
+        while let Some(output) = self.step().map_err(|differing| Verdict::Diverged { divergence: differing.divergence })? {
+            if let Some(frame) = &output.frame {
+                on_frame(output.record.step, frame);
+            }
+        }
+        let exact = Verdict::Exact {
+            calls: u32::try_from(self.trace.steps.len()).unwrap_or(u32::MAX),
+            physics_steps: self.physics_steps,
+            pictures: self.pictures,
+        };
+        if let Some(recorded) = &self.trace.end {
+            let mut replayed = self.episode.end();
+            if self.detail == Detail::Geometry {
+                replayed.chain = recorded.chain;
+            }
+            // An episode that its runner stopped early ends as it did then.
+            difference::end(recorded, &replayed).map_err(diverged)?;
+        }
+        Ok(exact)
+    }
+
+    /// How many of the recorded calls were executed or skipped.
+    pub fn calls(&self) -> usize {
+        self.calls
+    }
+
+    /// The episode, as far as it was executed.
+    pub fn episode(&self) -> &Episode {
+        &self.episode
+    }
+
+    /// The episode, to be led elsewhere from here.
+    pub fn into_episode(self) -> Episode {
+        self.episode
+    }
+}
+
+/// What an episode is a function of, from its trace; refuses what no simulator of this version recorded.
+pub(crate) fn config(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
+    let header = &trace.header;
+    if header.backend == Backend::Sim && header.sim_version != SIM_VERSION {
+        return Err(Verdict::OtherSimulator { recorded: header.sim_version, this: SIM_VERSION });
+    }
+    config_of_any_version(trace)
+}
+
+/// [`config`] also for traces of other versions, whose outcomes may differ.
+pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
+    let header = &trace.header;
+    let not_replayable = |reason| Verdict::NotReplayable { reason };
+    if header.backend != Backend::Sim {
+        return Err(not_replayable(format!("recorded from {:?}, not from our simulator", header.backend)));
+    }
+    let preset = Preset::parse(&header.reward_preset)
+        .ok_or_else(|| not_replayable(format!("unknown reward preset '{}'", header.reward_preset)))?;
+    Ok(EpisodeConfig {
+        task: Arc::new(trace.task.clone()),
+        scene: Arc::new(trace.scene.clone()),
+        seed: header.seed,
+        profile: header.profile,
+        preset,
+        run_id: header.run_id.clone(),
+        policy: header.policy.clone(),
+    })
+}
+
+fn compare_start(recorded: &StartRecord, replayed: &StartRecord, detail: Detail) -> Result<(), Box<Divergence>> {
+    if detail == Detail::Picture {
+        return difference::start(recorded, replayed);
+    }
+    let digests = without_rgb(&recorded.digests, &replayed.digests);
+    difference::start(recorded, &StartRecord { digests, ..replayed.clone() })
+}
+
+fn compare_step(recorded: &StepRecord, replayed: &StepRecord, detail: Detail) -> Result<(), Box<Divergence>> {
+    if detail == Detail::Picture {
+        return difference::step(recorded, replayed);
+    }
+    let digests = without_rgb(&recorded.digests, &replayed.digests);
+    difference::step(recorded, &StepRecord { digests, ..replayed.clone() })
+}
+
+/// Replayed digests with what depends on RGB taken from the record: nothing is said of it.
+fn without_rgb(recorded: &StateDigests, replayed: &StateDigests) -> StateDigests {
+    let mut digests = replayed.clone();
+    digests.chain = recorded.chain;
+    if let (Some(old), Some(new)) = (&recorded.frame, &mut digests.frame) {
+        new.rgb = old.rgb;
+    }
+    digests
+}
+
+fn diverged(divergence: Box<Divergence>) -> Verdict {
+    Verdict::Diverged { divergence: *divergence }
+}
+
+/// The link of the hash chain after so many calls: it names the state and all that led to it.
+pub(crate) fn link_after(trace: &Trace, calls: usize) -> Option<Digest> {
+    match calls.checked_sub(1) {
+        None => Some(trace.start.digests.chain),
+        Some(last) => trace.steps.get(last).map(|step| step.digests.chain),
+    }
+}
+
+impl Differing {
+    /// Where it differs.
+    pub fn moment(&self) -> Moment {
+        self.divergence.moment
+    }
+}

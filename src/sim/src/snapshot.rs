@@ -1,0 +1,160 @@
+//! The whole state of a simulator between two calls, taken out and put back: what comes after a restore equals what
+//! came after the original, bit for bit. Never part of a trace: the engine's form is no file format.
+
+use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, record::RobotState};
+use serde::{Deserialize, Serialize};
+
+use crate::{SIM_VERSION, physics::Physics, simulator::Simulator};
+
+/// The state of a simulator between two calls.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Snapshot {
+    sim_version: u32,
+    digest: Digest,
+    /// Engine, doors and held objects, as the serializer of this build writes them.
+    physics: Vec<u8>,
+    /// World graph and markers as JSON: their tagged forms need a format that describes itself.
+    registry: String,
+    markers: String,
+    held: Option<u32>,
+    has_marker_map: bool,
+    markers_persist: bool,
+    landmark: Option<u32>,
+    robot: RobotState,
+    sim_step: u64,
+    /// The id buffer of the last picture: (id, pixels) runs.
+    view: Vec<(u16, u32)>,
+}
+
+/// Why a snapshot cannot be restored.
+#[derive(Debug, thiserror::Error)]
+pub enum SnapshotError {
+    /// Taken by another simulator.
+    #[error("the snapshot was taken by simulator {found}, this is {SIM_VERSION}; delete it, it can be made again")]
+    OtherSimulator {
+        /// The version that took it.
+        found: u32,
+    },
+    /// Cut or changed.
+    #[error("the snapshot is damaged ({what}); delete it, it can be made again")]
+    Damaged {
+        /// What is wrong.
+        what: String,
+    },
+    /// Of another task, scene or seed.
+    #[error("the snapshot is of another episode: it has the state {expected}, restored it is {found}")]
+    OtherEpisode {
+        /// Digest of the state it was taken of.
+        expected: Digest,
+        /// Digest of the restored state.
+        found: Digest,
+    },
+}
+
+impl Snapshot {
+    /// Digest of the state it was taken of.
+    pub fn digest(&self) -> Digest {
+        self.digest
+    }
+
+    /// The bytes of a snapshot, for a cache of this build.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        postcard::to_allocvec(self).expect("a snapshot holds nothing that cannot be written")
+    }
+
+    /// A snapshot from its bytes.
+    ///
+    /// # Errors
+    /// When they are no snapshot of this simulator.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
+        let (found, _) = postcard::take_from_bytes::<u32>(bytes).map_err(damaged)?;
+        if found != SIM_VERSION {
+            return Err(SnapshotError::OtherSimulator { found });
+        }
+        postcard::from_bytes(bytes).map_err(damaged)
+    }
+}
+
+impl Simulator {
+    /// Takes the state out.
+    pub fn snapshot(&self) -> Snapshot {
+        let index = |index: usize| u32::try_from(index).expect("a scene has fewer than 65,000 things");
+        let mut view: Vec<(u16, u32)> = Vec::new();
+        for id in &self.view.ids {
+            match view.last_mut() {
+                Some((last, pixels)) if last == id => *pixels += 1,
+                _ => view.push((*id, 1)),
+            }
+        }
+        Snapshot {
+            sim_version: SIM_VERSION,
+            digest: self.digest(),
+            physics: postcard::to_allocvec(&self.physics).expect("the engine's state can be written"),
+            registry: reel_world::canonical_json(&self.registry),
+            markers: reel_world::canonical_json(&self.markers),
+            held: self.held.map(index),
+            has_marker_map: self.has_marker_map,
+            markers_persist: self.markers_persist,
+            landmark: self.landmark.map(index),
+            robot: self.robot,
+            sim_step: self.sim_step,
+            view,
+        }
+    }
+
+    /// A simulator of the same task, scene, profile and seed in the state of a snapshot.
+    ///
+    /// # Errors
+    /// When the snapshot is damaged or of another episode.
+    pub fn restored(&self, snapshot: &Snapshot) -> Result<Self, SnapshotError> {
+        if snapshot.sim_version != SIM_VERSION {
+            return Err(SnapshotError::OtherSimulator { found: snapshot.sim_version });
+        }
+        let physics: Physics = postcard::from_bytes(&snapshot.physics).map_err(damaged)?;
+        let things = |index: Option<u32>, count: usize| match index.map(|index| index as usize) {
+            Some(index) if index >= count => Err(damaged("it speaks of things that are not there")),
+            index => Ok(index),
+        };
+        if (physics.object_count(), physics.door_count()) != (self.object_models.len(), self.physics.door_count()) {
+            return Err(damaged("it has other objects or doors than the task"));
+        }
+        let mut view = Frame::new();
+        view.ids = pixels(&snapshot.view).ok_or_else(|| damaged("its picture has another size"))?;
+        let restored = Self {
+            scene: self.scene.clone(),
+            task: self.task.clone(),
+            profile: self.profile,
+            seed: self.seed,
+            model: self.model.clone(),
+            object_models: self.object_models.clone(),
+            nav: self.nav.clone(),
+            door_of: self.door_of.clone(),
+            physics,
+            registry: serde_json::from_str(&snapshot.registry).map_err(damaged)?,
+            held: things(snapshot.held, self.object_models.len())?,
+            markers: serde_json::from_str(&snapshot.markers).map_err(damaged)?,
+            has_marker_map: snapshot.has_marker_map,
+            markers_persist: snapshot.markers_persist,
+            landmark: things(snapshot.landmark, self.model.furniture.len())?,
+            robot: snapshot.robot,
+            view,
+            detail: self.detail,
+            sim_step: snapshot.sim_step,
+            step_digests: Vec::new(),
+        };
+        match restored.digest() {
+            found if found == snapshot.digest => Ok(restored),
+            found => Err(SnapshotError::OtherEpisode { expected: snapshot.digest, found }),
+        }
+    }
+}
+
+fn pixels(runs: &[(u16, u32)]) -> Option<Vec<u16>> {
+    let size = FRAME_WIDTH * FRAME_HEIGHT;
+    let total = runs.iter().try_fold(0usize, |sum, (_, pixels)| sum.checked_add(*pixels as usize).filter(|sum| *sum <= size))?;
+    (total == size).then(|| runs.iter().flat_map(|(id, pixels)| std::iter::repeat_n(*id, *pixels as usize)).collect())
+}
+
+fn damaged(what: impl std::fmt::Display) -> SnapshotError {
+    SnapshotError::Damaged { what: what.to_string() }
+}
