@@ -9,6 +9,7 @@ pub mod nav;
 pub mod physics;
 pub mod placement;
 pub mod render;
+pub mod stress;
 
 mod math;
 mod simulator;

@@ -28,8 +28,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let (trace, lost) = Trace::read_partial(&arguments.trace).context("cannot show the trace")?;
     if arguments.json {
-        let whole =
-            json!({ "header": trace.header, "task": trace.task, "start": trace.start, "steps": trace.steps, "end": trace.end });
+        let whole = json!({ "header": trace.header, "task": trace.task, "scene": trace.scene, "start": trace.start, "steps": trace.steps, "end": trace.end });
         println!("{whole}");
     } else {
         print!("{}", reel_view::transcript(&trace));
