@@ -1,13 +1,15 @@
 //! What several commands take in: scenes, tasks, trace files, workers.
 
 use std::{
-    fs,
+    env, fs,
     path::{Path, PathBuf},
     sync::Arc,
     thread::available_parallelism,
 };
 
 use anyhow::{Context, bail};
+use reel_replay::SnapshotCache;
+use reel_tasks::Listed;
 use reel_world::{Scene, Task};
 
 /// The scene of a file; without one, the home that comes with Reel.
@@ -21,8 +23,8 @@ pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
 }
 
 /// The tasks of a file or folder; broken files are named and left out.
-pub fn tasks(path: &Path, scene: &Scene) -> anyhow::Result<(Vec<Arc<Task>>, usize)> {
-    let report = reel_tasks::load(path, scene);
+pub fn tasks(path: &Path, scene: &Scene, listed: Listed) -> anyhow::Result<(Vec<Arc<Task>>, usize)> {
+    let report = reel_tasks::load_as(path, scene, listed);
     for error in &report.broken {
         eprintln!("reel: {error}");
     }
@@ -50,6 +52,29 @@ pub fn traces(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     }
     found.sort();
     Ok(found)
+}
+
+/// Where snapshots are kept: a folder that may be deleted at any time.
+#[derive(clap::Args)]
+pub struct Cache {
+    /// Folder for snapshots to seek by; it may be deleted at any time [default: reel-snapshots in the user's cache folder]
+    #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
+    cache: Option<PathBuf>,
+    /// Seek by executing from the start, and keep nothing
+    #[arg(long)]
+    no_cache: bool,
+}
+
+impl Cache {
+    /// The cache to seek by, if any.
+    pub fn open(&self) -> Option<SnapshotCache> {
+        if self.no_cache {
+            return None;
+        }
+        let home = || Some(PathBuf::from(env::var_os("HOME")?).join(".cache"));
+        let default = || env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home).map(|cache| cache.join("reel-snapshots"));
+        self.cache.clone().or_else(default).map(|folder| SnapshotCache::at(&folder))
+    }
 }
 
 /// The workers asked for, or one for each core.

@@ -7,8 +7,8 @@ use reel_sim::{SIM_VERSION, Simulator, Snapshot, ToolResult, render::Detail};
 use reel_world::{
     Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Tool, WorldGraph, chain, invariants,
     record::{
-        Backend, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord, StateDigests, StepInput, StepRecord,
-        UserReply,
+        Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord, StateDigests, StepInput,
+        StepRecord, UserReply,
     },
 };
 
@@ -189,6 +189,16 @@ impl Episode {
             held: self.simulator.held(),
             landmark: self.simulator.landmark(),
         }
+    }
+
+    /// Keeps the motion states after one physics step of the next call (from 0); see [`Episode::take_watched`].
+    pub fn watch(&mut self, physics_step: usize) {
+        self.simulator.watch(physics_step);
+    }
+
+    /// The motion states after the watched physics step; none where it was not executed.
+    pub fn take_watched(&mut self) -> Option<Vec<BodyState>> {
+        self.simulator.take_watched()
     }
 
     /// The simulator, to look at.

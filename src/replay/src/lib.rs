@@ -4,6 +4,7 @@
 //! Never reads a clock or asks a policy: what was decided is in the trace.
 
 mod difference;
+mod explain;
 mod player;
 mod seek;
 
@@ -16,6 +17,7 @@ use reel_world::Frame;
 use serde::Serialize;
 
 pub use difference::{Divergence, Moment};
+pub use explain::{Explanation, FieldChange, PictureChange, body_changes, explain, state_at};
 pub use player::{Differing, Replay};
 pub use seek::{SnapshotCache, seek, verify_restored};
 
@@ -44,6 +46,8 @@ pub enum Verdict {
         recorded: u32,
         /// This simulator's version.
         this: u32,
+        /// What changed in the versions between, the later ones last.
+        changes: Vec<String>,
     },
     /// There is no simulator behind it (a robot, another simulator).
     NotReplayable {
@@ -71,8 +75,9 @@ impl std::fmt::Display for Verdict {
                 write!(f, "exact: {calls} calls, {physics_steps} physics steps, {pictures} pictures")
             }
             Verdict::Diverged { divergence } => write!(f, "DIVERGED {divergence}"),
-            Verdict::OtherSimulator { recorded, this } => {
-                write!(f, "recorded by simulator {recorded}, this is {this}: replay it with the build that recorded it")
+            Verdict::OtherSimulator { recorded, this, changes } => {
+                write!(f, "recorded by simulator {recorded}, this is {this}: replay it with the build that recorded it")?;
+                changes.iter().try_for_each(|change| write!(f, "\n  {change}"))
             }
             Verdict::NotReplayable { reason } => write!(f, "not replayable: {reason}"),
             Verdict::Refused { reason } => write!(f, "REFUSED {reason}"),
@@ -90,16 +95,36 @@ pub fn verify(path: &Path) -> Verdict {
 
 /// Replays many trace files on so many threads; verdicts in the order of the paths.
 pub fn verify_all<P: AsRef<Path> + Sync>(paths: &[P], workers: usize, on_done: impl Fn(&Path, &Verdict) + Sync) -> Vec<Verdict> {
+    on_workers(paths, workers, verify, on_done)
+}
+
+/// [`verify_all`], and each again from snapshots after `count` of its calls.
+pub fn verify_all_restored<P: AsRef<Path> + Sync>(
+    paths: &[P],
+    workers: usize,
+    count: usize,
+    on_done: impl Fn(&Path, &Verdict) + Sync,
+) -> Vec<Verdict> {
+    on_workers(paths, workers, |path| seek::verify_restored_at_some(path, count), on_done)
+}
+
+fn on_workers<P: AsRef<Path> + Sync>(
+    paths: &[P],
+    workers: usize,
+    verify: impl Fn(&Path) -> Verdict + Sync,
+    on_done: impl Fn(&Path, &Verdict) + Sync,
+) -> Vec<Verdict> {
     let one = |path: &P| {
         let path = path.as_ref();
-        let verdict = std::panic::catch_unwind(|| verify(path)).unwrap_or_else(|_| Verdict::Refused {
+        let contained = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| verify(path)));
+        let verdict = contained.unwrap_or_else(|_| Verdict::Refused {
             reason: format!("replaying it panicked; run `reel replay {}` alone and report what it prints", path.display()),
         });
         on_done(path, &verdict);
         verdict
     };
     match rayon::ThreadPoolBuilder::new().num_threads(workers).build() {
-        Ok(pool) => pool.install(|| paths.par_iter().map(one).collect()),
+        Ok(pool) => pool.install(|| paths.par_iter().with_max_len(1).map(one).collect()),
         Err(_) => paths.iter().map(one).collect(),
     }
 }
@@ -129,6 +154,18 @@ pub fn replay_with(trace: &Trace, mut on_frame: impl FnMut(Option<u32>, &Frame))
     let (replay, frame) = Replay::start(trace, Detail::Picture)?;
     on_frame(None, &frame);
     replay.finish(|call, frame| on_frame(Some(call), frame))
+}
+
+/// The first difference between two traces of the same inputs; none where every record is equal.
+pub fn compare(a: &Trace, b: &Trace) -> Option<Divergence> {
+    let compared = difference::header(&a.header, &b.header)
+        .and_then(|()| difference::start(&a.start, &b.start))
+        .and_then(|()| a.steps.iter().zip(&b.steps).try_for_each(|(a, b)| difference::step(a, b)))
+        .and_then(|()| match (&a.end, &b.end) {
+            (Some(a), Some(b)) => difference::end(a, b),
+            _ => Ok(()),
+        });
+    compared.err().map(|divergence| *divergence)
 }
 
 fn refused(error: &TraceError) -> Verdict {

@@ -5,14 +5,14 @@ use std::sync::Arc;
 
 use reel_episode::{Episode, EpisodeConfig, StepOutput};
 use reel_reward::Preset;
-use reel_sim::{SIM_VERSION, Snapshot, render::Detail};
+use reel_sim::{SIM_CHANGES, SIM_VERSION, Snapshot, render::Detail};
 use reel_trace::Trace;
 use reel_world::{
     Digest, Frame,
-    record::{Backend, StartRecord, StateDigests, StepRecord},
+    record::{Backend, BodyState, StartRecord, StateDigests, StepRecord},
 };
 
-use crate::{Divergence, Moment, Verdict, difference};
+use crate::{Divergence, Verdict, difference};
 
 /// An episode that is executed again beside its trace.
 #[derive(Debug)]
@@ -116,6 +116,16 @@ impl<'t> Replay<'t> {
         &self.episode
     }
 
+    /// Keeps the motion states after one physics step of the next call; see [`Episode::watch`].
+    pub(crate) fn watch(&mut self, physics_step: usize) {
+        self.episode.watch(physics_step);
+    }
+
+    /// The motion states after the watched physics step.
+    pub(crate) fn take_watched(&mut self) -> Option<Vec<BodyState>> {
+        self.episode.take_watched()
+    }
+
     /// The episode, to be led elsewhere from here.
     pub fn into_episode(self) -> Episode {
         self.episode
@@ -126,7 +136,7 @@ impl<'t> Replay<'t> {
 pub(crate) fn config(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
     let header = &trace.header;
     if header.backend == Backend::Sim && header.sim_version != SIM_VERSION {
-        return Err(Verdict::OtherSimulator { recorded: header.sim_version, this: SIM_VERSION });
+        return Err(other_simulator(header.sim_version));
     }
     config_of_any_version(trace)
 }
@@ -149,6 +159,13 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),
     })
+}
+
+fn other_simulator(recorded: u32) -> Verdict {
+    let [low, high] = [recorded.min(SIM_VERSION), recorded.max(SIM_VERSION)];
+    let between = (1..).zip(SIM_CHANGES).filter(|(version, _)| (low + 1..=high).contains(version));
+    let changes = between.map(|(version, change)| format!("simulator {version}: {change}")).collect();
+    Verdict::OtherSimulator { recorded, this: SIM_VERSION, changes }
 }
 
 fn compare_start(recorded: &StartRecord, replayed: &StartRecord, detail: Detail) -> Result<(), Box<Divergence>> {
@@ -186,12 +203,5 @@ pub(crate) fn link_after(trace: &Trace, calls: usize) -> Option<Digest> {
     match calls.checked_sub(1) {
         None => Some(trace.start.digests.chain),
         Some(last) => trace.steps.get(last).map(|step| step.digests.chain),
-    }
-}
-
-impl Differing {
-    /// Where it differs.
-    pub fn moment(&self) -> Moment {
-        self.divergence.moment
     }
 }

@@ -10,7 +10,7 @@ use reel_sim::{SIM_VERSION, Snapshot, render::Detail};
 use reel_trace::Trace;
 use reel_world::Digest;
 
-use crate::{Replay, Verdict, player};
+use crate::{Replay, Verdict, player, verify};
 
 /// A folder of snapshots, by the link of the hash chain they stand at and the simulator's version.
 #[derive(Clone, Debug)]
@@ -105,4 +105,25 @@ pub fn verify_restored(trace: &Trace, after: &[usize]) -> Result<(), (Option<usi
         resumed.map_err(|verdict| (Some(calls), verdict))?;
     }
     Ok(())
+}
+
+/// Replays a trace, then again from snapshots after `count` of its calls. Which calls is decided by the trace's own
+/// digest, so that the same trace is always asked the same.
+pub(crate) fn verify_restored_at_some(path: &Path, count: usize) -> Verdict {
+    let verdict = verify(path);
+    if !verdict.is_exact() {
+        return verdict;
+    }
+    let trace = match Trace::read(path) {
+        Ok(trace) => trace,
+        Err(error) => return Verdict::Refused { reason: error.to_string() },
+    };
+    let mut calls: Vec<usize> = (0..=trace.steps.len()).collect();
+    let name = |calls: &usize| Digest::of(format!("{} {calls}", trace.start.digests.chain).as_bytes());
+    calls.sort_by_key(name);
+    calls.truncate(count);
+    match verify_restored(&trace, &calls) {
+        Ok(()) => verdict,
+        Err((_, verdict)) => verdict,
+    }
 }

@@ -20,5 +20,8 @@ pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
 pub use snapshot::{Snapshot, SnapshotError};
 pub use tools::ToolResult;
 
-/// Changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`.
-pub const SIM_VERSION: u32 = 1;
+/// Changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`, and in a line below.
+pub const SIM_VERSION: u32 = SIM_CHANGES.len() as u32;
+
+/// What each version of the simulator changed, the first one first.
+pub const SIM_CHANGES: &[&str] = &["the first simulator"];

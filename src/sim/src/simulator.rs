@@ -59,12 +59,22 @@ pub struct Simulator {
     pub(crate) detail: Detail,
     pub(crate) sim_step: u64,
     pub(crate) step_digests: Vec<u32>,
+    /// The physics step, counted like `step_digests`, whose motion states are wanted, and these states.
+    pub(crate) watch: Option<usize>,
+    pub(crate) watched: Option<Vec<BodyState>>,
 }
 
 impl Simulator {
     /// Spawns the task's objects in the scene and lets them settle.
     pub fn new(scene: Arc<Scene>, task: Arc<Task>, profile: Profile, seed: u64) -> Self {
+        Self::new_watching(scene, task, profile, seed, None)
+    }
+
+    /// [`Simulator::new`], keeping the motion states after one physics step of the settling (from 0) for
+    /// [`Simulator::take_watched`].
+    pub fn new_watching(scene: Arc<Scene>, task: Arc<Task>, profile: Profile, seed: u64, watch: Option<usize>) -> Self {
         let mut simulator = Self::empty(scene, task, profile, seed);
+        simulator.watch = watch;
         let task = simulator.task.clone();
         for (index, object) in task.objects.iter().enumerate() {
             let [x, y, z] = object.position.map(|value| value as f32);
@@ -147,6 +157,17 @@ impl Simulator {
     /// Digests of the physics steps executed since this was last asked.
     pub fn take_step_digests(&mut self) -> Vec<u32> {
         std::mem::take(&mut self.step_digests)
+    }
+
+    /// Keeps the motion states after one physics step of the next call (from 0) for [`Simulator::take_watched`].
+    pub fn watch(&mut self, step: usize) {
+        self.watch = Some(step);
+    }
+
+    /// The motion states after the watched physics step; none where it was not executed.
+    pub fn take_watched(&mut self) -> Option<Vec<BodyState>> {
+        self.watch = None;
+        self.watched.take()
     }
 
     /// Both authorities' graphs.
@@ -337,6 +358,8 @@ impl Simulator {
             detail: Detail::Picture,
             sim_step: 0,
             step_digests: Vec::new(),
+            watch: None,
+            watched: None,
         }
     }
 
@@ -348,6 +371,9 @@ impl Simulator {
                 break;
             }
             self.physics.step();
+            if self.watch == Some(self.step_digests.len()) {
+                self.watched = Some(self.bodies());
+            }
             self.step_digests.push(self.physics.step_digest());
         }
         self.sim_step += u64::from(steps);

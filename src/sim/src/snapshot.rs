@@ -141,6 +141,8 @@ impl Simulator {
             detail: self.detail,
             sim_step: snapshot.sim_step,
             step_digests: Vec::new(),
+            watch: None,
+            watched: None,
         };
         match restored.digest() {
             found if found == snapshot.digest => Ok(restored),

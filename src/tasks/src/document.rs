@@ -46,6 +46,24 @@ impl Content {
     }
 }
 
+impl Node {
+    /// Turns every list of that name around, at any depth.
+    pub(crate) fn reverse_lists(&mut self, name: &str) {
+        match &mut self.content {
+            Content::List(items) => items.iter_mut().for_each(|item| item.reverse_lists(name)),
+            Content::Map(entries) => {
+                for (key, node) in entries {
+                    if let (true, Content::List(items)) = (key == name, &mut node.content) {
+                        items.reverse();
+                    }
+                    node.reverse_lists(name);
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
 /// Parses the one document of a text.
 pub(crate) fn parse(text: &str) -> Result<Node, Problem> {
     let mut parser = Parser::new_from_str(text);

@@ -21,6 +21,6 @@ mod wording;
 
 pub use error::TaskError;
 pub use generate::{GenerateOptions, Generated, generate};
-pub use load::{LoadReport, load, parse};
+pub use load::{Listed, LoadReport, load, load_as, parse};
 pub use oddity::{Oddity, OddityKind};
 pub use scene::home;

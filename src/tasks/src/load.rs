@@ -30,6 +30,20 @@ pub struct LoadReport {
 /// Loads a task file, or every `.yaml` and `.yml` file of a folder and its folders, in the order of their paths.
 /// A broken file is reported and the rest load. The scene completes the graphs: files leave receptacles out.
 pub fn load(path: &Path, scene: &Scene) -> LoadReport {
+    load_as(path, scene, Listed::AsWritten)
+}
+
+/// In which order the objects that a file lists are read.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Listed {
+    /// As they stand there.
+    AsWritten,
+    /// Last first: a check, nothing may depend on it. (The order within mappings is lost when a file is parsed.)
+    Reversed,
+}
+
+/// [`load`], reading lists of objects in an order.
+pub fn load_as(path: &Path, scene: &Scene, listed: Listed) -> LoadReport {
     let mut report = LoadReport::default();
     let mut files = Vec::new();
     find_files(path, 0, &mut files, &mut report.broken);
@@ -39,7 +53,7 @@ pub fn load(path: &Path, scene: &Scene) -> LoadReport {
     let mut first_file: BTreeMap<String, String> = BTreeMap::new();
     for path in files {
         let file = path.display().to_string();
-        match read_file(&path, &file).and_then(|text| parse(&text, &file, scene)) {
+        match read_file(&path, &file).and_then(|text| parse_as(&text, &file, scene, listed)) {
             Err(error) => report.broken.push(error),
             Ok((task, oddities)) => match first_file.get(&task.task_id) {
                 Some(first) => {
@@ -62,7 +76,17 @@ pub fn load(path: &Path, scene: &Scene) -> LoadReport {
 /// # Errors
 /// When it is no YAML, lacks a field, or does not fit the scene.
 pub fn parse(text: &str, file: &str, scene: &Scene) -> Result<(Task, Vec<Oddity>), TaskError> {
-    let read = || -> Result<_, Problem> { real_schema::read(&Field::root(&document::parse(text)?), scene) };
+    parse_as(text, file, scene, Listed::AsWritten)
+}
+
+fn parse_as(text: &str, file: &str, scene: &Scene, listed: Listed) -> Result<(Task, Vec<Oddity>), TaskError> {
+    let read = || -> Result<_, Problem> {
+        let mut root = document::parse(text)?;
+        if listed == Listed::Reversed {
+            root.reverse_lists("content");
+        }
+        real_schema::read(&Field::root(&root), scene)
+    };
     read().map_err(|problem| problem.in_file(file))
 }
 

@@ -55,6 +55,15 @@ impl Canvas {
         }
     }
 
+    /// Pastes an RGB picture of that width.
+    pub(crate) fn paste(&mut self, x: usize, y: usize, rgb: &[u8], width: usize) {
+        for (row, pixels) in rgb.chunks_exact(width * 3).enumerate() {
+            for (column, colour) in pixels.as_chunks::<3>().0.iter().enumerate() {
+                self.set(x + column, y + row, *colour);
+            }
+        }
+    }
+
     /// Pastes an RGB picture at half its size: each pixel is the mean of four.
     pub(crate) fn paste_halved(&mut self, x: usize, y: usize, rgb: &[u8], width: usize, height: usize) {
         for row in 0..height / 2 {

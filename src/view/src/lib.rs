@@ -4,6 +4,8 @@
 
 mod canvas;
 mod contact_sheet;
+mod moment;
+mod picture_difference;
 #[cfg(feature = "rerun")]
 mod rerun_recording;
 mod transcript;
@@ -11,6 +13,8 @@ mod transcript;
 use std::path::PathBuf;
 
 pub use contact_sheet::contact_sheet;
+pub use moment::moment;
+pub use picture_difference::picture_difference;
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;
 pub use transcript::transcript;

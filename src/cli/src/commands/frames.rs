@@ -5,18 +5,19 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use reel_trace::Trace;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde_json::json;
 
-use crate::Answer;
+use crate::{Answer, inputs};
 
 /// Write the pictures of a trace as PNG files, and a contact sheet of all of them.
 /// Pictures that the trace leaves out are rendered again.
 ///
 /// Example:
 ///   reel frames traces-out/FDP_home_0001--oracle--0.mcap --out pictures
+///   reel frames trace.mcap --out pictures --at 4      # the picture of call 4 alone, rendered again
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -26,8 +27,14 @@ pub struct Arguments {
     /// Folder for the pictures
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Only the picture of this call (from 0), rendered again by going there; the head camera's view where the call
+    /// gave none
+    #[arg(long, value_name = "CALL")]
+    at: Option<u32>,
+    #[command(flatten)]
+    cache: inputs::Cache,
     /// Only the contact sheet
-    #[arg(long)]
+    #[arg(long, conflicts_with = "at")]
     sheet_only: bool,
     /// Print the files as JSON
     #[arg(long)]
@@ -39,15 +46,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let trace = Trace::read(&arguments.trace)?;
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
     let mut files = Vec::new();
-    if !arguments.sheet_only {
+    if let Some(call) = arguments.at {
+        let path = arguments.out.join(file_name(Some(call)));
+        write(&path, &png(&picture_at(&trace, call, &arguments.cache)?)?)?;
+        files.push(path);
+    } else if !arguments.sheet_only {
         for (step, rgb) in pictures(&trace)? {
-            let name = step.map_or_else(|| "start.png".to_owned(), |step| format!("call_{step:03}.png"));
-            let path = arguments.out.join(name);
+            let path = arguments.out.join(file_name(step));
             write(&path, &png(&rgb)?)?;
             files.push(path);
         }
     }
-    if trace.image(None).is_some() {
+    if arguments.at.is_none() && trace.image(None).is_some() {
         let path = arguments.out.join("contact_sheet.png");
         write(&path, &reel_view::contact_sheet(&trace)?)?;
         files.push(path);
@@ -77,6 +87,25 @@ fn pictures(trace: &Trace) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
         }
     }
     Ok(pictures)
+}
+
+/// The picture of one call, rendered again.
+fn picture_at(trace: &Trace, call: u32, cache: &inputs::Cache) -> anyhow::Result<Vec<u8>> {
+    let refused = |verdict| anyhow!("{}: cannot go to call {call}: {verdict}", trace.path.display());
+    let mut replay = reel_replay::seek(trace, call as usize, cache.open().as_ref()).map_err(refused)?;
+    match replay.step() {
+        Ok(Some(output)) => {
+            let simulator = replay.episode().simulator();
+            let frame = output.frame.unwrap_or_else(|| simulator.picture_from(&simulator.camera()));
+            Ok(frame.rgb)
+        }
+        Ok(None) => bail!("{}: there is no call {call}: the episode has {} calls", trace.path.display(), trace.steps.len()),
+        Err(differing) => Err(refused(reel_replay::Verdict::Diverged { divergence: differing.divergence })),
+    }
+}
+
+fn file_name(step: Option<u32>) -> String {
+    step.map_or_else(|| "start.png".to_owned(), |step| format!("call_{step:03}.png"))
 }
 
 fn png(rgb: &[u8]) -> anyhow::Result<Vec<u8>> {

@@ -3,10 +3,12 @@
 pub mod bench;
 #[cfg(feature = "analytics")]
 pub mod demo;
+pub mod explain;
 pub mod export;
 pub mod frames;
 #[cfg(feature = "analytics")]
 pub mod ingest;
+pub mod paranoid;
 #[cfg(feature = "analytics")]
 pub mod query;
 pub mod replay;

@@ -2,9 +2,9 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use reel_replay::{Verdict, verify_all};
+use reel_replay::{Verdict, verify_all, verify_all_restored};
 
-use crate::{Answer, inputs, progress};
+use crate::{Answer, commands::explain, inputs, progress};
 
 /// Re-execute traces from their inputs and compare every digest, picture, text, reward and metric.
 /// On a difference it names the call, the physics step, the body and the field, with both values.
@@ -12,6 +12,9 @@ use crate::{Answer, inputs, progress};
 /// Examples:
 ///   reel replay traces-out
 ///   reel replay traces-out/FDP_home_0001--oracle--0.mcap --json
+///   reel replay trace.mcap --explain --pictures why     # all that differs, in ULPs, pictures and words
+///   reel replay trace.mcap --explain --against old/reel # both builds' states at the first differing physics step
+///   reel replay traces-out --restored 5                 # also from snapshots after 5 calls of each episode
 ///
 /// Exit code 0: all identical; 1: something differs or a trace was refused.
 #[derive(clap::Args)]
@@ -23,6 +26,22 @@ pub struct Arguments {
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
+    /// Say everything that differs at the first differing call: bodies and fields with the distance in ULPs, the first
+    /// differing physics step, pictures, texts
+    #[arg(long, conflicts_with = "restored")]
+    explain: bool,
+    /// With --explain: another build of reel, whose motion states at the first differing physics step are compared too
+    #[arg(long, value_name = "BIN", requires = "explain")]
+    against: Option<PathBuf>,
+    /// With --explain: folder for pictures of differing frames (recorded, replayed, difference)
+    #[arg(long, value_name = "DIR", requires = "explain")]
+    pictures: Option<PathBuf>,
+    /// Print the motion states after a physics step of a call, both from 0, e.g. 3:120 or start:499, as JSON
+    #[arg(long, value_name = "CALL:STEP", conflicts_with_all = ["explain", "restored"])]
+    state_at: Option<String>,
+    /// Also restore each episode from snapshots after so many of its calls, spread by its digest, and compare the rest
+    #[arg(long, value_name = "N")]
+    restored: Option<usize>,
     /// Print one JSON object a trace
     #[arg(long)]
     json: bool,
@@ -31,8 +50,18 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let paths = inputs::traces(&arguments.paths)?;
+    if let Some(place) = &arguments.state_at {
+        return explain::print_state(&paths, place);
+    }
+    if arguments.explain {
+        return explain::run(&paths, arguments.against.as_deref(), arguments.pictures.as_deref(), arguments.json);
+    }
     let bar = progress::bar(paths.len(), "replay");
-    let verdicts = verify_all(&paths, inputs::workers(arguments.jobs), |_, _| bar.inc(1));
+    let workers = inputs::workers(arguments.jobs);
+    let verdicts = match arguments.restored {
+        None => verify_all(&paths, workers, |_, _| bar.inc(1)),
+        Some(count) => verify_all_restored(&paths, workers, count, |_, _| bar.inc(1)),
+    };
     bar.finish_and_clear();
     let mut totals = [0u64; 3];
     for (path, verdict) in paths.iter().zip(&verdicts) {
@@ -58,6 +87,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             "{exact} of {} traces replay exactly: {calls} calls, {physics_steps} physics steps, {pictures} pictures",
             paths.len()
         );
+        if let Some(count) = arguments.restored {
+            println!("  each also restored from snapshots after {count} of its calls (all calls, where it has fewer)");
+        }
         for (kind, count) in kinds(&verdicts) {
             println!("  {kind}: {count}");
         }

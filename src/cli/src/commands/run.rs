@@ -10,10 +10,11 @@ use anyhow::{Context, bail};
 use reel_agents::{AgentError, EpisodeReport, Job, POLICIES, RecordTo, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
+use reel_tasks::Listed;
 use reel_trace::Images;
 use reel_world::{Profile, Scene, Task, record::PolicyInfo};
 
-use crate::{Answer, inputs, progress};
+use crate::{Answer, commands::paranoid, inputs, progress};
 
 /// Play tasks with a policy and record every episode as a trace.
 ///
@@ -27,34 +28,38 @@ use crate::{Answer, inputs, progress};
 pub struct Arguments {
     /// Task file (REAL-Bench YAML) or folder of them
     #[arg(long, value_name = "PATH")]
-    tasks: PathBuf,
+    pub tasks: PathBuf,
     /// Scene file (JSON); without it the home that comes with Reel
     #[arg(long, value_name = "FILE")]
-    scene: Option<PathBuf>,
+    pub scene: Option<PathBuf>,
     /// Who decides
     #[arg(long, value_name = "NAME", default_value = "oracle")]
-    policy: String,
+    pub policy: String,
     /// Seed of everything random
     #[arg(long, value_name = "N", default_value_t = 0)]
-    seed: u64,
+    pub seed: u64,
     /// Folder for the traces
     #[arg(long, value_name = "DIR", default_value = "traces-out")]
     out: PathBuf,
     /// Episodes at a time; without it one for each core
     #[arg(long, value_name = "N")]
-    jobs: Option<usize>,
+    pub jobs: Option<usize>,
     /// How the environment behaves where the paper and the published code differ: paper or real-repo
     #[arg(long, value_name = "NAME", default_value = "paper")]
-    profile: String,
+    pub profile: String,
     /// Leave the pictures out; replay renders them again
     #[arg(long)]
     no_images: bool,
-    /// Play the tasks in reverse order (a check: the traces must not depend on it)
+    /// Play everything a second time under other conditions (heap layout, thread count, order of tasks and of the objects
+    /// in their files) and name the first state field that depends on them
+    #[arg(long)]
+    paranoid: bool,
+    /// Take tasks, and the objects that their files list, in reverse order (a check: the traces must not depend on it)
     #[arg(long, hide = true)]
     reversed: bool,
     /// Print one JSON object an episode instead of the table
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 }
 
 /// Runs the command.
@@ -67,7 +72,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         bail!("no profile is called '{}'; there are paper and real-repo", arguments.profile);
     };
     let scene = inputs::scene(arguments.scene.as_deref())?;
-    let (mut tasks, broken) = inputs::tasks(&arguments.tasks, &scene)?;
+    let listed = if arguments.reversed { Listed::Reversed } else { Listed::AsWritten };
+    let (mut tasks, broken) = inputs::tasks(&arguments.tasks, &scene, listed)?;
     if arguments.reversed {
         tasks.reverse();
     }
@@ -106,7 +112,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         print!("{}", summary(&arguments.policy, &reports));
         println!("traces: {}", arguments.out.display());
     }
-    Ok(if failed > 0 {
+    let leaks = if arguments.paranoid { paranoid::leaks(arguments, &reports)? } else { 0 };
+    Ok(if failed > 0 || leaks > 0 {
         Answer::No
     } else if broken > 0 {
         Answer::Loss

@@ -2,16 +2,18 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
+use reel_replay::seek;
 use reel_trace::Trace;
 use serde_json::json;
 
-use crate::Answer;
+use crate::{Answer, inputs};
 
 /// Print a trace as a readable transcript: calls, outcomes, graph changes, reward.
 ///
 /// Examples:
 ///   reel show traces-out/FDP_home_0001--oracle--0.mcap
+///   reel show trace.mcap --at 4                # the state before call 4, that is after calls 0 to 3
 ///   reel show trace.mcap --json | jq '.steps[].outcome.text'
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
@@ -19,7 +21,12 @@ pub struct Arguments {
     /// The trace
     #[arg(value_name = "TRACE")]
     trace: PathBuf,
-    /// Print header, steps and end as JSON
+    /// The state after so many calls instead: robot, gripper, markers, graph, motion; made again, to the last bit
+    #[arg(long, value_name = "CALLS")]
+    at: Option<usize>,
+    #[command(flatten)]
+    cache: inputs::Cache,
+    /// Print header, steps and end as JSON; with --at, the state
     #[arg(long)]
     json: bool,
 }
@@ -27,6 +34,9 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let (trace, lost) = Trace::read_partial(&arguments.trace).context("cannot show the trace")?;
+    if let Some(calls) = arguments.at {
+        return at(&trace, calls, arguments);
+    }
     if arguments.json {
         let whole = json!({ "header": trace.header, "task": trace.task, "scene": trace.scene, "start": trace.start, "steps": trace.steps, "end": trace.end });
         println!("{whole}");
@@ -36,6 +46,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     if let Some(lost) = lost {
         eprintln!("reel: {}: {lost}", arguments.trace.display());
         return Ok(Answer::Loss);
+    }
+    Ok(Answer::Yes)
+}
+
+fn at(trace: &Trace, calls: usize, arguments: &Arguments) -> anyhow::Result<Answer> {
+    let replay = match seek(trace, calls, arguments.cache.open().as_ref()) {
+        Ok(replay) => replay,
+        Err(verdict) => bail!("{}: cannot go to call {calls}: {verdict}", trace.path.display()),
+    };
+    let simulator = replay.episode().simulator();
+    if arguments.json {
+        let state = json!({
+            "calls": calls, "state_digest": simulator.digest(), "sim_step": simulator.sim_step(), "robot": simulator.robot(),
+            "held": simulator.held(), "landmark": simulator.landmark(), "markers": simulator.markers(),
+            "graphs": simulator.graphs(), "bodies": simulator.bodies(),
+        });
+        println!("{state}");
+    } else {
+        print!("{}", reel_view::moment(&replay));
     }
     Ok(Answer::Yes)
 }

@@ -39,7 +39,8 @@ fn what_cannot_be_replayed_is_said_to_be_so() {
     let mut other = trace.clone();
     other.header.sim_version += 1;
     let (recorded, this) = (other.header.sim_version, trace.header.sim_version);
-    assert_eq!(verify_trace(&other), Verdict::OtherSimulator { recorded, this });
+    let changes = Vec::new();
+    assert_eq!(verify_trace(&other), Verdict::OtherSimulator { recorded, this, changes });
     let mut robot = trace;
     robot.header.backend = Backend::Robot;
     assert!(matches!(verify_trace(&robot), Verdict::NotReplayable { .. }));
