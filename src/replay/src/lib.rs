@@ -6,6 +6,7 @@
 mod difference;
 mod explain;
 mod player;
+mod repack;
 mod seek;
 
 use std::path::Path;
@@ -19,6 +20,7 @@ use serde::Serialize;
 pub use difference::{Divergence, Moment};
 pub use explain::{Explanation, FieldChange, PictureChange, body_changes, explain, state_at};
 pub use player::{Differing, Replay};
+pub use repack::{RepackError, compact, expand};
 pub use seek::{SnapshotCache, seek, verify_restored};
 
 /// What a replay found.

@@ -11,6 +11,7 @@ pub mod ingest;
 pub mod paranoid;
 #[cfg(feature = "analytics")]
 pub mod query;
+pub mod repack;
 pub mod replay;
 pub mod run;
 pub mod show;
