@@ -31,6 +31,10 @@ enum Command {
     Replay(commands::replay::Arguments),
     /// Print a trace as a readable transcript
     Show(commands::show::Arguments),
+    /// Restore what unfinished, torn or damaged recordings hold
+    Recover(commands::recover::Arguments),
+    /// Check traces: checksums, index, schemas, order, hash chain, pictures
+    Doctor(commands::doctor::Arguments),
     /// Write the pictures of a trace as PNG files, and a contact sheet
     Frames(commands::frames::Arguments),
     /// Read traces into a store of tables
@@ -55,6 +59,8 @@ fn main() -> ExitCode {
         Command::Run(arguments) => commands::run::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
         Command::Show(arguments) => commands::show::run(&arguments),
+        Command::Recover(arguments) => commands::recover::run(&arguments),
+        Command::Doctor(arguments) => commands::doctor::run(&arguments),
         Command::Frames(arguments) => commands::frames::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Ingest(arguments) => commands::ingest::run(&arguments),

@@ -188,7 +188,7 @@ pub(crate) fn announce<W: io::Write + io::Seek>(
     writer: &mut mcap::Writer<W>,
     channel: &schema::Channel,
 ) -> Result<(), McapError> {
-    writer.add_schema_with_id(channel.id, channel.message, "protobuf", &schema::descriptor_set(channel))?;
+    writer.add_schema_with_id(channel.id, channel.message, "protobuf", schema::descriptor_set(channel))?;
     writer.add_channel_with_id(channel.id, channel.id, channel.topic, "protobuf", &BTreeMap::new())?;
     Ok(())
 }

@@ -1,6 +1,9 @@
 //! The channels of a trace: topic, message type, and the generated protobuf types. Owns no conversion.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::LazyLock,
+};
 
 use prost::Message;
 use prost_types::{DescriptorProto, FileDescriptorProto, FileDescriptorSet};
@@ -62,8 +65,15 @@ pub(crate) fn channel(topic: &str) -> Option<Channel> {
 }
 
 /// The encoded `FileDescriptorSet` of a channel's message type: its file and what that imports.
-pub(crate) fn descriptor_set(channel: &Channel) -> Vec<u8> {
-    let all = FileDescriptorSet::decode(DESCRIPTORS).expect("the build script wrote the descriptors");
+pub(crate) fn descriptor_set(channel: &Channel) -> &'static [u8] {
+    static SETS: LazyLock<BTreeMap<u16, Vec<u8>>> = LazyLock::new(|| {
+        let all = FileDescriptorSet::decode(DESCRIPTORS).expect("the build script wrote the descriptors");
+        CHANNELS.iter().map(|channel| (channel.id, closure(channel, &all))).collect()
+    });
+    &SETS[&channel.id]
+}
+
+fn closure(channel: &Channel, all: &FileDescriptorSet) -> Vec<u8> {
     let (package, name) = channel.message.rsplit_once('.').expect("message types are in a package");
     let defines = |file: &&FileDescriptorProto| file.package() == package && file.message_type.iter().any(|m| m.name() == name);
     let root = all.file.iter().find(defines).expect("every channel's message type has a schema");
@@ -105,7 +115,7 @@ pub(crate) fn compare(channel: &Channel, found: &[u8]) -> Likeness {
         }
         Some(fields)
     };
-    let (Some(theirs), Some(ours)) = (fields(found), fields(&ours)) else {
+    let (Some(theirs), Some(ours)) = (fields(found), fields(ours)) else {
         return Likeness::Other("it is no protobuf descriptor".to_owned());
     };
     if let Some((field, _)) = theirs.iter().find(|(field, kind)| ours.get(*field).is_some_and(|ours| ours != *kind)) {
@@ -139,7 +149,7 @@ mod tests {
     fn a_descriptor_set_is_closed_and_small() {
         for channel in CHANNELS {
             let bytes = descriptor_set(channel);
-            let set = FileDescriptorSet::decode(bytes.as_slice()).unwrap();
+            let set = FileDescriptorSet::decode(bytes).unwrap();
             let names: BTreeSet<_> = set.file.iter().map(|file| file.name()).collect();
             for file in &set.file {
                 assert!(file.dependency.iter().all(|import| names.contains(import.as_str())), "{}", channel.topic);

@@ -3,12 +3,14 @@
 pub mod bench;
 #[cfg(feature = "analytics")]
 pub mod demo;
+pub mod doctor;
 pub mod export;
 pub mod frames;
 #[cfg(feature = "analytics")]
 pub mod ingest;
 #[cfg(feature = "analytics")]
 pub mod query;
+pub mod recover;
 pub mod replay;
 pub mod run;
 pub mod show;

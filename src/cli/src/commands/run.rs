@@ -10,7 +10,7 @@ use anyhow::{Context, bail};
 use reel_agents::{AgentError, EpisodeReport, Job, POLICIES, RecordTo, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_trace::Images;
+use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{Profile, Scene, Task, record::PolicyInfo};
 
 use crate::{Answer, inputs, progress};
@@ -49,6 +49,9 @@ pub struct Arguments {
     /// Leave the pictures out; replay renders them again
     #[arg(long)]
     no_images: bool,
+    /// What a recorded call survives: write (the death of the process) or fsync (the loss of power, too)
+    #[arg(long, value_name = "NAME", default_value = "write")]
+    durability: String,
     /// Play the tasks in reverse order (a check: the traces must not depend on it)
     #[arg(long, hide = true)]
     reversed: bool,
@@ -66,6 +69,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let Some(profile) = Profile::parse(&arguments.profile) else {
         bail!("no profile is called '{}'; there are paper and real-repo", arguments.profile);
     };
+    let Some(durability) = Durability::parse(&arguments.durability) else {
+        bail!("no durability is called '{}'; there are write and fsync", arguments.durability);
+    };
     let scene = inputs::scene(arguments.scene.as_deref())?;
     let (mut tasks, broken) = inputs::tasks(&arguments.tasks, &scene)?;
     if arguments.reversed {
@@ -78,6 +84,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         profile,
         out: &arguments.out,
         images: !arguments.no_images,
+        durability,
     };
     let scene_flag = arguments.scene.as_ref().map_or(String::new(), |path| format!(" --scene {}", path.display()));
     let command = format!(
@@ -129,6 +136,8 @@ pub struct Plan<'a> {
     pub out: &'a Path,
     /// Whether the traces hold the pictures.
     pub images: bool,
+    /// What a recorded call survives.
+    pub durability: Durability,
 }
 
 /// Plays tasks; results in their order.
@@ -159,7 +168,7 @@ pub fn play(
                 policy: PolicyInfo::default(),
             },
             policy: plan.policy.to_owned(),
-            record: Some(RecordTo { path, images }),
+            record: Some(RecordTo { path, options: RecordOptions { images, durability: plan.durability } }),
             command: command.to_owned(),
         }
     };

@@ -1,5 +1,7 @@
 //! The `reel` command from outside: the loop a newcomer goes through, and the exit codes scripts rely on.
 
+mod recovery;
+
 use std::{
     fs,
     path::{Path, PathBuf},

@@ -92,12 +92,13 @@ fn options(index: u64) -> RecordOptions {
 fn child() {
     let Some(folder) = env::var_os(CHILD) else { return };
     let mut out = std::io::stdout();
-    let mut say = |text: String| writeln!(out, "{text}").and_then(|()| out.flush()).unwrap();
+    // The test harness leaves its own line open.
+    let mut say = |text: String| writeln!(out, "\n{text}").and_then(|()| out.flush()).unwrap();
     for index in 0.. {
         let (sample, frames) = episode(index);
         let path = Path::new(&folder).join(format!("{index:04}.mcap"));
         let failed = |error: TraceError| -> ! {
-            println!("failed {index} {error}");
+            println!("\nfailed {index} {error}");
             std::process::exit(7);
         };
         let mut recorder = Recorder::create(&path, &sample.header, &sample.task, &sample.scene, options(index))
@@ -215,14 +216,9 @@ fn a_killed_recorder_loses_nothing_acknowledged() {
 #[cfg(unix)]
 #[test]
 fn a_full_disk_loses_nothing_acknowledged() {
-    let (sample, frames) = episode(3);
-    let folder = tempfile::tempdir().unwrap();
-    let mut recorder = sample.record_open(&folder.path().join("x.mcap"), &frames, options(3)).unwrap();
-    recorder.input(sample.steps.len() as u32, &sample.steps[0].input).unwrap();
-    drop(recorder);
-    let size = fs::metadata(folder.path().join("x.mcap.part")).unwrap().len();
+    // A part begins with some 14 KiB of schemas, task and scene.
     let mut begun = 0;
-    for kib in [8, size / 1024 / 3, size / 1024 - 20] {
+    for kib in [8, 16, 20, 25, 30, 40, 60] {
         let folder = tempfile::tempdir().unwrap();
         let child = child_command(folder.path());
         let mut bash = Command::new("bash");
@@ -247,7 +243,7 @@ fn a_full_disk_loses_nothing_acknowledged() {
         check_folder(folder.path(), &heard);
         assert!(files(folder.path(), "tmp").is_empty());
     }
-    assert!(begun > 0, "no limit was hit inside an episode");
+    assert!(begun > 2, "{begun} limits were hit inside an episode");
 }
 
 /// A small episode, its finished bytes and those of its part, cut just before the end.
@@ -279,11 +275,26 @@ fn whole_steps(sample: &Sample, part: &[u8]) -> Vec<(usize, usize)> {
     marks
 }
 
+/// Whether there are only whole schemas and channels, which announce a message that did not come.
+fn only_announcements(mut tail: &[u8]) -> bool {
+    while let [3 | 4, ..] = tail {
+        let Some(size) = tail.get(1..9).and_then(|size| size.first_chunk()) else { return false };
+        let Some(rest) = tail.get(9 + u64::from_le_bytes(*size) as usize..) else { return false };
+        tail = rest;
+    }
+    tail.is_empty()
+}
+
+/// In memory, where there is such a folder: syncing tens of thousands of files takes minutes on a disk.
+fn quick_folder() -> tempfile::TempDir {
+    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
+}
+
 const PYTHON: &str = r"
 import pathlib, sys
 from mcap.reader import make_reader, NonSeekingReader
 count = 0
-for path in sorted(pathlib.Path(sys.argv[1]).glob('*.mcap')):
+for path in sorted(pathlib.Path(sys.argv[1]).glob('*.mcap'))[::int(sys.argv[2])]:
     with open(path, 'rb') as file:
         reader = make_reader(file, validate_crcs=True)
         messages = sum(1 for _ in reader.iter_messages())
@@ -298,17 +309,17 @@ for path in sorted(pathlib.Path(sys.argv[1]).glob('*.mcap')):
 print(count)
 ";
 
-/// Lets the Python library read a folder of recovered files with every checksum.
-fn python_reads(folder: &Path) {
+/// Lets the Python library read every so manieth recovered file of a folder with every checksum.
+fn python_reads(folder: &Path, stride: usize) {
     let python = env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let there = Command::new(&python).args(["-c", "import mcap"]).output();
     if !there.is_ok_and(|output| output.status.success()) {
         eprintln!("skipped: {python} with the module mcap is not installed");
         return;
     }
-    let output = Command::new(&python).args(["-c", PYTHON]).arg(folder).output().unwrap();
+    let output = Command::new(&python).args(["-c", PYTHON]).arg(folder).arg(stride.to_string()).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let count = files(folder, "mcap").len();
+    let count = files(folder, "mcap").len().div_ceil(stride);
     assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), count.to_string());
 }
 
@@ -316,7 +327,7 @@ fn python_reads(folder: &Path) {
 fn a_part_cut_at_every_byte_gives_exactly_its_whole_steps() {
     let (sample, _, part) = small();
     let marks = whole_steps(&sample, &part);
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     for length in 0..=part.len() {
         let source = folder.path().join(format!("{length:06}.mcap.part"));
         fs::write(&source, &part[..length]).unwrap();
@@ -326,7 +337,8 @@ fn a_part_cut_at_every_byte_gives_exactly_its_whole_steps() {
             (Some((size, steps)), Ok(trace)) => {
                 assert_eq!(recovery.restored, Restored::Written);
                 assert_first_steps(&trace, &sample, *steps);
-                assert_eq!(recovery.lost.is_empty(), *size == length, "cut at {length}: {:?}", recovery.lost);
+                let nothing_lost = only_announcements(&part[*size..length]);
+                assert_eq!(recovery.lost.is_empty(), nothing_lost, "cut at {length}: {:?}", recovery.lost);
                 assert_eq!(trace.recoveries.len(), 1);
             }
             (None, Err(TraceError::NothingRestored { .. })) => {
@@ -339,7 +351,7 @@ fn a_part_cut_at_every_byte_gives_exactly_its_whole_steps() {
         assert_eq!(source.exists(), !recovery.lost.is_empty());
         healthy(&recovery.trace);
     }
-    python_reads(folder.path());
+    python_reads(folder.path(), 29);
 }
 
 #[test]
@@ -347,7 +359,7 @@ fn a_trace_cut_at_every_byte_gives_the_steps_of_its_whole_chunks() {
     let (sample, trace, _) = small();
     let chunk = Trace::from_bytes(Path::new("x"), &trace, &Default::default()).unwrap().offset(0) as usize;
     let chunk_end = chunk + 9 + u64::from_le_bytes(*trace[chunk + 1..].first_chunk().unwrap()) as usize;
-    let (folder, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (folder, out) = (quick_folder(), quick_folder());
     for length in 0..trace.len() {
         let source = folder.path().join(format!("{length:06}.mcap"));
         fs::write(&source, &trace[..length]).unwrap();
@@ -364,30 +376,28 @@ fn a_trace_cut_at_every_byte_gives_the_steps_of_its_whole_chunks() {
         assert_eq!(fs::read(&source).unwrap(), trace[..length], "the torn file stays as it is");
         healthy(&recovery.trace);
     }
-    python_reads(out.path());
+    python_reads(out.path(), 29);
 }
 
 #[test]
 fn a_torn_chunk_gives_what_decompresses() {
-    let (sample, frames) = Source::seeded(5).sample(12).with_frames();
+    // Compression works in blocks of 128 KiB: a torn chunk gives its whole blocks.
+    let mut state = 7;
+    let mut text = || (0..100).map(|_| format!("{:016x}", random(&mut state))).collect();
+    let sample = Source { texts: (0..40).map(|_| text()).collect(), ..Source::seeded(5) }.sample(12);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap");
-    sample.record_open(&path, &frames, Images::Full).unwrap().end(&sample.end).unwrap();
+    sample.record(&path);
     let bytes = fs::read(&path).unwrap();
-    let whole = Trace::read(&path).unwrap();
-    let chunk = whole.offset(0) as usize;
+    let chunk = Trace::read(&path).unwrap().offset(0) as usize;
     let length = u64::from_le_bytes(*bytes[chunk + 1..].first_chunk().unwrap()) as usize;
     let mut restored = Vec::new();
-    for tenth in [1, 5, 9] {
+    for tenth in 1..10 {
         fs::write(&path, &bytes[..chunk + 9 + length * tenth / 10]).unwrap();
         let out = tempfile::tempdir().unwrap();
         let recovery = recover(&path, Some(out.path()), score).unwrap();
         match Trace::read(&recovery.trace) {
-            Ok(trace) => {
-                assert_first_steps(&trace, &sample, trace.steps.len());
-                assert_eq!(trace.image_count(), trace.steps.len() + 1);
-                trace.verify_images().unwrap();
-            }
+            Ok(trace) => assert_first_steps(&trace, &sample, trace.steps.len()),
             Err(TraceError::NothingRestored { .. }) => {}
             Err(other) => panic!("{other}"),
         }
@@ -395,7 +405,7 @@ fn a_torn_chunk_gives_what_decompresses() {
         assert!(recovery.lost.iter().any(|lost| lost.contains("how many calls came after that is not known")));
         healthy(&recovery.trace);
     }
-    assert!(restored.is_sorted() && restored[2] > 3, "steps from 1, 5 and 9 tenths of a chunk: {restored:?}");
+    assert!(restored.is_sorted() && restored[8] > 6, "steps from so many tenths of a chunk: {restored:?}");
 }
 
 #[test]
