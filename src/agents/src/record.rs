@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use reel_trace::{Images, Recorder};
+use reel_trace::{RecordOptions, Recorder};
 use reel_world::{
     Frame, Scene, Task,
     record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
@@ -15,8 +15,8 @@ use crate::sink::{Recorded, Sink, SinkError};
 pub struct RecordTo {
     /// The trace to write.
     pub path: PathBuf,
-    /// Whether pictures are stored or made again on replay.
-    pub images: Images,
+    /// Whether pictures are stored or made again on replay, and what a recorded call survives.
+    pub options: RecordOptions,
 }
 
 /// Writes a trace.
@@ -26,8 +26,14 @@ pub struct TraceSink {
 
 impl TraceSink {
     /// Creates the trace and writes its header.
-    pub fn create(path: &Path, images: Images, header: &EpisodeHeader, task: &Task, scene: &Scene) -> Result<Self, SinkError> {
-        Ok(Self { recorder: Recorder::create(path, header, task, scene, images)? })
+    pub fn create(
+        path: &Path,
+        options: RecordOptions,
+        header: &EpisodeHeader,
+        task: &Task,
+        scene: &Scene,
+    ) -> Result<Self, SinkError> {
+        Ok(Self { recorder: Recorder::create(path, header, task, scene, options)? })
     }
 }
 

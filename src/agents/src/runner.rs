@@ -83,8 +83,8 @@ pub fn run_episode(
     let (mut episode, start, frame) =
         Episode::start(config).map_err(|source| AgentError::Start { task: task.task_id.clone(), source })?;
     let mut sink: Box<dyn Sink> = match record {
-        Some(RecordTo { path, images }) => {
-            Box::new(TraceSink::create(path, *images, episode.header(), &task, &scene).map_err(fail)?)
+        Some(RecordTo { path, options }) => {
+            Box::new(TraceSink::create(path, *options, episode.header(), &task, &scene).map_err(fail)?)
         }
         None => Box::new(NoSink),
     };

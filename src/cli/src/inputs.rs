@@ -39,7 +39,7 @@ pub fn traces(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
         if path.is_dir() {
-            collect(path, &mut found).with_context(|| format!("cannot list {}", path.display()))?;
+            collect(path, &is_trace, &mut found).with_context(|| format!("cannot list {}", path.display()))?;
         } else if path.exists() {
             found.push(path.clone());
         } else {
@@ -77,19 +77,45 @@ impl Cache {
     }
 }
 
+/// As [`traces`], with the unfinished recordings (`.mcap.part`); these first.
+pub fn recordings(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
+    let (folders, mut found): (Vec<PathBuf>, Vec<PathBuf>) = paths.iter().cloned().partition(|path| path.is_dir());
+    if let Some(missing) = found.iter().find(|path| !path.exists()) {
+        bail!("no such recording or folder: {}", missing.display());
+    }
+    for folder in &folders {
+        collect(folder, &is_recording, &mut found).with_context(|| format!("cannot list {}", folder.display()))?;
+    }
+    if found.is_empty() {
+        let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+        bail!("no .mcap and no .mcap.part file in {}", names.join(", "));
+    }
+    found.sort_by_key(|path| (is_trace(path), path.clone()));
+    found.dedup();
+    Ok(found)
+}
+
 /// The workers asked for, or one for each core.
 pub fn workers(jobs: Option<usize>) -> usize {
     jobs.unwrap_or_else(|| available_parallelism().map_or(1, usize::from)).max(1)
 }
 
-fn collect(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
+fn collect(folder: &Path, wanted: &dyn Fn(&Path) -> bool, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if path.is_dir() {
-            collect(&path, found)?;
-        } else if path.extension().is_some_and(|extension| extension == "mcap") {
+            collect(&path, wanted, found)?;
+        } else if wanted(&path) {
             found.push(path);
         }
     }
     Ok(())
+}
+
+fn is_trace(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "mcap")
+}
+
+fn is_recording(path: &Path) -> bool {
+    is_trace(path) || path.to_string_lossy().ends_with(".mcap.part")
 }

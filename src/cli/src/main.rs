@@ -31,6 +31,10 @@ enum Command {
     Replay(commands::replay::Arguments),
     /// Print a trace as a readable transcript
     Show(commands::show::Arguments),
+    /// Restore what unfinished, torn or damaged recordings hold
+    Recover(commands::recover::Arguments),
+    /// Check traces: checksums, index, schemas, order, hash chain, pictures
+    Doctor(commands::doctor::Arguments),
     /// Write the pictures of a trace as PNG files, and a contact sheet
     Frames(commands::frames::Arguments),
     /// Read traces into a store of tables
@@ -39,6 +43,10 @@ enum Command {
     /// Ask a store in SQL, by text or by a named query
     #[cfg(feature = "analytics")]
     Query(commands::query::Arguments),
+    /// Drop the pictures of traces; digests stay
+    Compact(commands::repack::Compact),
+    /// Draw the pictures of lean traces again
+    Expand(commands::repack::Expand),
     /// Write training sets and recordings for other tools
     Export(commands::export::Arguments),
     /// Check or make task files
@@ -55,11 +63,15 @@ fn main() -> ExitCode {
         Command::Run(arguments) => commands::run::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
         Command::Show(arguments) => commands::show::run(&arguments),
+        Command::Recover(arguments) => commands::recover::run(&arguments),
+        Command::Doctor(arguments) => commands::doctor::run(&arguments),
         Command::Frames(arguments) => commands::frames::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Ingest(arguments) => commands::ingest::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Query(arguments) => commands::query::run(&arguments),
+        Command::Compact(arguments) => commands::repack::compact(&arguments),
+        Command::Expand(arguments) => commands::repack::expand(&arguments),
         Command::Export(arguments) => commands::export::run(&arguments),
         Command::Tasks(arguments) => commands::tasks::run(&arguments),
         #[cfg(feature = "analytics")]

@@ -18,7 +18,7 @@ use serde::de::DeserializeOwned;
 use crate::{
     Trace, TraceError, codec,
     container::Item,
-    recorder::{HEADER_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment, header_metadata},
+    journal::{HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment, header_metadata},
     schema::{
         self,
         foxglove::CompressedImage,
@@ -49,6 +49,7 @@ pub(crate) struct Assembly<'a> {
     path: &'a Path,
     attachments: BTreeMap<String, Vec<u8>>,
     metadata: Option<BTreeMap<String, String>>,
+    recoveries: Vec<BTreeMap<String, String>>,
     log_time: u64,
     header: Option<EpisodeHeader>,
     settled: Option<reel::EpisodeSettled>,
@@ -81,6 +82,7 @@ impl<'a> Assembly<'a> {
             path,
             attachments: BTreeMap::new(),
             metadata: None,
+            recoveries: Vec::new(),
             log_time: 0,
             header: None,
             settled: None,
@@ -107,7 +109,7 @@ impl<'a> Assembly<'a> {
             Item::Metadata(metadata) if metadata.name == HEADER_METADATA => {
                 self.metadata = Some(metadata.metadata.clone());
             }
-            Item::Metadata(_) => {}
+            Item::Metadata(metadata) if metadata.name == RECOVERY_METADATA => self.recoveries.push(metadata.metadata.clone()),
             Item::Attachment { header, data } => {
                 if self.attachments.insert(header.name.clone(), data.to_vec()).is_some() {
                     let what = format!("the attachment {} stands there twice", header.name);
@@ -122,8 +124,35 @@ impl<'a> Assembly<'a> {
                     }
                 });
             }
+            // Metadata of others, and what the container is made of.
+            _ => {}
         }
         Ok(())
+    }
+
+    /// The call that was received, but of which nothing came that is whole.
+    pub(crate) fn under_way(&self) -> Option<(u32, &ToolCall)> {
+        self.draft.as_ref().map(|draft| (self.step_count(), &draft.call))
+    }
+
+    /// Whether the start is whole.
+    pub(crate) fn has_start(&self) -> bool {
+        self.start.is_some()
+    }
+
+    /// The names of the recordings that were recovered, where nothing of an episode was.
+    pub(crate) fn nothing_restored(&self) -> Option<TraceError> {
+        let last = self.recoveries.last().filter(|_| self.start.is_none())?;
+        let of = |key: &str| last.get(key).cloned().unwrap_or_default();
+        Some(TraceError::NothingRestored { path: self.path.to_owned(), source_name: of("source"), lost: of("lost") })
+    }
+
+    /// What is known before the first call, if all of it can be read.
+    pub(crate) fn head(&self) -> Result<(EpisodeHeader, Task, Scene), TraceError> {
+        let Some(header) = self.header.clone() else { return Err(self.missing("header of an episode")) };
+        let task = self.attachment(TASK_ATTACHMENT, header.task_digest)?;
+        let scene = self.attachment(SCENE_ATTACHMENT, header.scene_digest)?;
+        Ok((header, task, scene))
     }
 
     /// What a finished file must hold besides.
@@ -149,9 +178,7 @@ impl<'a> Assembly<'a> {
     /// # Errors
     /// When there is no state after settling.
     pub(crate) fn into_trace(mut self, bytes: u64) -> Result<Trace, TraceError> {
-        let Some(header) = self.header.take() else { return Err(self.missing("header of an episode")) };
-        let task: Task = self.attachment(TASK_ATTACHMENT, header.task_digest)?;
-        let scene: Scene = self.attachment(SCENE_ATTACHMENT, header.scene_digest)?;
+        let (header, task, scene) = self.head()?;
         let Some(start) = self.start.take() else { return Err(self.missing("state after settling")) };
         Ok(Trace {
             path: self.path.to_owned(),
@@ -162,6 +189,7 @@ impl<'a> Assembly<'a> {
             steps: self.steps,
             end: self.end,
             bytes,
+            recoveries: self.recoveries,
             images: self.images,
             offsets: self.offsets,
         })

@@ -22,6 +22,14 @@ const FOOTER: usize = RECORD_PREFIX + 20;
 
 /// A thing found in the data section.
 pub(crate) enum Item<'a> {
+    /// A schema.
+    Schema { header: &'a records::SchemaHeader, data: &'a [u8] },
+    /// A channel.
+    Channel(&'a records::Channel),
+    /// A chunk, before what it holds.
+    Chunk(&'a records::ChunkHeader),
+    /// The index of one channel in the chunk before it.
+    MessageIndex(&'a records::MessageIndex),
     /// A metadata record.
     Metadata(&'a records::Metadata),
     /// An attachment.
@@ -30,42 +38,108 @@ pub(crate) enum Item<'a> {
     Message { header: &'a records::MessageHeader, topic: &'a str, data: &'a [u8] },
 }
 
+/// Where an item stands.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct At {
+    /// Offset of its record in the file; in a chunk, of the chunk.
+    pub offset: u64,
+    /// Length of that record in bytes, prefix included.
+    pub length: u64,
+    /// Offset of its own record in the decompressed chunk, if it is in one.
+    pub in_chunk: Option<u64>,
+    /// False in a chunk that is torn or whose checksum does not hold: its bytes are what they are.
+    pub verified: bool,
+}
+
+/// Takes what [`walk`] finds. Closures over [`At`] and [`Item`] are visitors that stop at the first problem.
+pub(crate) trait Visitor {
+    /// The next thing of the file.
+    fn item(&mut self, at: At, item: Item) -> Result<(), TraceError>;
+
+    /// Something of the container is wrong; an error stops the walk.
+    fn problem(&mut self, problem: TraceError) -> Result<(), TraceError> {
+        Err(problem)
+    }
+}
+
+impl<F: FnMut(At, Item) -> Result<(), TraceError>> Visitor for F {
+    fn item(&mut self, at: At, item: Item) -> Result<(), TraceError> {
+        self(at, item)
+    }
+}
+
 /// How the file ends.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Closing {
-    /// With index, checksums and magic bytes.
+    /// With index, checksums and magic bytes; where they are wrong, the visitor heard of it.
     Finished,
     /// Behind a whole record of a recording that was not finished.
     Open,
+    /// In the middle; the visitor heard where.
+    Torn,
 }
 
-/// Walks over the data section in file order and hands every item to `visit` with the offset of its record
-/// (of its chunk, in a chunked file). A finished file is first verified as a whole: each of its bytes is
-/// covered by a checksum or compared with the only value it may have.
+/// Walks over the data section in file order and hands every item to the visitor. Each byte of a finished file
+/// is covered by a checksum or compared with the only value it may have. A visitor that goes on after a problem
+/// gets what still can be read: the rest of the file, and the records of a torn chunk as far as it decompresses.
 ///
 /// # Errors
-/// The first thing that is wrong; a torn end is a [`TraceError::Torn`] without the count of steps.
-pub(crate) fn walk(
-    bytes: &[u8],
-    path: &Path,
-    limits: &Limits,
-    visit: &mut dyn FnMut(u64, Item) -> Result<(), TraceError>,
-) -> Result<Closing, TraceError> {
+/// What the visitor returns; by itself only [`TraceError::NotMcap`]. A torn end is a [`TraceError::Torn`]
+/// without the count of steps.
+pub(crate) fn walk(bytes: &[u8], path: &Path, limits: &Limits, visitor: &mut dyn Visitor) -> Result<Closing, TraceError> {
     let mut walk = Walk { bytes, path, limits, topics: BTreeMap::new(), schemas: BTreeMap::new(), chunked: false };
     if !bytes.starts_with(MAGIC) {
         return Err(TraceError::NotMcap { path: path.to_owned() });
     }
     let mut position = MAGIC.len();
     loop {
-        let Some((opcode, body)) = walk.record_at(position)? else {
-            return if walk.chunked { Err(walk.torn(position, "index and checksums")) } else { Ok(Closing::Open) };
-        };
-        if opcode == op::DATA_END {
-            walk.verify_closing(position, body)?;
-            return Ok(Closing::Finished);
+        match walk.record_at(position) {
+            Ok(Some((op::DATA_END, body))) => {
+                walk.verify_closing(position, body, visitor)?;
+                return Ok(Closing::Finished);
+            }
+            Ok(Some((opcode, body))) => {
+                walk.data_record(position, opcode, body, visitor)?;
+                position += RECORD_PREFIX + body.len();
+            }
+            Ok(None) if walk.chunked => {
+                visitor.problem(walk.torn(position, "index and checksums"))?;
+                return Ok(Closing::Torn);
+            }
+            Ok(None) => return Ok(Closing::Open),
+            Err(torn) => {
+                visitor.problem(torn)?;
+                if bytes[position] == op::CHUNK {
+                    walk.chunk_records(position, &bytes[position..], false, visitor)?;
+                }
+                return Ok(Closing::Torn);
+            }
         }
-        walk.data_record(position, opcode, body, visit)?;
-        position += RECORD_PREFIX + body.len();
+    }
+}
+
+/// What the record at an offset is called.
+pub(crate) fn record_name(bytes: &[u8], offset: u64) -> &'static str {
+    let opcode = usize::try_from(offset).ok().and_then(|offset| bytes.get(offset)).copied();
+    match opcode {
+        None => "end of the file",
+        Some(_) if offset < MAGIC.len() as u64 => "magic bytes",
+        Some(op::HEADER) => "header",
+        Some(op::FOOTER) => "footer",
+        Some(op::SCHEMA) => "schema",
+        Some(op::CHANNEL) => "channel",
+        Some(op::MESSAGE) => "message",
+        Some(op::CHUNK) => "chunk",
+        Some(op::MESSAGE_INDEX) => "message index",
+        Some(op::CHUNK_INDEX) => "chunk index",
+        Some(op::ATTACHMENT) => "attachment",
+        Some(op::ATTACHMENT_INDEX) => "attachment index",
+        Some(op::STATISTICS) => "statistics",
+        Some(op::METADATA) => "metadata",
+        Some(op::METADATA_INDEX) => "metadata index",
+        Some(op::SUMMARY_OFFSET) => "summary offset",
+        Some(op::DATA_END) => "end of the data section",
+        Some(_) => "unknown record",
     }
 }
 
@@ -75,7 +149,7 @@ pub(crate) fn finish(part: &[u8], path: &Path, limits: &Limits) -> Result<Vec<u8
     let options = WriteOptions::new().library(LIBRARY).chunk_size(Some(CHUNK_BYTES)).compression_threads(0);
     let mut writer = options.create(io::Cursor::new(Vec::new())).map_err(failed)?;
     let mut announced = BTreeSet::new();
-    walk(part, path, limits, &mut |_, item| match item {
+    let mut write = |_: At, item: Item| match item {
         Item::Metadata(metadata) => writer.write_metadata(metadata).map_err(failed),
         Item::Attachment { header, data } => writer.attach(&attachment(header.clone(), data)).map_err(failed),
         Item::Message { header, topic, data } => {
@@ -84,9 +158,24 @@ pub(crate) fn finish(part: &[u8], path: &Path, limits: &Limits) -> Result<Vec<u8
             }
             writer.write_to_known_channel(header, data).map_err(failed)
         }
-    })?;
+        // The writer makes them itself.
+        Item::Schema { .. } | Item::Channel(_) | Item::Chunk(_) | Item::MessageIndex(_) => Ok(()),
+    };
+    walk(part, path, limits, &mut write)?;
     writer.finish().map_err(failed)?;
     Ok(writer.into_inner().into_inner())
+}
+
+/// A finished file that holds nothing but a metadata record.
+pub(crate) fn only_metadata(name: &str, metadata: BTreeMap<String, String>) -> Result<Vec<u8>, TraceError> {
+    let write = || {
+        let options = WriteOptions::new().library(LIBRARY).compression_threads(0);
+        let mut writer = options.create(io::Cursor::new(Vec::new()))?;
+        writer.write_metadata(&records::Metadata { name: name.to_owned(), metadata })?;
+        writer.finish()?;
+        Ok(writer.into_inner().into_inner())
+    };
+    write().map_err(|error: McapError| TraceError::Io { action: "finish", path: name.into(), source: io::Error::other(error) })
 }
 
 /// Bytes of messages in a chunk before it is closed.
@@ -99,7 +188,7 @@ pub(crate) fn announce<W: io::Write + io::Seek>(
     writer: &mut mcap::Writer<W>,
     channel: &schema::Channel,
 ) -> Result<(), McapError> {
-    writer.add_schema_with_id(channel.id, channel.message, "protobuf", &schema::descriptor_set(channel))?;
+    writer.add_schema_with_id(channel.id, channel.message, "protobuf", schema::descriptor_set(channel))?;
     writer.add_channel_with_id(channel.id, channel.id, channel.topic, "protobuf", &BTreeMap::new())?;
     Ok(())
 }
@@ -133,99 +222,145 @@ impl<'a> Walk<'a> {
         Ok(Some((prefix[0], body)))
     }
 
-    fn data_record(
+    fn data_record(&mut self, offset: usize, opcode: u8, body: &[u8], visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+        let length = RECORD_PREFIX + body.len();
+        let at = At { offset: offset as u64, length: length as u64, in_chunk: None, verified: true };
+        if opcode != op::CHUNK {
+            return self.record(at, opcode, body, visitor);
+        }
+        match mcap::parse_record(opcode, body) {
+            Ok(Record::Chunk { header, .. }) => visitor.item(at, Item::Chunk(&header))?,
+            Ok(_) => {}
+            Err(error) => visitor.problem(self.damaged(offset, &error))?,
+        }
+        self.chunk_records(offset, &self.bytes[offset..offset + length], true, visitor)
+    }
+
+    /// The records of a chunk. Where the chunk is not whole or its checksum does not hold, those that can be
+    /// decompressed, as not verified.
+    fn chunk_records(&mut self, offset: usize, chunk: &[u8], whole: bool, visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+        self.chunked = true;
+        let mut verify = whole;
+        loop {
+            let options = LinearReaderOptions::default()
+                .with_skip_start_magic(true)
+                .with_skip_end_magic(true)
+                .with_prevalidate_chunk_crcs(verify)
+                .with_record_length_limit(self.limits.chunk_bytes);
+            match self.read_chunk(offset, chunk, LinearReader::new_with_options(options), verify, visitor)? {
+                Some((error, any)) if verify => {
+                    visitor.problem(self.damaged(offset, &error))?;
+                    if any {
+                        return Ok(());
+                    }
+                }
+                _ => return Ok(()),
+            }
+            verify = false;
+            // What the header promises bounds what decompression may give.
+            let promised = chunk.get(RECORD_PREFIX + 16..RECORD_PREFIX + 24).and_then(|size| size.first_chunk());
+            if promised.is_none_or(|size| u64::from_le_bytes(*size) > self.limits.chunk_bytes as u64) {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Reads records until one fails; says why, and whether any was handed out before.
+    fn read_chunk(
         &mut self,
         offset: usize,
-        opcode: u8,
-        body: &[u8],
-        visit: &mut dyn FnMut(u64, Item) -> Result<(), TraceError>,
-    ) -> Result<(), TraceError> {
-        if opcode != op::CHUNK {
-            return self.record(offset, opcode, body, visit);
-        }
-        self.chunked = true;
-        let options = LinearReaderOptions::default()
-            .with_skip_start_magic(true)
-            .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
-            .with_record_length_limit(self.limits.chunk_bytes);
-        let mut reader = LinearReader::new_with_options(options);
-        let mut input = &self.bytes[offset..offset + RECORD_PREFIX + body.len()];
+        chunk: &[u8],
+        mut reader: LinearReader,
+        verified: bool,
+        visitor: &mut dyn Visitor,
+    ) -> Result<Option<(McapError, bool)>, TraceError> {
+        let mut at = At { offset: offset as u64, length: chunk.len() as u64, in_chunk: Some(0), verified };
+        let mut input = chunk;
         while let Some(event) = reader.next_event() {
-            match event.map_err(|error| self.damaged(offset, &error))? {
-                LinearReadEvent::ReadRequest(wanted) => {
+            match event {
+                Err(error) => return Ok(Some((error, at.in_chunk != Some(0)))),
+                Ok(LinearReadEvent::ReadRequest(wanted)) => {
                     let (now, later) = input.split_at(wanted.min(input.len()));
                     reader.insert(now.len()).copy_from_slice(now);
                     reader.notify_read(now.len());
                     input = later;
                 }
-                LinearReadEvent::Record { opcode, data } => self.record(offset, opcode, data, visit)?,
+                Ok(LinearReadEvent::Record { opcode, data }) => {
+                    self.record(at, opcode, data, visitor)?;
+                    at.in_chunk = at.in_chunk.map(|position| position + (RECORD_PREFIX + data.len()) as u64);
+                }
             }
         }
-        Ok(())
+        Ok(None)
     }
 
-    fn record(
-        &mut self,
-        offset: usize,
-        opcode: u8,
-        body: &[u8],
-        visit: &mut dyn FnMut(u64, Item) -> Result<(), TraceError>,
-    ) -> Result<(), TraceError> {
+    fn record(&mut self, at: At, opcode: u8, body: &[u8], visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+        let offset = at.offset as usize;
         if opcode == op::ATTACHMENT && !attachment_is_whole(body) {
-            return Err(self.damaged(offset, &"an attachment is shorter than it says"));
+            return visitor.problem(self.damaged(offset, &"an attachment is shorter than it says"));
         }
-        let record = mcap::parse_record(opcode, body).map_err(|error| self.damaged(offset, &error))?;
-        let offset_u64 = offset as u64;
+        let record = match mcap::parse_record(opcode, body) {
+            Ok(record) => record,
+            Err(error) => return visitor.problem(self.damaged(offset, &error)),
+        };
         match record {
-            Record::Schema { header, .. } => {
+            Record::Schema { header, data } => {
+                visitor.item(at, Item::Schema { header: &header, data: &data })?;
                 self.schemas.insert(header.id, (header.name, header.encoding));
+                Ok(())
             }
-            Record::Channel(channel) => self.add_channel(offset, channel)?,
-            Record::Metadata(metadata) => visit(offset_u64, Item::Metadata(&metadata))?,
-            Record::Attachment { header, data, .. } => visit(offset_u64, Item::Attachment { header: &header, data: &data })?,
-            Record::Message { header, data } => {
-                let Some(topic) = self.topics.get(&header.channel_id) else {
-                    return Err(self.damaged(offset, &format!("a message names the unknown channel {}", header.channel_id)));
-                };
-                visit(offset_u64, Item::Message { header: &header, topic, data: &data })?;
+            Record::Channel(channel) => {
+                visitor.item(at, Item::Channel(&channel))?;
+                self.add_channel(at.offset, channel, visitor)
             }
-            Record::Header(_) | Record::MessageIndex(_) => {}
-            _ => return Err(self.damaged(offset, &format!("a record with opcode {opcode:#04x} is out of place"))),
+            Record::Metadata(metadata) => visitor.item(at, Item::Metadata(&metadata)),
+            Record::Attachment { header, data, .. } => visitor.item(at, Item::Attachment { header: &header, data: &data }),
+            Record::Message { header, data } => match self.topics.get(&header.channel_id) {
+                Some(topic) => visitor.item(at, Item::Message { header: &header, topic, data: &data }),
+                None => {
+                    let what = format!("a message names the unknown channel {}", header.channel_id);
+                    visitor.problem(self.damaged(offset, &what))
+                }
+            },
+            Record::MessageIndex(index) => visitor.item(at, Item::MessageIndex(&index)),
+            Record::Header(_) => Ok(()),
+            _ => visitor.problem(self.damaged(offset, &format!("a record with opcode {opcode:#04x} is out of place"))),
         }
-        Ok(())
     }
 
-    fn add_channel(&mut self, offset: usize, channel: records::Channel) -> Result<(), TraceError> {
-        if let Some(known) = schema::channel(&channel.topic) {
+    fn add_channel(&mut self, offset: u64, channel: records::Channel, visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+        let mut topic = channel.topic;
+        if let Some(known) = schema::channel(&topic) {
             let schema = self.schemas.get(&channel.schema_id).map(|(name, encoding)| (name.as_str(), encoding.as_str()));
             if schema != Some((known.message, "protobuf")) || channel.message_encoding != "protobuf" {
                 let what = format!("its schema is {schema:?}, but must be {} in protobuf", known.message);
-                return Err(TraceError::Message { path: self.path.into(), offset: offset as u64, topic: channel.topic, what });
+                // Its messages are nobody's then.
+                let topic = std::mem::take(&mut topic);
+                visitor.problem(TraceError::Message { path: self.path.into(), offset, topic, what })?;
             }
         }
-        self.topics.insert(channel.id, channel.topic);
+        self.topics.insert(channel.id, topic);
         Ok(())
     }
 
     /// Everything from the end of the data section on, and the checksum over all that is before it.
-    fn verify_closing(&self, data_end: usize, body: &[u8]) -> Result<(), TraceError> {
+    fn verify_closing(&self, data_end: usize, body: &[u8], visitor: &mut dyn Visitor) -> Result<(), TraceError> {
         let summary = data_end + RECORD_PREFIX + body.len();
         let Some(footer) = self.bytes.len().checked_sub(FOOTER + MAGIC.len()).filter(|footer| *footer >= summary) else {
-            return Err(self.torn(data_end, "the index is not whole"));
+            return visitor.problem(self.torn(data_end, "the index is not whole"));
         };
         if !self.bytes.ends_with(MAGIC) {
-            return Err(self.torn(data_end, "the file does not end with the magic bytes"));
+            return visitor.problem(self.torn(data_end, "the file does not end with the magic bytes"));
         }
         if *body != crc32fast::hash(&self.bytes[..data_end]).to_le_bytes() {
-            return Err(self.damaged(data_end, &"the checksum of the data section is wrong"));
+            visitor.problem(self.damaged(data_end, &"the checksum of the data section is wrong"))?;
         }
         let (prefix, fields) = self.bytes[footer..].split_at(RECORD_PREFIX);
         if prefix != [op::FOOTER, 20, 0, 0, 0, 0, 0, 0, 0] || fields[..8] != (summary as u64).to_le_bytes() {
-            return Err(self.damaged(footer, &"the footer is wrong"));
+            visitor.problem(self.damaged(footer, &"the footer is wrong"))?;
         }
         if fields[16..20] != crc32fast::hash(&self.bytes[summary..footer + RECORD_PREFIX + 16]).to_le_bytes() {
-            return Err(self.damaged(footer, &"the checksum of the index is wrong"));
+            visitor.problem(self.damaged(footer, &"the checksum of the index is wrong"))?;
         }
         Ok(())
     }

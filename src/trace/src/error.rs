@@ -17,6 +17,45 @@ pub enum TraceError {
         /// Why not.
         source: io::Error,
     },
+    /// A recording could not be continued.
+    #[error(
+        "cannot write to the recording: {source}; what was acknowledged before ({}) is in it: make room, then `reel recover` it: {part}",
+        acknowledged(*.steps)
+    )]
+    Write {
+        /// The unfinished recording.
+        part: PathBuf,
+        /// How many steps are acknowledged; none: not even the start.
+        steps: Option<u32>,
+        /// Why not.
+        source: io::Error,
+    },
+    /// Somebody is writing this recording.
+    #[error("the recording is still being written; recover it when its process has ended: {part}")]
+    InUse {
+        /// The unfinished recording.
+        part: PathBuf,
+    },
+    /// Another file is where the recovered one should go.
+    #[error(
+        "cannot recover {of}: another file is in the way, and it does not hold these steps; choose a folder with --out: {path}"
+    )]
+    InTheWay {
+        /// What should be recovered.
+        of: PathBuf,
+        /// What is in the way.
+        path: PathBuf,
+    },
+    /// A file that recovery wrote because it could restore nothing.
+    #[error("nothing of the recording {source_name} could be restored ({lost}); this file only says so: {path}")]
+    NothingRestored {
+        /// The file.
+        path: PathBuf,
+        /// Name of the recording.
+        source_name: String,
+        /// What was lost.
+        lost: String,
+    },
     /// A recording of this name was left unfinished.
     #[error("an unfinished recording is in the way; recover or delete it first: {part}")]
     PartExists {
@@ -131,6 +170,24 @@ pub enum TraceError {
         /// What the recorder waits for.
         expected: String,
     },
+}
+
+impl TraceError {
+    /// Where in the file it is wrong, if that is one place.
+    pub fn offset(&self) -> Option<u64> {
+        match self {
+            TraceError::Torn { offset, .. } | TraceError::Damaged { offset, .. } | TraceError::Message { offset, .. } => {
+                Some(*offset)
+            }
+            TraceError::NotMcap { .. } => Some(0),
+            _ => None,
+        }
+    }
+}
+
+/// What is acknowledged, in words.
+fn acknowledged(steps: Option<u32>) -> String {
+    steps.map_or_else(|| "nothing".to_owned(), |steps| format!("the start and {steps} calls"))
 }
 
 /// A step in words.

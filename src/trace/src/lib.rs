@@ -11,14 +11,23 @@
 mod assembly;
 mod codec;
 mod container;
+mod content;
+mod doctor;
 mod error;
+mod files;
+mod journal;
 mod picture;
 mod reader;
 mod recorder;
+mod recover;
+mod rewrite;
 mod schema;
 mod viewer;
 
+pub use content::content;
+pub use doctor::{Examination, Finding, examine};
 pub use error::TraceError;
 pub use picture::{decode_webp, encode_webp};
 pub use reader::{Limits, Trace};
-pub use recorder::{Images, Recorder, TraceSummary};
+pub use recorder::{Durability, Images, RecordOptions, Recorder, TraceSummary};
+pub use recover::{Recovery, Restored, recover};

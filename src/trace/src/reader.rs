@@ -1,18 +1,17 @@
 //! Reading a trace: what the container holds, put together to records and checked against the hash chain.
 
-use std::{collections::BTreeMap, fs::File, io::Read as _, path::Path, path::PathBuf};
+use std::{collections::BTreeMap, path::Path, path::PathBuf};
 
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task,
+    Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task, ToolCall,
     record::{EndRecord, EpisodeHeader, StartRecord, StepRecord},
 };
 
 use crate::{
     TraceError,
     assembly::Assembly,
-    container::{self, Closing},
-    decode_webp,
-    recorder::with_suffix,
+    container::{self, At, Closing, Item, Visitor},
+    decode_webp, files, schema,
 };
 
 /// Bounds of what the reader takes from a file that nobody vouches for.
@@ -49,6 +48,8 @@ pub struct Trace {
     pub end: Option<EndRecord>,
     /// Size of the file.
     pub bytes: u64,
+    /// What [`recover`](crate::recover()) did to get this trace, if it did, in the order it happened.
+    pub recoveries: Vec<BTreeMap<String, String>>,
     /// WebP pictures; none: of the start.
     pub(crate) images: BTreeMap<Option<u32>, Vec<u8>>,
     /// By step, where its first message stands.
@@ -71,7 +72,7 @@ impl Trace {
     /// # Errors
     /// As [`Trace::read`].
     pub fn read_within(path: &Path, limits: &Limits) -> Result<Trace, TraceError> {
-        Self::from_bytes(path, &read_file(path, limits)?, limits)
+        Self::from_bytes(path, &files::read(path, limits)?, limits)
     }
 
     /// [`Trace::read`] for bytes that are already in memory; `path` says in messages where they came from.
@@ -79,21 +80,27 @@ impl Trace {
     /// # Errors
     /// As [`Trace::read`].
     pub fn from_bytes(path: &Path, bytes: &[u8], limits: &Limits) -> Result<Trace, TraceError> {
-        match load(path, bytes, limits)? {
-            (trace, None) => Ok(trace),
-            (_, Some(problem)) => Err(problem),
+        let loaded = load(path, bytes, limits);
+        match loaded.problems.into_iter().next() {
+            None => loaded.trace,
+            Some(problem) => Err(problem.error),
         }
     }
 
-    /// Reads what there is up to the last whole step before the first thing that is wrong, and says what is
-    /// lost; nothing is, where [`Trace::read`] succeeds.
+    /// Reads the whole steps that there are, and says what is wrong first; nothing is, where [`Trace::read`]
+    /// succeeds. The hash chain vouches for the steps, also for those of a torn or damaged chunk.
     ///
     /// # Errors
     /// When not even the state after settling can be read.
     pub fn read_partial(path: &Path) -> Result<(Trace, Option<String>), TraceError> {
         let limits = Limits::default();
-        let (trace, problem) = load(path, &read_file(path, &limits)?, &limits)?;
-        Ok((trace, problem.map(|problem| problem.to_string())))
+        let loaded = load(path, &files::read(path, &limits)?, &limits);
+        let problem = loaded.problems.into_iter().next();
+        match (loaded.trace, problem) {
+            (Ok(trace), problem) => Ok((trace, problem.map(|problem| problem.error.to_string()))),
+            (Err(_), Some(problem)) => Err(problem.error),
+            (Err(missing), None) => Err(missing),
+        }
     }
 
     /// The WebP picture after a step (none: of the start), if the trace holds it.
@@ -118,16 +125,7 @@ impl Trace {
         if (width as usize, height as usize) != (FRAME_WIDTH, FRAME_HEIGHT) {
             return Err(refuse(format!("has {width} x {height} pixels instead of {FRAME_WIDTH} x {FRAME_HEIGHT}")));
         }
-        let digests = match step {
-            None => Some(&self.start.digests),
-            Some(step) => self.steps.get(step as usize).map(|record| &record.digests),
-        };
-        if let Some(expected) = digests.and_then(|digests| digests.frame.as_ref()) {
-            let found = Digest::of(&rgb);
-            if found != expected.rgb {
-                return Err(refuse(format!("has the digest {found} instead of {}", expected.rgb)));
-            }
-        }
+        self.check_rgb(step, &rgb)?;
         Ok(Some(rgb))
     }
 
@@ -151,40 +149,102 @@ impl Trace {
     }
 }
 
-/// Reads as far as possible: the trace, and the first thing that is wrong.
-fn load(path: &Path, bytes: &[u8], limits: &Limits) -> Result<(Trace, Option<TraceError>), TraceError> {
-    let mut assembly = Assembly::new(path);
-    let problem = match container::walk(bytes, path, limits, &mut |offset, item| assembly.item(offset, item)) {
-        Ok(Closing::Finished) => assembly.check_finished().err(),
-        Ok(Closing::Open) => assembly.check_open(bytes.len() as u64).err(),
-        Err(TraceError::Torn { path, offset, lost, .. }) => {
-            Some(TraceError::Torn { path, offset, steps_readable: assembly.step_count(), lost })
+/// What could be read of a file, and everything that is wrong with it.
+pub(crate) struct Loaded {
+    /// The whole steps; an error where there is not even a start.
+    pub trace: Result<Trace, TraceError>,
+    /// What is known before the first call.
+    pub head: Option<(EpisodeHeader, Task, Scene)>,
+    /// The call that was received, but of which nothing came that is whole.
+    pub under_way: Option<(u32, ToolCall)>,
+    /// What is wrong, in the order of the file.
+    pub problems: Vec<Problem>,
+}
+
+/// Something that is wrong.
+pub(crate) struct Problem {
+    /// What and where.
+    pub error: TraceError,
+    /// How many whole steps were read before it.
+    pub steps_before: u32,
+}
+
+/// More are not kept.
+const PROBLEMS_MAX: usize = 100;
+
+/// Reads on after problems of the container; of the records, up to the first that is refused.
+pub(crate) struct Reading<'a> {
+    assembly: Assembly<'a>,
+    problems: Vec<Problem>,
+    refused: bool,
+}
+
+impl Visitor for Reading<'_> {
+    fn item(&mut self, at: At, item: Item) -> Result<(), TraceError> {
+        // The chain does not cover the end, so only a checksum vouches for it.
+        let doubtful_end = matches!(&item, Item::Message { topic, .. } if *topic == schema::EPISODE.topic)
+            && !at.verified
+            && self.assembly.has_start();
+        if self.refused || doubtful_end {
+            return Ok(());
         }
-        Err(other) => Some(other),
-    };
-    match assembly.into_trace(bytes.len() as u64) {
-        Ok(trace) => Ok((trace, problem)),
-        Err(missing) => Err(problem.unwrap_or(missing)),
+        if let Err(error) = self.assembly.item(at.offset, item) {
+            self.refused = true;
+            self.problem(error)?;
+        }
+        Ok(())
+    }
+
+    fn problem(&mut self, error: TraceError) -> Result<(), TraceError> {
+        if self.problems.len() < PROBLEMS_MAX {
+            self.problems.push(Problem { error, steps_before: self.assembly.step_count() });
+        }
+        Ok(())
     }
 }
 
-fn read_file(path: &Path, limits: &Limits) -> Result<Vec<u8>, TraceError> {
-    let failed = |source: std::io::Error| {
-        let part = with_suffix(path, ".part");
-        if source.kind() == std::io::ErrorKind::NotFound && part.exists() {
-            return TraceError::Unfinished { part };
+impl<'a> Reading<'a> {
+    pub(crate) fn new(path: &'a Path) -> Self {
+        Self { assembly: Assembly::new(path), problems: Vec::new(), refused: false }
+    }
+
+    /// How many steps are whole so far.
+    pub(crate) fn step_count(&self) -> u32 {
+        self.assembly.step_count()
+    }
+
+    /// Takes what the walk came to.
+    pub(crate) fn finish(mut self, walked: Result<Closing, TraceError>, bytes: u64) -> Loaded {
+        let ending = match walked {
+            Ok(_) if self.assembly.nothing_restored().is_some() => Ok(()),
+            Ok(Closing::Finished) => self.assembly.check_finished(),
+            Ok(Closing::Open) if !self.refused => self.assembly.check_open(bytes),
+            Ok(Closing::Open | Closing::Torn) => Ok(()),
+            Err(other) => Err(other),
+        };
+        let steps_before = self.assembly.step_count();
+        // What is missing at the end only follows from an earlier problem.
+        if let Err(error) = ending
+            && self.problems.is_empty()
+        {
+            self.problems.push(Problem { error, steps_before });
         }
-        TraceError::Io { action: "read", path: path.to_owned(), source }
-    };
-    let limit = limits.file_bytes;
-    let file = File::open(path).map_err(failed)?;
-    let found = file.metadata().map_err(failed)?.len();
-    let mut bytes = Vec::new();
-    if found <= limit {
-        file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(failed)?;
+        for problem in &mut self.problems {
+            if let TraceError::Torn { steps_readable, .. } = &mut problem.error {
+                *steps_readable = steps_before;
+            }
+        }
+        let under_way = self.assembly.under_way().map(|(step, call)| (step, call.clone()));
+        let head = self.assembly.head().ok();
+        let nothing = self.assembly.nothing_restored();
+        let trace = self.assembly.into_trace(bytes).map_err(|missing| nothing.unwrap_or(missing));
+        Loaded { trace, head, under_way, problems: self.problems }
     }
-    match found.max(bytes.len() as u64) {
-        found if found > limit => Err(TraceError::TooLarge { path: path.to_owned(), limit, found }),
-        _ => Ok(bytes),
-    }
+}
+
+/// Reads as far as possible.
+pub(crate) fn load(path: &Path, bytes: &[u8], limits: &Limits) -> Loaded {
+    let mut reading = Reading::new(path);
+    let walked = container::walk(bytes, path, limits, &mut reading);
+    reading.finish(walked, bytes.len() as u64)
 }

@@ -1,40 +1,22 @@
 //! Writing a trace: inputs before they are used, records as they come, the finished file at the end.
 
 use std::{
-    collections::BTreeMap,
-    ffi::OsString,
     fs::{self, File},
-    io::{self, BufWriter, Write},
+    io::{self, BufWriter},
     path::{Path, PathBuf},
 };
 
-use mcap::{
-    McapError, WriteOptions,
-    records::{AttachmentHeader, MessageHeader, Metadata},
-};
-use prost::Message;
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Scene, Task, canonical_json, chain,
-    record::{BodyState, EndRecord, EpisodeHeader, RobotState, StartRecord, StepInput, StepRecord, VisibleObject},
+    Digest, Frame, Scene, Task,
+    record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
 
 use crate::{
-    TraceError, codec, container, encode_webp,
+    TraceError, container,
+    files::{self, PART},
+    journal::{Journal, Picture},
     reader::Limits,
-    schema::{self, Channel, foxglove::log::Level},
-    viewer,
 };
-
-/// Log time of simulation time zero: 2020-01-01T00:00:00Z in nanoseconds since 1970.
-const EPOCH_NS: u64 = 1_577_836_800_000_000_000;
-/// Physics steps in a second of simulation time.
-const STEPS_PER_S: u128 = 240;
-/// Name of the metadata record that lists the header.
-pub(crate) const HEADER_METADATA: &str = "reel.episode";
-/// Name of the task's attachment.
-pub(crate) const TASK_ATTACHMENT: &str = "task.json";
-/// Name of the scene's attachment.
-pub(crate) const SCENE_ATTACHMENT: &str = "scene.json";
 
 /// Whether pictures are stored.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
@@ -44,6 +26,46 @@ pub enum Images {
     Full,
     /// None: only the simulator version of the header can draw them again.
     None,
+}
+
+/// What an acknowledged call survives. `docs/durability.md` says what each costs.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Durability {
+    /// The death of the process: what a call wrote has reached the operating system when it returns.
+    #[default]
+    Write,
+    /// The loss of power too: what a call wrote is on the disk when it returns, as far as the disk is honest.
+    Fsync,
+}
+
+impl Durability {
+    /// As it stands on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Durability::Write => "write",
+            Durability::Fsync => "fsync",
+        }
+    }
+
+    /// Reads what [`Durability::name`] wrote.
+    pub fn parse(text: &str) -> Option<Self> {
+        [Durability::Write, Durability::Fsync].into_iter().find(|durability| durability.name() == text)
+    }
+}
+
+/// How to record. From [`Images`] alone: with [`Durability::Write`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct RecordOptions {
+    /// Whether pictures are stored.
+    pub images: Images,
+    /// What an acknowledged call survives.
+    pub durability: Durability,
+}
+
+impl From<Images> for RecordOptions {
+    fn from(images: Images) -> Self {
+        Self { images, ..Self::default() }
+    }
 }
 
 /// What was written.
@@ -59,39 +81,18 @@ pub struct TraceSummary {
 
 /// Records one episode. Calls come in the order `start`, then `input` and `step` for each step, then `end`.
 ///
-/// What a call wrote has reached the operating system when it returns, so it survives the death of the process
-/// (not the loss of power). A recorder dropped before `end` leaves `<path>.part`, which
-/// [`Trace::read`](crate::Trace::read) opens.
+/// A call that returned is acknowledged: what it wrote survives what [`Durability`] says. A recorder dropped before
+/// `end` leaves `<path>.part`, which [`Trace::read`](crate::Trace::read) opens and [`recover`](crate::recover())
+/// turns into a finished trace. While it lives it holds a lock on the part, so that nobody recovers it meanwhile.
 pub struct Recorder {
     path: PathBuf,
     part: PathBuf,
-    images: Images,
-    reward_preset: String,
-    header: EpisodeHeader,
-    /// Always there until `end` or drop; taken then, because the writer of the library would close the file.
-    writer: Option<mcap::Writer<BufWriter<File>>>,
-    /// Messages written so far, by channel.
-    written: BTreeMap<u16, u32>,
-    log_time: u64,
-    sim_step: u64,
-    bodies: Vec<BodyState>,
-    link: Digest,
-    turn: Turn,
-}
-
-/// What the recorder waits for.
-#[derive(Debug)]
-enum Turn {
-    Start,
-    InputOrEnd {
-        step: u32,
-    },
-    Step {
-        step: u32,
-        input: Box<StepInput>,
-    },
-    /// Writing failed half-way; nothing may follow.
-    Failed,
+    durability: Durability,
+    journal: Journal<BufWriter<File>>,
+    /// The same file as the journal's.
+    file: File,
+    /// How many steps are acknowledged; none before the start.
+    acknowledged: Option<u32>,
 }
 
 impl Recorder {
@@ -99,50 +100,38 @@ impl Recorder {
     ///
     /// # Errors
     /// When an unfinished recording is in the way, the file cannot be written, or task or scene are not the
-    /// ones the header names.
+    /// ones the header names. No part stays then.
     pub fn create(
         path: &Path,
         header: &EpisodeHeader,
         task: &Task,
         scene: &Scene,
-        images: Images,
+        options: impl Into<RecordOptions>,
     ) -> Result<Recorder, TraceError> {
-        let part = with_suffix(path, ".part");
-        let (task_json, scene_json) = (canonical_json(task), canonical_json(scene));
-        check_attachment(&part, TASK_ATTACHMENT, header.task_digest, task_json.as_bytes())?;
-        check_attachment(&part, SCENE_ATTACHMENT, header.scene_digest, scene_json.as_bytes())?;
-        let file = File::create_new(&part).map_err(|source| match source.kind() {
+        let RecordOptions { images, durability } = options.into();
+        let part = files::with_suffix(path, PART);
+        let failed = |source: io::Error| match source.kind() {
             io::ErrorKind::AlreadyExists => TraceError::PartExists { part: part.clone() },
             _ => TraceError::Io { action: "create", path: part.clone(), source },
-        })?;
-        let options = WriteOptions::new().library(container::LIBRARY).use_chunks(false);
-        let writer = options.create(BufWriter::with_capacity(1 << 18, file)).map_err(|error| write_failed(&part, error))?;
-        let mut recorder = Recorder {
-            path: path.to_owned(),
-            part,
-            images,
-            reward_preset: header.reward_preset.clone(),
-            header: header.clone(),
-            writer: Some(writer),
-            written: BTreeMap::new(),
-            log_time: 0,
-            sim_step: 0,
-            bodies: Vec::new(),
-            link: Digest::default(),
-            turn: Turn::Failed,
         };
-        recorder.attach(TASK_ATTACHMENT, &task_json)?;
-        recorder.attach(SCENE_ATTACHMENT, &scene_json)?;
-        let metadata = Metadata { name: HEADER_METADATA.to_owned(), metadata: header_metadata(header) };
-        recorder.with_writer(|writer| writer.write_metadata(&metadata))?;
-        recorder.message(schema::EPISODE, &codec::episode_start(header))?;
-        recorder.message(schema::SCENE, &viewer::scene(EPOCH_NS, scene, task))?;
-        if images == Images::Full {
-            recorder.message(schema::CALIBRATION, &viewer::calibration(EPOCH_NS))?;
+        let file = File::create_new(&part).map_err(failed)?;
+        let begin = || {
+            // Where there are no locks there is nobody to keep out either.
+            let _ = file.try_lock();
+            let sink = BufWriter::with_capacity(1 << 18, file.try_clone().map_err(failed)?);
+            let journal = Journal::create(sink, &part, (header, task, scene), images, &[])?;
+            if durability == Durability::Fsync {
+                file.sync_data().and_then(|()| files::sync_folder(&part)).map_err(failed)?;
+            }
+            Ok(journal)
+        };
+        match begin() {
+            Ok(journal) => Ok(Recorder { path: path.to_owned(), part, durability, journal, file, acknowledged: None }),
+            Err(error) => {
+                let _ = fs::remove_file(&part);
+                Err(error)
+            }
         }
-        recorder.flush()?;
-        recorder.turn = Turn::Start;
-        Ok(recorder)
     }
 
     /// Records the state after settling.
@@ -151,25 +140,8 @@ impl Recorder {
     /// When it is called out of turn, the record's chain digest is not the header's and its own, or the file
     /// cannot be written.
     pub fn start(&mut self, record: &StartRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
-        if !matches!(self.turn, Turn::Start) {
-            return Err(self.out_of_turn("the start"));
-        }
-        self.link(None, chain::start_link(&self.header, record), record.digests.chain)?;
-        self.turn = Turn::Failed;
-        self.message(schema::EPISODE, &codec::episode_settled(record))?;
-        self.message(schema::WORLD_GRAPH, &codec::world_graphs("start", &record.graphs))?;
-        self.derived(None, frame, &record.visible, &record.robot, &record.bodies)?;
-        let header = &self.header;
-        let line = format!(
-            "episode {}: task {} ({}), scene {}, seed {}, policy {}",
-            header.episode_id, header.task_id, header.family, header.scene_id, header.seed, header.policy.name
-        );
-        self.message(schema::LOG, &viewer::line(self.time_ns(), Level::Info, line))?;
-        let digest = codec::sim_digest(None, 0, &record.bodies, &record.robot, &record.digests);
-        self.message(schema::SIM_DIGEST, &digest)?;
-        self.flush()?;
-        self.turn = Turn::InputOrEnd { step: 0 };
-        Ok(())
+        let written = self.journal.start(record, rgb(frame));
+        self.acknowledge(written)
     }
 
     /// Records the inputs of a step, before they are used.
@@ -177,20 +149,8 @@ impl Recorder {
     /// # Errors
     /// When it is called out of turn or the file cannot be written.
     pub fn input(&mut self, step: u32, input: &StepInput) -> Result<(), TraceError> {
-        if !matches!(self.turn, Turn::InputOrEnd { step: next } if next == step) {
-            return Err(self.out_of_turn(&format!("the input of step {step}")));
-        }
-        self.turn = Turn::Failed;
-        self.message(schema::TOOL_CALL, &codec::tool_call(step, &input.call))?;
-        if let Some(policy) = &input.policy {
-            self.message(schema::POLICY_OUTPUT, &codec::policy_output(step, policy))?;
-        }
-        if let Some(reply) = &input.user_reply {
-            self.message(schema::USER_DIALOGUE, &codec::user_dialogue(step, "outside", reply))?;
-        }
-        self.flush()?;
-        self.turn = Turn::Step { step, input: Box::new(input.clone()) };
-        Ok(())
+        let written = self.journal.input(step, input);
+        self.acknowledge(written)
     }
 
     /// Records what came of a step.
@@ -199,203 +159,54 @@ impl Recorder {
     /// When it is called out of turn or with other inputs than [`Recorder::input`], the record's chain digest
     /// is not that of the records, or the file cannot be written.
     pub fn step(&mut self, record: &StepRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
-        if !matches!(&self.turn, Turn::Step { step, input } if *step == record.step && **input == record.input) {
-            return Err(self.out_of_turn(&format!("step {} ({})", record.step, record.input.call)));
-        }
-        self.link(Some(record.step), chain::step_link(&self.link, record), record.digests.chain)?;
-        self.turn = Turn::Failed;
-        self.sim_step = record.sim_step;
-        self.message(schema::TOOL_RESULT, &codec::tool_result(record))?;
-        if let Some(reply) = &record.reply {
-            self.message(schema::USER_DIALOGUE, &codec::user_dialogue(record.step, "answer", reply))?;
-        }
-        self.message(schema::WORLD_DIFF, &codec::world_diff(record))?;
-        let reward = codec::reward(&self.reward_preset, record);
-        self.message(schema::REWARD, &reward)?;
-        self.derived(Some(record.step), frame, &record.visible, &record.robot, &record.bodies)?;
-        self.message(schema::LOG, &viewer::step_line(self.time_ns(), record))?;
-        let digest = codec::sim_digest(Some(record.step), record.sim_step, &record.bodies, &record.robot, &record.digests);
-        self.message(schema::SIM_DIGEST, &digest)?;
-        self.flush()?;
-        self.turn = Turn::InputOrEnd { step: record.step + 1 };
-        Ok(())
+        let written = self.journal.step(record, rgb(frame));
+        self.acknowledge(written)
     }
 
-    /// Records the end, writes the finished file under its name and deletes the part.
+    /// Records the end, writes the finished file under its name and deletes the part, in this order: at every
+    /// moment there is a whole part, a whole trace, or both.
     ///
     /// # Errors
     /// When it is called out of turn, the end does not fit the steps, or a file cannot be written. The part
     /// stays then.
     pub fn end(mut self, record: &EndRecord) -> Result<TraceSummary, TraceError> {
-        if !matches!(self.turn, Turn::InputOrEnd { step } if step == record.steps) {
-            return Err(self.out_of_turn(&format!("the end after {} steps", record.steps)));
+        self.journal.end(record).map_err(|error| self.unwritten(error))?;
+        if self.durability == Durability::Fsync {
+            self.file.sync_data().map_err(|source| self.write_failed(source))?;
         }
-        self.link(record.steps.checked_sub(1), self.link, record.chain)?;
-        self.turn = Turn::Failed;
-        self.message(schema::WORLD_GRAPH, &codec::world_graphs("end", &record.graphs))?;
-        let metrics = &record.metrics;
-        let line = format!(
-            "{} after {} steps: success {}, completion {:.2}, total reward {:.3}",
-            codec::word(&record.reason),
-            record.steps,
-            metrics.success,
-            metrics.completion,
-            metrics.total_reward
-        );
-        self.message(schema::LOG, &viewer::line(self.time_ns(), Level::Info, line))?;
-        self.message(schema::EPISODE, &codec::episode_end(record))?;
-        self.flush()?;
-        self.close_part();
         let failed = |action| {
             let path = self.path.clone();
             move |source| TraceError::Io { action, path, source }
         };
         let part = fs::read(&self.part).map_err(failed("read back"))?;
         let bytes = container::finish(&part, &self.path, &Limits::default())?;
-        let temporary = with_suffix(&self.path, ".tmp");
-        let mut file = File::create(&temporary).map_err(failed("finish"))?;
-        file.write_all(&bytes).and_then(|()| file.sync_data()).map_err(failed("finish"))?;
-        fs::rename(&temporary, &self.path).map_err(failed("rename"))?;
+        files::publish(&self.path, &bytes).map_err(|source| self.write_failed(source))?;
         fs::remove_file(&self.part).map_err(failed("delete the part of"))?;
-        Ok(TraceSummary { path: self.path.clone(), bytes: bytes.len() as u64, chain: self.link })
+        Ok(TraceSummary { path: self.path.clone(), bytes: bytes.len() as u64, chain: self.journal.chain() })
     }
 
-    /// Simulation time of the current moment as log time.
-    fn time_ns(&self) -> u64 {
-        let ns = u128::from(self.sim_step) * 1_000_000_000 / STEPS_PER_S;
-        EPOCH_NS.saturating_add(u64::try_from(ns).unwrap_or(u64::MAX))
-    }
-
-    /// What viewers draw of a moment.
-    fn derived(
-        &mut self,
-        step: Option<u32>,
-        frame: Option<&Frame>,
-        visible: &[VisibleObject],
-        robot: &RobotState,
-        bodies: &[BodyState],
-    ) -> Result<(), TraceError> {
-        let ns = self.time_ns();
-        if let (Images::Full, Some(frame)) = (self.images, frame) {
-            let (expected, found) = (FRAME_WIDTH * FRAME_HEIGHT * 3, frame.rgb.len());
-            if expected != found {
-                let what = format!("has {found} bytes instead of {expected}");
-                return Err(TraceError::Picture { path: self.part.clone(), step, what });
-            }
-            let webp = encode_webp(&frame.rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
-            self.message(schema::CAMERA, &viewer::picture(ns, webp))?;
-            self.message(schema::ANNOTATIONS, &viewer::annotations(ns, visible))?;
+    /// Makes what was written last as much as is promised.
+    fn acknowledge(&mut self, written: Result<(), TraceError>) -> Result<(), TraceError> {
+        written.map_err(|error| self.unwritten(error))?;
+        if self.durability == Durability::Fsync {
+            self.file.sync_data().map_err(|source| self.write_failed(source))?;
         }
-        let transforms = viewer::transforms(ns, robot, bodies, &self.bodies);
-        self.bodies = bodies.to_vec();
-        self.message(schema::TRANSFORMS, &transforms)
-    }
-
-    /// Takes the next link of the chain, if the record holds it.
-    fn link(&mut self, step: Option<u32>, expected: Digest, found: Digest) -> Result<(), TraceError> {
-        if expected != found {
-            return Err(TraceError::ChainBroken { path: self.part.clone(), step, expected, found });
-        }
-        self.link = expected;
+        self.acknowledged = self.journal.steps();
         Ok(())
     }
 
-    fn attach(&mut self, name: &str, json: &str) -> Result<(), TraceError> {
-        let header = AttachmentHeader {
-            log_time: EPOCH_NS,
-            create_time: EPOCH_NS,
-            name: name.to_owned(),
-            media_type: "application/json".to_owned(),
-        };
-        self.with_writer(|writer| writer.attach(&container::attachment(header, json.as_bytes())))
-    }
-
-    /// Appends a message at the current simulation time, or right behind the message before.
-    fn message<M: Message>(&mut self, channel: Channel, message: &M) -> Result<(), TraceError> {
-        self.log_time = self.time_ns().max(self.log_time + 1);
-        if !self.written.contains_key(&channel.id) {
-            self.with_writer(|writer| container::announce(writer, &channel))?;
-        }
-        let sequence = self.written.entry(channel.id).or_insert(0);
-        *sequence += 1;
-        let header =
-            MessageHeader { channel_id: channel.id, sequence: *sequence, log_time: self.log_time, publish_time: self.log_time };
-        self.with_writer(|writer| writer.write_to_known_channel(&header, &message.encode_to_vec()))
-    }
-
-    /// Hands everything written so far to the operating system.
-    fn flush(&mut self) -> Result<(), TraceError> {
-        self.with_writer(|writer| writer.flush())
-    }
-
-    fn with_writer(
-        &mut self,
-        write: impl FnOnce(&mut mcap::Writer<BufWriter<File>>) -> Result<(), McapError>,
-    ) -> Result<(), TraceError> {
-        let writer = self.writer.as_mut().expect("the writer is taken only by end and drop");
-        write(writer).map_err(|error| write_failed(&self.part, error))
-    }
-
-    fn out_of_turn(&self, what: &str) -> TraceError {
-        let expected = match &self.turn {
-            Turn::Start => "the start".to_owned(),
-            Turn::InputOrEnd { step } => format!("the input of step {step}, or the end after {step} steps,"),
-            Turn::Step { step, input } => format!("step {step} ({}) with the inputs recorded before", input.call),
-            Turn::Failed => "nothing (writing failed)".to_owned(),
-        };
-        TraceError::OutOfTurn { path: self.part.clone(), what: what.to_owned(), expected }
-    }
-
-    /// Lets go of the part without the library's closing records, which belong to finished files only.
-    fn close_part(&mut self) {
-        if let Some(writer) = self.writer.take() {
-            drop(writer.into_inner());
+    fn unwritten(&self, error: TraceError) -> TraceError {
+        match error {
+            TraceError::Io { source, .. } => self.write_failed(source),
+            other => other,
         }
     }
-}
 
-impl Drop for Recorder {
-    fn drop(&mut self) {
-        self.close_part();
+    fn write_failed(&self, source: io::Error) -> TraceError {
+        TraceError::Write { part: self.part.clone(), steps: self.acknowledged, source }
     }
 }
 
-/// The header's fields for quick listing. The header itself is the first message of `/episode`.
-pub(crate) fn header_metadata(header: &EpisodeHeader) -> BTreeMap<String, String> {
-    let fields = [
-        ("episode_id", header.episode_id.clone()),
-        ("run_id", header.run_id.clone()),
-        ("task_id", header.task_id.clone()),
-        ("family", header.family.to_string()),
-        ("scene_id", header.scene_id.clone()),
-        ("seed", header.seed.to_string()),
-        ("sim_version", header.sim_version.to_string()),
-        ("build", header.build.clone()),
-        ("profile", header.profile.as_str().to_owned()),
-        ("reward_preset", header.reward_preset.clone()),
-        ("policy", header.policy.name.clone()),
-        ("backend", codec::word(&header.backend)),
-    ];
-    fields.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
-}
-
-/// Checks that an attachment is the one that the header names.
-pub(crate) fn check_attachment(path: &Path, attachment: &'static str, expected: Digest, json: &[u8]) -> Result<(), TraceError> {
-    let found = Digest::of(json);
-    if found == expected { Ok(()) } else { Err(TraceError::Attachment { path: path.to_owned(), attachment, expected, found }) }
-}
-
-/// `path` with something appended to its name.
-pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
-    let mut name = OsString::from(path);
-    name.push(suffix);
-    name.into()
-}
-
-fn write_failed(path: &Path, error: McapError) -> TraceError {
-    let source = match error {
-        McapError::Io(source) => source,
-        other => io::Error::other(other),
-    };
-    TraceError::Io { action: "write", path: path.to_owned(), source }
+fn rgb(frame: Option<&Frame>) -> Option<Picture<'_>> {
+    frame.map(|frame| Picture::Rgb(&frame.rgb))
 }

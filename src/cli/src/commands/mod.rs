@@ -3,6 +3,7 @@
 pub mod bench;
 #[cfg(feature = "analytics")]
 pub mod demo;
+pub mod doctor;
 pub mod explain;
 pub mod export;
 pub mod frames;
@@ -11,6 +12,7 @@ pub mod ingest;
 pub mod paranoid;
 #[cfg(feature = "analytics")]
 pub mod query;
+pub mod recover;
 pub mod repack;
 pub mod replay;
 pub mod run;

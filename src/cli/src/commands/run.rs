@@ -11,7 +11,7 @@ use reel_agents::{AgentError, EpisodeReport, Job, POLICIES, RecordTo, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::Listed;
-use reel_trace::Images;
+use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{Profile, Scene, Task, record::PolicyInfo};
 
 use crate::{Answer, commands::paranoid, inputs, progress};
@@ -54,6 +54,9 @@ pub struct Arguments {
     /// in their files) and name the first state field that depends on them
     #[arg(long)]
     paranoid: bool,
+    /// What a recorded call survives: write (the death of the process) or fsync (the loss of power, too)
+    #[arg(long, value_name = "NAME", default_value = "write")]
+    durability: String,
     /// Take tasks, and the objects that their files list, in reverse order (a check: the traces must not depend on it)
     #[arg(long, hide = true)]
     reversed: bool,
@@ -71,6 +74,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let Some(profile) = Profile::parse(&arguments.profile) else {
         bail!("no profile is called '{}'; there are paper and real-repo", arguments.profile);
     };
+    let Some(durability) = Durability::parse(&arguments.durability) else {
+        bail!("no durability is called '{}'; there are write and fsync", arguments.durability);
+    };
     let scene = inputs::scene(arguments.scene.as_deref())?;
     let listed = if arguments.reversed { Listed::Reversed } else { Listed::AsWritten };
     let (mut tasks, broken) = inputs::tasks(&arguments.tasks, &scene, listed)?;
@@ -84,6 +90,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         profile,
         out: &arguments.out,
         images: !arguments.no_images,
+        durability,
     };
     let scene_flag = arguments.scene.as_ref().map_or(String::new(), |path| format!(" --scene {}", path.display()));
     let command = format!(
@@ -136,6 +143,8 @@ pub struct Plan<'a> {
     pub out: &'a Path,
     /// Whether the traces hold the pictures.
     pub images: bool,
+    /// What a recorded call survives.
+    pub durability: Durability,
 }
 
 /// Plays tasks; results in their order.
@@ -166,7 +175,7 @@ pub fn play(
                 policy: PolicyInfo::default(),
             },
             policy: plan.policy.to_owned(),
-            record: Some(RecordTo { path, images }),
+            record: Some(RecordTo { path, options: RecordOptions { images, durability: plan.durability } }),
             command: command.to_owned(),
         }
     };

@@ -36,7 +36,7 @@ pub fn record(path: &Path, task: &Arc<Task>, name: &str, images: Images) -> Path
         run_id: "test".into(),
         policy: PolicyInfo::default(),
     };
-    run_episode(config, policy.as_mut(), Some(&RecordTo { path: path.to_owned(), images })).unwrap();
+    run_episode(config, policy.as_mut(), Some(&RecordTo { path: path.to_owned(), options: images.into() })).unwrap();
     path.to_owned()
 }
 

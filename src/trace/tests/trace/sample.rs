@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use reel_trace::{Images, Recorder, Trace, TraceError, TraceSummary};
+use reel_trace::{Images, RecordOptions, Recorder, Trace, TraceError, TraceSummary};
 use reel_world::{record::*, *};
 use serde_json::{Value, json};
 
@@ -243,8 +243,8 @@ impl Sample {
     }
 
     /// Records everything but the end.
-    pub fn record_open(&self, path: &Path, frames: &[Frame], images: Images) -> Result<Recorder, TraceError> {
-        let mut recorder = Recorder::create(path, &self.header, &self.task, &self.scene, images)?;
+    pub fn record_open(&self, path: &Path, frames: &[Frame], options: impl Into<RecordOptions>) -> Result<Recorder, TraceError> {
+        let mut recorder = Recorder::create(path, &self.header, &self.task, &self.scene, options)?;
         recorder.start(&self.start, frames.first())?;
         for (index, step) in self.steps.iter().enumerate() {
             recorder.input(step.step, &step.input)?;

@@ -1,0 +1,82 @@
+//! `reel doctor`: says what is wrong with traces, where, and what to do.
+
+use std::path::PathBuf;
+
+use reel_trace::{Examination, TraceError, examine};
+
+use crate::{Answer, inputs, progress};
+
+/// Check traces: magic bytes, structure, every checksum, index against content, schemas against those of this version,
+/// order, hash chain, attachments and pictures against their digests. Says everything that is wrong, where, and what
+/// to do. Unfinished recordings (.mcap.part) among the paths are not healthy.
+///
+/// Examples:
+///   reel doctor traces-out
+///   reel doctor traces-out/FDP_home_0001--oracle--0.mcap --json
+///
+/// Exit code 0: all healthy; 1: something is wrong; 2: a file could not be read at all.
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Traces, or folders of them
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Print one JSON object a trace
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let paths = inputs::recordings(&arguments.paths)?;
+    let bar = progress::bar(paths.len(), "doctor");
+    let results: Vec<Result<Examination, TraceError>> = paths
+        .iter()
+        .map(|path| {
+            let result = examine(path);
+            bar.inc(1);
+            result
+        })
+        .collect();
+    bar.finish_and_clear();
+    let (mut failed, mut ill) = (0, 0);
+    for result in results {
+        let examination = match result {
+            Ok(examination) => examination,
+            Err(error) => {
+                failed += 1;
+                eprintln!("reel: {error}");
+                continue;
+            }
+        };
+        ill += usize::from(!examination.findings.is_empty());
+        if arguments.json {
+            println!("{}", serde_json::to_string(&examination)?);
+        } else {
+            print!("{}", text(&examination));
+        }
+    }
+    if !arguments.json && paths.len() > 1 {
+        println!("{} of {} healthy", paths.len() - ill - failed, paths.len());
+    }
+    Ok(if failed > 0 {
+        Answer::BadInput
+    } else if ill > 0 {
+        Answer::No
+    } else {
+        Answer::Yes
+    })
+}
+
+fn text(examination: &Examination) -> String {
+    let Examination { path, bytes, steps, pictures, findings, notes, .. } = examination;
+    let notes: String = notes.iter().map(|note| format!("; {note}")).collect();
+    if findings.is_empty() {
+        return format!("{}: healthy, {steps} steps, {pictures} pictures, {bytes} bytes{notes}\n", path.display());
+    }
+    let mut text = format!("{}: {} findings, {steps} steps are readable{notes}\n", path.display(), findings.len());
+    for finding in findings {
+        text.push_str(&format!("  {finding}\n"));
+    }
+    text
+}

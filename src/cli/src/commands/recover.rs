@@ -1,0 +1,126 @@
+//! `reel recover`: restores what unfinished, torn or damaged recordings hold.
+
+use std::{collections::BTreeMap, fs, path::PathBuf};
+
+use anyhow::Context;
+use reel_reward::{Preset, metrics};
+use reel_trace::{Recovery, Restored, Trace, TraceError, recover};
+use reel_world::record::{Graphs, Metrics};
+
+use crate::{Answer, inputs, progress};
+
+/// Restore every whole step of recordings that were killed, ran into a full disk, or were torn or damaged later, and
+/// write finished traces that open again. An episode without an end ends as aborted.
+///
+/// `x.mcap.part` becomes `x.mcap`, a torn `x.mcap` becomes `x.recovered.mcap`; a file that is there is never replaced.
+/// The recording stays, unless it is a part and all of it is in the trace.
+///
+/// Examples:
+///   reel recover traces-out
+///   reel recover traces-out/FDP_home_0001--oracle--0.mcap.part --json
+///   reel recover damaged --out restored
+///
+/// Exit code 0: nothing was lost; 3: something was, it is named; 2: a recording could not be read or written at all.
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Recordings (.mcap.part or .mcap), or folders of them
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Folder for the recovered traces, instead of beside the recordings; nothing is deleted then
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print one JSON object a recording
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let paths = inputs::recordings(&arguments.paths)?;
+    if let Some(out) = &arguments.out {
+        fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    }
+    let bar = progress::bar(paths.len(), "recover");
+    let results: Vec<Result<Recovery, TraceError>> = paths
+        .iter()
+        .map(|path| {
+            let result = recover(path, arguments.out.as_deref(), score);
+            bar.inc(1);
+            result
+        })
+        .collect();
+    bar.finish_and_clear();
+    let mut failed = 0;
+    let mut recoveries = Vec::new();
+    for result in results {
+        match result {
+            Ok(recovery) => recoveries.push(recovery),
+            Err(error) => {
+                failed += 1;
+                eprintln!("reel: {error}");
+            }
+        }
+    }
+    for recovery in &recoveries {
+        if arguments.json {
+            println!("{}", serde_json::to_string(recovery)?);
+        } else if recovery.restored != Restored::NotNeeded || paths.len() == 1 {
+            print!("{}", text(recovery));
+        }
+    }
+    let lossy = recoveries.iter().filter(|recovery| !recovery.lost.is_empty()).count();
+    if !arguments.json && paths.len() > 1 {
+        println!("{}", summary(&recoveries, lossy));
+    }
+    Ok(if failed > 0 {
+        Answer::BadInput
+    } else if lossy > 0 {
+        Answer::Loss
+    } else {
+        Answer::Yes
+    })
+}
+
+/// The metrics of an episode that nobody ended.
+fn score(trace: &Trace, graphs: &Graphs) -> Metrics {
+    let preset = Preset::parse(&trace.header.reward_preset).unwrap_or_default();
+    metrics(&trace.task, &trace.start, &trace.steps, preset.authority(graphs))
+}
+
+fn text(recovery: &Recovery) -> String {
+    let (source, trace, steps) = (recovery.source.display(), recovery.trace.display(), recovery.steps);
+    let end = if recovery.end_recorded { "with its end" } else { "ends as aborted" };
+    let mut text = match recovery.restored {
+        Restored::NotNeeded => format!("{source}: whole, nothing to recover\n"),
+        Restored::Written => format!("{source}: {steps} steps restored, {end}: {trace}\n"),
+        Restored::Before => format!("{source}: its {steps} steps are already in {trace}\n"),
+        Restored::Nothing => format!("{source}: nothing can be restored; {trace} says so\n"),
+    };
+    for lost in &recovery.lost {
+        text.push_str(&format!("  lost: {lost}\n"));
+    }
+    // Where something was lost, that says why.
+    for problem in recovery.problems.iter().filter(|_| recovery.lost.is_empty()) {
+        text.push_str(&format!("  was wrong: {problem}\n"));
+    }
+    if recovery.source_deleted {
+        text.push_str(&format!("  {source} is deleted, the trace holds all of it\n"));
+    }
+    text
+}
+
+fn summary(recoveries: &[Recovery], lossy: usize) -> String {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for recovery in recoveries {
+        let what = match recovery.restored {
+            Restored::NotNeeded => "whole",
+            Restored::Written => "restored",
+            Restored::Before => "restored before",
+            Restored::Nothing => "with nothing to restore",
+        };
+        *counts.entry(what).or_default() += 1;
+    }
+    let counts: Vec<String> = counts.iter().map(|(what, count)| format!("{count} {what}")).collect();
+    format!("{} recordings: {}; {lossy} lost something", recoveries.len(), counts.join(", "))
+}

@@ -1,0 +1,67 @@
+//! Files of traces: names, reading within a limit, and putting a finished file in its place at once. Knows nothing of
+//! what is in them.
+
+use std::{
+    ffi::OsString,
+    fs::{self, File},
+    io::{self, Read as _, Write as _},
+    path::{Path, PathBuf},
+};
+
+use crate::{TraceError, reader::Limits};
+
+/// What the name of an unfinished recording ends with.
+pub(crate) const PART: &str = ".part";
+
+/// `path` with something appended to its name.
+pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(suffix);
+    name.into()
+}
+
+/// The whole file, if it is not larger than the limit.
+pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Vec<u8>, TraceError> {
+    let failed = |source: io::Error| {
+        let part = with_suffix(path, PART);
+        if source.kind() == io::ErrorKind::NotFound && part.exists() {
+            return TraceError::Unfinished { part };
+        }
+        TraceError::Io { action: "read", path: path.to_owned(), source }
+    };
+    let limit = limits.file_bytes;
+    let file = File::open(path).map_err(failed)?;
+    let found = file.metadata().map_err(failed)?.len();
+    let mut bytes = Vec::new();
+    if found <= limit {
+        file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(failed)?;
+    }
+    match found.max(bytes.len() as u64) {
+        found if found > limit => Err(TraceError::TooLarge { path: path.to_owned(), limit, found }),
+        _ => Ok(bytes),
+    }
+}
+
+/// Puts a file in its place at once: whoever looks finds what was there before, or all of it. The content is on
+/// the disk before the name is, and the name before this returns.
+pub(crate) fn publish(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let temporary = with_suffix(path, ".tmp");
+    let write = || {
+        let mut file = File::create(&temporary)?;
+        file.write_all(bytes)?;
+        file.sync_data()?;
+        fs::rename(&temporary, path)
+    };
+    write().inspect_err(|_| drop(fs::remove_file(&temporary)))?;
+    sync_folder(path)
+}
+
+/// Puts the names in a file's folder on the disk.
+pub(crate) fn sync_folder(path: &Path) -> io::Result<()> {
+    // Only Unix can open a folder to do so.
+    if cfg!(unix) {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        File::open(folder)?.sync_all()?;
+    }
+    Ok(())
+}

@@ -1,0 +1,361 @@
+//! The records of an episode as MCAP messages, in their one order, onto anything that can be written to. Checks the
+//! turn and the hash chain. Knows no files.
+
+use std::{
+    collections::BTreeMap,
+    io::{self, Seek, Write},
+    path::{Path, PathBuf},
+};
+
+use mcap::{
+    McapError, WriteOptions,
+    records::{AttachmentHeader, MessageHeader, Metadata},
+};
+use prost::Message;
+use reel_world::{
+    Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task, canonical_json, chain,
+    record::{BodyState, EndRecord, EpisodeHeader, RobotState, StartRecord, StepInput, StepRecord, VisibleObject},
+};
+
+use crate::{
+    Images, TraceError, codec, container, encode_webp,
+    schema::{self, Channel, foxglove::log::Level},
+    viewer,
+};
+
+/// Log time of simulation time zero: 2020-01-01T00:00:00Z in nanoseconds since 1970.
+const EPOCH_NS: u64 = 1_577_836_800_000_000_000;
+/// Physics steps in a second of simulation time.
+const STEPS_PER_S: u128 = 240;
+/// Name of the metadata record that lists the header.
+pub(crate) const HEADER_METADATA: &str = "reel.episode";
+/// Name of the metadata records that say how a trace was recovered.
+pub(crate) const RECOVERY_METADATA: &str = "reel.recovery";
+/// Name of the task's attachment.
+pub(crate) const TASK_ATTACHMENT: &str = "task.json";
+/// Name of the scene's attachment.
+pub(crate) const SCENE_ATTACHMENT: &str = "scene.json";
+
+/// A picture on its way into a trace.
+#[derive(Clone, Copy)]
+pub(crate) enum Picture<'a> {
+    /// 8-bit RGB, to be encoded.
+    Rgb(&'a [u8]),
+    /// Already encoded.
+    Webp(&'a [u8]),
+}
+
+/// Writes one episode. Calls come in the order `start`, then `input` and `step` for each step, then `end`.
+pub(crate) struct Journal<W: Write + Seek> {
+    /// For messages.
+    path: PathBuf,
+    images: Images,
+    reward_preset: String,
+    header: EpisodeHeader,
+    /// Always there until `into_inner` or drop; taken then, because the writer of the library would close the file.
+    writer: Option<mcap::Writer<W>>,
+    /// Messages written so far, by channel.
+    written: BTreeMap<u16, u32>,
+    log_time: u64,
+    sim_step: u64,
+    bodies: Vec<BodyState>,
+    link: Digest,
+    turn: Turn,
+}
+
+/// What the recorder waits for.
+#[derive(Debug)]
+enum Turn {
+    Start,
+    InputOrEnd {
+        step: u32,
+    },
+    Step {
+        step: u32,
+        input: Box<StepInput>,
+    },
+    /// Writing failed half-way; nothing may follow.
+    Failed,
+}
+
+impl<W: Write + Seek> Journal<W> {
+    /// Writes the inputs that are known before the first call.
+    pub(crate) fn create(
+        sink: W,
+        path: &Path,
+        (header, task, scene): (&EpisodeHeader, &Task, &Scene),
+        images: Images,
+        recoveries: &[BTreeMap<String, String>],
+    ) -> Result<Self, TraceError> {
+        let (task_json, scene_json) = (canonical_json(task), canonical_json(scene));
+        check_attachment(path, TASK_ATTACHMENT, header.task_digest, task_json.as_bytes())?;
+        check_attachment(path, SCENE_ATTACHMENT, header.scene_digest, scene_json.as_bytes())?;
+        let options = WriteOptions::new().library(container::LIBRARY).use_chunks(false);
+        let writer = options.create(sink).map_err(|error| write_failed(path, error))?;
+        let mut journal = Journal {
+            path: path.to_owned(),
+            images,
+            reward_preset: header.reward_preset.clone(),
+            header: header.clone(),
+            writer: Some(writer),
+            written: BTreeMap::new(),
+            log_time: 0,
+            sim_step: 0,
+            bodies: Vec::new(),
+            link: Digest::default(),
+            turn: Turn::Failed,
+        };
+        journal.attach(TASK_ATTACHMENT, &task_json)?;
+        journal.attach(SCENE_ATTACHMENT, &scene_json)?;
+        let metadata = Metadata { name: HEADER_METADATA.to_owned(), metadata: header_metadata(header) };
+        journal.with_writer(|writer| writer.write_metadata(&metadata))?;
+        for recovery in recoveries {
+            let metadata = Metadata { name: RECOVERY_METADATA.to_owned(), metadata: recovery.clone() };
+            journal.with_writer(|writer| writer.write_metadata(&metadata))?;
+        }
+        journal.message(schema::EPISODE, &codec::episode_start(header))?;
+        journal.message(schema::SCENE, &viewer::scene(EPOCH_NS, scene, task))?;
+        if images == Images::Full {
+            journal.message(schema::CALIBRATION, &viewer::calibration(EPOCH_NS))?;
+        }
+        journal.flush()?;
+        journal.turn = Turn::Start;
+        Ok(journal)
+    }
+
+    /// Records the state after settling.
+    pub(crate) fn start(&mut self, record: &StartRecord, picture: Option<Picture>) -> Result<(), TraceError> {
+        if !matches!(self.turn, Turn::Start) {
+            return Err(self.out_of_turn("the start"));
+        }
+        self.link(None, chain::start_link(&self.header, record), record.digests.chain)?;
+        self.turn = Turn::Failed;
+        self.message(schema::EPISODE, &codec::episode_settled(record))?;
+        self.message(schema::WORLD_GRAPH, &codec::world_graphs("start", &record.graphs))?;
+        self.derived(None, picture, &record.visible, &record.robot, &record.bodies)?;
+        let header = &self.header;
+        let line = format!(
+            "episode {}: task {} ({}), scene {}, seed {}, policy {}",
+            header.episode_id, header.task_id, header.family, header.scene_id, header.seed, header.policy.name
+        );
+        self.message(schema::LOG, &viewer::line(self.time_ns(), Level::Info, line))?;
+        let digest = codec::sim_digest(None, 0, &record.bodies, &record.robot, &record.digests);
+        self.message(schema::SIM_DIGEST, &digest)?;
+        self.flush()?;
+        self.turn = Turn::InputOrEnd { step: 0 };
+        Ok(())
+    }
+
+    /// Records the inputs of a step, before they are used.
+    pub(crate) fn input(&mut self, step: u32, input: &StepInput) -> Result<(), TraceError> {
+        if !matches!(self.turn, Turn::InputOrEnd { step: next } if next == step) {
+            return Err(self.out_of_turn(&format!("the input of step {step}")));
+        }
+        self.turn = Turn::Failed;
+        self.message(schema::TOOL_CALL, &codec::tool_call(step, &input.call))?;
+        if let Some(policy) = &input.policy {
+            self.message(schema::POLICY_OUTPUT, &codec::policy_output(step, policy))?;
+        }
+        if let Some(reply) = &input.user_reply {
+            self.message(schema::USER_DIALOGUE, &codec::user_dialogue(step, "outside", reply))?;
+        }
+        self.flush()?;
+        self.turn = Turn::Step { step, input: Box::new(input.clone()) };
+        Ok(())
+    }
+
+    /// Records what came of a step.
+    pub(crate) fn step(&mut self, record: &StepRecord, picture: Option<Picture>) -> Result<(), TraceError> {
+        if !matches!(&self.turn, Turn::Step { step, input } if *step == record.step && **input == record.input) {
+            return Err(self.out_of_turn(&format!("step {} ({})", record.step, record.input.call)));
+        }
+        self.link(Some(record.step), chain::step_link(&self.link, record), record.digests.chain)?;
+        self.turn = Turn::Failed;
+        self.sim_step = record.sim_step;
+        self.message(schema::TOOL_RESULT, &codec::tool_result(record))?;
+        if let Some(reply) = &record.reply {
+            self.message(schema::USER_DIALOGUE, &codec::user_dialogue(record.step, "answer", reply))?;
+        }
+        self.message(schema::WORLD_DIFF, &codec::world_diff(record))?;
+        let reward = codec::reward(&self.reward_preset, record);
+        self.message(schema::REWARD, &reward)?;
+        self.derived(Some(record.step), picture, &record.visible, &record.robot, &record.bodies)?;
+        self.message(schema::LOG, &viewer::step_line(self.time_ns(), record))?;
+        let digest = codec::sim_digest(Some(record.step), record.sim_step, &record.bodies, &record.robot, &record.digests);
+        self.message(schema::SIM_DIGEST, &digest)?;
+        self.flush()?;
+        self.turn = Turn::InputOrEnd { step: record.step + 1 };
+        Ok(())
+    }
+
+    /// Records the end.
+    pub(crate) fn end(&mut self, record: &EndRecord) -> Result<(), TraceError> {
+        if !matches!(self.turn, Turn::InputOrEnd { step } if step == record.steps) {
+            return Err(self.out_of_turn(&format!("the end after {} steps", record.steps)));
+        }
+        self.link(record.steps.checked_sub(1), self.link, record.chain)?;
+        self.turn = Turn::Failed;
+        self.message(schema::WORLD_GRAPH, &codec::world_graphs("end", &record.graphs))?;
+        let metrics = &record.metrics;
+        let line = format!(
+            "{} after {} steps: success {}, completion {:.2}, total reward {:.3}",
+            codec::word(&record.reason),
+            record.steps,
+            metrics.success,
+            metrics.completion,
+            metrics.total_reward
+        );
+        self.message(schema::LOG, &viewer::line(self.time_ns(), Level::Info, line))?;
+        self.message(schema::EPISODE, &codec::episode_end(record))?;
+        self.flush()
+    }
+
+    /// How many steps are whole; none before the start.
+    pub(crate) fn steps(&self) -> Option<u32> {
+        match self.turn {
+            Turn::InputOrEnd { step } | Turn::Step { step, .. } => Some(step),
+            Turn::Start | Turn::Failed => None,
+        }
+    }
+
+    /// The last link of the hash chain.
+    pub(crate) fn chain(&self) -> Digest {
+        self.link
+    }
+
+    /// Lets go of what was written, without the library's closing records, which belong to finished files only.
+    pub(crate) fn into_inner(mut self) -> W {
+        self.writer.take().expect("it is taken only here and on drop").into_inner()
+    }
+
+    /// Simulation time of the current moment as log time.
+    fn time_ns(&self) -> u64 {
+        let ns = u128::from(self.sim_step) * 1_000_000_000 / STEPS_PER_S;
+        EPOCH_NS.saturating_add(u64::try_from(ns).unwrap_or(u64::MAX))
+    }
+
+    /// What viewers draw of a moment.
+    fn derived(
+        &mut self,
+        step: Option<u32>,
+        picture: Option<Picture>,
+        visible: &[VisibleObject],
+        robot: &RobotState,
+        bodies: &[BodyState],
+    ) -> Result<(), TraceError> {
+        let ns = self.time_ns();
+        if let (Images::Full, Some(picture)) = (self.images, picture) {
+            let webp = match picture {
+                Picture::Webp(webp) => webp.to_vec(),
+                Picture::Rgb(rgb) => self.encode(step, rgb)?,
+            };
+            self.message(schema::CAMERA, &viewer::picture(ns, webp))?;
+            self.message(schema::ANNOTATIONS, &viewer::annotations(ns, visible))?;
+        }
+        let transforms = viewer::transforms(ns, robot, bodies, &self.bodies);
+        self.bodies = bodies.to_vec();
+        self.message(schema::TRANSFORMS, &transforms)
+    }
+
+    fn encode(&self, step: Option<u32>, rgb: &[u8]) -> Result<Vec<u8>, TraceError> {
+        let (expected, found) = (FRAME_WIDTH * FRAME_HEIGHT * 3, rgb.len());
+        if expected != found {
+            let what = format!("has {found} bytes instead of {expected}");
+            return Err(TraceError::Picture { path: self.path.clone(), step, what });
+        }
+        Ok(encode_webp(rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
+    }
+
+    /// Takes the next link of the chain, if the record holds it.
+    fn link(&mut self, step: Option<u32>, expected: Digest, found: Digest) -> Result<(), TraceError> {
+        if expected != found {
+            return Err(TraceError::ChainBroken { path: self.path.clone(), step, expected, found });
+        }
+        self.link = expected;
+        Ok(())
+    }
+
+    fn attach(&mut self, name: &str, json: &str) -> Result<(), TraceError> {
+        let header = AttachmentHeader {
+            log_time: EPOCH_NS,
+            create_time: EPOCH_NS,
+            name: name.to_owned(),
+            media_type: "application/json".to_owned(),
+        };
+        self.with_writer(|writer| writer.attach(&container::attachment(header, json.as_bytes())))
+    }
+
+    /// Appends a message at the current simulation time, or right behind the message before.
+    fn message<M: Message>(&mut self, channel: Channel, message: &M) -> Result<(), TraceError> {
+        self.log_time = self.time_ns().max(self.log_time + 1);
+        if !self.written.contains_key(&channel.id) {
+            self.with_writer(|writer| container::announce(writer, &channel))?;
+        }
+        let sequence = self.written.entry(channel.id).or_insert(0);
+        *sequence += 1;
+        let header =
+            MessageHeader { channel_id: channel.id, sequence: *sequence, log_time: self.log_time, publish_time: self.log_time };
+        self.with_writer(|writer| writer.write_to_known_channel(&header, &message.encode_to_vec()))
+    }
+
+    /// Hands everything written so far to the operating system.
+    fn flush(&mut self) -> Result<(), TraceError> {
+        self.with_writer(|writer| writer.flush())
+    }
+
+    fn with_writer(&mut self, write: impl FnOnce(&mut mcap::Writer<W>) -> Result<(), McapError>) -> Result<(), TraceError> {
+        let writer = self.writer.as_mut().expect("the writer is taken only by into_inner and drop");
+        write(writer).map_err(|error| write_failed(&self.path, error))
+    }
+
+    fn out_of_turn(&self, what: &str) -> TraceError {
+        let expected = match &self.turn {
+            Turn::Start => "the start".to_owned(),
+            Turn::InputOrEnd { step } => format!("the input of step {step}, or the end after {step} steps,"),
+            Turn::Step { step, input } => format!("step {step} ({}) with the inputs recorded before", input.call),
+            Turn::Failed => "nothing (writing failed)".to_owned(),
+        };
+        TraceError::OutOfTurn { path: self.path.clone(), what: what.to_owned(), expected }
+    }
+}
+
+impl<W: Write + Seek> Drop for Journal<W> {
+    fn drop(&mut self) {
+        if let Some(writer) = self.writer.take() {
+            drop(writer.into_inner());
+        }
+    }
+}
+
+/// The header's fields for quick listing. The header itself is the first message of `/episode`.
+pub(crate) fn header_metadata(header: &EpisodeHeader) -> BTreeMap<String, String> {
+    let fields = [
+        ("episode_id", header.episode_id.clone()),
+        ("run_id", header.run_id.clone()),
+        ("task_id", header.task_id.clone()),
+        ("family", header.family.to_string()),
+        ("scene_id", header.scene_id.clone()),
+        ("seed", header.seed.to_string()),
+        ("sim_version", header.sim_version.to_string()),
+        ("build", header.build.clone()),
+        ("profile", header.profile.as_str().to_owned()),
+        ("reward_preset", header.reward_preset.clone()),
+        ("policy", header.policy.name.clone()),
+        ("backend", codec::word(&header.backend)),
+    ];
+    fields.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+/// Checks that an attachment is the one that the header names.
+pub(crate) fn check_attachment(path: &Path, attachment: &'static str, expected: Digest, json: &[u8]) -> Result<(), TraceError> {
+    let found = Digest::of(json);
+    if found == expected { Ok(()) } else { Err(TraceError::Attachment { path: path.to_owned(), attachment, expected, found }) }
+}
+
+fn write_failed(path: &Path, error: McapError) -> TraceError {
+    let source = match error {
+        McapError::Io(source) => source,
+        other => io::Error::other(other),
+    };
+    TraceError::Io { action: "write", path: path.to_owned(), source }
+}

@@ -1,0 +1,252 @@
+//! Saving what an unfinished, torn or damaged recording holds: its whole steps, in a finished trace that says in a
+//! metadata record where it came from. Never changes the recording; deletes it only when all of it is in the trace.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs::{self, File, TryLockError},
+    io::Cursor,
+    path::{Path, PathBuf},
+};
+
+use reel_world::record::{EndReason, EndRecord, Graphs, Metrics};
+use serde::Serialize;
+
+use crate::{
+    Images, Trace, TraceError, container,
+    error::moment,
+    files::{self, PART},
+    journal::Journal,
+    reader::{Limits, Loaded, load},
+    rewrite::Encoding,
+};
+
+/// What became of a recording.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Restored {
+    /// It is a whole trace; there was nothing to do.
+    NotNeeded,
+    /// A trace with its whole steps was written.
+    Written,
+    /// A whole trace that holds its steps was there already.
+    Before,
+    /// Not even a start could be read; a file was written that says so.
+    Nothing,
+}
+
+/// What was found and done.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Recovery {
+    /// The recording.
+    pub source: PathBuf,
+    /// What became of it.
+    pub restored: Restored,
+    /// The whole trace, or the file that says that there is none.
+    pub trace: PathBuf,
+    /// How many steps it was possible to read.
+    pub steps: u32,
+    /// Whether the end was recorded; where not, the trace ends as aborted.
+    pub end_recorded: bool,
+    /// Size of the recording.
+    pub bytes: u64,
+    /// Where the first thing that is wrong stands; the size, where nothing is.
+    pub bytes_readable: u64,
+    /// Everything that is wrong with the recording, in the order of the file.
+    pub problems: Vec<String>,
+    /// What was recorded and could not be restored; empty where all of it was.
+    pub lost: Vec<String>,
+    /// Whether the recording was deleted, because the trace holds all of it.
+    pub source_deleted: bool,
+}
+
+/// Restores every whole step of a recording: an unfinished `.part`, or a finished trace that is torn or damaged.
+///
+/// Writes `<name>.mcap` for `<name>.mcap.part` and `<name>.recovered.mcap` where that is taken or the recording is
+/// a trace itself; with `folder`, there instead of beside the recording. A file that is in place is never replaced:
+/// if it is a whole trace with all these steps, nothing is left to do. The recording is deleted only if it is a
+/// part, nothing of it was lost, and no folder was given. Without a recorded end the trace ends as
+/// [`EndReason::Aborted`] with the graphs that follow from the steps, and `score` gives its metrics from the trace
+/// so far and these graphs.
+///
+/// # Errors
+/// When the recording cannot be read at all, is still being written, other files take both names, or the disk
+/// refuses.
+pub fn recover(
+    source: &Path,
+    folder: Option<&Path>,
+    score: impl FnOnce(&Trace, &Graphs) -> Metrics,
+) -> Result<Recovery, TraceError> {
+    let is_part = source.extension().is_some_and(|extension| *extension == *PART.trim_start_matches('.'));
+    let limits = Limits::default();
+    let bytes = files::read(source, &limits)?;
+    // Held until the recording may have been deleted.
+    let _lock = if is_part { Some(lock(source)?) } else { None };
+    let name = PathBuf::from(source.file_name().unwrap_or(source.as_os_str()));
+    let Loaded { trace, head, under_way, problems, .. } = load(&name, &bytes, &limits);
+    let nothing_there = matches!(&trace, Err(TraceError::NothingRestored { .. }));
+
+    let mut recovery = Recovery {
+        source: source.to_owned(),
+        restored: Restored::NotNeeded,
+        trace: source.to_owned(),
+        steps: trace.as_ref().map_or(0, |trace| trace.steps.len() as u32),
+        end_recorded: trace.as_ref().is_ok_and(|trace| trace.end.is_some()),
+        bytes: bytes.len() as u64,
+        bytes_readable: problems.first().and_then(|problem| problem.error.offset()).unwrap_or(bytes.len() as u64),
+        problems: problems.iter().map(|problem| problem.error.to_string()).collect(),
+        lost: Vec::new(),
+        source_deleted: false,
+    };
+    if problems.is_empty() && (recovery.end_recorded && !is_part || nothing_there) {
+        return Ok(recovery);
+    }
+    if let Some(first) = problems.first().filter(|_| !recovery.end_recorded) {
+        recovery.lost.push(match (&first.error, under_way) {
+            (TraceError::Torn { .. }, Some((step, call))) => format!("call {step} `{call}` was under way and is lost"),
+            (error, _) => {
+                let rest = recovery.bytes.saturating_sub(recovery.bytes_readable);
+                format!("the last {rest} bytes hold nothing whole: {error}")
+            }
+        });
+        if !is_part {
+            recovery.lost.push("how many calls came after that is not known".to_owned());
+        }
+    }
+    let spoilt = trace.as_ref().map(spoilt_pictures).unwrap_or_default();
+    recovery.lost.extend(spoilt.values().cloned());
+
+    let rendered = |recovery: &Recovery, path: &Path| match &trace {
+        Ok(trace) => restored(trace, recovery, path, &spoilt.keys().copied().collect(), score),
+        Err(_) => match &head {
+            Some((header, task, scene)) => {
+                let recoveries = [metadata(recovery)];
+                let journal = Journal::create(Cursor::new(Vec::new()), path, (header, task, scene), Images::None, &recoveries)?;
+                container::finish(&journal.into_inner().into_inner(), path, &limits)
+            }
+            None => container::only_metadata(crate::journal::RECOVERY_METADATA, metadata(recovery)),
+        },
+    };
+    let (path, there) = target(source, folder, is_part, trace.as_ref().ok())?;
+    recovery.trace = path;
+    if there {
+        recovery.restored = Restored::Before;
+    } else {
+        recovery.restored = if trace.is_ok() { Restored::Written } else { Restored::Nothing };
+        let bytes = rendered(&recovery, &recovery.trace)?;
+        // What does not read is not written.
+        match Trace::from_bytes(&recovery.trace, &bytes, &limits) {
+            Ok(_) => {}
+            Err(TraceError::NothingRestored { .. }) if trace.is_err() => {}
+            Err(error) => return Err(error),
+        }
+        let failed = |source| TraceError::Io { action: "write", path: recovery.trace.clone(), source };
+        files::publish(&recovery.trace, &bytes).map_err(failed)?;
+    }
+    if is_part && folder.is_none() && recovery.lost.is_empty() {
+        fs::remove_file(source).map_err(|error| TraceError::Io { action: "delete", path: source.to_owned(), source: error })?;
+        recovery.source_deleted = true;
+    }
+    Ok(recovery)
+}
+
+/// The finished trace of the whole steps.
+fn restored(
+    trace: &Trace,
+    recovery: &Recovery,
+    path: &Path,
+    spoilt: &BTreeSet<Option<u32>>,
+    score: impl FnOnce(&Trace, &Graphs) -> Metrics,
+) -> Result<Vec<u8>, TraceError> {
+    let end = trace.end.clone().unwrap_or_else(|| aborted(trace, score));
+    let recoveries: Vec<_> = trace.recoveries.iter().cloned().chain([metadata(recovery)]).collect();
+    let images = if trace.image_count() > 0 { Images::Full } else { Images::None };
+    trace.rendered(path, images, &recoveries, &end, |step| {
+        Ok(trace.image(step).filter(|_| !spoilt.contains(&step)).map(|webp| Encoding::Webp(webp.to_vec())))
+    })
+}
+
+/// The end of an episode that nobody ended.
+fn aborted(trace: &Trace, score: impl FnOnce(&Trace, &Graphs) -> Metrics) -> EndRecord {
+    let mut graphs = trace.start.graphs.clone();
+    for step in &trace.steps {
+        graphs.physics.apply(&step.changes.physics);
+        graphs.registry.apply(&step.changes.registry);
+    }
+    let metrics = score(trace, &graphs);
+    EndRecord { reason: EndReason::Aborted, metrics, chain: trace.chain(), steps: trace.steps.len() as u32, graphs }
+}
+
+/// The pictures that are not the recorded ones, and why.
+fn spoilt_pictures(trace: &Trace) -> BTreeMap<Option<u32>, String> {
+    let steps = std::iter::once(None).chain((0..trace.steps.len()).map(|step| Some(step as u32)));
+    let refused = steps.filter_map(|step| Some((step, trace.frame_rgb(step).err()?)));
+    refused.map(|(step, error)| (step, format!("the picture of {} is left out: {error}", moment(step)))).collect()
+}
+
+/// What the recovered file says of its past.
+fn metadata(recovery: &Recovery) -> BTreeMap<String, String> {
+    let name = recovery.source.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let end = match (recovery.restored, recovery.end_recorded) {
+        (Restored::Nothing, _) => "none",
+        (_, true) => "recorded",
+        (_, false) => "aborted",
+    };
+    let fields = [
+        ("source", name),
+        ("source_bytes", recovery.bytes.to_string()),
+        ("bytes_readable", recovery.bytes_readable.to_string()),
+        ("steps_restored", recovery.steps.to_string()),
+        ("end", end.to_owned()),
+        ("problems", recovery.problems.join("\n")),
+        ("lost", recovery.lost.join("\n")),
+    ];
+    fields.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+/// Where the trace goes, and whether a file is there that already holds all of it.
+fn target(source: &Path, folder: Option<&Path>, is_part: bool, trace: Option<&Trace>) -> Result<(PathBuf, bool), TraceError> {
+    let finished = if is_part { source.with_extension("") } else { source.to_owned() };
+    let finished = match (folder, finished.file_name()) {
+        (Some(folder), Some(name)) => folder.join(name),
+        _ => finished,
+    };
+    let second = finished.with_extension("recovered.mcap");
+    for path in [&finished, &second] {
+        if path == source {
+            continue;
+        }
+        if !path.exists() {
+            return Ok((path.clone(), false));
+        }
+        if holds(path, trace) {
+            return Ok((path.clone(), true));
+        }
+    }
+    Err(TraceError::InTheWay { of: source.to_owned(), path: second })
+}
+
+/// Whether a file is whole and holds everything that could be read of a recording.
+fn holds(path: &Path, recording: Option<&Trace>) -> bool {
+    let Some(recording) = recording else {
+        // Where nothing was read, a file that says so is as good as any whole trace.
+        return matches!(Trace::read(path), Ok(_) | Err(TraceError::NothingRestored { .. }));
+    };
+    let Ok(whole) = Trace::read(path) else { return false };
+    // The chain is over the header, the start and every step.
+    let link = match recording.steps.len() {
+        0 => Some(whole.start.digests.chain),
+        steps => whole.steps.get(steps - 1).map(|step| step.digests.chain),
+    };
+    let end = recording.end.is_none() || recording.end == whole.end;
+    link == Some(recording.chain()) && end && recording.images.keys().all(|step| whole.images.contains_key(step))
+}
+
+/// Keeps a recorder out, or says that there is one.
+fn lock(part: &Path) -> Result<File, TraceError> {
+    let file = File::open(part).map_err(|source| TraceError::Io { action: "read", path: part.to_owned(), source })?;
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(TraceError::InUse { part: part.to_owned() }),
+        // Where there are no locks, nobody can be asked.
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
+    }
+}

@@ -1,0 +1,92 @@
+//! Writing a trace again from its records: without its pictures, or with pictures that were drawn again.
+
+use std::{collections::BTreeMap, io::Cursor, path::Path};
+
+use reel_world::{Digest, record::EndRecord};
+
+use crate::{
+    Images, Trace, TraceError, TraceSummary, container, files,
+    journal::{Journal, Picture},
+    reader::Limits,
+};
+
+impl Trace {
+    /// Writes the trace again, as a recording of the same records would have been: with [`Images::None`] byte for
+    /// byte as if recorded without pictures; with [`Images::Full`] and the recorded pictures as if recorded with
+    /// them. `rgb` gives the picture after a step (none: of the start), 8-bit RGB, row by row from the top left;
+    /// it is asked only with [`Images::Full`], and what it does not give is left out. What is in place at `path`
+    /// (this very trace, too) is replaced at once; it is on the disk when this returns.
+    ///
+    /// # Errors
+    /// When the trace has no end, a picture is not the one whose digest was recorded, or the file cannot be
+    /// written.
+    pub fn rewrite(
+        &self,
+        path: &Path,
+        images: Images,
+        mut rgb: impl FnMut(Option<u32>) -> Option<Vec<u8>>,
+    ) -> Result<TraceSummary, TraceError> {
+        let Some(end) = &self.end else {
+            return Err(TraceError::Missing { path: self.path.clone(), what: "end of the episode" });
+        };
+        let bytes = self.rendered(path, images, &self.recoveries, end, |step| match images {
+            Images::None => Ok(None),
+            Images::Full => rgb(step).map(|rgb| self.check_rgb(step, &rgb).map(|()| Encoding::Rgb(rgb))).transpose(),
+        })?;
+        let failed = |source| TraceError::Io { action: "write", path: path.to_owned(), source };
+        files::publish(path, &bytes).map_err(failed)?;
+        Ok(TraceSummary { path: path.to_owned(), bytes: bytes.len() as u64, chain: self.chain() })
+    }
+
+    /// The bytes of a finished trace with these records.
+    pub(crate) fn rendered(
+        &self,
+        path: &Path,
+        images: Images,
+        recoveries: &[BTreeMap<String, String>],
+        end: &EndRecord,
+        mut picture: impl FnMut(Option<u32>) -> Result<Option<Encoding>, TraceError>,
+    ) -> Result<Vec<u8>, TraceError> {
+        let head = (&self.header, &self.task, &self.scene);
+        let mut journal = Journal::create(Cursor::new(Vec::new()), path, head, images, recoveries)?;
+        journal.start(&self.start, picture(None)?.as_ref().map(Encoding::picture))?;
+        for step in &self.steps {
+            journal.input(step.step, &step.input)?;
+            journal.step(step, picture(Some(step.step))?.as_ref().map(Encoding::picture))?;
+        }
+        journal.end(end)?;
+        container::finish(&journal.into_inner().into_inner(), path, &Limits::default())
+    }
+
+    /// Checks a picture against its recorded digest, where there is one.
+    pub(crate) fn check_rgb(&self, step: Option<u32>, rgb: &[u8]) -> Result<(), TraceError> {
+        let digests = match step {
+            None => Some(&self.start.digests),
+            Some(step) => self.steps.get(step as usize).map(|record| &record.digests),
+        };
+        let Some(expected) = digests.and_then(|digests| digests.frame.as_ref()) else { return Ok(()) };
+        let found = Digest::of(rgb);
+        if found == expected.rgb {
+            return Ok(());
+        }
+        let what = format!("has the digest {found} instead of {}", expected.rgb);
+        Err(TraceError::Picture { path: self.path.clone(), step, what })
+    }
+}
+
+/// A picture in one of its forms.
+pub(crate) enum Encoding {
+    /// 8-bit RGB.
+    Rgb(Vec<u8>),
+    /// WebP.
+    Webp(Vec<u8>),
+}
+
+impl Encoding {
+    fn picture(&self) -> Picture<'_> {
+        match self {
+            Encoding::Rgb(rgb) => Picture::Rgb(rgb),
+            Encoding::Webp(webp) => Picture::Webp(webp),
+        }
+    }
+}
