@@ -25,6 +25,8 @@ pub fn content(path: &Path) -> Result<BTreeMap<String, u64>, TraceError> {
             Item::Metadata(metadata) => {
                 ("metadata".to_owned(), metadata.metadata.iter().map(|(key, value)| key.len() + value.len()).sum())
             }
+            Item::Schema { data, .. } => ("schemas".to_owned(), data.len()),
+            _ => return Ok(()),
         };
         *shares.entry(what).or_default() += length as u64;
         Ok(())
