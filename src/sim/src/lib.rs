@@ -24,4 +24,7 @@ pub use tools::ToolResult;
 pub const SIM_VERSION: u32 = SIM_CHANGES.len() as u32;
 
 /// What each version of the simulator changed, the first one first.
-pub const SIM_CHANGES: &[&str] = &["the first simulator"];
+pub const SIM_CHANGES: &[&str] = &[
+    "the first simulator",
+    "mathematics from the libm crate instead of the C library: the inertia of compounds differs in its last bits",
+];

@@ -30,7 +30,13 @@ pub(crate) struct Moment {
 
 /// Decodes protobuf.
 pub(crate) fn decode_message<M: Message + Default>(bytes: &[u8]) -> Read<M> {
-    M::decode(bytes).map_err(|error| format!("it is not the protobuf message it should be ({error})"))
+    let message = M::decode(bytes).map_err(|error| format!("it is not the protobuf message it should be ({error})"))?;
+    // One record has one encoding: what would be dropped in silence is not covered by the hash chain.
+    if message.encode_to_vec() == bytes {
+        Ok(message)
+    } else {
+        Err("it holds fields that this version of Reel does not know, or is not encoded as Reel encodes".to_owned())
+    }
 }
 
 pub(crate) fn read_header(start: reel::EpisodeStart) -> Read<EpisodeHeader> {

@@ -8,12 +8,12 @@ use reel_trace::{Images, Limits, Trace, TraceError};
 
 use crate::sample::{Sample, Source};
 
-fn read(bytes: &[u8]) -> Result<Trace, TraceError> {
+pub(crate) fn read(bytes: &[u8]) -> Result<Trace, TraceError> {
     Trace::from_bytes(Path::new("x.mcap"), bytes, &Limits::default())
 }
 
 /// A finished trace and the unfinished recording it came from.
-fn recorded(sample: &Sample) -> (Vec<u8>, Vec<u8>) {
+pub(crate) fn recorded(sample: &Sample) -> (Vec<u8>, Vec<u8>) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap");
     let recorder = sample.record_open(&path, &[], Images::None).unwrap();
@@ -122,7 +122,7 @@ fn a_finished_trace_cut_anywhere_is_torn() {
 }
 
 /// Writes a trace again with correct checksums: each message as `change` returns it, or not at all.
-fn rewritten(trace: &[u8], change: impl Fn(&str, &[u8]) -> Option<Vec<u8>>) -> Vec<u8> {
+pub(crate) fn rewritten(trace: &[u8], change: impl Fn(&str, &[u8]) -> Option<Vec<u8>>) -> Vec<u8> {
     let mut writer = WriteOptions::new().library("reel").create(Cursor::new(Vec::new())).unwrap();
     for record in LinearReader::new(trace).unwrap() {
         match record.unwrap() {
