@@ -1,6 +1,7 @@
 //! Replay proves what it says: recorded episodes are exact in any order, and no changed trace is ever exact.
 
 mod episodes;
+mod explain;
 mod mutations;
 mod restore;
 
