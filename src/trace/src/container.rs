@@ -238,13 +238,7 @@ impl<'a> Walk<'a> {
 
     /// The records of a chunk. Where the chunk is not whole or its checksum does not hold, those that can be
     /// decompressed, as not verified.
-    fn chunk_records(
-        &mut self,
-        offset: usize,
-        chunk: &[u8],
-        whole: bool,
-        visitor: &mut dyn Visitor,
-    ) -> Result<(), TraceError> {
+    fn chunk_records(&mut self, offset: usize, chunk: &[u8], whole: bool, visitor: &mut dyn Visitor) -> Result<(), TraceError> {
         self.chunked = true;
         let mut verify = whole;
         loop {

@@ -37,7 +37,9 @@ pub enum TraceError {
         part: PathBuf,
     },
     /// Another file is where the recovered one should go.
-    #[error("cannot recover {of}: another file is in the way, and it does not hold these steps; choose a folder with --out: {path}")]
+    #[error(
+        "cannot recover {of}: another file is in the way, and it does not hold these steps; choose a folder with --out: {path}"
+    )]
     InTheWay {
         /// What should be recovered.
         of: PathBuf,

@@ -303,10 +303,7 @@ impl<W: Write + Seek> Journal<W> {
         self.with_writer(|writer| writer.flush())
     }
 
-    fn with_writer(
-        &mut self,
-        write: impl FnOnce(&mut mcap::Writer<W>) -> Result<(), McapError>,
-    ) -> Result<(), TraceError> {
+    fn with_writer(&mut self, write: impl FnOnce(&mut mcap::Writer<W>) -> Result<(), McapError>) -> Result<(), TraceError> {
         let writer = self.writer.as_mut().expect("the writer is taken only by into_inner and drop");
         write(writer).map_err(|error| write_failed(&self.path, error))
     }

@@ -47,7 +47,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let (picture_ms, webp_ms) = pictures(&scene, first);
     let play = |images: bool, folder: &str| -> anyhow::Result<(f64, Vec<PathBuf>)> {
         let out = arguments.out.join(folder);
-        let plan = run::Plan { scene: scene.clone(), policy: "oracle", seed: 1, profile: Profile::Paper, out: &out, images, durability: Default::default() };
+        let plan = run::Plan {
+            scene: scene.clone(),
+            policy: "oracle",
+            seed: 1,
+            profile: Profile::Paper,
+            out: &out,
+            images,
+            durability: Default::default(),
+        };
         let begun = Instant::now();
         let results = run::play(&plan, &tasks, 1, "reel bench")?;
         let seconds = begun.elapsed().as_secs_f64();

@@ -59,7 +59,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     println!("2. played and recorded");
     let mut recorded: Vec<PathBuf> = Vec::new();
     for policy in POLICIES {
-        let plan = run::Plan { scene: scene.clone(), policy, seed: 1, profile: Profile::Paper, out: &traces, images: true, durability: Default::default() };
+        let plan = run::Plan {
+            scene: scene.clone(),
+            policy,
+            seed: 1,
+            profile: Profile::Paper,
+            out: &traces,
+            images: true,
+            durability: Default::default(),
+        };
         let results = run::play(&plan, &tasks, workers, "reel demo --jobs 1")?;
         let reports = results.into_iter().collect::<Result<Vec<_>, _>>()?;
         let won = reports.iter().filter(|report| report.success).count();

@@ -11,9 +11,7 @@ use std::{
     time::Duration,
 };
 
-use reel_trace::{
-    Durability, Images, RecordOptions, Recorder, Recovery, Restored, Trace, TraceError, examine, recover,
-};
+use reel_trace::{Durability, Images, RecordOptions, Recorder, Recovery, Restored, Trace, TraceError, examine, recover};
 use reel_world::{
     Frame,
     record::{EndReason, Graphs, Metrics},
@@ -405,7 +403,7 @@ fn a_torn_chunk_gives_what_decompresses() {
         assert!(recovery.lost.iter().any(|lost| lost.contains("how many calls came after that is not known")));
         healthy(&recovery.trace);
     }
-    assert!(restored.is_sorted() && restored[8] > 6, "steps from so many tenths of a chunk: {restored:?}");
+    assert!(restored.is_sorted() && restored[8] > 3, "steps from so many tenths of a chunk: {restored:?}");
 }
 
 #[test]
