@@ -1,24 +1,36 @@
 //! `reel bench`: what things cost, measured in one process and one thread.
 
-use std::{fs, path::PathBuf, sync::Arc, time::Instant};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Instant,
+};
 
-use anyhow::Context;
-use reel_sim::{Simulator, geometry::Pose, physics::Physics};
+use anyhow::{Context, anyhow};
+use reel_agents::{Job, RecordTo, run_all};
+use reel_episode::EpisodeConfig;
+use reel_replay::{SnapshotCache, seek, verify_with};
+use reel_reward::Preset;
+use reel_sim::{Simulator, geometry::Pose, physics::Physics, render::Detail};
 use reel_tasks::{GenerateOptions, generate};
-use reel_trace::{Trace, encode_webp};
-use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Family, Profile, Scene, Task};
-use serde_json::json;
+use reel_trace::{Images, Trace, encode_webp};
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Family, Profile, Scene, Task, record::PolicyInfo};
+use serde::Serialize;
 
-use crate::{Answer, commands::run, inputs};
+use crate::{Answer, inputs};
 
 /// Physics steps after spawning that are timed: the world is awake in all of them.
 const PHYSICS_STEPS: u32 = 200;
 const PHYSICS_ROUNDS: u32 = 12;
 const PICTURES: u32 = 60;
 
-/// Measure, in one thread on embedded defaults: physics steps per second against the same rapier world stepped with
-/// nothing of ours, milliseconds per picture and per encoded picture, episodes per second, replay against record
-/// time, bytes per episode.
+/// Rounds of what is compared, in turn; the best of each counts.
+const ROUNDS: usize = 3;
+
+/// Measure on embedded defaults, ratios in one run and in turn: physics against the same rapier world stepped with
+/// nothing of ours; pictures and their encoding; recording with and without a trace and on two workers; replay with and
+/// without shading; seeking by a snapshot; bytes of a trace.
 ///
 /// Example:
 ///   cargo run --release -p reel-cli --no-default-features -- bench
@@ -36,64 +48,172 @@ pub struct Arguments {
     json: bool,
 }
 
+/// What was measured.
+#[derive(Serialize)]
+struct Figures {
+    episodes: usize,
+    calls_per_episode: f64,
+    /// Steps per second with our digest of each.
+    physics_steps_per_s: f64,
+    bare_rapier_steps_per_s: f64,
+    physics_to_bare: f64,
+    picture_ms: f64,
+    geometry_ms: f64,
+    webp_ms: f64,
+    /// One worker, pictures stored.
+    episodes_per_s: f64,
+    two_workers_to_one: f64,
+    record_to_unrecorded: f64,
+    lean_record_to_unrecorded: f64,
+    replay_to_record: f64,
+    replay_without_shading_to_record: f64,
+    exact: usize,
+    seek_cached_ms: f64,
+    seek_from_start_ms: f64,
+    seek_cached_to_start: f64,
+    bytes_full: f64,
+    bytes_lean: f64,
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let figures = measure(arguments)?;
+    fs::remove_dir_all(&arguments.out).with_context(|| format!("cannot clear {}", arguments.out.display()))?;
+    if arguments.json {
+        println!("{}", serde_json::to_string(&figures)?);
+    } else {
+        print(&figures);
+    }
+    Ok(if figures.exact == figures.episodes { Answer::Yes } else { Answer::No })
+}
+
+fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
     let scene = inputs::scene(None)?;
     let made = generate(&GenerateOptions { scene: &scene, families: &Family::ALL, count: arguments.count, seed: 1 });
     let tasks: Vec<Arc<Task>> = made.tasks.into_iter().map(Arc::new).collect();
     let first = tasks.first().context("no task could be made")?;
 
     let (ours, bare) = physics(&scene, first);
-    let (picture_ms, webp_ms) = pictures(&scene, first);
-    let play = |images: bool, folder: &str| -> anyhow::Result<(f64, Vec<PathBuf>)> {
-        let out = arguments.out.join(folder);
-        let plan = run::Plan {
+    let [picture_ms, geometry_ms, webp_ms] = pictures(&scene, first);
+
+    let play = |name: &str, images: Option<Images>, workers: usize| -> anyhow::Result<(f64, Vec<PathBuf>)> {
+        let out = arguments.out.join(name);
+        fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+        let jobs = tasks
+            .iter()
+            .enumerate()
+            .map(|(index, task)| job(&scene, task, images.map(|images| (out.join(format!("{index}.mcap")), images))));
+        let (jobs, begun) = (jobs.collect(), Instant::now());
+        let reports = run_all(jobs, workers, |_| {}).into_iter().collect::<Result<Vec<_>, _>>()?;
+        Ok((begun.elapsed().as_secs_f64(), reports.into_iter().filter_map(|report| report.trace).collect()))
+    };
+    let mut best = [f64::INFINITY; 6];
+    let (mut full, mut lean, mut exact) = (Vec::new(), Vec::new(), 0);
+    let replay = |paths: &[PathBuf], detail| -> anyhow::Result<(f64, usize)> {
+        let begun = Instant::now();
+        let mut exact = 0;
+        for path in paths {
+            exact += usize::from(verify_with(&Trace::read(path)?, detail).is_exact());
+        }
+        Ok((begun.elapsed().as_secs_f64(), exact))
+    };
+    for _ in 0..ROUNDS {
+        let seconds;
+        (seconds, full) = play("full", Some(Images::Full), 1)?;
+        best[0] = best[0].min(seconds);
+        best[1] = best[1].min(play("none", None, 1)?.0);
+        let seconds;
+        (seconds, lean) = play("lean", Some(Images::None), 1)?;
+        best[2] = best[2].min(seconds);
+        best[3] = best[3].min(play("two", Some(Images::Full), 2)?.0);
+        let (seconds, found) = replay(&full, Detail::Picture)?;
+        (best[4], exact) = (best[4].min(seconds), found);
+        best[5] = best[5].min(replay(&full, Detail::Geometry)?.0);
+    }
+    let [record, unrecorded, lean_record, two, replayed, geometry] = best;
+    let (cached, from_start) = seeks(&full, &arguments.out.join("snapshots"))?;
+    let calls: usize = full.iter().map(|path| Ok(Trace::read(path)?.steps.len())).sum::<anyhow::Result<usize>>()?;
+    let episodes = full.len() as f64;
+    Ok(Figures {
+        episodes: full.len(),
+        calls_per_episode: calls as f64 / episodes,
+        physics_steps_per_s: ours,
+        bare_rapier_steps_per_s: bare,
+        physics_to_bare: ours / bare,
+        picture_ms,
+        geometry_ms,
+        webp_ms,
+        episodes_per_s: episodes / record,
+        two_workers_to_one: record / two,
+        record_to_unrecorded: record / unrecorded,
+        lean_record_to_unrecorded: lean_record / unrecorded,
+        replay_to_record: replayed / record,
+        replay_without_shading_to_record: geometry / record,
+        exact,
+        seek_cached_ms: cached,
+        seek_from_start_ms: from_start,
+        seek_cached_to_start: cached / from_start,
+        bytes_full: mean_bytes(&full)?,
+        bytes_lean: mean_bytes(&lean)?,
+    })
+}
+
+fn print(figures: &Figures) {
+    let row = |name: &str, value: String, note: String| println!("{name:32} {value:>10}   {note}");
+    let Figures { episodes, exact, calls_per_episode, .. } = figures;
+    let steps = format!("{:.2} of the bare rapier loop ({:.0})", figures.physics_to_bare, figures.bare_rapier_steps_per_s);
+    row("physics steps per second", format!("{:.0}", figures.physics_steps_per_s), steps);
+    row("picture", format!("{:.2} ms", figures.picture_ms), format!("{:.2} ms ids and depth alone", figures.geometry_ms));
+    row("picture, encoded as WebP", format!("{:.2} ms", figures.webp_ms), String::new());
+    let note = format!("recorded with pictures, {calls_per_episode:.1} calls each");
+    row("episodes per second per core", format!("{:.2}", figures.episodes_per_s), note);
+    row("two workers to one", format!("{:.2}", figures.two_workers_to_one), "episodes per second".to_owned());
+    let note = format!("{:.2} without pictures", figures.lean_record_to_unrecorded);
+    row("recorded to unrecorded time", format!("{:.2}", figures.record_to_unrecorded), note);
+    row("replay to record time", format!("{:.2}", figures.replay_to_record), format!("{exact} of {episodes} exact"));
+    let ratio = format!("{:.2}", figures.replay_without_shading_to_record);
+    row("  ids and depth, no shading", ratio, "everything but RGB compared".to_owned());
+    let note = format!("{:.1} ms executed from the start: {:.2}", figures.seek_from_start_ms, figures.seek_cached_to_start);
+    row("seek to a call, by snapshot", format!("{:.1} ms", figures.seek_cached_ms), note);
+    let note = format!("{:.0} without pictures", figures.bytes_lean);
+    row("trace bytes per episode", format!("{:.0}", figures.bytes_full), note);
+}
+
+fn job(scene: &Arc<Scene>, task: &Arc<Task>, record: Option<(PathBuf, Images)>) -> Job {
+    Job {
+        config: EpisodeConfig {
+            task: task.clone(),
             scene: scene.clone(),
-            policy: "oracle",
             seed: 1,
             profile: Profile::Paper,
-            out: &out,
-            images,
-            durability: Default::default(),
-        };
-        let begun = Instant::now();
-        let results = run::play(&plan, &tasks, 1, "reel bench")?;
-        let seconds = begun.elapsed().as_secs_f64();
-        let reports = results.into_iter().collect::<Result<Vec<_>, _>>()?;
-        Ok((seconds, reports.into_iter().filter_map(|report| report.trace).collect()))
-    };
-    let (record_s, full) = play(true, "full")?;
-    let (_, without) = play(false, "without_images")?;
-    let begun = Instant::now();
-    let verdicts = reel_replay::verify_all(&full, 1, |_, _| {});
-    let replay_s = begun.elapsed().as_secs_f64();
-    let exact = verdicts.iter().filter(|verdict| verdict.is_exact()).count();
-    let (bytes_full, bytes_without) = (mean_bytes(&full)?, mean_bytes(&without)?);
-    let calls: usize = full.iter().map(|path| Ok(Trace::read(path)?.steps.len())).sum::<anyhow::Result<usize>>()?;
-    fs::remove_dir_all(&arguments.out).with_context(|| format!("cannot clear {}", arguments.out.display()))?;
-
-    let episodes = full.len() as f64;
-    if arguments.json {
-        println!(
-            "{}",
-            json!({ "physics_steps_per_s": ours, "bare_rapier_steps_per_s": bare, "physics_ratio": ours / bare,
-                    "picture_ms": picture_ms, "webp_ms": webp_ms, "episodes_per_s": episodes / record_s,
-                    "calls_per_episode": calls as f64 / episodes, "replay_to_record": replay_s / record_s,
-                    "exact": exact, "episodes": full.len(), "bytes_full": bytes_full, "bytes_without_images": bytes_without })
-        );
-    } else {
-        println!("physics steps per second      {ours:10.0}   {:.2} of the bare rapier loop ({bare:.0})", ours / bare);
-        println!("picture, rendered             {picture_ms:10.2} ms");
-        println!("picture, encoded (WebP)       {webp_ms:10.2} ms");
-        println!(
-            "episodes per second per core  {:10.2}   recorded with pictures, {:.1} calls each",
-            episodes / record_s,
-            calls as f64 / episodes
-        );
-        println!("replay to record time         {:10.2}   {exact} of {} exact", replay_s / record_s, full.len());
-        println!("trace bytes per episode       {bytes_full:10.0}   {bytes_without:.0} without pictures");
+            preset: Preset::Paper,
+            run_id: "bench".into(),
+            policy: PolicyInfo::default(),
+        },
+        policy: "oracle".into(),
+        record: record.map(|(path, images)| RecordTo { path, options: images.into() }),
+        command: "reel bench".into(),
     }
-    Ok(if exact == full.len() { Answer::Yes } else { Answer::No })
+}
+
+/// Milliseconds to the state after two thirds of the calls, by a snapshot of the cache and executed from the start: means.
+fn seeks(paths: &[PathBuf], folder: &Path) -> anyhow::Result<(f64, f64)> {
+    let cache = SnapshotCache::at(folder);
+    let (mut cached, mut from_start) = (0.0, 0.0);
+    for path in paths {
+        let trace = Trace::read(path)?;
+        let calls = trace.steps.len() * 2 / 3;
+        let go = |cache: Option<&SnapshotCache>| -> anyhow::Result<f64> {
+            let begun = Instant::now();
+            let replay = seek(&trace, calls, cache).map_err(|verdict| anyhow!("{}: {verdict}", path.display()))?;
+            std::hint::black_box(replay.episode().simulator().sim_step());
+            Ok(begun.elapsed().as_secs_f64() * 1e3)
+        };
+        from_start += go(None)?;
+        go(Some(&cache))?;
+        cached += go(Some(&cache))?;
+    }
+    Ok((cached / paths.len() as f64, from_start / paths.len() as f64))
 }
 
 /// Steps per second with our digest of every step, and without anything of ours; interleaved, each the best of its rounds.
@@ -129,21 +249,26 @@ fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
     (ours, bare)
 }
 
-/// Milliseconds per picture, rendered and encoded: the medians.
-fn pictures(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
+/// Milliseconds per picture, rendered, rendered without shading, and encoded: the medians.
+fn pictures(scene: &Arc<Scene>, task: &Arc<Task>) -> [f64; 3] {
     let mut simulator = Simulator::new(scene.clone(), task.clone(), Profile::Paper, 0);
-    let (mut render, mut encode) = (Vec::new(), Vec::new());
+    let (mut render, mut geometry, mut encode) = (Vec::new(), Vec::new(), Vec::new());
     for index in 0..PICTURES {
         let target = &scene.receptacles[index as usize % scene.receptacles.len()].id;
         simulator.call(&reel_world::Tool::NavTo { receptacle: target.clone() });
         let begun = Instant::now();
         let frame = simulator.take_picture();
         render.push(begun.elapsed().as_secs_f64() * 1e3);
+        simulator.set_detail(Detail::Geometry);
+        let begun = Instant::now();
+        std::hint::black_box(simulator.take_picture());
+        geometry.push(begun.elapsed().as_secs_f64() * 1e3);
+        simulator.set_detail(Detail::Picture);
         let begun = Instant::now();
         std::hint::black_box(encode_webp(&frame.rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32));
         encode.push(begun.elapsed().as_secs_f64() * 1e3);
     }
-    (median(render), median(encode))
+    [median(render), median(geometry), median(encode)]
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

@@ -74,7 +74,7 @@ fn text(examination: &Examination) -> String {
     if findings.is_empty() {
         return format!("{}: healthy, {steps} steps, {pictures} pictures, {bytes} bytes{notes}\n", path.display());
     }
-    let mut text = format!("{}: {} findings, {steps} steps are readable{notes}\n", path.display(), findings.len());
+    let mut text = format!("{}: not healthy, {steps} steps are readable{notes}\n", path.display());
     for finding in findings {
         text.push_str(&format!("  {finding}\n"));
     }

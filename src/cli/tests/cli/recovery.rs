@@ -46,7 +46,7 @@ fn doctor_and_recover_by_exit_code() {
     fs::write(&part, b"").unwrap();
     fs::remove_file(&trace).unwrap();
     fs::remove_file(&recovered).unwrap();
-    assert!(expect(folder, 1, &["doctor", "traces"]).contains("findings"));
+    assert!(expect(folder, 1, &["doctor", "traces"]).contains("not healthy"));
     assert!(expect(folder, 3, &["recover", "traces"]).contains("nothing can be restored"));
     assert!(expect(folder, 0, &["doctor", name]).contains("nothing of the recording"));
     let missing = complaint(folder, 2, &["recover", "nowhere"]);

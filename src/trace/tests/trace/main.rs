@@ -1,6 +1,7 @@
 //! Traces from the outside: what is recorded is what is read, and nothing else is believed.
 
 mod damage;
+mod doctor;
 mod flips;
 mod recovery;
 mod round_trip;

@@ -403,7 +403,7 @@ fn a_torn_chunk_gives_what_decompresses() {
         assert!(recovery.lost.iter().any(|lost| lost.contains("how many calls came after that is not known")));
         healthy(&recovery.trace);
     }
-    assert!(restored.is_sorted() && restored[8] > 6, "steps from so many tenths of a chunk: {restored:?}");
+    assert!(restored.is_sorted() && restored[8] > 3, "steps from so many tenths of a chunk: {restored:?}");
 }
 
 #[test]
