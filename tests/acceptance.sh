@@ -54,8 +54,23 @@ for policy in oracle wrong-object wrong-receptacle no-ask oscillating forgets-do
   fi
   timed "replay $policy, 1 thread" "$daily" replay "$out/$policy" --jobs 1
   timed "replay $policy, 2 threads" "$daily" replay "$out/$policy" --jobs 2
+  # From snapshots in the middle, too: the oracle and three that make mistakes.
+  case $policy in
+    oracle | wrong-object | forgets-door | gibberish) timed "restored at 5 calls, $policy" "$daily" replay "$out/$policy" --restored 5 --jobs "$jobs" ;;
+  esac
   figures+=("$(printf '%-44s %9d of %d task files, %d bytes each' "traces of $policy" "$recorded" "$tasks" "$(($(bytes "$out/$policy") / recorded))")")
 done
+
+# Pictures dropped and drawn again, over more than 200 episodes: the same bytes.
+for policy in oracle no-ask; do
+  timed "compact, $policy" "$daily" compact "$out/$policy" --out "$work/lean/$policy" --jobs "$jobs"
+  timed "expand, $policy" "$daily" expand "$work/lean/$policy" --out "$work/expanded/$policy" --jobs "$jobs"
+  diff -r "$out/$policy" "$work/expanded/$policy"
+done
+
+# The long forms of tests that `make test` runs in short.
+timed "10,000 flipped bits, 200 kills" env REEL_FLIPS=10000 REEL_KILLS=200 cargo test --locked --quiet --workspace --test trace
+timed "1,000 forgeries" env REEL_FORGERIES=1000 cargo test --locked --quiet --workspace --test replay -- forgeries
 
 # A few tasks of each family, from one build to the other.
 for family in "$data"/tasks/*/; do

@@ -2,6 +2,7 @@
 
 mod episodes;
 mod explain;
+mod forgeries;
 mod mutations;
 mod restore;
 
