@@ -111,10 +111,10 @@ impl<'a> Assembly<'a> {
             }
             Item::Metadata(metadata) if metadata.name == RECOVERY_METADATA => self.recoveries.push(metadata.metadata.clone()),
             Item::Attachment { header, data } => {
-                if self.attachments.insert(header.name.clone(), data.to_vec()).is_some() {
-                    let what = format!("the attachment {} stands there twice", header.name);
-                    return Err(TraceError::Damaged { path: self.path.to_owned(), offset, what });
-                }
+                let twice = self.attachments.insert(header.name.clone(), data.to_vec()).is_some();
+                let what = format!("the attachment {} stands there twice", header.name);
+                let damaged = TraceError::Damaged { path: self.path.to_owned(), offset, what };
+                return if twice { Err(damaged) } else { Ok(()) };
             }
             Item::Message { header, topic, data } => {
                 return self.message(offset, header, topic, data).map_err(|refusal| match refusal {

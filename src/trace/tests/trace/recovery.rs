@@ -81,7 +81,7 @@ fn episode(index: u64) -> (Sample, Vec<Frame>) {
 }
 
 fn options(index: u64) -> RecordOptions {
-    let durability = if index % 2 == 0 { Durability::Write } else { Durability::Fsync };
+    let durability = if index.is_multiple_of(2) { Durability::Write } else { Durability::Fsync };
     RecordOptions { images: Images::Full, durability }
 }
 
