@@ -69,7 +69,7 @@ for policy in oracle no-ask; do
 done
 
 # The long forms of tests that `make test` runs in short.
-timed "10,000 flipped bits, 200 kills" env REEL_FLIPS=10000 REEL_KILLS=200 cargo test --locked --quiet --workspace --test trace
+timed "10,000 flips, 200 kills, a cut at every byte" env REEL_FLIPS=10000 REEL_KILLS=200 REEL_CUT_STRIDE=1 cargo test --locked --quiet --workspace --test trace
 timed "1,000 forgeries" env REEL_FORGERIES=1000 cargo test --locked --quiet --workspace --test replay -- forgeries
 
 # A few tasks of each family, from one build to the other.

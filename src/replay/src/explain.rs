@@ -126,7 +126,7 @@ pub fn body_changes(recorded: &[BodyState], replayed: &[BodyState]) -> Vec<Field
     found
 }
 
-fn at_start(trace: &Trace, divergence: crate::Divergence) -> Explanation {
+fn at_start(trace: &Trace, divergence: Box<crate::Divergence>) -> Explanation {
     let step = divergence.physics_step;
     let fields = player::config(trace)
         .ok()

@@ -40,7 +40,7 @@ pub enum Verdict {
     Diverged {
         /// The first difference.
         #[serde(flatten)]
-        divergence: Divergence,
+        divergence: Box<Divergence>,
     },
     /// Recorded by another version of the simulator: nothing can be said.
     OtherSimulator {

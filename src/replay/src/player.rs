@@ -30,7 +30,7 @@ pub struct Replay<'t> {
 #[derive(Clone, Debug)]
 pub struct Differing {
     /// The first difference.
-    pub divergence: Divergence,
+    pub divergence: Box<Divergence>,
     /// What this simulator gave; none at the start.
     pub output: Option<StepOutput>,
 }
@@ -70,7 +70,7 @@ impl<'t> Replay<'t> {
         let Some(recorded) = self.trace.steps.get(self.calls) else { return Ok(None) };
         let output = self.episode.step(recorded.input.clone());
         match compare_step(recorded, &output.record, self.detail) {
-            Err(divergence) => Err(Box::new(Differing { divergence: *divergence, output: Some(output) })),
+            Err(divergence) => Err(Box::new(Differing { divergence, output: Some(output) })),
             Ok(()) => {
                 self.calls += 1;
                 self.physics_steps += output.record.digests.physics_steps.len() as u64;
@@ -195,7 +195,7 @@ fn without_rgb(recorded: &StateDigests, replayed: &StateDigests) -> StateDigests
 }
 
 fn diverged(divergence: Box<Divergence>) -> Verdict {
-    Verdict::Diverged { divergence: *divergence }
+    Verdict::Diverged { divergence }
 }
 
 /// The link of the hash chain after so many calls: it names the state and all that led to it.

@@ -1,6 +1,6 @@
 //! `reel run --paranoid`: finds state that depends on what it must not depend on.
 
-use std::{fs, path::PathBuf, process::Command};
+use std::{fs, path::Path, process::Command};
 
 use anyhow::{Context, bail};
 use reel_agents::EpisodeReport;
@@ -29,7 +29,7 @@ pub fn leaks(arguments: &Arguments, reports: &[EpisodeReport]) -> anyhow::Result
     Ok(leaks.len())
 }
 
-fn play_again(arguments: &Arguments, folder: &PathBuf) -> anyhow::Result<()> {
+fn play_again(arguments: &Arguments, folder: &Path) -> anyhow::Result<()> {
     let workers = inputs::workers(arguments.jobs);
     let mut again = Command::new(std::env::current_exe().context("cannot find this program to run it again")?);
     again.arg("run").arg("--tasks").arg(&arguments.tasks).args(["--policy", &arguments.policy]);
@@ -46,7 +46,7 @@ fn play_again(arguments: &Arguments, folder: &PathBuf) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn compare(reports: &[EpisodeReport], folder: &PathBuf) -> anyhow::Result<Vec<String>> {
+fn compare(reports: &[EpisodeReport], folder: &Path) -> anyhow::Result<Vec<String>> {
     let mut leaks = Vec::new();
     for path in reports.iter().filter_map(|report| report.trace.as_ref()) {
         let name = path.file_name().context("a trace has a name")?;

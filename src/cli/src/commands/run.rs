@@ -162,8 +162,7 @@ pub fn play(
         let name = format!("{}--{}--{}.mcap", task.task_id.replace(['/', '\\'], "_"), plan.policy, plan.seed);
         let images = if plan.images { Images::Full } else { Images::None };
         let path = plan.out.join(name);
-        // What an interrupted run left of this very episode is made again.
-        let _ = fs::remove_file(path.with_added_extension("part"));
+        remove_abandoned(&path.with_added_extension("part"));
         Job {
             config: EpisodeConfig {
                 task: task.clone(),
@@ -183,6 +182,14 @@ pub fn play(
     let results = run_all(tasks.iter().map(job).collect(), workers, |_| bar.inc(1));
     bar.finish_and_clear();
     Ok(results)
+}
+
+/// Removes what an interrupted run left of an episode: it is made again from the same inputs. A part whose recorder still
+/// lives is locked, and stays.
+fn remove_abandoned(part: &Path) {
+    if fs::File::open(part).is_ok_and(|file| file.try_lock().is_ok()) {
+        let _ = fs::remove_file(part);
+    }
 }
 
 /// A table by family, and the tasks that could not be reached, by name and reason.
