@@ -124,6 +124,10 @@ pub(crate) fn verify_restored_at_some(path: &Path, count: usize) -> Verdict {
     calls.truncate(count);
     match verify_restored(&trace, &calls) {
         Ok(()) => verdict,
+        Err((Some(calls), Verdict::Diverged { mut divergence })) => {
+            divergence.field.push_str(&format!(" (restored after {calls} calls)"));
+            Verdict::Diverged { divergence }
+        }
         Err((_, verdict)) => verdict,
     }
 }

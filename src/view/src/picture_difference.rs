@@ -35,3 +35,23 @@ pub fn picture_difference(recorded: &[u8], replayed: &[u8]) -> Result<Vec<u8>, V
     }
     Ok(canvas.png()?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_single_pixel_is_seen() {
+        let recorded = vec![90; FRAME_WIDTH * FRAME_HEIGHT * 3];
+        let mut replayed = recorded.clone();
+        replayed[(200 * FRAME_WIDTH + 300) * 3] = 91;
+        let red = |png: &[u8]| {
+            let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+            let mut rgb = vec![0; reader.output_buffer_size().unwrap()];
+            reader.next_frame(&mut rgb).unwrap();
+            rgb.chunks_exact(3).filter(|pixel| pixel[0] > 200 && pixel[1] < 60 && pixel[2] < 60).count()
+        };
+        assert_eq!(red(&picture_difference(&recorded, &recorded).unwrap()), 0);
+        assert_eq!(red(&picture_difference(&recorded, &replayed).unwrap()), (2 * HALO + 1) * (2 * HALO + 1));
+    }
+}
