@@ -3,7 +3,9 @@
 //!
 //! Never reads a clock or asks a policy: what was decided is in the trace.
 
+mod changes;
 mod difference;
+mod mint;
 mod player;
 mod seek;
 
@@ -15,7 +17,9 @@ use reel_trace::{Trace, TraceError};
 use reel_world::Frame;
 use serde::Serialize;
 
+pub use changes::{ChangedEnd, ChangedOutcome, Changes, Ending, Judgement, changes, judge_all};
 pub use difference::{Divergence, Moment};
+pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Differing, Replay};
 pub use seek::{SnapshotCache, seek, verify_restored};
 
@@ -62,6 +66,11 @@ impl Verdict {
     pub fn is_exact(&self) -> bool {
         matches!(self, Verdict::Exact { .. })
     }
+
+    fn panicked(path: &Path) -> Self {
+        let reason = format!("replaying it panicked; run `reel replay {}` alone and report what it prints", path.display());
+        Verdict::Refused { reason }
+    }
 }
 
 impl std::fmt::Display for Verdict {
@@ -90,18 +99,12 @@ pub fn verify(path: &Path) -> Verdict {
 
 /// Replays many trace files on so many threads; verdicts in the order of the paths.
 pub fn verify_all<P: AsRef<Path> + Sync>(paths: &[P], workers: usize, on_done: impl Fn(&Path, &Verdict) + Sync) -> Vec<Verdict> {
-    let one = |path: &P| {
+    on_workers(paths, workers, |path| {
         let path = path.as_ref();
-        let verdict = std::panic::catch_unwind(|| verify(path)).unwrap_or_else(|_| Verdict::Refused {
-            reason: format!("replaying it panicked; run `reel replay {}` alone and report what it prints", path.display()),
-        });
+        let verdict = std::panic::catch_unwind(|| verify(path)).unwrap_or_else(|_| Verdict::panicked(path));
         on_done(path, &verdict);
         verdict
-    };
-    match rayon::ThreadPoolBuilder::new().num_threads(workers).build() {
-        Ok(pool) => pool.install(|| paths.par_iter().map(one).collect()),
-        Err(_) => paths.iter().map(one).collect(),
-    }
+    })
 }
 
 /// Replays a trace that was read.
@@ -133,4 +136,12 @@ pub fn replay_with(trace: &Trace, mut on_frame: impl FnMut(Option<u32>, &Frame))
 
 fn refused(error: &TraceError) -> Verdict {
     Verdict::Refused { reason: error.to_string() }
+}
+
+/// Does something with each path on so many threads; results in the order of the paths.
+fn on_workers<P: Sync, T: Send>(paths: &[P], workers: usize, one: impl Fn(&P) -> T + Sync) -> Vec<T> {
+    match rayon::ThreadPoolBuilder::new().num_threads(workers).build() {
+        Ok(pool) => pool.install(|| paths.par_iter().map(&one).collect()),
+        Err(_) => paths.iter().map(one).collect(),
+    }
 }

@@ -5,8 +5,10 @@ pub mod bench;
 pub mod demo;
 pub mod export;
 pub mod frames;
+pub mod gate;
 #[cfg(feature = "analytics")]
 pub mod ingest;
+pub mod mint;
 #[cfg(feature = "analytics")]
 pub mod query;
 pub mod replay;

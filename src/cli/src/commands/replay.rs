@@ -2,9 +2,9 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use reel_replay::{Verdict, verify_all};
+use reel_replay::{Judgement, Verdict, judge_all, verify_all};
 
-use crate::{Answer, inputs, progress};
+use crate::{Answer, commands::gate, inputs, progress};
 
 /// Re-execute traces from their inputs and compare every digest, picture, text, reward and metric.
 /// On a difference it names the call, the physics step, the body and the field, with both values.
@@ -12,6 +12,7 @@ use crate::{Answer, inputs, progress};
 /// Examples:
 ///   reel replay traces-out
 ///   reel replay traces-out/FDP_home_0001--oracle--0.mcap --json
+///   reel replay traces/golden/v1 --outcomes
 ///
 /// Exit code 0: all identical; 1: something differs or a trace was refused.
 #[derive(clap::Args)]
@@ -23,6 +24,9 @@ pub struct Arguments {
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
+    /// Execute what is not exact to its end, of other simulators too, and list the outcomes that change
+    #[arg(long)]
+    outcomes: bool,
     /// Print one JSON object a trace
     #[arg(long)]
     json: bool,
@@ -32,7 +36,13 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let paths = inputs::traces(&arguments.paths)?;
     let bar = progress::bar(paths.len(), "replay");
-    let verdicts = verify_all(&paths, inputs::workers(arguments.jobs), |_, _| bar.inc(1));
+    let workers = inputs::workers(arguments.jobs);
+    if arguments.outcomes {
+        let judgements = judge_all(&paths, workers, |_, _| bar.inc(1));
+        bar.finish_and_clear();
+        return tell_outcomes(&judgements, arguments.json);
+    }
+    let verdicts = verify_all(&paths, workers, |_, _| bar.inc(1));
     bar.finish_and_clear();
     let mut totals = [0u64; 3];
     for (path, verdict) in paths.iter().zip(&verdicts) {
@@ -63,6 +73,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         }
     }
     Ok(if exact == paths.len() { Answer::Yes } else { Answer::No })
+}
+
+/// Verdicts with what changed beside them.
+fn tell_outcomes(judgements: &[Judgement], json: bool) -> anyhow::Result<Answer> {
+    for judgement in judgements {
+        let Judgement { trace, verdict, outcomes } = judgement;
+        if json {
+            println!("{}", serde_json::to_string(judgement)?);
+            continue;
+        }
+        println!("{}: {verdict}", trace.display());
+        let Some(changes) = outcomes.as_ref().filter(|_| !verdict.is_exact()) else { continue };
+        println!("  executed to the end: {changes}");
+        for changed in &changes.outcomes {
+            let (recorded, replayed) = (gate::told(&changed.recorded), gate::told(&changed.replayed));
+            println!("  call {} {}\n    recorded  {recorded}\n    replayed  {replayed}", changed.call, changed.what);
+        }
+    }
+    Ok(if judgements.iter().all(|judgement| judgement.verdict.is_exact()) { Answer::Yes } else { Answer::No })
 }
 
 fn kinds(verdicts: &[Verdict]) -> BTreeMap<&'static str, usize> {
