@@ -4,6 +4,7 @@
 //! simulator's inside: a policy gets a [`Context`] and gives a call. Only the oracle and the faulty policies,
 //! which are built on it, read the truth.
 
+mod explorer;
 mod faults;
 mod narration;
 mod oracle;
@@ -17,6 +18,7 @@ mod sink;
 
 use std::path::PathBuf;
 
+pub use explorer::Explorer;
 pub use faults::{Gibberish, Oscillating, mistaken_task};
 pub use oracle::{Habits, Oracle};
 pub use planner::{GoalHint, Planner};

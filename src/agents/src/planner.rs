@@ -15,7 +15,7 @@ const FAILURES_MAX: u32 = 6;
 /// A destination is mentioned last in an instruction: at most so many words ("to place it") follow it.
 const WORDS_AFTER_DESTINATION: usize = 3;
 /// Furniture that one expects to have a closed door.
-const DOOR_WORDS: [&str; 6] = ["fridge", "refrigerator", "microwave", "washing", "dishwasher", "electriccooker"];
+pub(crate) const DOOR_WORDS: [&str; 6] = ["fridge", "refrigerator", "microwave", "washing", "dishwasher", "electriccooker"];
 
 /// One object to move, as far as the instruction and the list of receptacles tell.
 #[derive(Clone, PartialEq, Eq, Debug)]

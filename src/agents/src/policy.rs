@@ -8,7 +8,7 @@ use reel_world::{
     record::{PolicyInfo, StepInput},
 };
 
-use crate::{AgentError, GoalHint, Oracle, Planner, faults};
+use crate::{AgentError, Explorer, GoalHint, Oracle, Planner, faults};
 
 /// What decides in an episode.
 pub trait Policy {
@@ -69,6 +69,7 @@ pub const POLICIES: &[(&str, &str)] = &[
     ("oscillating", "the oracle up to the pick, then it drives to and fro until the horizon"),
     ("forgets-door", "the oracle, but it never opens a door"),
     ("gibberish", "the oracle, but now and then it calls unknown tools, bad arguments or stale numbers"),
+    ("explorer", "tries every tool on whatever it sees, at random, to find what breaks; it wants no goal"),
 ];
 
 /// A built-in policy by name. `seed` is of everything random in it.
@@ -85,6 +86,7 @@ pub fn policy(name: &str, task: &Arc<Task>, scene: &Arc<Scene>, seed: u64) -> Re
         "oscillating" => Box::new(faults::Oscillating::new(task, scene, seed)),
         "forgets-door" => Box::new(faults::forgets_door(task, seed)),
         "gibberish" => Box::new(faults::Gibberish::new(task, seed)),
+        "explorer" => Box::new(Explorer::new(task, seed)),
         _ => return Err(AgentError::UnknownPolicy { name: name.to_owned() }),
     })
 }

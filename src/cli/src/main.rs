@@ -29,6 +29,10 @@ enum Command {
     Run(commands::run::Arguments),
     /// Re-execute traces and compare every digest, picture and text
     Replay(commands::replay::Arguments),
+    /// Replay a corpus with this build and another, and list which outcomes change
+    Gate(commands::gate::Arguments),
+    /// Write golden traces anew, for a reason
+    Mint(commands::mint::Arguments),
     /// Print a trace as a readable transcript
     Show(commands::show::Arguments),
     /// Restore what unfinished, torn or damaged recordings hold
@@ -62,6 +66,8 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Run(arguments) => commands::run::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
+        Command::Gate(arguments) => commands::gate::run(&arguments),
+        Command::Mint(arguments) => commands::mint::run(&arguments),
         Command::Show(arguments) => commands::show::run(&arguments),
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Doctor(arguments) => commands::doctor::run(&arguments),

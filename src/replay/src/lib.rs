@@ -3,13 +3,18 @@
 //!
 //! Never reads a clock or asks a policy: what was decided is in the trace.
 
+mod changes;
 mod difference;
 mod explain;
+mod mint;
 mod player;
 mod repack;
 mod seek;
 
-use std::path::Path;
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+};
 
 use rayon::prelude::*;
 use reel_sim::render::Detail;
@@ -17,8 +22,10 @@ use reel_trace::{Trace, TraceError};
 use reel_world::Frame;
 use serde::Serialize;
 
+pub use changes::{ChangedEnd, ChangedOutcome, Changes, Ending, Judgement, changes, judge_all};
 pub use difference::{Divergence, Moment};
 pub use explain::{Explanation, FieldChange, PictureChange, body_changes, explain, state_at};
+pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Differing, Replay};
 pub use repack::{RepackError, compact, expand};
 pub use seek::{SnapshotCache, seek, verify_restored};
@@ -68,6 +75,11 @@ impl Verdict {
     pub fn is_exact(&self) -> bool {
         matches!(self, Verdict::Exact { .. })
     }
+
+    fn panicked(path: &Path) -> Self {
+        let reason = format!("replaying it panicked; run `reel replay {}` alone and report what it prints", path.display());
+        Verdict::Refused { reason }
+    }
 }
 
 impl std::fmt::Display for Verdict {
@@ -97,7 +109,7 @@ pub fn verify(path: &Path) -> Verdict {
 
 /// Replays many trace files on so many threads; verdicts in the order of the paths.
 pub fn verify_all<P: AsRef<Path> + Sync>(paths: &[P], workers: usize, on_done: impl Fn(&Path, &Verdict) + Sync) -> Vec<Verdict> {
-    on_workers(paths, workers, verify, on_done)
+    on_workers(paths, workers, |path| contained(path.as_ref(), verify, &on_done))
 }
 
 /// [`verify_all`], and each again from snapshots after `count` of its calls.
@@ -107,28 +119,15 @@ pub fn verify_all_restored<P: AsRef<Path> + Sync>(
     count: usize,
     on_done: impl Fn(&Path, &Verdict) + Sync,
 ) -> Vec<Verdict> {
-    on_workers(paths, workers, |path| seek::verify_restored_at_some(path, count), on_done)
+    let verify = |path: &Path| seek::verify_restored_at_some(path, count);
+    on_workers(paths, workers, |path| contained(path.as_ref(), verify, &on_done))
 }
 
-fn on_workers<P: AsRef<Path> + Sync>(
-    paths: &[P],
-    workers: usize,
-    verify: impl Fn(&Path) -> Verdict + Sync,
-    on_done: impl Fn(&Path, &Verdict) + Sync,
-) -> Vec<Verdict> {
-    let one = |path: &P| {
-        let path = path.as_ref();
-        let contained = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| verify(path)));
-        let verdict = contained.unwrap_or_else(|_| Verdict::Refused {
-            reason: format!("replaying it panicked; run `reel replay {}` alone and report what it prints", path.display()),
-        });
-        on_done(path, &verdict);
-        verdict
-    };
-    match rayon::ThreadPoolBuilder::new().num_threads(workers).build() {
-        Ok(pool) => pool.install(|| paths.par_iter().with_max_len(1).map(one).collect()),
-        Err(_) => paths.iter().map(one).collect(),
-    }
+/// A panic ends only the verdict of its own trace.
+fn contained(path: &Path, verify: impl Fn(&Path) -> Verdict, on_done: &impl Fn(&Path, &Verdict)) -> Verdict {
+    let verdict = catch_unwind(AssertUnwindSafe(|| verify(path))).unwrap_or_else(|_| Verdict::panicked(path));
+    on_done(path, &verdict);
+    verdict
 }
 
 /// Replays a trace that was read.
@@ -172,4 +171,12 @@ pub fn compare(a: &Trace, b: &Trace) -> Option<Divergence> {
 
 fn refused(error: &TraceError) -> Verdict {
     Verdict::Refused { reason: error.to_string() }
+}
+
+/// Does something with each path on so many threads; results in the order of the paths.
+fn on_workers<P: Sync, T: Send>(paths: &[P], workers: usize, one: impl Fn(&P) -> T + Sync) -> Vec<T> {
+    match rayon::ThreadPoolBuilder::new().num_threads(workers).build() {
+        Ok(pool) => pool.install(|| paths.par_iter().map(&one).collect()),
+        Err(_) => paths.iter().map(one).collect(),
+    }
 }

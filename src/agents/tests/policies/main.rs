@@ -5,7 +5,7 @@ mod flat;
 use std::sync::Arc;
 
 use reel_agents::{POLICIES, Policy, policy};
-use reel_world::{DoorState, ErrorCode, FLOOR, HORIZON, InstanceId, PlanStep, Task};
+use reel_world::{DoorState, ErrorCode, FLOOR, HORIZON, InstanceId, PlanStep, Task, ToolSpec};
 
 use flat::{Flat, scene, task};
 
@@ -233,6 +233,35 @@ fn gibberish_goes_on_after_its_errors() {
     for code in [ErrorCode::UnknownTool, ErrorCode::BadArguments, ErrorCode::UnknownReceptacle] {
         assert!(all.contains(&code), "{code} never came");
     }
+}
+
+#[test]
+fn the_explorer_tries_every_tool_and_meets_every_error_the_flat_has() {
+    let flats: Vec<Flat> = (0..40).map(|seed| played("explorer", fridge(), seed)).collect();
+    assert!(flats.iter().all(|flat| flat.finished && flat.log.len() <= HORIZON as usize));
+    let calls: Vec<_> = flats.iter().flat_map(|flat| &flat.log).collect();
+    for spec in ToolSpec::POLICY {
+        for name in [spec.paper_name, spec.repo_name] {
+            assert!(calls.iter().any(|(call, error)| call.name == name && error.is_none()), "{name} never came to anything");
+        }
+    }
+    let codes = [
+        ErrorCode::UnknownTool,
+        ErrorCode::BadArguments,
+        ErrorCode::UnknownReceptacle,
+        ErrorCode::UnknownMarker,
+        ErrorCode::NothingFound,
+        ErrorCode::NotGraspable,
+        ErrorCode::NotASurface,
+        ErrorCode::AlreadyHolding,
+        ErrorCode::NothingHeld,
+        ErrorCode::NoDoor,
+        ErrorCode::DoorClosed,
+    ];
+    for code in codes {
+        assert!(calls.iter().any(|(_, error)| *error == Some(code)), "{code} never came");
+    }
+    assert_ne!(flats[0].log, played("explorer", tables(), 0).log, "the task must change what is tried");
 }
 
 #[test]

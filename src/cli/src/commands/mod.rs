@@ -7,8 +7,10 @@ pub mod doctor;
 pub mod explain;
 pub mod export;
 pub mod frames;
+pub mod gate;
 #[cfg(feature = "analytics")]
 pub mod ingest;
+pub mod mint;
 pub mod paranoid;
 #[cfg(feature = "analytics")]
 pub mod query;

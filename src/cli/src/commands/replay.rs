@@ -2,9 +2,13 @@
 
 use std::{collections::BTreeMap, path::PathBuf};
 
-use reel_replay::{Verdict, verify_all, verify_all_restored};
+use reel_replay::{Judgement, Verdict, judge_all, verify_all, verify_all_restored};
 
-use crate::{Answer, commands::explain, inputs, progress};
+use crate::{
+    Answer,
+    commands::{explain, gate},
+    inputs, progress,
+};
 
 /// Re-execute traces from their inputs and compare every digest, picture, text, reward and metric.
 /// On a difference it names the call, the physics step, the body and the field, with both values.
@@ -15,6 +19,7 @@ use crate::{Answer, commands::explain, inputs, progress};
 ///   reel replay trace.mcap --explain --pictures why     # all that differs, in ULPs, pictures and words
 ///   reel replay trace.mcap --explain --against old/reel # both builds' states at the first differing physics step
 ///   reel replay traces-out --restored 5                 # also from snapshots after 5 calls of each episode
+///   reel replay traces/golden/v1 --outcomes
 ///
 /// Exit code 0: all identical; 1: something differs or a trace was refused.
 #[derive(clap::Args)]
@@ -42,6 +47,9 @@ pub struct Arguments {
     /// Also restore each episode from snapshots after so many of its calls, spread by its digest, and compare the rest
     #[arg(long, value_name = "N")]
     restored: Option<usize>,
+    /// Execute what is not exact to its end, of other simulators too, and list the outcomes that change
+    #[arg(long, conflicts_with_all = ["explain", "restored"])]
+    outcomes: bool,
     /// Print one JSON object a trace
     #[arg(long)]
     json: bool,
@@ -58,6 +66,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
     let bar = progress::bar(paths.len(), "replay");
     let workers = inputs::workers(arguments.jobs);
+    if arguments.outcomes {
+        let judgements = judge_all(&paths, workers, |_, _| bar.inc(1));
+        bar.finish_and_clear();
+        return tell_outcomes(&judgements, arguments.json);
+    }
     let verdicts = match arguments.restored {
         None => verify_all(&paths, workers, |_, _| bar.inc(1)),
         Some(count) => verify_all_restored(&paths, workers, count, |_, _| bar.inc(1)),
@@ -95,6 +108,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         }
     }
     Ok(if exact == paths.len() { Answer::Yes } else { Answer::No })
+}
+
+/// Verdicts with what changed beside them.
+fn tell_outcomes(judgements: &[Judgement], json: bool) -> anyhow::Result<Answer> {
+    for judgement in judgements {
+        let Judgement { trace, verdict, outcomes } = judgement;
+        if json {
+            println!("{}", serde_json::to_string(judgement)?);
+            continue;
+        }
+        println!("{}: {verdict}", trace.display());
+        let Some(changes) = outcomes.as_ref().filter(|_| !verdict.is_exact()) else { continue };
+        println!("  executed to the end: {changes}");
+        for changed in &changes.outcomes {
+            let (recorded, replayed) = (gate::told(&changed.recorded), gate::told(&changed.replayed));
+            println!("  call {} {}\n    recorded  {recorded}\n    replayed  {replayed}", changed.call, changed.what);
+        }
+    }
+    Ok(if judgements.iter().all(|judgement| judgement.verdict.is_exact()) { Answer::Yes } else { Answer::No })
 }
 
 fn kinds(verdicts: &[Verdict]) -> BTreeMap<&'static str, usize> {

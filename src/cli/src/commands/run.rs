@@ -22,7 +22,8 @@ use crate::{Answer, commands::paranoid, inputs, progress};
 ///   reel run --tasks tasks                            # the oracle, in the home that comes with Reel
 ///   reel run --tasks real-bench/tasks --scene real-bench/s7_scene.json --policy wrong-object --seed 7 --out traces/wrong
 ///
-/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door, gibberish.
+/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door, gibberish,
+/// explorer.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {

@@ -1,0 +1,230 @@
+//! What a policy would notice of another simulator: a trace's inputs executed to the end although things differ, and
+//! the outcomes that are not as recorded. Never a verdict on bits; that is [`verify`](crate::verify)'s.
+
+use std::{
+    panic::catch_unwind,
+    path::{Path, PathBuf},
+};
+
+use reel_episode::Episode;
+use reel_sim::{SIM_VERSION, render::Detail};
+use reel_trace::Trace;
+use reel_world::{
+    Outcome,
+    record::{EndReason, EndRecord, EpisodeHeader, StartRecord, StateDigests, StepRecord},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{Verdict, on_workers, player, verify};
+
+/// What differs between an episode as recorded and as this simulator plays it from the same inputs.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct Changes {
+    /// The simulator in the trace.
+    pub recorded_sim_version: u32,
+    /// This simulator.
+    pub sim_version: u32,
+    /// Calls executed.
+    pub calls: u32,
+    /// Calls whose outcome differs, in their order.
+    pub outcomes: Vec<ChangedOutcome>,
+    /// How it ended, if that differs.
+    pub end: Option<ChangedEnd>,
+    /// Whether a digest of the simulator's state differs anywhere.
+    pub state_differs: bool,
+    /// Whether a digest of a picture differs anywhere.
+    pub pictures_differ: bool,
+}
+
+/// A call that comes to something else.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct ChangedOutcome {
+    /// Which, from 0.
+    pub call: u32,
+    /// The call, for people.
+    pub what: String,
+    /// As recorded.
+    pub recorded: Outcome,
+    /// As executed again.
+    pub replayed: Outcome,
+}
+
+/// An episode that ends otherwise.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+pub struct ChangedEnd {
+    /// As recorded.
+    pub recorded: Ending,
+    /// As executed again.
+    pub replayed: Ending,
+}
+
+/// How an episode ended, in a few figures.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Ending {
+    /// Why.
+    pub reason: EndReason,
+    /// SR: no goal change is left.
+    pub success: bool,
+    /// CR: share of the goal changes that hold.
+    pub completion: f64,
+    /// Cumulative reward, undiscounted.
+    pub total_reward: f64,
+    /// Calls.
+    pub steps: u32,
+}
+
+/// A trace file's verdict, and what changed where it is not exact.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Judgement {
+    /// The file.
+    pub trace: PathBuf,
+    /// What a replay found.
+    #[serde(flatten)]
+    pub verdict: Verdict,
+    /// What changed; none where nothing can be executed.
+    pub outcomes: Option<Changes>,
+}
+
+impl Changes {
+    /// Whether nothing of it would be noticed by a policy, or counted afterwards.
+    pub fn no_outcome(&self) -> bool {
+        self.outcomes.is_empty() && self.end.is_none()
+    }
+
+    fn none(trace: &Trace) -> Self {
+        Self {
+            recorded_sim_version: trace.header.sim_version,
+            sim_version: SIM_VERSION,
+            calls: count(trace.steps.len()),
+            ..Self::default()
+        }
+    }
+}
+
+/// Executes all inputs of a trace, of any version of the simulator, and lists what changed.
+///
+/// # Errors
+/// Why nothing can be executed.
+pub fn changes(trace: &Trace) -> Result<Changes, Verdict> {
+    Ok(Executed::again(trace)?.compare(trace))
+}
+
+/// Replays many trace files on so many threads, and says what changed in those that are not exact; in the order of the
+/// paths.
+pub fn judge_all<P: AsRef<Path> + Sync>(paths: &[P], workers: usize, on_done: impl Fn(&Path, &Verdict) + Sync) -> Vec<Judgement> {
+    on_workers(paths, workers, |path| {
+        let path = path.as_ref();
+        let judgement = catch_unwind(|| judge(path)).unwrap_or_else(|_| Judgement {
+            trace: path.to_owned(),
+            verdict: Verdict::panicked(path),
+            outcomes: None,
+        });
+        on_done(path, &judgement.verdict);
+        judgement
+    })
+}
+
+fn judge(path: &Path) -> Judgement {
+    let verdict = verify(path);
+    let outcomes = Trace::read(path).ok().and_then(|trace| match verdict {
+        // Nothing changed, and nothing need be executed a second time to say so.
+        Verdict::Exact { .. } => Some(Changes::none(&trace)),
+        _ => changes(&trace).ok(),
+    });
+    Judgement { trace: path.to_owned(), verdict, outcomes }
+}
+
+/// An episode executed again from its inputs, whatever was recorded of its outputs.
+pub(crate) struct Executed {
+    pub header: EpisodeHeader,
+    pub start: StartRecord,
+    pub steps: Vec<StepRecord>,
+    pub end: EndRecord,
+}
+
+impl Executed {
+    /// Executes all inputs of a trace of any version.
+    pub fn again(trace: &Trace) -> Result<Self, Verdict> {
+        let config = player::config_of_any_version(trace)?;
+        let (mut episode, start, _) =
+            Episode::start_with(config, Detail::Picture).map_err(|error| Verdict::NotReplayable { reason: error.to_string() })?;
+        let steps = trace.steps.iter().map(|step| episode.step(step.input.clone()).record).collect();
+        Ok(Self { header: episode.header().clone(), start, steps, end: episode.end() })
+    }
+
+    /// What is not as recorded.
+    pub fn compare(&self, trace: &Trace) -> Changes {
+        let mut changes = Changes::none(trace);
+        changes.compare_digests(&trace.start.digests, &self.start.digests);
+        for (old, new) in trace.steps.iter().zip(&self.steps) {
+            changes.compare_digests(&old.digests, &new.digests);
+            if old.outcome != new.outcome {
+                let (recorded, replayed) = (old.outcome.clone(), new.outcome.clone());
+                changes.outcomes.push(ChangedOutcome { call: old.step, what: old.input.call.to_string(), recorded, replayed });
+            }
+        }
+        changes.end = trace.end.as_ref().and_then(|end| {
+            let (recorded, replayed) = (Ending::of(end), Ending::of(&self.end));
+            (recorded != replayed).then_some(ChangedEnd { recorded, replayed })
+        });
+        changes
+    }
+}
+
+impl Changes {
+    fn compare_digests(&mut self, old: &StateDigests, new: &StateDigests) {
+        self.state_differs |= old.state != new.state || old.physics_steps != new.physics_steps;
+        self.pictures_differ |= old.frame != new.frame;
+    }
+}
+
+impl Ending {
+    /// The figures of an end.
+    pub fn of(end: &EndRecord) -> Self {
+        let metrics = &end.metrics;
+        Self {
+            reason: end.reason,
+            success: metrics.success,
+            completion: metrics.completion,
+            total_reward: metrics.total_reward,
+            steps: end.steps,
+        }
+    }
+}
+
+impl std::fmt::Display for Ending {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let success = if self.success { "success" } else { "no success" };
+        let Self { completion, total_reward, steps, .. } = self;
+        let reason = format!("{:?}", self.reason).to_lowercase();
+        write!(f, "{reason} after {steps} calls, {success}, completion {completion:.2}, total reward {total_reward:.3}")
+    }
+}
+
+impl std::fmt::Display for Changes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut parts = Vec::new();
+        if self.recorded_sim_version != self.sim_version {
+            parts.push(format!("recorded by simulator {}", self.recorded_sim_version));
+        }
+        if !self.outcomes.is_empty() {
+            let calls: Vec<String> = self.outcomes.iter().map(|outcome| outcome.call.to_string()).collect();
+            parts.push(format!("other outcomes at calls {}", calls.join(", ")));
+        }
+        if let Some(end) = &self.end {
+            parts.push(format!("ended: {}; ends now: {}", end.recorded, end.replayed));
+        }
+        match (self.state_differs, self.pictures_differ) {
+            (true, true) => parts.push("other motion and pictures".to_owned()),
+            (true, false) => parts.push("other motion".to_owned()),
+            (false, true) => parts.push("other pictures".to_owned()),
+            (false, false) if self.no_outcome() => parts.push("the same episode".to_owned()),
+            (false, false) => {}
+        }
+        f.write_str(&parts.join("; "))
+    }
+}
+
+fn count(number: usize) -> u32 {
+    u32::try_from(number).unwrap_or(u32::MAX)
+}
