@@ -14,7 +14,7 @@ use reel_world::{
 };
 use serde_json::json;
 
-/// The digests of so many steps. They change with the engine and with [`Stress`], and with nothing else.
+/// The digests of so many steps of 1/240 s. They change with the engine and with [`Stress`], and with nothing else.
 const STRESS_STEPS: u32 = 100;
 const STRESS: [(Stress, &str); 3] = [
     (Stress::Compounds, "a43a1d9ec45fe1b19e43059f58f3de3b682d22c1f9d416ec94655c932491ab3d"),
