@@ -3,11 +3,11 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test bench lint acceptance clean
+.PHONY: help demo test bench lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
-	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 20
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
 
 demo: ## build reel; then record, replay, ask, export and draw episodes in demo-out
 	cargo build --locked --workspace --all-targets
@@ -25,6 +25,13 @@ lint: ## check format and lints
 
 acceptance: ## play all of REAL-Bench, replay it in every build and print figures (needs the data)
 	tests/acceptance.sh
+	tests/determinism.sh
+
+determinism: ## execute the golden traces in every build and condition of this machine: one table
+	tests/determinism.sh
+
+determinism-cross: ## the same with other C libraries, compilers and processors (root; at first half an hour)
+	tests/determinism-cross.sh
 
 clean: ## remove what was built and written here
 	rm -rf demo-out

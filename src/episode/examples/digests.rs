@@ -5,7 +5,8 @@
 //!
 //! - `--restored`: each call is executed by an episode restored from bytes, and the scenes are restored as they move;
 //! - `--workers N`: N threads play the episodes, and all of them play every episode;
-//! - `--reversed`: last episode first.
+//! - `--reversed`: last episode first;
+//! - `--recorded`: executes nothing and prints what the traces say, in their order.
 
 use std::{
     collections::BTreeMap,
@@ -18,7 +19,7 @@ use reel_reward::Preset;
 use reel_sim::{Snapshot, stress::Stress};
 use reel_world::{
     Digest, Scene, Task,
-    record::{EpisodeHeader, StepRecord},
+    record::{EndRecord, EpisodeHeader, StepRecord},
 };
 use serde::Deserialize;
 
@@ -31,6 +32,7 @@ struct Recorded {
     task: Arc<Task>,
     scene: Arc<Scene>,
     steps: Vec<StepRecord>,
+    end: Option<EndRecord>,
 }
 
 /// How episodes are played.
@@ -50,6 +52,13 @@ fn main() {
     let lines = io::stdin().lock().lines().map(|line| line.expect("standard input can be read"));
     let mut episodes: Vec<Recorded> =
         lines.map(|line| serde_json::from_str(&line).expect("each line is a trace as `reel show --json` prints it")).collect();
+    if has("--recorded") {
+        for episode in &episodes {
+            let end = episode.end.as_ref().expect("the trace of a finished episode");
+            println!("{} {}", episode.header.episode_id, end.chain);
+        }
+        return;
+    }
     if condition.reversed {
         episodes.reverse();
     }
