@@ -237,7 +237,7 @@ fn gibberish_goes_on_after_its_errors() {
 
 #[test]
 fn the_explorer_tries_every_tool_and_meets_every_error_the_flat_has() {
-    let flats: Vec<Flat> = (0..40).map(|seed| played("explorer", fridge(), seed)).collect();
+    let flats: Vec<Flat> = (0..160).map(|seed| played("explorer", fridge(), seed)).collect();
     assert!(flats.iter().all(|flat| flat.finished && flat.log.len() <= HORIZON as usize));
     let calls: Vec<_> = flats.iter().flat_map(|flat| &flat.log).collect();
     for spec in ToolSpec::POLICY {

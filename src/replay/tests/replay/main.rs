@@ -3,6 +3,7 @@
 mod episodes;
 mod explain;
 mod forgeries;
+mod golden;
 mod mutations;
 mod restore;
 
