@@ -87,7 +87,7 @@ if [[ -n ${REEL_BIN:-} ]]; then
 else
   skip "reel replay, REEL_BIN" "REEL_BIN names no other build"
 fi
-for function in sincosf acosf; do
+for function in sincosf acosf cosf; do
   REEL_OFF_BY_ONE_ULP=$function build "control-$function" "${level1[@]}"
   negative_control "negative control: $function is off by one ulp" "$work/control-$function"
 done

@@ -23,7 +23,8 @@ use reel_world::{
 };
 use serde::Deserialize;
 
-const STRESS_STEPS: u32 = 400;
+/// One second of motion: what differs in a scene made to fail differs early.
+const STRESS_STEPS: u32 = 240;
 
 /// The inputs of a recorded episode.
 #[derive(Clone, Deserialize)]
