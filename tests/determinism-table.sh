@@ -15,9 +15,9 @@ failed=0
 # read_traces REEL DIGESTS DIR: the traces as JSON lines, the names of the rows, and the first column.
 read_traces() {
   local reel=$1 digests=$2 dir=$3 trace
-  find "$dir" -name '*.mcap' | LC_ALL=C sort >"$work/traces"
-  if [[ ! -s $work/traces ]]; then
-    echo "no traces in $dir: set REEL_TRACES" >&2
+  # not in its folders: they hold traces of older simulators
+  if ! find "$dir" -maxdepth 1 -name '*.mcap' 2>/dev/null | LC_ALL=C sort >"$work/traces" || [[ ! -s $work/traces ]]; then
+    echo "no traces in $dir: set REEL_TRACES to a folder of them" >&2
     exit 2
   fi
   while read -r trace; do "$reel" show "$trace" --json; done <"$work/traces" >"$work/episodes"

@@ -41,7 +41,7 @@ built() {
 }
 # replayed REEL: digests by the verdicts of `reel replay`, which compares every digest of every call.
 replayed() {
-  "$1" replay --json "$traces" >"$work/verdicts" || true
+  xargs -d '\n' "$1" replay --json <"$work/traces" >"$work/verdicts" || true
   awk '
     FILENAME ~ /traces$/ { path[FNR] = $0; next }
     FILENAME ~ /recorded$/ { id[path[FNR]] = $1; digest[$1] = $2; next }
