@@ -63,6 +63,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    end_with_the_reader();
     let result = match Arguments::parse().command {
         Command::Run(arguments) => commands::run::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
@@ -91,6 +92,19 @@ fn main() -> ExitCode {
             Answer::BadInput.into()
         }
     }
+}
+
+/// Ends as a pipe's writer should when nobody reads on (`reel show ... | head`), instead of with a panic.
+fn end_with_the_reader() {
+    let otherwise = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        let text = panic.payload_as_str().unwrap_or_default();
+        if text.starts_with("failed printing to") && text.contains("Broken pipe") {
+            // 128 + SIGPIPE, as the shell has it.
+            std::process::exit(141);
+        }
+        otherwise(panic);
+    }));
 }
 
 /// What a command came to.

@@ -1,6 +1,9 @@
 //! Going to a moment, dropping pictures and drawing them again, explaining, distrusting: from outside.
 
-use std::fs;
+use std::{
+    fs,
+    process::{Command, Stdio},
+};
 
 use crate::{complaint, expect, first_trace};
 
@@ -39,6 +42,21 @@ fn any_moment_is_shown_with_the_same_bits_from_a_snapshot_and_from_the_start() {
     for wrong in ["start", "x:1", "0:y"] {
         complaint(folder, 2, &["replay", trace, "--state-at", wrong]);
     }
+}
+
+#[test]
+fn nobody_reading_on_is_no_panic() {
+    let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/../../traces/golden");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_reel"))
+        .args(["replay", golden, "--outcomes", "--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    let complaint = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(141) && !complaint.contains("panicked"), "{:?} {complaint}", output.status);
 }
 
 #[test]
