@@ -13,7 +13,7 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use crate::{TraceError, reader::Limits, schema};
+use crate::{TraceError, limits::Limits, schema};
 
 /// Opcode and length in front of every record.
 const RECORD_PREFIX: usize = 9;

@@ -6,7 +6,7 @@ use crate::{
     TraceError,
     container::{self, At, Item},
     files,
-    reader::Limits,
+    limits::Limits,
 };
 
 /// Bytes of a trace by what they are: each channel's messages and each attachment as they are before chunks are

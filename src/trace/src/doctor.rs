@@ -15,7 +15,8 @@ use crate::{
     container::{self, At, Closing, Item, Visitor},
     error::moment,
     files,
-    reader::{Limits, Reading},
+    limits::Limits,
+    reader::Reading,
     schema::{self, Likeness},
 };
 

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{TraceError, reader::Limits};
+use crate::{TraceError, limits::Limits};
 
 /// What the name of an unfinished recording ends with.
 pub(crate) const PART: &str = ".part";

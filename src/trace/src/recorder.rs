@@ -15,7 +15,7 @@ use crate::{
     TraceError, container,
     files::{self, PART},
     journal::{Journal, Picture},
-    reader::Limits,
+    limits::Limits,
 };
 
 /// Whether pictures are stored.

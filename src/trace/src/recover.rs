@@ -16,7 +16,8 @@ use crate::{
     error::moment,
     files::{self, PART},
     journal::Journal,
-    reader::{Limits, Loaded, load},
+    limits::Limits,
+    reader::{Loaded, load},
     rewrite::Encoding,
 };
 

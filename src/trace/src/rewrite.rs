@@ -7,7 +7,7 @@ use reel_world::{Digest, record::EndRecord};
 use crate::{
     Images, Trace, TraceError, TraceSummary, container, files,
     journal::{Journal, Picture},
-    reader::Limits,
+    limits::Limits,
 };
 
 impl Trace {
