@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use rand_chacha::ChaCha8Rng;
 use reel_world::{
-    HORIZON, Task, Tool, ToolCall, ToolSpec,
+    ErrorCode, HORIZON, ReceptacleId, Task, Tool, ToolCall, ToolSpec,
     record::{PolicyInfo, StepInput},
 };
 use serde_json::{Value, json};
@@ -48,6 +48,8 @@ pub struct Explorer {
     last: Option<Deed>,
     /// Numbers that were on some map.
     old_numbers: BTreeSet<u32>,
+    /// Receptacles it saw objects on.
+    laden: BTreeSet<ReceptacleId>,
     /// Categories it saw.
     categories: BTreeSet<String>,
 }
@@ -58,7 +60,16 @@ impl Explorer {
         let mut rng = random::stream(seed, &format!("explorer/{}", task.task_id), 0);
         let length = LENGTH_MIN + random::below(&mut rng, HORIZON as usize - LENGTH_MIN);
         let length = u32::try_from(length).expect("below the horizon");
-        Self { seed, rng, length, holding: false, last: None, old_numbers: BTreeSet::new(), categories: BTreeSet::new() }
+        Self {
+            seed,
+            rng,
+            length,
+            holding: false,
+            last: None,
+            old_numbers: BTreeSet::new(),
+            laden: BTreeSet::new(),
+            categories: BTreeSet::new(),
+        }
     }
 
     fn learn(&mut self, context: &Context<'_>) {
@@ -68,22 +79,30 @@ impl Explorer {
             _ => {}
         }
         self.old_numbers.extend(context.seen.iter().filter_map(|thing| thing.marker));
+        let objects = || context.seen.iter().filter(|thing| !thing.furniture);
+        self.laden.extend(objects().filter_map(|thing| thing.receptacle_hint.clone()));
         self.categories.extend(context.seen.iter().map(|thing| thing.category.clone()));
     }
 
     /// Chooses by weights that make episodes in which much happens: what is possible is likely, the rest is tried too.
-    fn choose_deed(&mut self, objects: bool, furniture: bool, door: bool) -> Deed {
+    fn choose_deed(&mut self, context: &Context<'_>) -> Deed {
+        let any = |fits: fn(&Seen) -> bool| context.seen.iter().any(fits);
+        let objects = any(|thing| !thing.furniture && thing.marker.is_some());
+        let unmarked = any(|thing| !thing.furniture && thing.marker.is_none());
+        let furniture = any(|thing| thing.furniture && thing.marker.is_some());
+        let door = any(|thing| thing.furniture && has_door(&thing.category));
+        let too_far = context.observation.error == Some(ErrorCode::OutOfReach);
         let free = !self.holding;
         let if_else = |condition: bool, yes: usize, no: usize| if condition { yes } else { no };
         let weights = [
             (Deed::Drive, if_else(self.last.is_none(), 90, 10)),
             (Deed::WalkAround, if_else(free, 8, 3)),
-            (Deed::ShowObjects, if_else(free && !objects, 14, 4)),
+            (Deed::ShowObjects, if_else(unmarked && free, 24, 4)),
             (Deed::ShowReceptacles, if_else(furniture, 3, 14)),
-            (Deed::Gaze, if_else(objects || furniture, 9, 1)),
-            (Deed::Pick, if_else(free && objects, 30, 2)),
-            (Deed::Place, if_else(!free && furniture, 30, 2)),
-            (Deed::Open, if_else(door, 16, 2)),
+            (Deed::Gaze, if_else(too_far, 40, if_else(objects || furniture, 9, 1))),
+            (Deed::Pick, if_else(free && objects, 30, 1)),
+            (Deed::Place, if_else(!free && furniture, 30, 1)),
+            (Deed::Open, if_else(door, 16, 1)),
             (Deed::Close, if_else(door, 10, 1)),
             (Deed::Ask, 2),
             (Deed::List, 1),
@@ -121,24 +140,31 @@ impl Explorer {
         tool.to_call()
     }
 
-    /// To any receptacle; to one that may have a door half of the time.
+    /// To any receptacle, to one that may have a door, or to one with something on it.
     fn drive(&mut self, context: &Context<'_>) -> ToolCall {
         let all = &context.briefing.receptacles;
-        let doors: Vec<_> = all.iter().filter(|(id, category, _)| has_door(category) || has_door(id.as_str())).cloned().collect();
-        let among = if random::below(&mut self.rng, 2) == 0 && !doors.is_empty() { &doors } else { all };
-        match random::choose(&mut self.rng, among) {
-            Some((id, ..)) => Tool::NavTo { receptacle: id.clone() }.to_call(),
+        let among: Vec<ReceptacleId> = match random::below(&mut self.rng, 3) {
+            0 => all.iter().filter(|(_, category, _)| has_door(category)).map(|(id, ..)| id.clone()).collect(),
+            1 => self.laden.iter().cloned().collect(),
+            _ => Vec::new(),
+        };
+        let anywhere = all.get(random::below(&mut self.rng, all.len().max(1))).map(|(id, ..)| id);
+        match random::choose(&mut self.rng, &among).or(anywhere) {
+            Some(id) => Tool::NavTo { receptacle: id.clone() }.to_call(),
             None => Tool::ShowReceptacles.to_call(),
         }
     }
 
-    /// A category it saw or a word of the instruction.
+    /// A category in view, one it saw before, or a word of the instruction.
     fn category(&mut self, context: &Context<'_>) -> String {
+        let in_view = context.seen.iter().filter(|thing| !thing.furniture).map(|thing| thing.category.clone());
         let words = context.briefing.instruction.split_whitespace().map(|word| word.trim_matches(|c: char| !c.is_alphanumeric()));
-        let seen: Vec<String> = self.categories.iter().cloned().collect();
-        let words: Vec<String> = words.filter(|word| word.len() > 3).map(str::to_owned).collect();
-        let among = if random::below(&mut self.rng, 4) == 0 || seen.is_empty() { &words } else { &seen };
-        random::choose(&mut self.rng, among).cloned().unwrap_or_else(|| "apple".to_owned())
+        let among: Vec<String> = match random::below(&mut self.rng, 8) {
+            0 => words.filter(|word| word.len() > 3).map(str::to_owned).collect(),
+            1 => self.categories.iter().cloned().collect(),
+            _ => in_view.collect(),
+        };
+        random::choose(&mut self.rng, &among).cloned().unwrap_or_else(|| "apple".to_owned())
     }
 
     /// The number of one of these things; now and then another one.
@@ -202,9 +228,7 @@ impl Policy for Explorer {
         let call = if context.step >= self.length {
             Tool::Finish.to_call()
         } else {
-            let marked = |furniture| context.seen.iter().any(|thing| thing.furniture == furniture && thing.marker.is_some());
-            let door = context.seen.iter().any(|thing| thing.furniture && has_door(&thing.category));
-            let deed = self.choose_deed(marked(false), marked(true), door);
+            let deed = self.choose_deed(context);
             self.last = Some(deed);
             self.call(deed, context)
         };
