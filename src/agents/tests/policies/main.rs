@@ -261,7 +261,8 @@ fn the_explorer_tries_every_tool_and_meets_every_error_the_flat_has() {
     for code in codes {
         assert!(calls.iter().any(|(_, error)| *error == Some(code)), "{code} never came");
     }
-    assert_ne!(flats[0].log, played("explorer", tables(), 0).log, "the task must change what is tried");
+    let other = |seed: u64| flats[seed as usize].log != played("explorer", tables(), seed).log;
+    assert!((0..20).any(other), "the task must change what is tried");
 }
 
 #[test]
