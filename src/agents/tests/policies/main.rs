@@ -237,7 +237,7 @@ fn gibberish_goes_on_after_its_errors() {
 
 #[test]
 fn the_explorer_tries_every_tool_and_meets_every_error_the_flat_has() {
-    let flats: Vec<Flat> = (0..160).map(|seed| played("explorer", fridge(), seed)).collect();
+    let flats: Vec<Flat> = (0..40).map(|seed| played("explorer", fridge(), seed)).collect();
     assert!(flats.iter().all(|flat| flat.finished && flat.log.len() <= HORIZON as usize));
     let calls: Vec<_> = flats.iter().flat_map(|flat| &flat.log).collect();
     for spec in ToolSpec::POLICY {
@@ -261,8 +261,8 @@ fn the_explorer_tries_every_tool_and_meets_every_error_the_flat_has() {
     for code in codes {
         assert!(calls.iter().any(|(_, error)| *error == Some(code)), "{code} never came");
     }
-    let other = |seed: u64| flats[seed as usize].log != played("explorer", tables(), seed).log;
-    assert!((0..20).any(other), "the task must change what is tried");
+    let other = Task { task_id: "another".into(), ..fridge() };
+    assert_ne!(flats[0].log, played("explorer", other, 0).log, "the task must change what is tried");
 }
 
 #[test]
