@@ -72,12 +72,12 @@ print_table() {
           digest[row, c] = field[2]; if (!(row in name)) scenes[c] = 1
         }
       }
-      printf "\n%-44s %-16s", "episode or scene", "digest"
+      printf "\n%-52s %-16s", "episode or scene", "digest"
       for (c = 1; c <= columns; c++) printf " %2d", c
       print ""
       for (r = 1; r <= rows; r++) {
         row = order[r]; label = row in name ? name[row] : row
-        printf "%-44s %-16s", label, substr(reference[row], 1, 16)
+        printf "%-52s %-16s", label, substr(reference[row], 1, 16)
         for (c = 1; c <= columns; c++) {
           if (!((row, c) in digest)) { cell = "-"; if (note[c] == "" && (row in name || scenes[c])) lacks[c] = 1 }
           else if (digest[row, c] == reference[row]) cell = "="
