@@ -81,14 +81,14 @@ pub fn explain(trace: &Trace) -> Explanation {
             Ok(None) => return plain(replay.finish(|_, _| {}).unwrap_or_else(|verdict| verdict)),
             Err(differing) => {
                 let recorded = &trace.steps[replay.calls()];
-                let Some(output) = differing.output else { return plain(Verdict::Diverged { divergence: differing.divergence }) };
+                let output = &differing.output;
                 let step = differing.divergence.physics_step;
                 return Explanation {
                     fields: changes(recorded, &output.record),
                     text: text(recorded, &output.record),
                     picture: picture(trace, recorded, &output.record, output.frame.as_ref()),
                     bodies: step.and_then(|step| state_at(trace, Moment::Call(recorded.step), step).ok().flatten()),
-                    verdict: Verdict::Diverged { divergence: differing.divergence },
+                    verdict: differing.into(),
                 };
             }
         }

@@ -164,7 +164,13 @@ pub fn compare(a: &Trace, b: &Trace) -> Option<Divergence> {
         .and_then(|()| a.steps.iter().zip(&b.steps).try_for_each(|(a, b)| difference::step(a, b)))
         .and_then(|()| match (&a.end, &b.end) {
             (Some(a), Some(b)) => difference::end(a, b),
-            _ => Ok(()),
+            _ if a.end.is_none() && b.end.is_none() && a.steps.len() == b.steps.len() => Ok(()),
+            _ => {
+                let told = |trace: &Trace| {
+                    format!("{} after {} calls", if trace.end.is_some() { "ended" } else { "broken off" }, trace.steps.len())
+                };
+                Err(Box::new(Divergence::text(Moment::End, "end", &told(a), &told(b))))
+            }
         });
     compared.err().map(|divergence| *divergence)
 }

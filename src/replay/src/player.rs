@@ -8,7 +8,7 @@ use reel_reward::Preset;
 use reel_sim::{SIM_CHANGES, SIM_VERSION, Snapshot, render::Detail};
 use reel_trace::Trace;
 use reel_world::{
-    Digest, Frame,
+    Frame,
     record::{Backend, BodyState, StartRecord, StateDigests, StepRecord},
 };
 
@@ -31,8 +31,14 @@ pub struct Replay<'t> {
 pub struct Differing {
     /// The first difference.
     pub divergence: Box<Divergence>,
-    /// What this simulator gave; none at the start.
-    pub output: Option<StepOutput>,
+    /// What this simulator gave.
+    pub output: StepOutput,
+}
+
+impl From<Box<Differing>> for Verdict {
+    fn from(differing: Box<Differing>) -> Self {
+        Verdict::Diverged { divergence: differing.divergence }
+    }
 }
 
 impl<'t> Replay<'t> {
@@ -70,7 +76,7 @@ impl<'t> Replay<'t> {
         let Some(recorded) = self.trace.steps.get(self.calls) else { return Ok(None) };
         let output = self.episode.step(recorded.input.clone());
         match compare_step(recorded, &output.record, self.detail) {
-            Err(divergence) => Err(Box::new(Differing { divergence, output: Some(output) })),
+            Err(divergence) => Err(Box::new(Differing { divergence, output })),
             Ok(()) => {
                 self.calls += 1;
                 self.physics_steps += output.record.digests.physics_steps.len() as u64;
@@ -85,7 +91,7 @@ impl<'t> Replay<'t> {
     /// # Errors
     /// The first difference.
     pub fn finish(mut self, mut on_frame: impl FnMut(u32, &Frame)) -> Result<Verdict, Verdict> {
-        while let Some(output) = self.step().map_err(|differing| Verdict::Diverged { divergence: differing.divergence })? {
+        while let Some(output) = self.step()? {
             if let Some(frame) = &output.frame {
                 on_frame(output.record.step, frame);
             }
@@ -124,11 +130,6 @@ impl<'t> Replay<'t> {
     /// The motion states after the watched physics step.
     pub(crate) fn take_watched(&mut self) -> Option<Vec<BodyState>> {
         self.episode.take_watched()
-    }
-
-    /// The episode, to be led elsewhere from here.
-    pub fn into_episode(self) -> Episode {
-        self.episode
     }
 }
 
@@ -196,12 +197,4 @@ fn without_rgb(recorded: &StateDigests, replayed: &StateDigests) -> StateDigests
 
 fn diverged(divergence: Box<Divergence>) -> Verdict {
     Verdict::Diverged { divergence }
-}
-
-/// The link of the hash chain after so many calls: it names the state and all that led to it.
-pub(crate) fn link_after(trace: &Trace, calls: usize) -> Option<Digest> {
-    match calls.checked_sub(1) {
-        None => Some(trace.start.digests.chain),
-        Some(last) => trace.steps.get(last).map(|step| step.digests.chain),
-    }
 }

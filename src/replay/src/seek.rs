@@ -10,7 +10,7 @@ use reel_sim::{SIM_VERSION, Snapshot, render::Detail};
 use reel_trace::Trace;
 use reel_world::Digest;
 
-use crate::{Replay, Verdict, player, verify};
+use crate::{Replay, Verdict, refused};
 
 /// A folder of snapshots, by the link of the hash chain they stand at and the simulator's version.
 #[derive(Clone, Debug)]
@@ -48,7 +48,7 @@ impl SnapshotCache {
     }
 
     fn path(&self, trace: &Trace, calls: usize) -> Option<PathBuf> {
-        let link = player::link_after(trace, calls)?;
+        let link = link_after(trace, calls)?;
         Some(self.folder.join(format!("{link}-v{SIM_VERSION}-{}.snapshot", env!("CARGO_PKG_VERSION"))))
     }
 }
@@ -71,7 +71,7 @@ pub fn seek<'t>(trace: &'t Trace, calls: usize, cache: Option<&SnapshotCache>) -
     };
     let restored = replay.calls() == calls;
     while replay.calls() < calls {
-        replay.step().map_err(|differing| Verdict::Diverged { divergence: differing.divergence })?;
+        replay.step()?;
     }
     if let (Some(cache), false) = (cache, restored) {
         // A cache that cannot be written costs time, not correctness.
@@ -81,53 +81,62 @@ pub fn seek<'t>(trace: &'t Trace, calls: usize, cache: Option<&SnapshotCache>) -
 }
 
 /// Executes an episode once, then again from a snapshot after each of the given numbers of calls to its end, comparing
-/// everything with the trace. The snapshots go through their bytes.
-///
-/// # Errors
-/// The first difference, or why nothing can be executed; with the number of calls it was restored after.
-pub fn verify_restored(trace: &Trace, after: &[usize]) -> Result<(), (Option<usize>, Verdict)> {
-    let (mut replay, _) = Replay::start(trace, Detail::Picture).map_err(|verdict| (None, verdict))?;
-    let mut snapshots = Vec::new();
-    loop {
-        if after.contains(&replay.calls()) {
-            snapshots.push((replay.calls(), replay.episode().snapshot().to_bytes()));
+/// everything with the trace. The snapshots go through their bytes. Exact only if all of it is.
+pub fn verify_restored(trace: &Trace, after: &[usize]) -> Verdict {
+    let run = || {
+        let (mut replay, _) = Replay::start(trace, Detail::Picture)?;
+        let mut snapshots = Vec::new();
+        loop {
+            if after.contains(&replay.calls()) {
+                snapshots.push((replay.calls(), replay.episode().snapshot().to_bytes()));
+            }
+            if replay.step()?.is_none() {
+                break;
+            }
         }
-        match replay.step() {
-            Ok(Some(_)) => {}
-            Ok(None) => break,
-            Err(differing) => return Err((None, Verdict::Diverged { divergence: differing.divergence })),
+        let exact = replay.finish(|_, _| {})?;
+        for (calls, bytes) in snapshots {
+            go_on(trace, calls, &bytes).map_err(|verdict| said_of_restored(verdict, calls))?;
         }
-    }
-    for (calls, bytes) in snapshots {
-        let snapshot =
-            Snapshot::from_bytes(&bytes).map_err(|error| (Some(calls), Verdict::Refused { reason: error.to_string() }))?;
-        let resumed = Replay::resume(trace, calls, &snapshot).and_then(|replay| replay.finish(|_, _| {}));
-        resumed.map_err(|verdict| (Some(calls), verdict))?;
-    }
-    Ok(())
+        Ok(exact)
+    };
+    run().unwrap_or_else(|verdict| verdict)
 }
 
 /// Replays a trace, then again from snapshots after `count` of its calls. Which calls is decided by the trace's own
 /// digest, so that the same trace is always asked the same.
 pub(crate) fn verify_restored_at_some(path: &Path, count: usize) -> Verdict {
-    let verdict = verify(path);
-    if !verdict.is_exact() {
-        return verdict;
-    }
-    let trace = match Trace::read(path) {
+    let checked = Trace::read(path).and_then(|trace| trace.verify_images().map(|()| trace));
+    let trace = match checked {
         Ok(trace) => trace,
-        Err(error) => return Verdict::Refused { reason: error.to_string() },
+        Err(error) => return refused(&error),
     };
     let mut calls: Vec<usize> = (0..=trace.steps.len()).collect();
-    let name = |calls: &usize| Digest::of(format!("{} {calls}", trace.start.digests.chain).as_bytes());
-    calls.sort_by_key(name);
+    calls.sort_by_key(|calls| Digest::of(format!("{} {calls}", trace.start.digests.chain).as_bytes()));
     calls.truncate(count);
-    match verify_restored(&trace, &calls) {
-        Ok(()) => verdict,
-        Err((Some(calls), Verdict::Diverged { mut divergence })) => {
-            divergence.field.push_str(&format!(" (restored after {calls} calls)"));
-            Verdict::Diverged { divergence }
-        }
-        Err((_, verdict)) => verdict,
+    verify_restored(&trace, &calls)
+}
+
+/// From a snapshot to the end.
+fn go_on(trace: &Trace, calls: usize, snapshot: &[u8]) -> Result<Verdict, Verdict> {
+    let snapshot = Snapshot::from_bytes(snapshot).map_err(|error| Verdict::Refused { reason: error.to_string() })?;
+    Replay::resume(trace, calls, &snapshot)?.finish(|_, _| {})
+}
+
+fn said_of_restored(mut verdict: Verdict, calls: usize) -> Verdict {
+    let note = format!(" (restored after {calls} calls)");
+    match &mut verdict {
+        Verdict::Diverged { divergence } => divergence.field.push_str(&note),
+        Verdict::Refused { reason } => reason.push_str(&note),
+        _ => {}
+    }
+    verdict
+}
+
+/// The link of the hash chain after so many calls: it names the state and all that led to it.
+fn link_after(trace: &Trace, calls: usize) -> Option<Digest> {
+    match calls.checked_sub(1) {
+        None => Some(trace.start.digests.chain),
+        Some(last) => trace.steps.get(last).map(|step| step.digests.chain),
     }
 }

@@ -100,7 +100,7 @@ fn picture_at(trace: &Trace, call: u32, cache: &inputs::Cache) -> anyhow::Result
             Ok(frame.rgb)
         }
         Ok(None) => bail!("{}: there is no call {call}: the episode has {} calls", trace.path.display(), trace.steps.len()),
-        Err(differing) => Err(refused(reel_replay::Verdict::Diverged { divergence: differing.divergence })),
+        Err(differing) => Err(refused(differing.into())),
     }
 }
 

@@ -47,6 +47,10 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
     let found = compare(&base, &other).unwrap();
     assert_eq!((found.moment, found.physics_step), (Moment::Call(call), Some(11)));
     assert_eq!(compare(&base, &base), None);
+    let mut shorter = base.clone();
+    shorter.end = None;
+    shorter.steps.pop();
+    assert_eq!(compare(&base, &shorter).map(|found| found.moment), Some(Moment::End));
 }
 
 #[test]

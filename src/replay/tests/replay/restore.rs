@@ -20,9 +20,8 @@ fn restored_after_every_call_the_rest_is_the_same() {
             let path = record(&folder.path().join(format!("{task}-{policy}.mcap")), &tasks()[*task], policy, Images::None);
             let trace = Trace::read(&path).unwrap();
             let calls: Vec<usize> = (0..=trace.steps.len()).collect();
-            if let Err((calls, verdict)) = verify_restored(&trace, &calls) {
-                panic!("task {task}, {policy}, restored after {calls:?} calls: {verdict}");
-            }
+            let verdict = verify_restored(&trace, &calls);
+            assert!(verdict.is_exact(), "task {task}, {policy}: {verdict}");
             calls.len()
         })
         .sum();
