@@ -17,7 +17,7 @@
 --   class, cause    the result
 --   evidence        the numbers and names it rests on
 --   done, length, end_reason  how far the episode came
---   policy, family, task_id, episode_id, trace_uri  the episode
+--   policy, family, task_id, episode_id, trace  the episode
 --
 -- Example: reel query --store store "SELECT * FROM failed_episodes WHERE class = 'Other'"
 WITH facts AS (
@@ -49,7 +49,7 @@ swings AS (
 ),
 judged AS (
   SELECT
-    e.episode_id, e.policy, e.family, e.task_id, e.completion, e.length, e.end_reason, e.src, e.dest, e.target, e.trace_uri,
+    e.episode_id, e.policy, e.family, e.task_id, e.completion, e.length, e.end_reason, e.src, e.dest, e.target, e.trace,
     f.picked, f.pick_step, f.placed_on, f.place_step, f.door_step, f.candidates, s.swing, s.where_to,
     e.fuzzy AND e.asks = 0 AS unasked,
     coalesce(NOT f.pick_right, false) AS wrong_object,
@@ -117,6 +117,6 @@ SELECT
     WHEN rule = 9 THEN concat(length, ' decisions')
     ELSE coalesce(concat('last pick ', picked, ', last place ', placed_on), '')
   END AS evidence,
-  completion AS done, length, end_reason, policy, family, task_id, episode_id, trace_uri
+  completion AS done, length, end_reason, policy, family, task_id, episode_id, trace
 FROM ruled
 ORDER BY rule, policy, task_id, episode_id

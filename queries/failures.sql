@@ -12,7 +12,7 @@
 --
 -- Example: reel query --store store --named failures
 WITH counts AS (
-  SELECT policy, class, cause, count(*) AS episodes, min(trace_uri) AS example
+  SELECT policy, class, cause, count(*) AS episodes, min(trace) AS example
   FROM failed_episodes
   GROUP BY policy, class, cause
 )

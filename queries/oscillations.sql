@@ -7,7 +7,7 @@
 --   length      nav_to calls in the run (at least 3: A-B-A)
 --   first_step  decision with which it begins
 --   one, other  the two receptacles
---   policy, family, task_id, success, episode_id, trace_uri  the episode
+--   policy, family, task_id, success, episode_id, trace  the episode
 --
 -- Example: reel query --store store "SELECT policy, max(length) AS longest FROM oscillations GROUP BY policy"
 WITH calls AS (
@@ -35,7 +35,7 @@ runs AS (
 )
 SELECT
   r.length, r.first_step, r.one, r.other,
-  e.policy, e.family, e.task_id, e.success, e.episode_id, e.trace_uri
+  e.policy, e.family, e.task_id, e.success, e.episode_id, e.trace
 FROM runs r
 JOIN episodes e ON e.episode_id = r.episode_id
 ORDER BY r.length DESC, e.policy, e.task_id, r.episode_id, r.first_step

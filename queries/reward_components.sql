@@ -17,7 +17,7 @@ WITH played AS (
 terms AS (
   SELECT e.policy, e.preset, r.component, r.value
   FROM rewards r
-  JOIN episodes e ON e.episode_id = r.episode_id AND e.preset = r.preset
+  JOIN episodes e ON e.episode_id = r.episode_id AND r.version IS NULL
 )
 SELECT
   t.policy, t.preset, t.component,

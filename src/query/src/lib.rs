@@ -20,7 +20,7 @@ use datafusion::{
     prelude::{SessionConfig, SessionContext},
     sql::parser::DFParser,
 };
-use reel_tables::{Store, Table, schema};
+use reel_tables::{Store, Table, views};
 use tokio::runtime::Runtime;
 
 pub use format::{Format, format};
@@ -28,13 +28,10 @@ pub use format::{Format, format};
 /// Memory that sorts, joins and aggregations of a query may take before they spill to disk, in bytes.
 const MEMORY_BYTES: usize = 1 << 30;
 
-/// Columns of an episode that stand in the view `steps` too.
-const EPISODE_COLUMNS_OF_STEPS: [&str; 5] = ["episode_id", "policy", "family", "task_id", "success"];
-
 /// A session over one store. Sees the store as it was when the session was made.
 pub struct Session {
     context: SessionContext,
-    runtime: Runtime,
+    runtime: Arc<Runtime>,
 }
 
 /// Why a query has no result.
@@ -52,9 +49,6 @@ pub enum QueryError {
     /// The result cannot be shown.
     #[error("cannot show the result: {0}")]
     Arrow(#[from] arrow::error::ArrowError),
-    /// The system gives no threads.
-    #[error("cannot start the query engine: {0}")]
-    Runtime(#[from] std::io::Error),
 }
 
 /// Runs one query over a store.
@@ -71,15 +65,19 @@ impl Session {
     /// # Errors
     /// When a file of the store cannot be opened.
     pub fn new(store: &Store) -> Result<Self, QueryError> {
-        let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+        let runtime = store.runtime();
         let environment = RuntimeEnvBuilder::new().with_memory_limit(MEMORY_BYTES, 1.0).build_arc()?;
         let config = SessionConfig::new().with_information_schema(true);
         let context = SessionContext::new_with_config_rt(config, environment);
+        let (root, objects) = store.objects();
+        context.register_object_store(&root, objects);
         for table in Table::ALL {
             context.register_table(table.name(), provider(store, table)?)?;
         }
         let session = Self { context, runtime };
-        session.view("steps", &steps_view())?;
+        for view in views() {
+            session.view(view.name, &view.sql)?;
+        }
         for query in named::ALL {
             session.view(query.name, query.sql)?;
         }
@@ -127,17 +125,10 @@ fn provider(store: &Store, table: Table) -> Result<Arc<dyn TableProvider>, Query
     if files.is_empty() {
         return Ok(Arc::new(EmptyTable::new(table.schema())));
     }
-    let urls = files.iter().map(|file| ListingTableUrl::parse(file.to_string_lossy())).collect::<Result<Vec<_>, _>>()?;
+    let urls = files.iter().map(|file| ListingTableUrl::parse(file)).collect::<Result<Vec<_>, _>>()?;
     let options = ListingOptions::new(Arc::new(ParquetFormat::default())).with_file_extension(".parquet");
     let config = ListingTableConfig::new_with_multi_paths(urls).with_listing_options(options).with_schema(table.schema());
     Ok(Arc::new(ListingTable::try_new(config)?))
-}
-
-/// The nested list `episodes.steps`, flat.
-fn steps_view() -> String {
-    let episode = EPISODE_COLUMNS_OF_STEPS.join(", ");
-    let step: Vec<String> = schema::STEP.iter().map(|column| format!("s['{0}'] AS {0}", column.name)).collect();
-    format!("SELECT {episode}, {} FROM (SELECT {episode}, unnest(steps) AS s FROM episodes)", step.join(", "))
 }
 
 /// The engine's own words, without its wrappers.

@@ -1,45 +1,71 @@
-//! A trace as rows: the values of every column of [`crate::schema`]. Arrow's own JSON decoder turns the rows into
-//! columns, strictly, so that a field here without a column there (or the reverse) is an error of every test.
+//! A trace as rows: the values of every column of [`crate::schema`]. `serde_arrow` turns the rows into columns, so that a
+//! field here without a column there (or the reverse) is an error of every test.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-use arrow::{array::RecordBatch, error::ArrowError, json::ReaderBuilder};
+use arrow::array::RecordBatch;
+
 use reel_trace::Trace;
 use reel_world::{
-    ErrorClass, GraphEvent, InstanceId, Task, ToolSpec, WorldGraph, canonical_json,
-    record::{EpisodeHeader, MarkerTarget, StepRecord},
+    ErrorClass, GraphEvent, InstanceId, Scene, Task, ToolSpec, WorldGraph, canonical_json,
+    record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject},
 };
 use serde::Serialize;
+use serde_arrow::ArrayBuilder;
 use serde_json::Value;
 
 use crate::Table;
 
-/// Step number of what was before the first decision.
-const BEFORE_THE_FIRST: i32 = -1;
+/// A row does not fit its columns.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct RowsError(#[from] serde_arrow::Error);
 
-/// The rows of one trace in one table.
-///
-/// # Errors
-/// When Arrow refuses a value, e.g. a number too large for its column.
-pub(crate) fn batch(trace: &Trace, table: Table) -> Result<RecordBatch, ArrowError> {
-    match table {
-        Table::Episodes => decode(table, &[episode(trace)]),
-        Table::WorldDiffs => decode(table, &world_diffs(trace)),
-        Table::Rewards => decode(table, &rewards(trace)),
-        Table::Tasks => decode(table, &[task(trace)]),
-        Table::Objects => decode(table, &objects(trace)),
-        Table::Markers => decode(table, &markers(trace)),
-        Table::VisibleObjects => decode(table, &visible_objects(trace)),
-        Table::Dialogue => decode(table, &dialogue(trace)),
+/// Rows of a table on their way into columns.
+pub(crate) struct Rows(ArrayBuilder);
+
+impl Rows {
+    pub(crate) fn new(table: Table) -> Result<Self, RowsError> {
+        Ok(Self(ArrayBuilder::from_arrow(table.schema().fields())?))
+    }
+
+    /// Adds the row of an episode. `modified_ns` is when the trace file was last written. After an error the rows are
+    /// of no use any more.
+    pub(crate) fn push_episode(&mut self, trace: &Trace, modified_ns: i64) -> Result<(), RowsError> {
+        Ok(self.0.push(episode(trace, modified_ns))?)
+    }
+
+    pub(crate) fn finish(self) -> Result<RecordBatch, RowsError> {
+        Ok(self.0.into_record_batch()?)
+    }
+
+    /// The row of a trace's task.
+    pub(crate) fn task(trace: &Trace) -> Result<RecordBatch, RowsError> {
+        Self::of(Table::Tasks, &[task(trace)])
+    }
+
+    /// The row of a trace's scene.
+    pub(crate) fn scene(trace: &Trace) -> Result<RecordBatch, RowsError> {
+        Self::of(Table::Scenes, &[scene(trace)])
+    }
+
+    /// Files with the reason why they were left out.
+    pub(crate) fn quarantine(files: &BTreeMap<String, String>) -> Result<RecordBatch, RowsError> {
+        let rows: Vec<QuarantineRow> = files.iter().map(|(trace, reason)| QuarantineRow { trace, reason }).collect();
+        Self::of(Table::Quarantine, &rows)
+    }
+
+    fn of<R: Serialize>(table: Table, rows: &[R]) -> Result<RecordBatch, RowsError> {
+        let mut builder = Self::new(table)?;
+        builder.0.extend(rows)?;
+        builder.finish()
     }
 }
 
-fn decode<R: Serialize>(table: Table, rows: &[R]) -> Result<RecordBatch, ArrowError> {
-    let schema = table.schema();
-    let size = rows.len().max(1);
-    let mut decoder = ReaderBuilder::new(schema.clone()).with_strict_mode(true).with_batch_size(size).build_decoder()?;
-    decoder.serialize(rows)?;
-    Ok(decoder.flush()?.unwrap_or_else(|| RecordBatch::new_empty(schema)))
+#[derive(Serialize)]
+struct QuarantineRow<'a> {
+    trace: &'a str,
+    reason: &'a str,
 }
 
 #[derive(Serialize)]
@@ -50,12 +76,13 @@ struct Episode<'a> {
     rollout_index: Option<u32>,
     task_id: &'a str,
     task_digest: String,
+    scene_digest: String,
     family: &'static str,
     task_type: Option<&'a str>,
     scene_id: &'a str,
     policy: &'a str,
     checkpoint: Option<&'a str>,
-    seed: u64,
+    seed: String,
     profile: &'static str,
     preset: &'a str,
     sim_version: u32,
@@ -79,13 +106,18 @@ struct Episode<'a> {
     dest: &'a str,
     shortest_path_m: Option<f64>,
     path_length_m: f64,
-    trace_uri: String,
+    parent_trace: Option<String>,
+    parent_call: Option<u32>,
+    start_changes: Vec<Change>,
+    start_objects: Vec<Visible<'a>>,
+    trace: String,
     trace_digest: String,
     trace_bytes: u64,
+    trace_modified_ns: i64,
     steps: Vec<Step<'a>>,
 }
 
-fn episode(trace: &Trace) -> Episode<'_> {
+fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
     let Trace { header, task, start, end, .. } = trace;
     let target = task.object(&task.target);
     let metrics = end.as_ref().map(|end| &end.metrics);
@@ -97,12 +129,13 @@ fn episode(trace: &Trace) -> Episode<'_> {
         rollout_index: header.rollout_index,
         task_id: &header.task_id,
         task_digest: header.task_digest.to_string(),
+        scene_digest: header.scene_digest.to_string(),
         family: header.family.as_str(),
         task_type: task.task_type.as_deref(),
         scene_id: &header.scene_id,
         policy: &header.policy.name,
         checkpoint: header.policy.checkpoint.as_deref(),
-        seed: header.seed,
+        seed: header.seed.to_string(),
         profile: header.profile.as_str(),
         preset: &header.reward_preset,
         sim_version: header.sim_version,
@@ -126,9 +159,14 @@ fn episode(trace: &Trace) -> Episode<'_> {
         dest: task.dest.as_str(),
         shortest_path_m: start.shortest_path_m.map(f64::from),
         path_length_m: last_robot.path_length_m.into(),
-        trace_uri: trace.path.display().to_string(),
+        parent_trace: header.parent.as_ref().map(|parent| parent.trace.to_string()),
+        parent_call: header.parent.as_ref().map(|parent| parent.call),
+        start_changes: start_changes(task, &start.graphs),
+        start_objects: start.visible.iter().map(visible).collect(),
+        trace: trace.path.display().to_string(),
         trace_digest: trace.chain().to_string(),
         trace_bytes: trace.bytes,
+        trace_modified_ns: modified_ns,
         steps: steps(trace),
     }
 }
@@ -164,6 +202,14 @@ struct Step<'a> {
     question: Option<String>,
     reply: Option<&'a str>,
     reply_source: Option<Value>,
+    raw: Option<&'a str>,
+    tokens_read: Option<u32>,
+    tokens_written: Option<u32>,
+    new_objects: Vec<&'a str>,
+    changes: Vec<Change>,
+    terms: Vec<Term<'a>>,
+    marker_map: Vec<MarkerRow<'a>>,
+    visible_objects: Vec<Visible<'a>>,
     state_digest: String,
     chain_digest: String,
     trace_offset: u64,
@@ -175,8 +221,8 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
     let mut seen: BTreeSet<&InstanceId> = trace.start.visible.iter().map(|visible| &visible.object).collect();
     let mut rows = Vec::with_capacity(trace.steps.len());
     for record in &trace.steps {
-        seen.extend(record.visible.iter().map(|visible| &visible.object));
-        seen.extend(&record.listed);
+        let shown = record.visible.iter().map(|visible| &visible.object).chain(&record.listed);
+        let new_objects = shown.filter(|object| seen.insert(*object)).map(InstanceId::as_str).collect();
         let policy = record.input.policy.as_ref();
         rows.push(Step {
             step: record.step,
@@ -211,6 +257,14 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             question: question(record),
             reply: record.reply.as_ref().map(|reply| reply.text.as_str()),
             reply_source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
+            raw: policy.and_then(|policy| said(&policy.raw)),
+            tokens_read: policy.and_then(|policy| policy.tokens).map(|[read, _]| read),
+            tokens_written: policy.and_then(|policy| policy.tokens).map(|[_, written]| written),
+            new_objects,
+            changes: changes(&record.changes),
+            terms: record.reward.iter().map(term).collect(),
+            marker_map: record.markers.iter().map(marker).collect(),
+            visible_objects: record.visible.iter().map(visible).collect(),
             state_digest: record.digests.state.to_string(),
             chain_digest: record.digests.chain.to_string(),
             trace_offset: trace.offset(record.step),
@@ -262,68 +316,83 @@ fn question(record: &StepRecord) -> Option<String> {
 }
 
 #[derive(Serialize)]
-struct WorldDiff<'a> {
-    episode_id: &'a str,
-    step: u32,
+struct Change {
     authority: &'static str,
     event: &'static str,
-    object: Option<&'a str>,
+    object: Option<String>,
     asset: Option<String>,
-    receptacle: &'a str,
+    receptacle: String,
     door_from: Option<String>,
     door_to: Option<String>,
 }
 
-fn world_diffs(trace: &Trace) -> Vec<WorldDiff<'_>> {
-    let mut rows = Vec::new();
-    for record in &trace.steps {
-        for (authority, events) in [("physics", &record.changes.physics), ("registry", &record.changes.registry)] {
-            for event in events {
-                let (name, receptacle, doors) = match event {
-                    GraphEvent::Add { receptacle, .. } => ("add", receptacle, None),
-                    GraphEvent::Remove { receptacle, .. } => ("remove", receptacle, None),
-                    GraphEvent::Door { receptacle, from, to } => ("door", receptacle, Some((from, to))),
-                };
-                rows.push(WorldDiff {
-                    episode_id: &trace.header.episode_id,
-                    step: record.step,
-                    authority,
-                    event: name,
-                    object: event.object().map(InstanceId::as_str),
-                    asset: event.object().map(|object| object.asset().into()),
-                    receptacle: receptacle.as_str(),
-                    door_from: doors.map(|(from, _)| from.to_string()),
-                    door_to: doors.map(|(_, to)| to.to_string()),
-                });
-            }
-        }
+fn changes(changes: &GraphChanges) -> Vec<Change> {
+    let physics = changes.physics.iter().map(|event| change("physics", event));
+    physics.chain(changes.registry.iter().map(|event| change("registry", event))).collect()
+}
+
+/// How the graphs after settling differ from the task's.
+fn start_changes(task: &Task, graphs: &Graphs) -> Vec<Change> {
+    let physics = graphs.physics.difference(&task.initial);
+    changes(&GraphChanges { physics, registry: graphs.registry.difference(&task.initial) })
+}
+
+fn change(authority: &'static str, event: &GraphEvent) -> Change {
+    let (name, doors) = match event {
+        GraphEvent::Add { .. } => ("add", None),
+        GraphEvent::Remove { .. } => ("remove", None),
+        GraphEvent::Door { from, to, .. } => ("door", Some((from, to))),
+    };
+    Change {
+        authority,
+        event: name,
+        object: event.object().map(|object| object.as_str().to_owned()),
+        asset: event.object().map(|object| object.asset().into()),
+        receptacle: event.receptacle().as_str().to_owned(),
+        door_from: doors.map(|(from, _)| from.to_string()),
+        door_to: doors.map(|(_, to)| to.to_string()),
     }
-    rows
 }
 
 #[derive(Serialize)]
-struct Reward<'a> {
-    episode_id: &'a str,
-    step: u32,
-    preset: &'a str,
+struct Term<'a> {
     component: &'a str,
     value: f64,
     reason: &'a str,
 }
 
-fn rewards(trace: &Trace) -> Vec<Reward<'_>> {
-    let EpisodeHeader { episode_id, reward_preset, .. } = &trace.header;
-    let terms = trace.steps.iter().flat_map(|record| record.reward.iter().map(|term| (record.step, term)));
-    terms
-        .map(|(step, term)| Reward {
-            episode_id,
-            step,
-            preset: reward_preset,
-            component: &term.component,
-            value: term.value,
-            reason: &term.reason,
-        })
-        .collect()
+fn term(term: &RewardTerm) -> Term<'_> {
+    Term { component: &term.component, value: term.value, reason: &term.reason }
+}
+
+#[derive(Serialize)]
+struct MarkerRow<'a> {
+    marker: u32,
+    kind: &'static str,
+    id: &'a str,
+}
+
+fn marker(marker: &Marker) -> MarkerRow<'_> {
+    let (kind, id) = match &marker.target {
+        MarkerTarget::Object(id) => ("object", id.as_str()),
+        MarkerTarget::Receptacle(id) => ("receptacle", id.as_str()),
+    };
+    MarkerRow { marker: marker.id, kind, id }
+}
+
+#[derive(Serialize)]
+struct Visible<'a> {
+    object: &'a str,
+    pixels: u32,
+    x_min: u16,
+    y_min: u16,
+    x_max: u16,
+    y_max: u16,
+}
+
+fn visible(visible: &VisibleObject) -> Visible<'_> {
+    let VisibleObject { object, pixels, bbox: [x_min, y_min, x_max, y_max] } = visible;
+    Visible { object: object.as_str(), pixels: *pixels, x_min: *x_min, y_min: *y_min, x_max: *x_max, y_max: *y_max }
 }
 
 #[derive(Serialize)]
@@ -347,7 +416,9 @@ struct TaskRow<'a> {
     dest_distractors: Vec<&'a str>,
     object_distractors: Vec<&'a str>,
     goal_changes: Vec<String>,
-    objects: usize,
+    object_count: usize,
+    objects: Vec<ObjectRow<'a>>,
+    task: String,
 }
 
 fn task(trace: &Trace) -> TaskRow<'_> {
@@ -373,14 +444,14 @@ fn task(trace: &Trace) -> TaskRow<'_> {
         dest_distractors: task.dest_distractors.iter().map(|id| id.as_str()).collect(),
         object_distractors: task.object_distractors.iter().map(|id| id.as_str()).collect(),
         goal_changes: task.goal_changes().iter().map(ToString::to_string).collect(),
-        objects: task.objects.len(),
+        object_count: task.objects.len(),
+        objects: objects(task),
+        task: canonical_json(task),
     }
 }
 
 #[derive(Serialize)]
 struct ObjectRow<'a> {
-    task_id: &'a str,
-    task_digest: String,
     instance: &'a str,
     asset: &'a str,
     category: &'a str,
@@ -399,14 +470,10 @@ struct AttributeWord<'a> {
     word: &'a str,
 }
 
-fn objects(trace: &Trace) -> Vec<ObjectRow<'_>> {
-    trace
-        .task
-        .objects
+fn objects(task: &Task) -> Vec<ObjectRow<'_>> {
+    task.objects
         .iter()
         .map(|object| ObjectRow {
-            task_id: &trace.task.task_id,
-            task_digest: trace.header.task_digest.to_string(),
             instance: object.instance.as_str(),
             asset: object.asset.as_str(),
             category: &object.category,
@@ -420,83 +487,50 @@ fn objects(trace: &Trace) -> Vec<ObjectRow<'_>> {
             depth_m: object.size[1],
             height_m: object.size[2],
             receptacle: object.receptacle.as_str(),
-            role: role(&trace.task, &object.instance),
+            role: role(task, &object.instance),
         })
         .collect()
 }
 
 #[derive(Serialize)]
-struct MarkerRow<'a> {
-    episode_id: &'a str,
-    step: u32,
-    marker: u32,
-    kind: &'static str,
-    id: &'a str,
-}
-
-fn markers(trace: &Trace) -> Vec<MarkerRow<'_>> {
-    let all = trace.steps.iter().flat_map(|record| record.markers.iter().map(|marker| (record.step, marker)));
-    all.map(|(step, marker)| {
-        let (kind, id) = match &marker.target {
-            MarkerTarget::Object(id) => ("object", id.as_str()),
-            MarkerTarget::Receptacle(id) => ("receptacle", id.as_str()),
-        };
-        MarkerRow { episode_id: &trace.header.episode_id, step, marker: marker.id, kind, id }
-    })
-    .collect()
+struct SceneRow<'a> {
+    scene_digest: String,
+    scene_id: &'a str,
+    rooms: Vec<&'a str>,
+    receptacles: Vec<ReceptacleRow<'a>>,
+    scene: String,
 }
 
 #[derive(Serialize)]
-struct VisibleRow<'a> {
-    episode_id: &'a str,
-    step: i32,
-    object: &'a str,
-    pixels: u32,
-    x_min: u16,
-    y_min: u16,
-    x_max: u16,
-    y_max: u16,
+struct ReceptacleRow<'a> {
+    receptacle: &'a str,
+    category: &'a str,
+    room: &'a str,
+    has_door: bool,
+    placeable: bool,
+    captions: Vec<&'a str>,
 }
 
-fn visible_objects(trace: &Trace) -> Vec<VisibleRow<'_>> {
-    let step_number = |record: &StepRecord| i32::try_from(record.step).unwrap_or(i32::MAX);
-    let start = trace.start.visible.iter().map(|visible| (BEFORE_THE_FIRST, visible));
-    let later = trace.steps.iter().flat_map(|record| record.visible.iter().map(move |visible| (step_number(record), visible)));
-    start
-        .chain(later)
-        .map(|(step, visible)| VisibleRow {
-            episode_id: &trace.header.episode_id,
-            step,
-            object: visible.object.as_str(),
-            pixels: visible.pixels,
-            x_min: visible.bbox[0],
-            y_min: visible.bbox[1],
-            x_max: visible.bbox[2],
-            y_max: visible.bbox[3],
-        })
-        .collect()
-}
-
-#[derive(Serialize)]
-struct DialogueRow<'a> {
-    episode_id: &'a str,
-    step: u32,
-    question: String,
-    reply: Option<&'a str>,
-    source: Option<Value>,
-}
-
-fn dialogue(trace: &Trace) -> Vec<DialogueRow<'_>> {
-    let asked = trace.steps.iter().filter_map(|record| Some((record, question(record)?)));
-    asked
-        .map(|(record, question)| DialogueRow {
-            episode_id: &trace.header.episode_id,
-            step: record.step,
-            question,
-            reply: record.reply.as_ref().map(|reply| reply.text.as_str()),
-            source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
-        })
-        .collect()
+fn scene(trace: &Trace) -> SceneRow<'_> {
+    let scene: &Scene = &trace.scene;
+    SceneRow {
+        scene_digest: trace.header.scene_digest.to_string(),
+        scene_id: &scene.scene_id,
+        rooms: scene.rooms.iter().map(|room| room.name.as_str()).collect(),
+        receptacles: scene
+            .receptacles
+            .iter()
+            .map(|receptacle| ReceptacleRow {
+                receptacle: receptacle.id.as_str(),
+                category: &receptacle.category,
+                room: &receptacle.room,
+                has_door: receptacle.door.exists(),
+                placeable: receptacle.placeable,
+                captions: receptacle.captions.keys().map(String::as_str).collect(),
+            })
+            .collect(),
+        scene: canonical_json(scene),
+    }
 }
 
 /// An enum of ours as the word it has in JSON.

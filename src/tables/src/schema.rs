@@ -1,29 +1,26 @@
 //! The tables' columns with their types and meanings: the one source of the Arrow schemas and of `schemas/tables.md`.
 //! Knows no rows and no files.
+//!
+//! What belongs to an episode is nested in its row, so that an episode appears and disappears as a whole; the flat forms are
+//! views ([`View`]).
 
-use std::sync::Arc;
+use std::{fmt::Write as _, sync::Arc};
 
 use arrow::datatypes::{DataType, Field, Fields, Schema, SchemaRef};
 
-/// A table.
+/// A stored table.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub enum Table {
     /// One row an episode, its steps nested.
     Episodes,
-    /// Changes of the world graph, by both authorities.
-    WorldDiffs,
-    /// Reward terms.
-    Rewards,
-    /// One row a task.
+    /// One row a task, its objects nested.
     Tasks,
-    /// The objects of the tasks.
-    Objects,
-    /// What the marker numbers stood for.
-    Markers,
-    /// What the camera saw.
-    VisibleObjects,
-    /// Questions to the user and the replies.
-    Dialogue,
+    /// One row a scene, its receptacles nested.
+    Scenes,
+    /// Rewards that were recomputed, one row an episode and version of a preset.
+    Rescored,
+    /// Files that were left out.
+    Quarantine,
 }
 
 /// A column: its name, type, whether it may be null, and what it says.
@@ -50,7 +47,7 @@ pub enum Kind {
     Int,
     /// 64-bit signed integer.
     Long,
-    /// 64-bit unsigned integer.
+    /// 64-bit unsigned integer; a decimal of 20 digits, because Delta Lake knows no unsigned numbers.
     Unsigned,
     /// 64-bit float.
     Float,
@@ -69,6 +66,41 @@ const fn must(name: &'static str, kind: Kind, meaning: &'static str) -> Column {
 const fn may(name: &'static str, kind: Kind, meaning: &'static str) -> Column {
     Column { name, kind, nullable: true, meaning }
 }
+
+/// A change of a world graph.
+const CHANGE: &[Column] = &[
+    must("authority", Text, "whose graph changed: `physics` or `registry`"),
+    must("event", Text, "`add`, `remove` or `door`"),
+    may("object", Text, "instance that came or left"),
+    may("asset", Text, "its asset"),
+    must("receptacle", Text, "where; `floor` is a place"),
+    may("door_from", Text, "door before: `open` or `closed`"),
+    may("door_to", Text, "door after"),
+];
+
+/// A term of a reward.
+const TERM: &[Column] = &[
+    must("component", Text, "`task`, `prog`, `phys`, `ask`, `time`, `safe` in preset `paper`"),
+    must("value", Float, "the term"),
+    must("reason", Text, "which event or rule gave it"),
+];
+
+/// A number of the marker map.
+const MARKER: &[Column] = &[
+    must("marker", Int, "the number"),
+    must("kind", Text, "`object` or `receptacle`"),
+    must("id", Text, "instance or receptacle"),
+];
+
+/// An object in a picture.
+const VISIBLE: &[Column] = &[
+    must("object", Text, "instance"),
+    must("pixels", Int, "how many pixels of it are seen"),
+    must("x_min", Int, "bounding box, pixels from the left, inclusive"),
+    must("y_min", Int, "pixels from the top"),
+    must("x_max", Int, "inclusive"),
+    must("y_max", Int, "inclusive"),
+];
 
 /// Columns of a step, nested in [`Table::Episodes`] and flat in the view `steps`.
 pub const STEP: &[Column] = &[
@@ -105,6 +137,14 @@ pub const STEP: &[Column] = &[
     may("question", Text, "what an `ask` asked"),
     may("reply", Text, "what the user answered"),
     may("reply_source", Text, "who answered: `rule-based`, `model`, `human`"),
+    may("raw", Text, "the policy's output as it came"),
+    may("tokens_read", Int, "tokens that the model read"),
+    may("tokens_written", Int, "tokens that it wrote"),
+    must("new_objects", List(&Text), "instances seen or listed for the first time"),
+    must("changes", List(&Struct(CHANGE)), "changes of the world graphs; the view `world_diffs`"),
+    must("terms", List(&Struct(TERM)), "reward terms under the episode's preset that are not zero; the view `rewards`"),
+    must("marker_map", List(&Struct(MARKER)), "what the numbers stood for after the call; the view `markers`"),
+    must("visible_objects", List(&Struct(VISIBLE)), "what the camera saw; the view `visible_objects`"),
     must("state_digest", Text, "digest of the simulator state after the call"),
     must("chain_digest", Text, "hash chain up to this step"),
     must("trace_offset", Long, "byte of the trace file at which the step's first message stands"),
@@ -117,6 +157,7 @@ const EPISODES: &[Column] = &[
     may("rollout_index", Int, "index in that group"),
     must("task_id", Text, "the task"),
     must("task_digest", Text, "joins `tasks` and `objects`"),
+    must("scene_digest", Text, "joins `scenes`"),
     must("family", Text, "`FDP`, `FODP`, `FDO`, `SUL`"),
     may("task_type", Text, "e.g. `store`"),
     must("scene_id", Text, "the scene"),
@@ -146,31 +187,33 @@ const EPISODES: &[Column] = &[
     must("dest", Text, "receptacle it shall go to"),
     may("shortest_path_m", Float, "shortest base path start, source, destination, metres"),
     must("path_length_m", Float, "path the base drove, metres"),
-    must("trace_uri", Text, "the trace file, as it was given to `ingest`"),
+    may("parent_trace", Text, "digest of the trace this one branches from"),
+    may("parent_call", Int, "first call that differs from the parent's"),
+    must("start_changes", List(&Struct(CHANGE)), "how the graphs after settling differ from the task's"),
+    must("start_objects", List(&Struct(VISIBLE)), "what the camera saw before the first decision"),
+    must("trace", Text, "the trace file: what `replay`, `reward` and `frame` take"),
     must("trace_digest", Text, "the trace's chain digest"),
     must("trace_bytes", Long, "size of the trace file"),
+    must("trace_modified_ns", Long, "when it was last written, nanoseconds since 1970; ingest skips files that are as they were"),
     must("steps", List(&Struct(STEP)), "the decisions in order"),
 ];
 
-const WORLD_DIFFS: &[Column] = &[
-    must("episode_id", Text, "the episode"),
-    must("step", Int, "the decision"),
-    must("authority", Text, "whose graph changed: `physics` or `registry`"),
-    must("event", Text, "`add`, `remove` or `door`"),
-    may("object", Text, "instance that came or left"),
-    may("asset", Text, "its asset"),
-    must("receptacle", Text, "where; `floor` is a place"),
-    may("door_from", Text, "door before: `open` or `closed`"),
-    may("door_to", Text, "door after"),
-];
-
-const REWARDS: &[Column] = &[
-    must("episode_id", Text, "the episode"),
-    must("step", Int, "the decision"),
-    must("preset", Text, "reward preset"),
-    must("component", Text, "`task`, `prog`, `phys`, `ask`, `time`, `safe`"),
-    must("value", Float, "the term"),
-    must("reason", Text, "which event or rule gave it"),
+/// An object of a task.
+const OBJECT: &[Column] = &[
+    must("instance", Text, "the object's key"),
+    must("asset", Text, "its asset"),
+    must("category", Text, "e.g. `alarm clock`"),
+    may("caption", Text, "how people would describe it"),
+    must(
+        "attributes",
+        List(&Struct(&[must("kind", Text, "e.g. `colour`"), must("word", Text, "e.g. `red`")])),
+        "attribute words",
+    ),
+    must("width_m", Float, "along x at rest, metres"),
+    must("depth_m", Float, "along y at rest, metres"),
+    must("height_m", Float, "along z at rest, metres"),
+    must("receptacle", Text, "where it is placed"),
+    must("role", Text, "`target`, `distractor` (one of the task's object distractors, or of the target's category) or `other`"),
 ];
 
 const TASKS: &[Column] = &[
@@ -193,93 +236,71 @@ const TASKS: &[Column] = &[
     must("dest_distractors", List(&Text), "receptacles like the destination"),
     must("object_distractors", List(&Text), "assets like the target"),
     must("goal_changes", List(&Text), "what must change, as in the paper: `+object@receptacle`"),
-    must("objects", Int, "how many objects there are"),
+    must("object_count", Int, "how many objects there are"),
+    must("objects", List(&Struct(OBJECT)), "the objects; the view `objects`"),
+    must("task", Text, "the whole task as JSON"),
 ];
 
-const OBJECTS: &[Column] = &[
-    must("task_id", Text, "the task"),
-    must("task_digest", Text, "joins `tasks` and `episodes`"),
-    must("instance", Text, "the object's key"),
-    must("asset", Text, "its asset"),
-    must("category", Text, "e.g. `alarm clock`"),
-    may("caption", Text, "how people would describe it"),
-    must(
-        "attributes",
-        List(&Struct(&[must("kind", Text, "e.g. `colour`"), must("word", Text, "e.g. `red`")])),
-        "attribute words",
-    ),
-    must("width_m", Float, "along x at rest, metres"),
-    must("depth_m", Float, "along y at rest, metres"),
-    must("height_m", Float, "along z at rest, metres"),
-    must("receptacle", Text, "where it is placed"),
-    must("role", Text, "`target`, `distractor` (one of the task's object distractors, or of the target's category) or `other`"),
+/// A receptacle of a scene.
+const RECEPTACLE: &[Column] = &[
+    must("receptacle", Text, "e.g. `table_1`"),
+    must("category", Text, "e.g. `table`"),
+    must("room", Text, "its room"),
+    must("has_door", Flag, "whether it can be opened"),
+    must("placeable", Flag, "whether it may be placed upon"),
+    must("captions", List(&Text), "how people call it"),
 ];
 
-const MARKERS: &[Column] = &[
+const SCENES: &[Column] = &[
+    must("scene_digest", Text, "digest of the scene's canonical JSON; the key"),
+    must("scene_id", Text, "its name"),
+    must("rooms", List(&Text), "its rooms"),
+    must("receptacles", List(&Struct(RECEPTACLE)), "its furniture"),
+    must("scene", Text, "the whole scene as JSON"),
+];
+
+/// A term of a recomputed reward.
+const STEP_TERM: &[Column] =
+    &[must("step", Int, "the decision"), must("component", Text, "as the preset names it"), must("value", Float, "the term")];
+
+const RESCORED: &[Column] = &[
     must("episode_id", Text, "the episode"),
-    must("step", Int, "the decision after which the map held"),
-    must("marker", Int, "the number"),
-    must("kind", Text, "`object` or `receptacle`"),
-    must("id", Text, "instance or receptacle"),
+    must("trace_digest", Text, "of the trace that was scored"),
+    must("preset", Text, "name of the preset"),
+    must("version", Text, "digest of the preset's content"),
+    must("success", Flag, "SR by the preset's authority"),
+    must("completion", Float, "CR by the preset's authority"),
+    must("total_reward", Float, "cumulative reward, undiscounted"),
+    must("discounted_return", Float, "discounted by 0.99 a step"),
+    must("terms", List(&Struct(STEP_TERM)), "the terms that are not zero, in order"),
 ];
 
-const VISIBLE_OBJECTS: &[Column] = &[
-    must("episode_id", Text, "the episode"),
-    must("step", Int, "the decision after which the picture was taken; -1: before the first"),
-    must("object", Text, "instance"),
-    must("pixels", Int, "how many pixels of it are seen"),
-    must("x_min", Int, "bounding box, pixels from the left, inclusive"),
-    must("y_min", Int, "pixels from the top"),
-    must("x_max", Int, "inclusive"),
-    must("y_max", Int, "inclusive"),
-];
-
-const DIALOGUE: &[Column] = &[
-    must("episode_id", Text, "the episode"),
-    must("step", Int, "the decision"),
-    must("question", Text, "what was asked"),
-    may("reply", Text, "the answer; null: nobody answered"),
-    may("source", Text, "who answered: `rule-based`, `model`, `human`"),
-];
+const QUARANTINE: &[Column] =
+    &[must("trace", Text, "the file"), must("reason", Text, "why it was left out; gone as soon as the file is read whole")];
 
 impl Table {
     /// Every table, in the order of the documents.
-    pub const ALL: [Table; 8] = [
-        Table::Episodes,
-        Table::WorldDiffs,
-        Table::Rewards,
-        Table::Tasks,
-        Table::Objects,
-        Table::Markers,
-        Table::VisibleObjects,
-        Table::Dialogue,
-    ];
+    pub const ALL: [Table; 5] = [Table::Episodes, Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine];
 
     /// Its name in SQL and as a folder.
     pub fn name(self) -> &'static str {
         match self {
             Table::Episodes => "episodes",
-            Table::WorldDiffs => "world_diffs",
-            Table::Rewards => "rewards",
             Table::Tasks => "tasks",
-            Table::Objects => "objects",
-            Table::Markers => "markers",
-            Table::VisibleObjects => "visible_objects",
-            Table::Dialogue => "dialogue",
+            Table::Scenes => "scenes",
+            Table::Rescored => "rescored",
+            Table::Quarantine => "quarantine",
         }
     }
 
     /// What a row is.
     pub fn meaning(self) -> &'static str {
         match self {
-            Table::Episodes => "One row an episode, its steps nested.",
-            Table::WorldDiffs => "One row a change of a world graph (moving an object gives two).",
-            Table::Rewards => "One row a reward term that is not zero.",
+            Table::Episodes => "One row an episode, all that belongs to it nested.",
             Table::Tasks => "One row a task, however many episodes play it.",
-            Table::Objects => "One row an object of a task.",
-            Table::Markers => "One row a number of the marker map after a call.",
-            Table::VisibleObjects => "One row an object in a picture.",
-            Table::Dialogue => "One row a question.",
+            Table::Scenes => "One row a scene.",
+            Table::Rescored => "One row an episode and version of a preset, written by `reel reward`.",
+            Table::Quarantine => "One row a file that `reel ingest` left out.",
         }
     }
 
@@ -287,13 +308,10 @@ impl Table {
     pub fn columns(self) -> &'static [Column] {
         match self {
             Table::Episodes => EPISODES,
-            Table::WorldDiffs => WORLD_DIFFS,
-            Table::Rewards => REWARDS,
             Table::Tasks => TASKS,
-            Table::Objects => OBJECTS,
-            Table::Markers => MARKERS,
-            Table::VisibleObjects => VISIBLE_OBJECTS,
-            Table::Dialogue => DIALOGUE,
+            Table::Scenes => SCENES,
+            Table::Rescored => RESCORED,
+            Table::Quarantine => QUARANTINE,
         }
     }
 
@@ -301,12 +319,95 @@ impl Table {
     pub fn schema(self) -> SchemaRef {
         Arc::new(Schema::new(fields(self.columns())))
     }
-
-    /// Whether its rows belong to a task (and are stored once a task) rather than to an episode.
-    pub fn is_by_task(self) -> bool {
-        matches!(self, Table::Tasks | Table::Objects)
-    }
 }
+
+/// A flat form of what is nested in a table.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Its name in SQL.
+    pub name: &'static str,
+    /// What a row is.
+    pub meaning: &'static str,
+    /// The query.
+    pub sql: String,
+}
+
+/// The flat views, in the order of the documents.
+pub fn views() -> Vec<View> {
+    let view = |name, meaning, sql| View { name, meaning, sql };
+    // what one of the step's lists holds, a row each
+    let of_steps = |list: &str, columns: &[Column]| {
+        format!(
+            "SELECT episode_id, step, {} FROM (SELECT episode_id, s['step'] AS step, unnest(s['{list}']) AS item \
+             FROM (SELECT episode_id, unnest(steps) AS s FROM episodes))",
+            flat("item", columns)
+        )
+    };
+    vec![
+        view(
+            "steps",
+            "One row a decision: `episode_id, policy, family, task_id, success` and the columns of a step.",
+            format!(
+                "SELECT episode_id, policy, family, task_id, success, {} \
+                 FROM (SELECT episode_id, policy, family, task_id, success, unnest(steps) AS s FROM episodes)",
+                flat("s", STEP)
+            ),
+        ),
+        view(
+            "world_diffs",
+            "`episode_id`, `step` and the columns of a change; moving an object gives two rows.",
+            of_steps("changes", CHANGE),
+        ),
+        view(
+            "rewards",
+            "`episode_id, preset, version, step, component, value, reason`: reward terms that are not zero, as recorded \
+             (`version` null) and as recomputed.",
+            "SELECT episode_id, preset, CAST(NULL AS VARCHAR) AS version, step, t['component'] AS component, \
+             t['value'] AS value, t['reason'] AS reason \
+             FROM (SELECT episode_id, preset, s['step'] AS step, unnest(s['terms']) AS t \
+             FROM (SELECT episode_id, preset, unnest(steps) AS s FROM episodes)) \
+             UNION ALL SELECT episode_id, preset, version, t['step'], t['component'], t['value'], '' \
+             FROM (SELECT episode_id, preset, version, unnest(terms) AS t FROM rescored)"
+                .into(),
+        ),
+        view(
+            "objects",
+            "`task_id`, `task_digest` and the columns of an object.",
+            format!(
+                "SELECT task_id, task_digest, {} FROM (SELECT task_id, task_digest, unnest(objects) AS o FROM tasks)",
+                flat("o", OBJECT)
+            ),
+        ),
+        view("markers", "`episode_id`, `step` and the columns of a marker.", of_steps("marker_map", MARKER)),
+        view(
+            "visible_objects",
+            "`episode_id`, `step` and the columns of a visible object; step -1 is before the first decision.",
+            format!(
+                "{} UNION ALL SELECT episode_id, CAST(-1 AS INT), {} \
+                 FROM (SELECT episode_id, unnest(start_objects) AS item FROM episodes)",
+                of_steps("visible_objects", VISIBLE),
+                flat("item", VISIBLE)
+            ),
+        ),
+        view(
+            "dialogue",
+            "`episode_id, step, question, reply, source`: one row a question.",
+            "SELECT episode_id, s['step'] AS step, s['question'] AS question, s['reply'] AS reply, \
+             s['reply_source'] AS source FROM (SELECT episode_id, unnest(steps) AS s FROM episodes) \
+             WHERE s['question'] IS NOT NULL"
+                .into(),
+        ),
+    ]
+}
+
+/// The fields of a struct as columns of their own.
+fn flat(of: &str, columns: &[Column]) -> String {
+    let column = |column: &Column| format!("{of}['{0}'] AS {0}", column.name);
+    columns.iter().map(column).collect::<Vec<_>>().join(", ")
+}
+
+/// Delta Lake's name for what a list holds.
+const LIST_ITEM: &str = "element";
 
 fn fields(columns: &[Column]) -> Fields {
     columns.iter().map(|column| Field::new(column.name, data_type(column.kind), column.nullable)).collect()
@@ -318,9 +419,9 @@ fn data_type(kind: Kind) -> DataType {
         Flag => DataType::Boolean,
         Int => DataType::Int32,
         Long => DataType::Int64,
-        Unsigned => DataType::UInt64,
+        Unsigned => DataType::Decimal128(20, 0),
         Float => DataType::Float64,
-        List(item) => DataType::List(Arc::new(Field::new("item", data_type(*item), false))),
+        List(item) => DataType::List(Arc::new(Field::new(LIST_ITEM, data_type(*item), false))),
         Struct(columns) => DataType::Struct(fields(columns)),
     }
 }
@@ -328,16 +429,38 @@ fn data_type(kind: Kind) -> DataType {
 /// The tables as a Markdown page: `schemas/tables.md`.
 pub fn document() -> String {
     let mut page = String::from(
-        "# Tables\n\nWritten by `reel ingest`, asked by `reel query`. Parquet (zstd), one folder a table. The view `steps` is the \
-         nested list\n`episodes.steps`, flat: `episode_id, policy, family, task_id, success` and the columns of a step.\n",
+        "# Tables\n\nWritten by `reel ingest`, asked by `reel query`. Delta Lake (Parquet with zstd), one folder a table.\nWhat \
+         belongs to an episode is nested in its row; the views below are its flat forms.\n",
     );
     for table in Table::ALL {
-        page.push_str(&format!("\n## `{}`\n{}\n\n", table.name(), table.meaning()));
+        let _ = write!(page, "\n## `{}`\n{}\n\n", table.name(), table.meaning());
         document_columns(table.columns(), &mut page);
     }
-    page.push_str("\n## A step (`episodes.steps`, view `steps`)\n\n");
-    document_columns(STEP, &mut page);
+    for (title, columns) in NESTED {
+        let _ = write!(page, "\n## {title}\n\n");
+        document_columns(columns, &mut page);
+    }
+    page.push_str("\n## Views\n\n| view | rows |\n|---|---|\n");
+    for view in views() {
+        let _ = writeln!(page, "| `{}` | {} |", view.name, view.meaning);
+    }
     page
+}
+
+/// Nested structs with a section of their own.
+const NESTED: [(&str, &[Column]); 8] = [
+    ("A step (`episodes.steps`, view `steps`)", STEP),
+    ("A change (`steps.changes`, `episodes.start_changes`, view `world_diffs`)", CHANGE),
+    ("A reward term (`steps.terms`, view `rewards`)", TERM),
+    ("A marker (`steps.marker_map`, view `markers`)", MARKER),
+    ("A visible object (`steps.visible_objects`, `episodes.start_objects`, view `visible_objects`)", VISIBLE),
+    ("An object (`tasks.objects`, view `objects`)", OBJECT),
+    ("A receptacle (`scenes.receptacles`)", RECEPTACLE),
+    ("A recomputed term (`rescored.terms`, view `rewards`)", STEP_TERM),
+];
+
+fn has_section(columns: &[Column]) -> bool {
+    NESTED.iter().any(|(_, nested)| nested.iter().map(|column| column.name).eq(columns.iter().map(|column| column.name)))
 }
 
 fn document_columns(columns: &[Column], page: &mut String) {
@@ -354,9 +477,9 @@ fn type_name(kind: Kind) -> String {
         Flag => "boolean".into(),
         Int => "int32".into(),
         Long => "int64".into(),
-        Unsigned => "uint64".into(),
+        Unsigned => "decimal(20, 0)".into(),
         Float => "float64".into(),
-        List(Struct(columns)) if columns.len() == STEP.len() => "list of steps, see below".into(),
+        List(Struct(columns)) if has_section(columns) => "list, see below".into(),
         List(item) => format!("list of {}", type_name(*item)),
         Struct(columns) => {
             let inner: Vec<String> = columns.iter().map(|column| format!("{} {}", column.name, type_name(column.kind))).collect();

@@ -87,11 +87,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         bail!("a replay diverged: that is a fault of Reel; please report it with the trace");
     }
 
+    let store = store.to_string_lossy();
     let report = ingest::ingest(&recorded, &store)?;
     println!("4. {} episodes in tables\n", report.added);
     for name in ["main_results", "failures"] {
         let named = named::by_name(name).with_context(|| format!("no query is called '{name}'"))?;
-        println!("{} (reel query --store {} --named {name})", named.summary(), store.display());
+        println!("{} (reel query --store {} --named {name})", named.summary(), store);
         query::print(&store, named.sql, Format::Table)?;
         println!();
     }
@@ -106,7 +107,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     );
     println!("  {}", sheet.display());
     println!("  reel show {}", episode.display());
-    println!("  reel query --store {} \"SELECT task_id, policy, length FROM episodes WHERE NOT success\"", store.display());
+    println!("  reel query --store {} \"SELECT task_id, policy, length FROM episodes WHERE NOT success\"", store);
     println!("  reel export sft {} --out sft.parquet", traces.display());
     println!("  reel export rrd {} --out episode.rrd", episode.display());
     Ok(Answer::Yes)

@@ -18,9 +18,9 @@ pub struct Arguments {
     /// Trace files, or folders of them
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// Folder of the store; made if it is not there
-    #[arg(long, value_name = "DIR", default_value = "store")]
-    store: PathBuf,
+    /// The store: a folder, made if it is not there, or s3://bucket/folder
+    #[arg(long, value_name = "STORE", default_value = "store")]
+    store: String,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -33,14 +33,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     for (path, reason) in &report.quarantined {
         eprintln!("reel: quarantined {}: {reason}", path.display());
     }
-    let IngestReport { added, unchanged, superseded, quarantined, .. } = &report;
+    let IngestReport { added, unchanged, superseded, quarantined, version } = &report;
     if arguments.json {
-        println!("{}", json!({ "added": added, "unchanged": unchanged, "superseded": superseded, "quarantined": quarantined }));
+        println!(
+            "{}",
+            json!({ "added": added, "unchanged": unchanged, "superseded": superseded, "quarantined": quarantined, "version": version })
+        );
     } else {
         println!(
             "{added} added, {superseded} replaced, {unchanged} unchanged, {} quarantined; store: {}",
             quarantined.len(),
-            arguments.store.display()
+            arguments.store
         );
     }
     Ok(if quarantined.is_empty() { Answer::Yes } else { Answer::Loss })
@@ -50,7 +53,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 ///
 /// # Errors
 /// When the store cannot be opened or written.
-pub fn ingest(paths: &[PathBuf], store: &std::path::Path) -> anyhow::Result<IngestReport> {
+pub fn ingest(paths: &[PathBuf], store: &str) -> anyhow::Result<IngestReport> {
     let bar = progress::bar(paths.len(), "ingest");
     let report = Store::open_or_create(store)?.ingest(paths, &|done, _| bar.set_position(done as u64));
     bar.finish_and_clear();

@@ -1,7 +1,5 @@
 //! `reel query`: SQL over a store.
 
-use std::path::{Path, PathBuf};
-
 use anyhow::{Context, bail};
 use reel_query::{Format, format, named};
 use reel_tables::Store;
@@ -23,9 +21,9 @@ pub struct Arguments {
     /// Name of a query that comes with Reel
     #[arg(long, value_name = "NAME")]
     named: Option<String>,
-    /// Folder of the store
-    #[arg(long, value_name = "DIR", default_value = "store")]
-    store: PathBuf,
+    /// The store: a folder or s3://bucket/folder
+    #[arg(long, value_name = "STORE", default_value = "store")]
+    store: String,
     /// table, csv or json
     #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json"])]
     format: String,
@@ -65,7 +63,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 ///
 /// # Errors
 /// When the store cannot be opened or the query is wrong.
-pub fn print(store: &Path, sql: &str, form: Format) -> anyhow::Result<()> {
+pub fn print(store: &str, sql: &str, form: Format) -> anyhow::Result<()> {
     let store = Store::open(store)?;
     let text = format(&reel_query::run(&store, sql)?, form)?;
     println!("{}", text.trim_end());

@@ -2,15 +2,15 @@
 
 mod play;
 
-use std::{fs, path::PathBuf};
+use std::{collections::BTreeSet, fs, path::PathBuf};
 
 use arrow::{
     array::{Array, AsArray, RecordBatch},
-    datatypes::{Float64Type, Int32Type, UInt64Type},
+    datatypes::{Decimal128Type, Float64Type, Int32Type},
 };
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use play::{DISTRACTOR, Play, TARGET, success};
-use reel_tables::{Store, StoreError, Table, batches};
+use reel_tables::{Store, StoreError, Table, episode_batch};
 use reel_trace::Images;
 use reel_world::{ErrorCode, Family, record::EndReason};
 use tempfile::TempDir;
@@ -19,12 +19,27 @@ fn texts(batch: &RecordBatch, column: &str) -> Vec<Option<String>> {
     batch.column_by_name(column).unwrap().as_string::<i32>().iter().map(|text| text.map(str::to_owned)).collect()
 }
 
-fn rows(store: &Store, table: Table) -> usize {
-    let read = |path: PathBuf| {
-        let builder = ParquetRecordBatchReaderBuilder::try_new(fs::File::open(path).unwrap()).unwrap();
-        builder.build().unwrap().map(|batch| batch.unwrap().num_rows()).sum::<usize>()
+/// What a list column holds in a row, as columns.
+fn nested(batch: &RecordBatch, column: &str, row: usize) -> RecordBatch {
+    RecordBatch::from(batch[column].as_list::<i32>().value(row).as_struct())
+}
+
+/// All rows of a table, file by file.
+fn batches(store: &Store, table: Table) -> Vec<RecordBatch> {
+    let read = |url: url::Url| {
+        let file = fs::File::open(url.to_file_path().unwrap()).unwrap();
+        ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap().map(Result::unwrap).collect::<Vec<_>>()
     };
-    store.files(table).into_iter().map(read).sum()
+    store.files(table).into_iter().flat_map(read).collect()
+}
+
+fn rows(store: &Store, table: Table) -> usize {
+    batches(store, table).iter().map(RecordBatch::num_rows).sum()
+}
+
+/// The traces behind the episodes.
+fn traces(store: &Store) -> BTreeSet<String> {
+    batches(store, Table::Episodes).iter().flat_map(|batch| texts(batch, "trace")).flatten().collect()
 }
 
 fn ingest(store: &mut Store, paths: &[PathBuf]) -> (usize, usize, usize, usize) {
@@ -33,21 +48,22 @@ fn ingest(store: &mut Store, paths: &[PathBuf]) -> (usize, usize, usize, usize) 
 }
 
 #[test]
-fn a_trace_becomes_rows_of_every_table() {
+fn a_trace_becomes_a_row_with_all_that_belongs_to_it() {
     let dir = TempDir::new().unwrap();
     let one = success("oracle", Family::SUL, u64::MAX).record(dir.path(), Images::None);
     let two = Play::new("lost", Family::SUL, 2).nav("table_1").fails("pick", ErrorCode::DoorClosed).ended(EndReason::Horizon);
     let two = two.record(dir.path(), Images::None);
-    let tables = batches(&[one, two]).unwrap();
-    let episodes = &tables[&Table::Episodes];
-    assert_eq!(texts(episodes, "policy"), [Some("oracle".into()), Some("lost".into())]);
-    assert_eq!(texts(episodes, "end_reason"), [Some("finished".into()), Some("horizon".into())]);
-    assert_eq!(episodes["seed"].as_primitive::<UInt64Type>().value(0), u64::MAX);
+    let episodes = episode_batch(&[one, two]).unwrap();
+    assert_eq!(texts(&episodes, "policy"), [Some("oracle".into()), Some("lost".into())]);
+    assert_eq!(texts(&episodes, "end_reason"), [Some("finished".into()), Some("horizon".into())]);
+    assert_eq!(episodes["seed"].as_primitive::<Decimal128Type>().value(0), i128::from(u64::MAX));
     assert!(episodes["success"].as_boolean().value(0) && !episodes["success"].as_boolean().value(1));
-    let steps = episodes["steps"].as_list::<i32>().value(0);
-    let steps = RecordBatch::from(steps.as_struct());
+    assert_eq!(nested(&episodes, "start_objects", 0).num_rows(), 1, "the start shows one clock");
+    assert_eq!(nested(&episodes, "start_changes", 0).num_rows(), 0);
+    let steps = nested(&episodes, "steps", 0);
     assert_eq!(steps.num_rows(), 7);
     assert_eq!(texts(&steps, "argument")[..3], [Some("table_1".into()), Some("alarm clock".into()), Some("Which one?".into())]);
+    assert_eq!(texts(&steps, "reply")[2].as_deref(), Some("The white one, please."));
     assert_eq!(
         steps["candidates"].as_primitive::<Int32Type>().values()[..2],
         [2, 2],
@@ -57,18 +73,37 @@ fn a_trace_becomes_rows_of_every_table() {
     assert_eq!(texts(&steps, "object")[pick].as_deref(), Some(TARGET));
     assert!(steps["goal_object"].as_boolean().value(pick) && !steps["goal_receptacle"].as_boolean().value(pick));
     assert!(steps["goal_receptacle"].as_boolean().value(5));
-    let failed = RecordBatch::from(episodes["steps"].as_list::<i32>().value(1).as_struct());
+    let events = |step: usize| texts(&nested(&steps, "changes", step), "event");
+    assert_eq!(events(pick), [Some("remove".into()), Some("remove".into())], "by both authorities");
+    assert_eq!(events(5), [Some("add".into()), Some("add".into())]);
+    let marked: Vec<_> = (0..7).flat_map(|step| texts(&nested(&steps, "marker_map", step), "id")).collect();
+    assert_eq!(marked, [Some(TARGET.into()), Some(DISTRACTOR.into())]);
+    let failed = nested(&episodes, "steps", 1);
     assert_eq!(texts(&failed, "error_code"), [None, Some("door_closed".into())]);
     assert_eq!(texts(&failed, "error_class"), [None, Some("moderate".into())]);
-    assert_eq!(texts(&tables[&Table::WorldDiffs], "event").len(), 4, "two moves, by both authorities");
-    let rewards: f64 = tables[&Table::Rewards]["value"].as_primitive::<Float64Type>().values().iter().sum();
-    assert!((rewards - (3.0 - 9.0 * 0.03)).abs() < 1e-9);
-    assert_eq!(tables[&Table::Tasks].num_rows(), 1, "both play the same task");
-    let roles = texts(&tables[&Table::Objects], "role");
-    assert_eq!(roles, [Some("distractor".into()), Some("target".into()), Some("other".into())]);
-    assert_eq!(texts(&tables[&Table::Markers], "id"), [Some(TARGET.into()), Some(DISTRACTOR.into())]);
-    assert_eq!(tables[&Table::VisibleObjects]["step"].as_primitive::<Int32Type>().value(0), -1);
-    assert_eq!(texts(&tables[&Table::Dialogue], "reply"), [Some("The white one, please.".into())]);
+    let term = |steps: &RecordBatch, step| nested(steps, "terms", step)["value"].as_primitive::<Float64Type>().values().to_vec();
+    let terms = (0..7).flat_map(|step| term(&steps, step)).chain((0..2).flat_map(|step| term(&failed, step)));
+    assert!((terms.sum::<f64>() - (3.0 - 9.0 * 0.03)).abs() < 1e-9);
+}
+
+#[test]
+fn a_task_and_a_scene_stand_there_once() {
+    let dir = TempDir::new().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let paths = [
+        success("oracle", Family::FDP, 1).record_as(&path("a.mcap"), Images::None),
+        success("planner", Family::FDP, 1).record_as(&path("b.mcap"), Images::None),
+        success("planner", Family::FODP, 1).record_as(&path("c.mcap"), Images::None),
+    ];
+    let mut store = Store::open_or_create(path("store")).unwrap();
+    assert_eq!(ingest(&mut store, &paths[..1]), (1, 0, 0, 0));
+    assert_eq!(ingest(&mut store, &paths), (2, 1, 0, 0));
+    assert_eq!((rows(&store, Table::Episodes), rows(&store, Table::Tasks), rows(&store, Table::Scenes)), (3, 2, 1));
+    let tasks = batches(&store, Table::Tasks);
+    let objects = nested(&tasks[0], "objects", 0);
+    assert_eq!(texts(&objects, "role"), [Some("distractor".into()), Some("target".into()), Some("other".into())]);
+    let task: reel_world::Task = serde_json::from_str(texts(&tasks[0], "task")[0].as_deref().unwrap()).unwrap();
+    assert_eq!(Some(reel_world::Digest::of_json(&task).to_string()), texts(&tasks[0], "task_digest")[0], "the whole task");
 }
 
 #[test]
@@ -84,14 +119,9 @@ fn ingesting_twice_adds_nothing_and_a_changed_trace_supersedes() {
     success("oracle", Family::FDP, 1).thinking(Default::default()).record_as(&path, Images::None);
     assert_eq!(ingest(&mut store, &paths), (0, 1, 1, 0));
     assert_eq!(ingest(&mut store, &paths), (0, 2, 0, 0));
-    assert_eq!((rows(&store, Table::Episodes), rows(&store, Table::Tasks), rows(&store, Table::WorldDiffs)), (2, 2, 8));
+    assert_eq!((rows(&store, Table::Episodes), rows(&store, Table::Tasks)), (2, 2));
     let reopened = Store::open(dir.path().join("store")).unwrap();
-    assert_eq!(reopened.episodes().count(), 2);
-    assert_eq!(
-        fs::read_dir(dir.path().join("store/episodes")).unwrap().count(),
-        reopened.files(Table::Episodes).len(),
-        "nothing unused is left"
-    );
+    assert_eq!(rows(&reopened, Table::Episodes), 2);
 }
 
 #[test]
@@ -103,7 +133,7 @@ fn of_two_traces_with_one_id_the_later_path_wins_and_stays() {
     fs::copy(&paths[1], &paths[2]).unwrap();
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
     assert_eq!(ingest(&mut store, &paths), (1, 1, 1, 0));
-    assert_eq!(store.episodes().next().unwrap().1, paths[1]);
+    assert_eq!(traces(&store), BTreeSet::from([paths[1].display().to_string()]));
     assert_eq!(ingest(&mut store, &paths), (0, 3, 0, 0));
     assert_eq!(rows(&store, Table::Episodes), 1);
 }
@@ -120,10 +150,10 @@ fn a_bad_file_is_quarantined_and_the_rest_goes_on() {
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
     let paths = [bad.clone(), good.clone(), dir.path().join("missing.mcap")];
     assert_eq!(ingest(&mut store, &paths), (1, 0, 0, 2));
-    assert_eq!(store.quarantine().count(), 2);
+    assert_eq!(store.quarantine().unwrap().len(), 2);
     fs::copy(&good, &bad).unwrap();
     assert_eq!(ingest(&mut store, &[bad]), (0, 1, 0, 0));
-    assert_eq!(store.quarantine().count(), 1, "a sound file leaves the quarantine");
+    assert_eq!(store.quarantine().unwrap().len(), 1, "a sound file leaves the quarantine");
 }
 
 #[test]
@@ -131,35 +161,76 @@ fn a_broken_off_recording_is_an_episode_without_an_end() {
     let dir = TempDir::new().unwrap();
     let path = Play::new("killed", Family::FDP, 1).nav("table_1").record_as(&dir.path().join("a.mcap"), Images::None);
     let trace = reel_trace::Trace::read(&path).unwrap();
-    let tables = batches(&[trace]).unwrap();
-    assert!(tables[&Table::Episodes]["end_reason"].is_null(0) && tables[&Table::Episodes]["success"].is_null(0));
+    let episodes = episode_batch(&[trace]).unwrap();
+    assert!(episodes["end_reason"].is_null(0) && episodes["success"].is_null(0));
 }
 
 #[test]
-fn what_the_manifest_does_not_name_is_not_there() {
+fn what_no_commit_of_the_episodes_names_is_not_there() {
     let dir = TempDir::new().unwrap();
     let folder = dir.path().join("store");
     assert!(matches!(Store::open(&folder), Err(StoreError::NoStore { .. })));
-    let path = success("oracle", Family::FDP, 1).record_as(&dir.path().join("a.mcap"), Images::None);
+    let path = |name: &str| dir.path().join(name);
+    let first = success("oracle", Family::FDP, 1).record_as(&path("a.mcap"), Images::None);
+    let second = success("oracle", Family::FODP, 1).record_as(&path("b.mcap"), Images::None);
     let mut store = Store::open_or_create(&folder).unwrap();
-    ingest(&mut store, &[path]);
-    // as an ingest leaves it that was killed between its parts and its manifest
-    let part = &store.files(Table::Episodes)[0];
-    fs::copy(part, folder.join("episodes/part-000007.parquet")).unwrap();
-    fs::write(folder.join("manifest.json.new"), "{\"format\":").unwrap();
+    ingest(&mut store, &[first, second.clone()]);
+    assert_eq!((rows(&store, Table::Episodes), rows(&store, Table::Tasks)), (2, 2));
+    // as an ingest leaves it that was killed before its last commit
+    let newest = format!("episodes/_delta_log/{:020}.json", store.version());
+    fs::remove_file(folder.join(newest)).unwrap();
     let mut reopened = Store::open(&folder).unwrap();
-    assert_eq!(rows(&reopened, Table::Episodes), 1);
-    assert_eq!(ingest(&mut reopened, &[]), (0, 0, 0, 0));
-    assert!(!folder.join("episodes/part-000007.parquet").exists());
-    fs::write(folder.join("manifest.json"), "{\"format\": 99}").unwrap();
-    assert!(matches!(Store::open(&folder), Err(StoreError::OtherFormat { found: 99, .. })));
+    assert_eq!((rows(&reopened, Table::Episodes), rows(&reopened, Table::Tasks), rows(&reopened, Table::Scenes)), (0, 0, 0));
+    assert_eq!(ingest(&mut reopened, &[second]), (1, 0, 0, 0));
+    assert_eq!((rows(&reopened, Table::Episodes), rows(&reopened, Table::Tasks), rows(&reopened, Table::Scenes)), (1, 2, 1));
 }
 
 #[test]
-fn two_ingests_at_a_time_are_refused() {
+fn earlier_versions_stay_readable() {
     let dir = TempDir::new().unwrap();
-    let mut store = Store::open_or_create(dir.path()).unwrap();
-    let lock = fs::File::create(dir.path().join("lock")).unwrap();
-    lock.try_lock().unwrap();
-    assert!(matches!(store.ingest(&[], &|_, _| ()), Err(StoreError::Busy { .. })));
+    let folder = dir.path().join("store");
+    let record = |seed| success("oracle", Family::FDP, seed).record_as(&dir.path().join(format!("{seed}.mcap")), Images::None);
+    let mut store = Store::open_or_create(&folder).unwrap();
+    ingest(&mut store, &[record(0)]);
+    let version = store.version();
+    let before = batches(&store, Table::Episodes);
+    for seed in 1..=50 {
+        assert_eq!(ingest(&mut store, &[record(seed)]), (1, 0, 0, 0));
+    }
+    let then = Store::open_at(&folder, version).unwrap();
+    assert_eq!(batches(&then, Table::Episodes), before);
+    assert_eq!((rows(&store, Table::Episodes), store.history().unwrap().len() as u64), (51, store.version() + 1));
+    assert!(store.files(Table::Episodes).len() < 10, "small files are merged: {}", store.files(Table::Episodes).len());
+    assert!(matches!(Store::open_at(&folder, 9999), Err(StoreError::NoVersion { version: 9999, .. })));
+    store.compact().unwrap();
+    assert_eq!((store.files(Table::Episodes).len(), rows(&store, Table::Episodes)), (1, 51));
+    let looked = store.vacuum(0, true).unwrap();
+    assert!(looked.dry_run && looked.deleted.len() > 40, "{} files", looked.deleted.len());
+    assert_eq!(batches(&Store::open_at(&folder, version).unwrap(), Table::Episodes), before, "a dry run deletes nothing");
+    assert_eq!(store.vacuum(0, false).unwrap().deleted.len(), looked.deleted.len());
+    assert_eq!(rows(&Store::open(&folder).unwrap(), Table::Episodes), 51);
+}
+
+#[test]
+fn two_ingests_at_a_time_lose_nothing_and_double_nothing() {
+    let dir = TempDir::new().unwrap();
+    let folder = dir.path().join("store");
+    let record = |seed| success("oracle", Family::FDP, seed).record_as(&dir.path().join(format!("{seed}.mcap")), Images::None);
+    let paths: Vec<PathBuf> = (0..24).map(record).collect();
+    // every pair overlaps: each episode is ingested by two
+    let parts: Vec<Vec<PathBuf>> = (0..4).map(|part| paths.iter().cycle().skip(part * 6).take(12).cloned().collect()).collect();
+    let folder = &folder;
+    std::thread::scope(|scope| {
+        for part in &parts {
+            scope.spawn(move || {
+                let mut store = Store::open_or_create(folder).unwrap();
+                for path in part {
+                    ingest(&mut store, std::slice::from_ref(path));
+                }
+            });
+        }
+    });
+    let store = Store::open(folder).unwrap();
+    assert_eq!((rows(&store, Table::Episodes), traces(&store).len()), (24, 24));
+    assert_eq!((rows(&store, Table::Tasks), rows(&store, Table::Scenes)), (1, 1));
 }

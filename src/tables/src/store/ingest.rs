@@ -1,0 +1,498 @@
+//! Traces into the store: read in parallel, committed in bounded portions, each whole or not at all.
+
+use std::{
+    collections::{BTreeMap, BTreeSet, HashMap, HashSet},
+    path::{Path, PathBuf},
+    sync::{
+        Mutex,
+        atomic::{AtomicUsize, Ordering},
+        mpsc,
+    },
+    time::UNIX_EPOCH,
+};
+
+use arrow::{
+    array::{AsArray, BooleanArray, RecordBatch},
+    compute::{concat_batches, filter_record_batch},
+    datatypes::Int64Type,
+};
+use deltalake::kernel::Action;
+use rayon::prelude::*;
+use reel_trace::Trace;
+use reel_world::Digest;
+use serde::Serialize;
+
+use super::{Refused, SIDE, Store, StoreError, TRIES_MAX, parts::parts};
+use crate::{Table, rows::Rows};
+
+/// Bytes of Arrow memory after which a portion is committed.
+const PORTION_BYTES: usize = 96 << 20;
+/// Traces that a thread turns into one batch.
+const TRACES_PER_BATCH: usize = 16;
+/// Batches read ahead at a time.
+const BATCHES_AHEAD: usize = 16;
+/// So many small files of a table are merged at the end of an ingest.
+const SMALL_FILES: usize = 8;
+
+/// Called with (files done, files in all) from several threads.
+pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
+
+/// What an ingest did.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
+pub struct IngestReport {
+    /// Episodes that are new.
+    pub added: usize,
+    /// Files whose trace is in the store already.
+    pub unchanged: usize,
+    /// Episodes whose rows were replaced, because a trace of the same episode id has other content.
+    pub superseded: usize,
+    /// Files left out, with the reason.
+    pub quarantined: Vec<(PathBuf, String)>,
+    /// The store's version afterwards.
+    pub version: u64,
+}
+
+/// Short digest of a text or of a file's identity, so that much is known in little memory.
+type Key = u128;
+
+/// What the store holds.
+struct Known {
+    /// Trace digest by episode id.
+    episodes: HashMap<Key, Key>,
+    /// Files as they were when they were read.
+    files: HashSet<Key>,
+    tasks: HashSet<Key>,
+    scenes: HashSet<Key>,
+}
+
+/// A row of a batch of episodes.
+struct Read {
+    path: String,
+    episode_id: String,
+    digest: String,
+}
+
+/// Some traces as rows.
+struct Batch {
+    episodes: RecordBatch,
+    read: Vec<Read>,
+    bad: Vec<(PathBuf, String)>,
+    tasks: Vec<(Key, RecordBatch)>,
+    scenes: Vec<(Key, RecordBatch)>,
+}
+
+/// What waits to be committed.
+#[derive(Default)]
+struct Portion {
+    batches: Vec<Batch>,
+    bytes: usize,
+}
+
+impl Store {
+    /// Reads traces into the tables, several at a time. A file that is as it was when it was read costs a look at its size
+    /// and time; a trace that is there already changes nothing; of two with the same episode id and other content the later
+    /// path wins; a file that is no sound trace is quarantined and the rest goes on. What is committed by the time of a kill
+    /// stays, and the next ingest goes on from there. Several processes may ingest at a time.
+    ///
+    /// # Errors
+    /// When the store cannot be read or written.
+    pub fn ingest(&mut self, paths: &[PathBuf], progress: Progress<'_>) -> Result<IngestReport, StoreError> {
+        self.reload()?;
+        let paths: BTreeSet<PathBuf> = paths.iter().map(|path| absolute(path)).collect();
+        let mut known = self.known()?;
+        let mut report = IngestReport::default();
+        let fresh: Vec<&PathBuf> = paths.iter().filter(|path| !known.files.contains(&file_key(path))).collect();
+        report.unchanged = paths.len() - fresh.len();
+        let done = AtomicUsize::new(report.unchanged);
+        progress(report.unchanged, paths.len());
+        // tasks and scenes of which somebody builds the rows already
+        let seen = Mutex::new(known.tasks.union(&known.scenes).copied().collect::<HashSet<Key>>());
+        let read = |chunk: &[&PathBuf]| {
+            let batch = read_batch(chunk, &seen);
+            progress(done.fetch_add(chunk.len(), Ordering::Relaxed) + chunk.len(), paths.len());
+            batch
+        };
+        std::thread::scope(|scope| {
+            let (sender, receiver) = mpsc::sync_channel::<Vec<Result<Batch, StoreError>>>(1);
+            let (fresh, read) = (&fresh, &read);
+            scope.spawn(move || {
+                for ahead in fresh.chunks(TRACES_PER_BATCH * BATCHES_AHEAD) {
+                    let batches = ahead.par_chunks(TRACES_PER_BATCH).map(read).collect();
+                    if sender.send(batches).is_err() {
+                        return;
+                    }
+                }
+            });
+            let mut portion = Portion::default();
+            for batch in receiver.iter().flatten() {
+                portion.push(batch?);
+                if portion.bytes >= PORTION_BYTES {
+                    self.take(std::mem::take(&mut portion), &paths, &mut known, &mut report)?;
+                }
+            }
+            self.take(portion, &paths, &mut known, &mut report)
+        })?;
+        self.merge_small_files(SMALL_FILES)?;
+        report.version = self.version();
+        Ok(report)
+    }
+
+    /// Files that were left out and not ingested since, with the reason.
+    ///
+    /// # Errors
+    /// When the table cannot be read.
+    pub fn quarantine(&self) -> Result<BTreeMap<String, String>, StoreError> {
+        self.quarantined(&self.tables[&Table::Quarantine])
+    }
+
+    /// Commits a portion; looks again and repeats where another writer was quicker.
+    fn take(
+        &mut self,
+        mut portion: Portion,
+        paths: &BTreeSet<PathBuf>,
+        known: &mut Known,
+        report: &mut IngestReport,
+    ) -> Result<(), StoreError> {
+        for _ in 0..TRIES_MAX {
+            let mut attempt = report.clone();
+            match self.try_take(&mut portion, paths, known, &mut attempt) {
+                Ok(changed) => {
+                    *report = attempt;
+                    if changed {
+                        self.reload()?;
+                    }
+                    return Ok(());
+                }
+                Err(Refused::Failed(error)) => return Err(error),
+                Err(Refused::Conflict) => {
+                    self.reload()?;
+                    *known = self.known()?;
+                }
+            }
+        }
+        Err(StoreError::Busy { tries: TRIES_MAX, location: self.location.to_string() })
+    }
+
+    /// Whether something had to be written.
+    fn try_take(
+        &mut self,
+        portion: &mut Portion,
+        paths: &BTreeSet<PathBuf>,
+        known: &mut Known,
+        report: &mut IngestReport,
+    ) -> Result<bool, Refused> {
+        let verdicts = self.judge(portion, paths, known, report)?;
+        let mut moved = BTreeMap::new();
+        for (table, have) in [(Table::Tasks, &known.tasks), (Table::Scenes, &known.scenes)] {
+            if let Some(version) = self.add_missing(table, portion, have)? {
+                moved.insert(table, version);
+            }
+        }
+        if let Some(version) = self.update_quarantine(portion)? {
+            moved.insert(Table::Quarantine, version);
+        }
+        report.quarantined.extend(portion.batches.iter().flat_map(|batch| batch.bad.iter().cloned()));
+
+        let mut rows = Vec::new();
+        for (batch, keep) in portion.batches.iter().zip(&verdicts.keep) {
+            rows.push(filter_record_batch(&batch.episodes, &BooleanArray::from(keep.clone()))?);
+        }
+        rows.retain(|batch| batch.num_rows() > 0);
+        let mut actions = self.without(&verdicts.replaced)?;
+        if !rows.is_empty() {
+            actions.extend(self.write_parts(&self.tables[&Table::Episodes], rows)?);
+        }
+        if actions.is_empty() && moved.is_empty() {
+            return Ok(false);
+        }
+        self.commit_episodes(actions, &moved)?;
+        for (batch, keep) in portion.batches.iter().zip(&verdicts.keep) {
+            for (read, _) in batch.read.iter().zip(keep).filter(|(_, keep)| **keep) {
+                known.episodes.insert(key(&read.episode_id), key(&read.digest));
+            }
+            known.tasks.extend(batch.tasks.iter().map(|(task, _)| *task));
+            known.scenes.extend(batch.scenes.iter().map(|(scene, _)| *scene));
+        }
+        Ok(true)
+    }
+
+    /// Which rows of a portion go in, and whose rows they replace.
+    fn judge(
+        &self,
+        portion: &Portion,
+        paths: &BTreeSet<PathBuf>,
+        known: &Known,
+        report: &mut IngestReport,
+    ) -> Result<Verdicts, StoreError> {
+        let mut last: HashMap<&str, (usize, usize)> = HashMap::new();
+        let mut verdicts = Verdicts { keep: Vec::new(), replaced: BTreeSet::new() };
+        let mut other_content: BTreeSet<String> = BTreeSet::new();
+        for (index, batch) in portion.batches.iter().enumerate() {
+            verdicts.keep.push(vec![true; batch.read.len()]);
+            for (row, read) in batch.read.iter().enumerate() {
+                match known.episodes.get(&key(&read.episode_id)) {
+                    Some(digest) if *digest == key(&read.digest) => {
+                        verdicts.keep[index][row] = false;
+                        report.unchanged += 1;
+                        continue;
+                    }
+                    Some(_) => drop(other_content.insert(read.episode_id.clone())),
+                    None => {}
+                }
+                let earlier = last.get(read.episode_id.as_str()).copied();
+                match earlier.map(|(batch, row)| portion.batches[batch].read[row].digest == read.digest) {
+                    Some(true) => {
+                        verdicts.keep[index][row] = false;
+                        report.unchanged += 1;
+                        continue;
+                    }
+                    Some(false) => {
+                        let (index, row) = earlier.expect("it was just compared");
+                        verdicts.keep[index][row] = false;
+                        report.superseded += 1;
+                    }
+                    None => {}
+                }
+                last.insert(&read.episode_id, (index, row));
+            }
+        }
+        let traces = self.traces_of(&other_content)?;
+        for (index, row) in last.into_values() {
+            let read = &portion.batches[index].read[row];
+            match traces.get(&read.episode_id) {
+                None => report.added += 1,
+                // it was read with this one, stands later, and won then too
+                Some(trace) if *trace > read.path && paths.contains(Path::new(trace)) => {
+                    verdicts.keep[index][row] = false;
+                    report.unchanged += 1;
+                }
+                Some(_) => {
+                    verdicts.replaced.insert(read.episode_id.clone());
+                    report.superseded += 1;
+                }
+            }
+        }
+        Ok(verdicts)
+    }
+
+    /// Adds the tasks or scenes of a portion that are not there yet; the new version where there were any.
+    fn add_missing(&self, table: Table, portion: &Portion, known: &HashSet<Key>) -> Result<Option<u64>, Refused> {
+        let of = |batch: &'_ Batch| if table == Table::Tasks { &batch.tasks } else { &batch.scenes }.clone();
+        let rows = portion.batches.iter().flat_map(of).filter(|(digest, _)| !known.contains(digest));
+        let rows: BTreeMap<Key, RecordBatch> = rows.collect();
+        if rows.is_empty() {
+            return Ok(None);
+        }
+        // what a writer left that died before its episodes
+        let newest = self.newest(table)?;
+        let there = self.keys(&newest, column_of(table))?;
+        let missing: Vec<&RecordBatch> = rows.iter().filter(|(digest, _)| !there.contains(digest)).map(|(_, row)| row).collect();
+        if missing.is_empty() {
+            return Ok(newest.version().map(|version| version as u64));
+        }
+        let actions = self.write_parts(&newest, vec![concat_batches(&table.schema(), missing)?])?;
+        self.commit_side(&newest, actions).map(Some)
+    }
+
+    /// Puts the bad files of a portion into quarantine and takes the sound ones out.
+    fn update_quarantine(&self, portion: &Portion) -> Result<Option<u64>, Refused> {
+        let nobody = portion.batches.iter().all(|batch| batch.bad.is_empty());
+        if nobody && self.parts(Table::Quarantine).is_empty() {
+            return Ok(None);
+        }
+        let newest = self.newest(Table::Quarantine)?;
+        let before = self.quarantined(&newest)?;
+        let mut after = before.clone();
+        for batch in &portion.batches {
+            batch.read.iter().for_each(|read| drop(after.remove(&read.path)));
+            after.extend(batch.bad.iter().map(|(path, reason)| (path.display().to_string(), reason.clone())));
+        }
+        if after == before {
+            return Ok(None);
+        }
+        let mut actions: Vec<Action> = parts(&newest).into_iter().map(|part| Action::Remove(part.remove)).collect();
+        if !after.is_empty() {
+            actions.extend(self.write_parts(&newest, vec![Rows::quarantine(&after).map_err(StoreError::from)?])?);
+        }
+        self.commit_side(&newest, actions).map(Some)
+    }
+
+    /// Actions that take the rows of some episodes out of `episodes`.
+    fn without(&self, episodes: &BTreeSet<String>) -> Result<Vec<Action>, StoreError> {
+        let mut actions = Vec::new();
+        if episodes.is_empty() {
+            return Ok(actions);
+        }
+        let table = &self.tables[&Table::Episodes];
+        let parts = self.parts(Table::Episodes);
+        let mut touched = BTreeSet::new();
+        self.read_parts(table, &parts, Some(&["episode_id"]), |index, batch| {
+            let ids = batch["episode_id"].as_string::<i32>();
+            if ids.iter().flatten().any(|id| episodes.contains(id)) {
+                touched.insert(index);
+            }
+            Ok(())
+        })?;
+        for (_, part) in parts.into_iter().enumerate().filter(|(index, _)| touched.contains(index)) {
+            let mut kept = Vec::new();
+            self.read_parts(table, std::slice::from_ref(&part), None, |_, batch| {
+                let ids = batch["episode_id"].as_string::<i32>();
+                let keep: BooleanArray = ids.iter().map(|id| Some(id.is_some_and(|id| !episodes.contains(id)))).collect();
+                kept.push(filter_record_batch(&batch, &keep)?);
+                Ok(())
+            })?;
+            kept.retain(|batch| batch.num_rows() > 0);
+            if !kept.is_empty() {
+                actions.extend(self.write_parts(table, kept)?);
+            }
+            actions.push(Action::Remove(part.remove));
+        }
+        Ok(actions)
+    }
+
+    fn known(&self) -> Result<Known, StoreError> {
+        let (mut episodes, mut files) = (HashMap::new(), HashSet::new());
+        let columns = ["episode_id", "trace_digest", "trace", "trace_bytes", "trace_modified_ns"];
+        self.read_parts(&self.tables[&Table::Episodes], &self.parts(Table::Episodes), Some(&columns), |_, batch| {
+            let text = |column: &str| batch[column].as_string::<i32>();
+            let number = |column: &str| batch[column].as_primitive::<Int64Type>();
+            for row in 0..batch.num_rows() {
+                episodes.insert(key(text("episode_id").value(row)), key(text("trace_digest").value(row)));
+                let (bytes, modified_ns) = (number("trace_bytes").value(row), number("trace_modified_ns").value(row));
+                files.insert(identity(text("trace").value(row), bytes as u64, modified_ns));
+            }
+            Ok(())
+        })?;
+        let tasks = self.keys(&self.tables[&Table::Tasks], column_of(Table::Tasks))?;
+        let scenes = self.keys(&self.tables[&Table::Scenes], column_of(Table::Scenes))?;
+        Ok(Known { episodes, files, tasks, scenes })
+    }
+
+    fn keys(&self, table: &deltalake::DeltaTable, column: &str) -> Result<HashSet<Key>, StoreError> {
+        let mut keys = HashSet::new();
+        self.read_parts(table, &parts(table), Some(&[column]), |_, batch| {
+            keys.extend(batch[column].as_string::<i32>().iter().flatten().map(key));
+            Ok(())
+        })?;
+        Ok(keys)
+    }
+
+    /// The traces that some episodes were read from.
+    fn traces_of(&self, episodes: &BTreeSet<String>) -> Result<HashMap<String, String>, StoreError> {
+        let mut traces = HashMap::new();
+        if episodes.is_empty() {
+            return Ok(traces);
+        }
+        let table = &self.tables[&Table::Episodes];
+        self.read_parts(table, &self.parts(Table::Episodes), Some(&["episode_id", "trace"]), |_, batch| {
+            let (ids, files) = (batch["episode_id"].as_string::<i32>(), batch["trace"].as_string::<i32>());
+            let wanted = ids.iter().zip(files).filter_map(|(id, file)| Some((id?, file?)));
+            traces.extend(wanted.filter(|(id, _)| episodes.contains(*id)).map(|(id, file)| (id.to_owned(), file.to_owned())));
+            Ok(())
+        })?;
+        Ok(traces)
+    }
+
+    fn quarantined(&self, table: &deltalake::DeltaTable) -> Result<BTreeMap<String, String>, StoreError> {
+        let mut files = BTreeMap::new();
+        self.read_parts(table, &parts(table), None, |_, batch| {
+            let (traces, reasons) = (batch["trace"].as_string::<i32>(), batch["reason"].as_string::<i32>());
+            let rows = traces.iter().zip(reasons).filter_map(|(trace, reason)| Some((trace?.to_owned(), reason?.to_owned())));
+            files.extend(rows);
+            Ok(())
+        })?;
+        Ok(files)
+    }
+}
+
+struct Verdicts {
+    /// By batch and row: whether it goes in.
+    keep: Vec<Vec<bool>>,
+    /// Episodes that are there with other content.
+    replaced: BTreeSet<String>,
+}
+
+impl Portion {
+    fn push(&mut self, batch: Batch) {
+        let rows = batch.tasks.iter().chain(&batch.scenes).map(|(_, rows)| rows).chain([&batch.episodes]);
+        self.bytes += rows.map(RecordBatch::get_array_memory_size).sum::<usize>();
+        self.batches.push(batch);
+    }
+}
+
+/// Reads some traces. `seen` holds the tasks and scenes whose rows are there or being built.
+fn read_batch(paths: &[&PathBuf], seen: &Mutex<HashSet<Key>>) -> Result<Batch, StoreError> {
+    let mut episodes = Rows::new(Table::Episodes)?;
+    let mut batch = Batch {
+        episodes: RecordBatch::new_empty(Table::Episodes.schema()),
+        read: vec![],
+        bad: vec![],
+        tasks: vec![],
+        scenes: vec![],
+    };
+    let is_new = |digest: Key| seen.lock().unwrap_or_else(std::sync::PoisonError::into_inner).insert(digest);
+    for path in paths {
+        let modified_ns = modified_ns(path);
+        let trace = match Trace::read(path) {
+            Ok(trace) => trace,
+            Err(error) => {
+                batch.bad.push(((*path).clone(), error.to_string()));
+                continue;
+            }
+        };
+        if let Err(error) = episodes.push_episode(&trace, modified_ns) {
+            // a row that fails may have filled some of its columns: the rows before it are read again without it
+            batch.bad.push(((*path).clone(), format!("does not fit the tables: {error}")));
+            let sound: Vec<&PathBuf> = paths.iter().copied().filter(|other| other != path).collect();
+            let mut rest = read_batch(&sound, seen)?;
+            rest.bad.extend(batch.bad.drain(..).filter(|(bad, _)| bad == *path));
+            rest.tasks.append(&mut batch.tasks);
+            rest.scenes.append(&mut batch.scenes);
+            return Ok(rest);
+        }
+        batch.read.push(Read {
+            path: path.display().to_string(),
+            episode_id: trace.header.episode_id.clone(),
+            digest: trace.chain().to_string(),
+        });
+        let (task, scene) = (key(&trace.header.task_digest.to_string()), key(&trace.header.scene_digest.to_string()));
+        if is_new(task) {
+            batch.tasks.push((task, Rows::task(&trace)?));
+        }
+        if is_new(scene) {
+            batch.scenes.push((scene, Rows::scene(&trace)?));
+        }
+    }
+    batch.episodes = episodes.finish()?;
+    Ok(batch)
+}
+
+fn column_of(table: Table) -> &'static str {
+    assert!(SIDE[..2].contains(&table), "only tasks and scenes have a digest for a key");
+    if table == Table::Tasks { "task_digest" } else { "scene_digest" }
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
+}
+
+/// When a file was last written, nanoseconds since 1970; 0 where the system does not tell.
+fn modified_ns(path: &Path) -> i64 {
+    let modified = std::fs::metadata(path).and_then(|data| data.modified()).ok();
+    modified.and_then(|time| i64::try_from(time.duration_since(UNIX_EPOCH).ok()?.as_nanos()).ok()).unwrap_or(0)
+}
+
+fn file_key(path: &Path) -> Key {
+    let bytes = std::fs::metadata(path).map_or(0, |data| data.len());
+    identity(&path.display().to_string(), bytes, modified_ns(path))
+}
+
+/// Of a file as it is.
+fn identity(path: &str, bytes: u64, modified_ns: i64) -> Key {
+    key(&format!("{path}\n{bytes}\n{modified_ns}"))
+}
+
+fn key(text: &str) -> Key {
+    let Digest(bytes) = Digest::of(text.as_bytes());
+    Key::from_le_bytes(bytes[..16].try_into().expect("16 of 32 bytes"))
+}

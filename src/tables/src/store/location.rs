@@ -1,0 +1,106 @@
+//! Where a store lies: a local folder or a bucket (`s3://bucket/prefix`). Knows no tables.
+
+use std::{path::PathBuf, sync::Arc};
+
+use deltalake::logstore::{LogStoreRef, StorageConfig, default_logstore};
+use object_store::{
+    ObjectStore, ObjectStoreExt as _,
+    aws::{AmazonS3Builder, AmazonS3ConfigKey},
+    local::LocalFileSystem,
+    path::Path,
+    prefix::PrefixStore,
+};
+use url::Url;
+
+use super::StoreError;
+
+/// The folder of a store, and how its files are read and written.
+#[derive(Clone, Debug)]
+pub struct Location {
+    /// As the user wrote it.
+    text: String,
+    /// Ends with a slash.
+    url: Url,
+    /// Of the whole file system or bucket.
+    objects: Arc<dyn ObjectStore>,
+}
+
+impl Location {
+    /// Understands a path or a URL. What `s3://` needs comes from the environment, as for other tools of S3:
+    /// `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION`, `AWS_ENDPOINT_URL`, `AWS_ALLOW_HTTP`, ...
+    ///
+    /// # Errors
+    /// When the URL is of a kind that is not served, or the bucket's configuration is wrong.
+    pub fn parse(text: &str) -> Result<Self, StoreError> {
+        let wrong = |reason: String| StoreError::Location { reason, location: text.to_owned() };
+        let (url, objects): (Url, Arc<dyn ObjectStore>) = match text.split_once("://") {
+            Some(("s3", rest)) => {
+                let url =
+                    Url::parse(&format!("s3://{}/", rest.trim_end_matches('/'))).map_err(|error| wrong(error.to_string()))?;
+                let mut builder = AmazonS3Builder::from_env().with_url(url.as_str());
+                if builder.get_config_value(&AmazonS3ConfigKey::Region).is_none() {
+                    builder = builder.with_region("us-east-1");
+                }
+                (url, Arc::new(builder.build().map_err(|error| wrong(error.to_string()))?))
+            }
+            Some((kind, _)) if kind != "file" => {
+                return Err(wrong(format!("'{kind}://' is not served; give a folder or s3://bucket/folder")));
+            }
+            _ => {
+                let folder = PathBuf::from(text.strip_prefix("file://").unwrap_or(text));
+                let folder = std::path::absolute(&folder).map_err(|error| wrong(error.to_string()))?;
+                let url = Url::from_directory_path(&folder).map_err(|()| wrong("no folder can be called so".into()))?;
+                (url, Arc::new(LocalFileSystem::new()))
+            }
+        };
+        Ok(Self { text: text.to_owned(), url, objects })
+    }
+
+    /// Makes the folder; a bucket has none.
+    pub(super) fn prepare(&self) -> Result<(), StoreError> {
+        let Ok(folder) = self.url.to_file_path() else { return Ok(()) };
+        std::fs::create_dir_all(&folder).map_err(|source| StoreError::Io { action: "make the folder", source, path: folder })
+    }
+
+    /// The bucket or file system, with its URL: what a reader of [`super::Store::files`] needs.
+    pub fn objects(&self) -> (Url, Arc<dyn ObjectStore>) {
+        let mut root = self.url.clone();
+        root.set_path("");
+        (root, self.objects.clone())
+    }
+
+    /// Whether something lies in the folder of a table.
+    pub(super) async fn has(&self, table: &str) -> Result<bool, StoreError> {
+        let first = self.path(table)?.join("_delta_log").join("00000000000000000000.json");
+        match self.objects.head(&first).await {
+            Ok(_) => Ok(true),
+            Err(object_store::Error::NotFound { .. }) => Ok(false),
+            Err(error) => Err(StoreError::Delta { source: error.into(), location: self.text.clone() }),
+        }
+    }
+
+    /// The folder of a table.
+    pub(super) fn table_url(&self, table: &str) -> Url {
+        self.url.join(&format!("{table}/")).expect("the name of a table is a name in a URL")
+    }
+
+    /// The log of a table.
+    pub(super) fn log(&self, table: &str) -> Result<LogStoreRef, StoreError> {
+        let url = self.table_url(table);
+        let prefixed = Arc::new(PrefixStore::new(self.objects.clone(), self.path(table)?));
+        Ok(default_logstore(prefixed, self.objects.clone(), &url, &StorageConfig::default()))
+    }
+
+    /// Of a table's folder within [`Location::objects`].
+    fn path(&self, table: &str) -> Result<Path, StoreError> {
+        let wrong =
+            |error: object_store::path::Error| StoreError::Location { reason: error.to_string(), location: self.text.clone() };
+        Ok(Path::from_url_path(self.url.path()).map_err(wrong)?.join(table))
+    }
+}
+
+impl std::fmt::Display for Location {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.text)
+    }
+}

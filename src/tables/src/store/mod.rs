@@ -1,0 +1,380 @@
+//! The store: Delta Lake tables in one folder or bucket, and the one log that binds them.
+//!
+//! Every table is a Delta table of its own, which any reader of Delta Lake can open. What makes them one store is the log of
+//! `episodes`: each of its commits names, as Delta application transactions, the version of every other table that belongs
+//! to it. A reader opens `episodes` at a version and the others at the versions named there, so that it never sees half of
+//! an ingest; two writers that commit at a time conflict on those names, and the later one looks again and repeats.
+//! Nobody outside this folder knows how the tables lie.
+
+mod ingest;
+mod location;
+mod maintenance;
+mod parts;
+
+use std::{collections::BTreeMap, ffi::OsStr, io, path::PathBuf, sync::Arc};
+
+use arrow::error::ArrowError;
+use deltalake::{
+    DeltaTable, DeltaTableError,
+    kernel::transaction::{CommitBuilder, CommitConflictError, TransactionError},
+    kernel::{Action, StructType, Transaction, engine::arrow_conversion::TryIntoKernel, transaction::CommitProperties},
+    operations::create::CreateBuilder,
+    protocol::{DeltaOperation, SaveMode},
+};
+use object_store::ObjectStore;
+use parquet::errors::ParquetError;
+use serde::Serialize;
+use tokio::runtime::{Builder, Runtime};
+use url::Url;
+
+pub use ingest::{IngestReport, Progress};
+pub use location::Location;
+pub use maintenance::{CompactReport, VacuumReport};
+
+use crate::Table;
+
+/// Tables that hang on `episodes`, in the order in which they are committed before it.
+const SIDE: [Table; 4] = [Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine];
+
+/// How often a writer looks again after others were quicker.
+const TRIES_MAX: u32 = 100;
+
+/// The tables of a store at one version.
+pub struct Store {
+    location: Location,
+    runtime: Arc<Runtime>,
+    tables: BTreeMap<Table, DeltaTable>,
+}
+
+/// A version of a store.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Commit {
+    /// Its number: that of the Delta table `episodes`.
+    pub version: u64,
+    /// When it was written, milliseconds since 1970.
+    pub timestamp_ms: Option<i64>,
+    /// What Delta Lake calls what was done, e.g. `WRITE`, `OPTIMIZE`.
+    pub operation: String,
+}
+
+/// Why the store cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// No store there.
+    #[error("no tables here; fill them with `reel ingest`: {location}")]
+    NoStore {
+        /// Where.
+        location: String,
+    },
+    /// No such version.
+    #[error("there is no version {version}; the newest is {newest}: {location}")]
+    NoVersion {
+        /// The one asked for.
+        version: u64,
+        /// The newest one.
+        newest: u64,
+        /// Where.
+        location: String,
+    },
+    /// The location cannot be understood or reached.
+    #[error("cannot use this store: {reason}: {location}")]
+    Location {
+        /// Why.
+        reason: String,
+        /// Where.
+        location: String,
+    },
+    /// The columns are not those of this version of Reel.
+    #[error(
+        "the columns of '{table}' are those of another version of Reel; ingest the traces anew into another folder: {location}"
+    )]
+    OtherColumns {
+        /// Which table.
+        table: &'static str,
+        /// Where.
+        location: String,
+    },
+    /// Others wrote all the time.
+    #[error("others keep writing to this store: gave up after {tries} tries; nothing of this step was written: {location}")]
+    Busy {
+        /// How often it was tried.
+        tries: u32,
+        /// Where.
+        location: String,
+    },
+    /// A file or folder cannot be read or written.
+    #[error("cannot {action}: {source}: {path}", path = path.display())]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// The system's reason.
+        source: io::Error,
+        /// Which file.
+        path: PathBuf,
+    },
+    /// Delta Lake or the object store fails.
+    #[error("the tables cannot be read or written: {source}: {location}")]
+    Delta {
+        /// What it says.
+        source: DeltaTableError,
+        /// Where.
+        location: String,
+    },
+    /// A Parquet file cannot be read or written.
+    #[error("part of a table: {source}: {path}")]
+    Parquet {
+        /// What Parquet says.
+        source: ParquetError,
+        /// Which file.
+        path: String,
+    },
+    /// Columns of different parts do not fit together.
+    #[error("rows of the tables: {0}")]
+    Arrow(#[from] ArrowError),
+    /// A row does not fit its columns.
+    #[error("rows of the tables: {0}")]
+    Rows(#[from] crate::RowsError),
+}
+
+/// A commit did not come about.
+enum Refused {
+    /// Somebody else was quicker: look again.
+    Conflict,
+    /// It cannot be done.
+    Failed(StoreError),
+}
+
+impl From<StoreError> for Refused {
+    fn from(error: StoreError) -> Self {
+        Refused::Failed(error)
+    }
+}
+
+impl From<ArrowError> for Refused {
+    fn from(error: ArrowError) -> Self {
+        Refused::Failed(error.into())
+    }
+}
+
+impl Store {
+    /// Opens the newest version of a store: a folder, or `s3://bucket/folder` ([`Location::parse`]).
+    ///
+    /// # Errors
+    /// When there is none, or it is damaged or of another version of Reel.
+    pub fn open(location: impl AsRef<OsStr>) -> Result<Self, StoreError> {
+        Self::load(Location::parse(&location.as_ref().to_string_lossy())?, runtime()?, None)
+    }
+
+    /// Opens an earlier version.
+    ///
+    /// # Errors
+    /// As [`Store::open`], and when there is no such version, or its files were vacuumed.
+    pub fn open_at(location: impl AsRef<OsStr>, version: u64) -> Result<Self, StoreError> {
+        Self::load(Location::parse(&location.as_ref().to_string_lossy())?, runtime()?, Some(version))
+    }
+
+    /// Opens a store, or makes an empty one where there is none.
+    ///
+    /// # Errors
+    /// When it cannot be made, or the store is damaged or of another version of Reel.
+    pub fn open_or_create(location: impl AsRef<OsStr>) -> Result<Self, StoreError> {
+        let (location, runtime) = (Location::parse(&location.as_ref().to_string_lossy())?, runtime()?);
+        location.prepare()?;
+        runtime.block_on(create(&location))?;
+        Self::load(location, runtime, None)
+    }
+
+    /// The number of this version.
+    pub fn version(&self) -> u64 {
+        self.tables[&Table::Episodes].version().unwrap_or_default() as u64
+    }
+
+    /// The versions there are, the newest first.
+    ///
+    /// # Errors
+    /// When the log cannot be read.
+    pub fn history(&self) -> Result<Vec<Commit>, StoreError> {
+        use futures_util::TryStreamExt as _;
+
+        let table = &self.tables[&Table::Episodes];
+        let commits: Vec<_> = self.wait(table.history(None).try_collect())?;
+        let newest = self.version();
+        let commit = |(back, commit): (usize, deltalake::kernel::CommitInfo)| Commit {
+            version: newest - back as u64,
+            timestamp_ms: commit.timestamp,
+            operation: commit.operation.unwrap_or_default(),
+        };
+        Ok(commits.into_iter().enumerate().map(commit).collect())
+    }
+
+    /// URLs of the Parquet files of a table. [`Store::objects`] reads them.
+    pub fn files(&self, table: Table) -> Vec<Url> {
+        let root = self.location.table_url(table.name());
+        self.parts(table).into_iter().map(|part| root.join(&part.path).unwrap_or_else(|_| root.clone())).collect()
+    }
+
+    /// The file system or bucket in which the files lie, and its URL.
+    pub fn objects(&self) -> (Url, Arc<dyn ObjectStore>) {
+        self.location.objects()
+    }
+
+    /// Where it lies, as it was given.
+    pub fn location(&self) -> &Location {
+        &self.location
+    }
+
+    /// Runs the store's reading and writing; queries use it too.
+    pub fn runtime(&self) -> Arc<Runtime> {
+        self.runtime.clone()
+    }
+
+    fn load(location: Location, runtime: Arc<Runtime>, version: Option<u64>) -> Result<Self, StoreError> {
+        let tables = runtime.block_on(load(&location, version))?;
+        Ok(Self { location, runtime, tables })
+    }
+
+    /// Looks what is there now.
+    fn reload(&mut self) -> Result<(), StoreError> {
+        self.tables = self.runtime.block_on(load(&self.location, None))?;
+        Ok(())
+    }
+
+    /// The newest state of a side table, also what no commit of `episodes` names yet.
+    fn newest(&self, table: Table) -> Result<DeltaTable, StoreError> {
+        self.runtime.block_on(open(&self.location, table, None))
+    }
+
+    /// Commits to a side table that was just looked at, and says its new version.
+    fn commit_side(&self, table: &DeltaTable, actions: Vec<Action>) -> Result<u64, Refused> {
+        let version = table.version().unwrap_or_default() as i64 + 1;
+        self.commit(table, actions, vec![Transaction::new(WRITER, version)])
+    }
+
+    /// Commits to `episodes` with the versions of the side tables that belong to it: those that are named here, else as
+    /// they were. What was committed is not loaded.
+    fn commit_episodes(&self, actions: Vec<Action>, moved: &BTreeMap<Table, u64>) -> Result<u64, Refused> {
+        let version =
+            |table: Table| moved.get(&table).copied().unwrap_or_else(|| self.tables[&table].version().unwrap_or_default() as u64);
+        let names = SIDE.map(|table| Transaction::new(table.name(), version(table) as i64)).to_vec();
+        self.commit(&self.tables[&Table::Episodes], actions, names)
+    }
+
+    fn commit(&self, table: &DeltaTable, actions: Vec<Action>, names: Vec<Transaction>) -> Result<u64, Refused> {
+        let state = table.snapshot().map_err(|error| self.delta(error))?;
+        let properties = CommitProperties::default().with_application_transactions(names);
+        let operation = DeltaOperation::Write { mode: SaveMode::Append, partition_by: None, predicate: None };
+        let commit = CommitBuilder::from(properties).with_actions(actions).build(Some(state), table.log_store(), operation);
+        match self.runtime.block_on(commit.into_future()) {
+            Ok(done) => Ok(done.version() as u64),
+            Err(error) if is_conflict(&error) => Err(Refused::Conflict),
+            Err(error) => Err(self.delta(error).into()),
+        }
+    }
+
+    /// Waits for Delta Lake.
+    fn wait<T>(&self, future: impl Future<Output = Result<T, DeltaTableError>>) -> Result<T, StoreError> {
+        self.runtime.block_on(future).map_err(|error| self.delta(error))
+    }
+
+    fn delta(&self, source: DeltaTableError) -> StoreError {
+        StoreError::Delta { source, location: self.location.to_string() }
+    }
+}
+
+impl std::fmt::Debug for Store {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Store").field("location", &self.location).field("version", &self.version()).finish_non_exhaustive()
+    }
+}
+
+/// Name under which writers of a side table conflict.
+const WRITER: &str = "reel";
+
+fn runtime() -> Result<Arc<Runtime>, StoreError> {
+    let io_error = |source| StoreError::Io { action: "start threads", source, path: PathBuf::new() };
+    Ok(Arc::new(Builder::new_multi_thread().enable_all().build().map_err(io_error)?))
+}
+
+async fn create(location: &Location) -> Result<(), StoreError> {
+    for table in SIDE.into_iter().chain([Table::Episodes]) {
+        if location.has(table.name()).await? {
+            continue;
+        }
+        let delta = |source| StoreError::Delta { source, location: location.to_string() };
+        let schema: StructType = table.schema().as_ref().try_into_kernel()?;
+        let made = CreateBuilder::new()
+            .with_log_store(location.log(table.name())?)
+            .with_table_name(table.name())
+            .with_comment(table.meaning())
+            .with_columns(schema.fields().cloned())
+            .with_configuration_property(deltalake::TableProperty::DataSkippingNumIndexedCols, Some("12"))
+            .await;
+        match made {
+            Ok(_) => {}
+            // another process made it meanwhile
+            Err(_) if location.has(table.name()).await? => {}
+            Err(error) => return Err(delta(error)),
+        }
+    }
+    Ok(())
+}
+
+async fn load(location: &Location, version: Option<u64>) -> Result<BTreeMap<Table, DeltaTable>, StoreError> {
+    if !location.has(Table::Episodes.name()).await? {
+        return Err(StoreError::NoStore { location: location.to_string() });
+    }
+    let delta = |source| StoreError::Delta { source, location: location.to_string() };
+    let episodes = match open(location, Table::Episodes, version).await {
+        Ok(table) => table,
+        Err(error) => {
+            let newest = open(location, Table::Episodes, None).await?.version().unwrap_or_default() as u64;
+            return Err(match version {
+                Some(version) if version > newest => StoreError::NoVersion { version, newest, location: location.to_string() },
+                _ => error,
+            });
+        }
+    };
+    let state = episodes.snapshot().map_err(delta)?.snapshot().clone();
+    let mut tables = BTreeMap::new();
+    for table in SIDE {
+        let named = state.transaction_version(episodes.log_store().as_ref(), table.name()).await.map_err(delta)?;
+        let version = named.and_then(|version| u64::try_from(version).ok()).unwrap_or(0);
+        tables.insert(table, open(location, table, Some(version)).await?);
+    }
+    tables.insert(Table::Episodes, episodes);
+    Ok(tables)
+}
+
+async fn open(location: &Location, table: Table, version: Option<u64>) -> Result<DeltaTable, StoreError> {
+    let delta = |source| StoreError::Delta { source, location: location.to_string() };
+    let mut opened = DeltaTable::new(location.log(table.name())?);
+    match version {
+        Some(version) => opened.load_version(version as _).await.map_err(delta)?,
+        None => opened.load().await.map_err(delta)?,
+    }
+    let ours: StructType = table.schema().as_ref().try_into_kernel()?;
+    if *opened.snapshot().map_err(delta)?.schema() != ours {
+        return Err(StoreError::OtherColumns { table: table.name(), location: location.to_string() });
+    }
+    Ok(opened)
+}
+
+/// Whether somebody else wrote in between.
+fn is_conflict(error: &DeltaTableError) -> bool {
+    let conflict = |error: &TransactionError| match error {
+        TransactionError::CommitConflict(conflict) => matches!(
+            conflict,
+            CommitConflictError::ConcurrentTransaction
+                | CommitConflictError::ConcurrentAppend
+                | CommitConflictError::ConcurrentDeleteRead
+                | CommitConflictError::ConcurrentDeleteDelete
+        ),
+        TransactionError::MaxCommitAttempts(_) | TransactionError::VersionAlreadyExists(_) => true,
+        _ => false,
+    };
+    match error {
+        DeltaTableError::Transaction { source } => conflict(source),
+        DeltaTableError::VersionAlreadyExists(_) => true,
+        _ => false,
+    }
+}

@@ -1,0 +1,117 @@
+//! Reading and writing the Parquet files of a table: the mechanics of [`super::Store`]. Decides nothing.
+
+use std::sync::Arc;
+
+use arrow::array::RecordBatch;
+use deltalake::{
+    DeltaTable,
+    kernel::{Action, Remove},
+    logstore::parquet_reader::ParquetObjectReader,
+    writer::{DeltaWriter as _, RecordBatchWriter},
+};
+use futures_util::StreamExt as _;
+use parquet::{
+    arrow::{ParquetRecordBatchStreamBuilder, ProjectionMask},
+    basic::{Compression, ZstdLevel},
+    file::properties::WriterProperties,
+};
+
+use super::{Store, StoreError};
+use crate::Table;
+
+/// Rows in a Parquet row group: small enough that two cores share one file of a small store.
+const ROWS_PER_GROUP: usize = 65_536;
+
+/// No file of a table grows beyond this, in bytes.
+pub(super) const FILE_BYTES_MAX: u64 = 256 << 20;
+
+/// A Parquet file of a table.
+pub(super) struct Part {
+    /// Within the table's folder.
+    pub path: String,
+    pub size: u64,
+    /// The action that takes it out of the table.
+    pub remove: Remove,
+}
+
+impl Store {
+    /// The files of a table at this version.
+    pub(super) fn parts(&self, table: Table) -> Vec<Part> {
+        parts(&self.tables[&table])
+    }
+
+    /// Reads some columns of some files; `take` gets each batch with the index of its file.
+    pub(super) fn read_parts(
+        &self,
+        table: &DeltaTable,
+        parts: &[Part],
+        columns: Option<&[&str]>,
+        mut take: impl FnMut(usize, RecordBatch) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        let objects = table.log_store().object_store(None);
+        for (index, part) in parts.iter().enumerate() {
+            let failed = |source| StoreError::Parquet { source, path: part.path.clone() };
+            let path = object_store::path::Path::parse(&part.path)
+                .map_err(|error| StoreError::Location { reason: error.to_string(), location: part.path.clone() })?;
+            let reader = ParquetObjectReader::new(Arc::clone(&objects), path).with_file_size(part.size);
+            let mut builder = self.runtime.block_on(ParquetRecordBatchStreamBuilder::new(reader)).map_err(failed)?;
+            if let Some(columns) = columns {
+                let mask = ProjectionMask::columns(builder.parquet_schema(), columns.iter().copied());
+                builder = builder.with_projection(mask);
+            }
+            let mut stream = builder.build().map_err(failed)?;
+            while let Some(batch) = self.runtime.block_on(stream.next()) {
+                take(index, batch.map_err(failed)?)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes rows into new files and gives the actions that take them into the table.
+    pub(super) fn write_parts(&self, table: &DeltaTable, batches: Vec<RecordBatch>) -> Result<Vec<Action>, StoreError> {
+        let mut writer = self.writer(table)?;
+        self.wait(async {
+            for batch in batches {
+                writer.write(batch).await?;
+            }
+            Ok(writer.flush().await?.into_iter().map(Action::Add).collect())
+        })
+    }
+
+    /// Writes the rows of some files into fewer ones, a batch at a time. The actions say that no data changed.
+    pub(super) fn rewrite_parts(&self, table: &DeltaTable, parts: Vec<Part>) -> Result<Vec<Action>, StoreError> {
+        let mut writer = self.writer(table)?;
+        self.read_parts(table, &parts, None, |_, batch| self.wait(writer.write(batch)))?;
+        let mut actions = Vec::new();
+        for mut add in self.wait(writer.flush())? {
+            add.data_change = false;
+            actions.push(Action::Add(add));
+        }
+        for Part { mut remove, .. } in parts {
+            remove.data_change = false;
+            actions.push(Action::Remove(remove));
+        }
+        Ok(actions)
+    }
+
+    fn writer(&self, table: &DeltaTable) -> Result<RecordBatchWriter, StoreError> {
+        let writer = RecordBatchWriter::for_table(table).map_err(|error| self.delta(error))?;
+        let properties = WriterProperties::builder()
+            .set_compression(Compression::ZSTD(ZstdLevel::default()))
+            .set_max_row_group_row_count(Some(ROWS_PER_GROUP))
+            .build();
+        Ok(writer.with_writer_properties(properties).with_target_file_size(FILE_BYTES_MAX))
+    }
+}
+
+pub(super) fn parts(table: &DeltaTable) -> Vec<Part> {
+    let Ok(state) = table.snapshot() else { return Vec::new() };
+    let part = |file: deltalake::kernel::LogicalFileView| Part {
+        path: file.object_store_path().to_string(),
+        size: file.size().max(0) as u64,
+        remove: file.remove_action(true),
+    };
+    let mut parts: Vec<Part> = state.log_data().into_iter().map(part).collect();
+    parts.sort_by(|one, other| one.path.cmp(&other.path));
+    parts
+}
