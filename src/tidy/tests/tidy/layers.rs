@@ -16,7 +16,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
     ("replay", &["world", "sim", "reward", "plan", "episode", "trace"]),
     ("tables", &["world", "reward", "trace"]),
-    ("query", &["tables", "replay"]),
+    ("pattern", &[]),
+    ("query", &["tables", "replay", "pattern"]),
     ("export", &["world", "trace", "tables", "replay"]),
     ("view", &["world", "trace", "replay"]),
     ("tidy", &[]),
@@ -41,6 +42,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rayon", &["agents", "replay", "tables", "export", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents"]),
     ("rand_core", &["sim", "tasks", "agents"]),
+    ("strsim", &["pattern"]),
     ("rand", &[]),
 ];
 
