@@ -6,7 +6,6 @@ use arrow::datatypes::{DataType, Field, Fields, Schema};
 use parquet::arrow::{ARROW_SCHEMA_META_KEY, encode_arrow_schema};
 use polars_core::prelude::{BinaryChunked, Column, DataFrame, IntoSeries, NamedFrom, NewChunkedArray, Series, StructChunked};
 use polars_io::parquet::write::{BatchedWriter, KeyValueMetadata, ParquetCompression, ParquetWriter};
-use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde_json::{Map, Value, json};
 
 use crate::{ExportError, Row, prompt_digest};
@@ -52,21 +51,6 @@ impl Writer {
         self.writer.finish()?;
         Ok(())
     }
-}
-
-/// A picture of the head camera as PNG.
-///
-/// # Panics
-/// When the buffer is no picture of the head camera; the trace's reader gives no other.
-pub(crate) fn png(rgb: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_compression(png::Compression::Fast);
-    let mut writer = encoder.write_header().expect("writing to memory does not fail");
-    writer.write_image_data(rgb).expect("the picture has the camera's size");
-    writer.finish().expect("writing to memory does not fail");
-    bytes
 }
 
 fn frame(rows: &[Row]) -> Result<DataFrame, ExportError> {

@@ -12,7 +12,8 @@ use std::{
 };
 
 use rayon::prelude::*;
-use reel_trace::{Trace, TraceError};
+use reel_trace::{Trace, TraceError, encode_png};
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde::Serialize;
 
 pub use prompt::{SYSTEM_PROMPT, prompt_digest};
@@ -157,7 +158,10 @@ fn latest_image(trace: &Trace, index: usize) -> Result<Option<(String, Vec<u8>)>
     for step in earlier.chain([None]) {
         if let Some(rgb) = trace.frame_rgb(step)? {
             let moment = step.map_or("start".to_owned(), |step| format!("step-{step:03}"));
-            return Ok(Some((format!("{}-{moment}.png", trace.header.episode_id), dataset::png(&rgb))));
+            return Ok(Some((
+                format!("{}-{moment}.png", trace.header.episode_id),
+                encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32),
+            )));
         }
     }
     Ok(None)

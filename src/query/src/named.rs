@@ -34,6 +34,29 @@ impl NamedQuery {
         lines.join("\n")
     }
 
+    /// Parameters with their defaults, from the lines `$name = default` under `Parameters:` of the header.
+    pub fn parameters(&self) -> Vec<(String, String)> {
+        let help = self.help();
+        let lines = help.lines().skip_while(|line| *line != "Parameters:").skip(1);
+        let parameter = |line: &str| {
+            let (name, rest) = line.strip_prefix("  $")?.split_once(" = ")?;
+            let default = rest.split_once("  ").map_or(rest, |(default, _)| default);
+            Some((name.trim().to_owned(), default.trim().to_owned()))
+        };
+        lines.map_while(parameter).collect()
+    }
+
+    /// The text with the defaults in the place of its parameters: a view.
+    pub fn with_defaults(&self) -> String {
+        let mut sql = self.sql.to_owned();
+        for (name, default) in self.parameters() {
+            let quoted =
+                default.parse::<f64>().map_or_else(|_| format!("'{}'", default.replace('\'', "''")), |_| default.clone());
+            sql = sql.replace(&format!("${name}"), &quoted);
+        }
+        sql
+    }
+
     /// The first sentence of the header.
     pub fn summary(&self) -> String {
         let help = self.help().replace('\n', " ");

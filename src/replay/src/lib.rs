@@ -28,7 +28,7 @@ pub use explain::{Explanation, FieldChange, PictureChange, body_changes, explain
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Differing, Replay};
 pub use repack::{RepackError, compact, expand};
-pub use seek::{SnapshotCache, seek, verify_restored};
+pub use seek::{SnapshotCache, picture_at, seek, verify_restored};
 
 /// What a replay found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -76,6 +76,17 @@ impl Verdict {
         matches!(self, Verdict::Exact { .. })
     }
 
+    /// One word for it: `exact`, `diverged`, `other_simulator`, `not_replayable` or `refused`.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Verdict::Exact { .. } => "exact",
+            Verdict::Diverged { .. } => "diverged",
+            Verdict::OtherSimulator { .. } => "other_simulator",
+            Verdict::NotReplayable { .. } => "not_replayable",
+            Verdict::Refused { .. } => "refused",
+        }
+    }
+
     fn panicked(path: &Path) -> Self {
         let reason = format!("replaying it panicked; run `reel replay {}` alone and report what it prints", path.display());
         Verdict::Refused { reason }
@@ -110,6 +121,11 @@ pub fn verify(path: &Path) -> Verdict {
 /// Replays many trace files on so many threads; verdicts in the order of the paths.
 pub fn verify_all<P: AsRef<Path> + Sync>(paths: &[P], workers: usize, on_done: impl Fn(&Path, &Verdict) + Sync) -> Vec<Verdict> {
     on_workers(paths, workers, |path| contained(path.as_ref(), verify, &on_done))
+}
+
+/// Replays a trace that was read; a panic ends only its own verdict.
+pub fn verify_contained(trace: &Trace) -> Verdict {
+    catch_unwind(AssertUnwindSafe(|| verify_trace(trace))).unwrap_or_else(|_| Verdict::panicked(&trace.path))
 }
 
 /// [`verify_all`], and each again from snapshots after `count` of its calls.

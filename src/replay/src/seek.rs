@@ -53,6 +53,25 @@ impl SnapshotCache {
     }
 }
 
+/// The picture after a call (none: before the first), drawn again whether or not the trace holds it.
+///
+/// # Errors
+/// Why nothing can be executed, the first difference on the way, or that there is no such call.
+pub fn picture_at(trace: &Trace, call: Option<u32>, cache: Option<&SnapshotCache>) -> Result<Vec<u8>, Verdict> {
+    let Some(call) = call else {
+        return Replay::start(trace, Detail::Picture).map(|(_, frame)| frame.rgb);
+    };
+    let mut replay = seek(trace, call as usize, cache)?;
+    let output = replay.step()?.ok_or_else(|| no_call(trace, call as usize))?;
+    let simulator = replay.episode().simulator();
+    Ok(output.frame.unwrap_or_else(|| simulator.picture_from(&simulator.camera())).rgb)
+}
+
+fn no_call(trace: &Trace, call: usize) -> Verdict {
+    let count = trace.steps.len();
+    Verdict::Refused { reason: format!("there is no call {call}: the episode has {count} calls, from 0") }
+}
+
 /// Goes to the state after the first `calls` calls: from the nearest snapshot of the cache, else from the start. What is
 /// executed on the way is compared with the trace; the snapshot found there is kept.
 ///
@@ -60,8 +79,7 @@ impl SnapshotCache {
 /// Why nothing can be executed, or the first difference on the way.
 pub fn seek<'t>(trace: &'t Trace, calls: usize, cache: Option<&SnapshotCache>) -> Result<Replay<'t>, Verdict> {
     if calls > trace.steps.len() {
-        let count = trace.steps.len();
-        return Err(Verdict::Refused { reason: format!("there is no call {calls}: the episode has {count} calls, from 0") });
+        return Err(no_call(trace, calls));
     }
     let nearest =
         |cache: &SnapshotCache| (0..=calls).rev().find_map(|calls| Replay::resume(trace, calls, &cache.get(trace, calls)?).ok());

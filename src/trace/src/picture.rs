@@ -1,4 +1,4 @@
-//! Pictures as lossless WebP.
+//! Pictures as lossless WebP (in traces) and PNG (for people and policies).
 
 use image_webp::{ColorType, WebPDecoder, WebPEncoder};
 use std::io::Cursor;
@@ -26,6 +26,21 @@ pub fn decode_webp(bytes: &[u8], pixels_max: u32) -> Option<(Vec<u8>, u32, u32)>
     let mut rgb = vec![0; decoder.output_buffer_size()?];
     decoder.read_image(&mut rgb).ok()?;
     Some((rgb, width, height))
+}
+
+/// Encodes 8-bit RGB as PNG, quickly rather than small.
+///
+/// # Panics
+/// When `rgb` is not `width * height * 3` bytes long: a programmer's error.
+pub fn encode_png(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_compression(png::Compression::Fast);
+    let mut writer = encoder.write_header().expect("writing to memory does not fail");
+    writer.write_image_data(rgb).expect("the picture has the size it says");
+    writer.finish().expect("writing to memory does not fail");
+    bytes
 }
 
 #[cfg(test)]

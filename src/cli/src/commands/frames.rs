@@ -6,7 +6,7 @@ use std::{
 };
 
 use anyhow::{Context, anyhow, bail};
-use reel_trace::Trace;
+use reel_trace::{Trace, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde_json::json;
 
@@ -48,12 +48,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let mut files = Vec::new();
     if let Some(call) = arguments.at {
         let path = arguments.out.join(file_name(Some(call)));
-        write(&path, &png(&picture_at(&trace, call, &arguments.cache)?)?)?;
+        write(&path, &png(&picture_at(&trace, call, &arguments.cache)?))?;
         files.push(path);
     } else if !arguments.sheet_only {
         for (step, rgb) in pictures(&trace)? {
             let path = arguments.out.join(file_name(step));
-            write(&path, &png(&rgb)?)?;
+            write(&path, &png(&rgb))?;
             files.push(path);
         }
     }
@@ -91,30 +91,16 @@ fn pictures(trace: &Trace) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
 
 /// The picture of one call, rendered again.
 fn picture_at(trace: &Trace, call: u32, cache: &inputs::Cache) -> anyhow::Result<Vec<u8>> {
-    let refused = |verdict| anyhow!("{}: cannot go to call {call}: {verdict}", trace.path.display());
-    let mut replay = reel_replay::seek(trace, call as usize, cache.open().as_ref()).map_err(refused)?;
-    match replay.step() {
-        Ok(Some(output)) => {
-            let simulator = replay.episode().simulator();
-            let frame = output.frame.unwrap_or_else(|| simulator.picture_from(&simulator.camera()));
-            Ok(frame.rgb)
-        }
-        Ok(None) => bail!("{}: there is no call {call}: the episode has {} calls", trace.path.display(), trace.steps.len()),
-        Err(differing) => Err(refused(differing.into())),
-    }
+    let picture = reel_replay::picture_at(trace, Some(call), cache.open().as_ref());
+    picture.map_err(|verdict| anyhow!("{}: cannot go to call {call}: {verdict}", trace.path.display()))
 }
 
 fn file_name(step: Option<u32>) -> String {
     step.map_or_else(|| "start.png".to_owned(), |step| format!("call_{step:03}.png"))
 }
 
-fn png(rgb: &[u8]) -> anyhow::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.write_header()?.write_image_data(rgb)?;
-    Ok(bytes)
+fn png(rgb: &[u8]) -> Vec<u8> {
+    encode_png(rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)
 }
 
 fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {

@@ -65,7 +65,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 /// When the store cannot be opened or the query is wrong.
 pub fn print(store: &str, sql: &str, form: Format) -> anyhow::Result<()> {
     let store = Store::open(store)?;
-    let text = format(&reel_query::run(&store, sql)?, form)?;
+    let text = format(&reel_query::run(store, sql)?, form)?;
     println!("{}", text.trim_end());
     Ok(())
 }

@@ -44,7 +44,7 @@ fn the_benchmark_counts_by_policy_and_family() {
     let mut store = store(dir.path(), &plays);
     let part = broken_off.record_as(&dir.path().join("broken.mcap"), Images::None);
     assert_eq!(store.ingest(&[part], &|_, _| ()).unwrap().added, 1);
-    let session = Session::new(&store).unwrap();
+    let session = Session::new(store).unwrap();
     let rows = ask(&session, "SELECT policy, family, episodes, success, asks FROM benchmark ORDER BY policy, family");
     assert_eq!(
         rows,
@@ -80,7 +80,7 @@ fn every_failure_has_its_class_and_evidence() {
             .finish(),
         success("12", Family::FDP, 1),
     ];
-    let session = Session::new(&store(dir.path(), &plays)).unwrap();
+    let session = Session::new(store(dir.path(), &plays)).unwrap();
     let rows = ask(&session, "SELECT policy, class, cause, evidence FROM failed_episodes ORDER BY policy");
     assert_eq!(
         rows,
@@ -110,7 +110,7 @@ fn every_failure_has_its_class_and_evidence() {
 #[test]
 fn the_steps_are_a_flat_view() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(&store(dir.path(), &[success("oracle", Family::FDP, 1)])).unwrap();
+    let session = Session::new(store(dir.path(), &[success("oracle", Family::FDP, 1)])).unwrap();
     let rows = ask(&session, "SELECT step, tool, argument FROM steps WHERE policy = 'oracle' ORDER BY step LIMIT 2");
     assert_eq!(rows, ["0,nav_to,table_1", "1,show_object_by_category,alarm clock"]);
     let columns = session.run("SELECT * FROM steps").unwrap()[0].num_columns();
@@ -120,9 +120,9 @@ fn the_steps_are_a_flat_view() {
 #[test]
 fn an_empty_store_answers_every_named_query_with_its_columns() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(&Store::open_or_create(dir.path()).unwrap()).unwrap();
+    let session = Session::new(Store::open_or_create(dir.path()).unwrap()).unwrap();
     for query in named::ALL {
-        let batches = session.run(query.sql).unwrap();
+        let batches = session.run(&query.with_defaults()).unwrap();
         assert_eq!(batches.iter().map(|batch| batch.num_rows()).sum::<usize>(), 0);
         for column in batches[0].schema().fields() {
             assert!(query.help().contains(column.name()), "{}: the header does not tell of {}", query.name, column.name());
@@ -133,7 +133,7 @@ fn an_empty_store_answers_every_named_query_with_its_columns() {
 #[test]
 fn only_questions_are_answered() {
     let dir = TempDir::new().unwrap();
-    let session = Session::new(&store(dir.path(), &[success("oracle", Family::FDP, 1)])).unwrap();
+    let session = Session::new(store(dir.path(), &[success("oracle", Family::FDP, 1)])).unwrap();
     let out = dir.path().join("out.csv");
     let refused = [
         "CREATE TABLE x AS SELECT 1".to_owned(),

@@ -1,0 +1,31 @@
+//! SQL functions of our own. Each file holds a family: what they are called, what they take and give, and an example that
+//! the tests run. Nothing here plans or runs a query.
+
+pub mod sequence;
+pub mod simulator;
+pub mod statistics;
+
+use datafusion::logical_expr::ScalarUDF;
+
+use crate::control::Control;
+
+/// What a function is for, for people: `reel query --functions`.
+#[derive(Clone, Copy, Debug)]
+pub struct FunctionHelp {
+    /// How it is called.
+    pub call: &'static str,
+    /// What it gives.
+    pub meaning: &'static str,
+    /// SQL that works on every store.
+    pub example: &'static str,
+}
+
+/// Every function, in the order of the documents.
+pub fn help() -> impl Iterator<Item = FunctionHelp> {
+    sequence::HELP.iter().chain(statistics::HELP).chain(simulator::HELP).copied()
+}
+
+/// Every function, for a session.
+pub(crate) fn all(control: &std::sync::Arc<Control>) -> Vec<ScalarUDF> {
+    sequence::functions().into_iter().chain(statistics::functions()).chain(simulator::functions(control)).collect()
+}

@@ -1,0 +1,510 @@
+//! Functions over the nested steps of an episode: patterns in linear time, the first step that fits, back and forth, and a
+//! column of the steps as a list. Conditions are evaluated over whole columns, patterns over the bits that come of them.
+//!
+//! The language of the patterns is `reel_pattern`'s. [`needs`] says which columns of the steps a call reads, so that a
+//! query reads no others from disk.
+
+use std::{collections::BTreeSet, sync::Arc};
+
+use arrow::{
+    array::{
+        Array, ArrayRef, AsArray, BooleanArray, BooleanBufferBuilder, Int32Array, Int64Array, ListArray, Scalar, StringArray,
+        StructArray, UInt32Array,
+    },
+    buffer::{BooleanBuffer, NullBuffer},
+    compute::{
+        and_kleene, cast, is_null,
+        kernels::{cmp, comparison::like},
+        not, or_kleene, take,
+    },
+    datatypes::{DataType, Field, FieldRef, Fields},
+};
+use datafusion::{
+    common::{ScalarValue, exec_err, plan_err},
+    error::{DataFusionError, Result},
+    logical_expr::{ColumnarValue, Expr, ReturnFieldArgs, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl, Signature, Volatility},
+};
+use reel_pattern::{ColumnKind, Condition, Literal, Op, Operand, Oscillation, Pattern, StepColumn};
+
+use super::FunctionHelp;
+
+pub(crate) const HELP: &[FunctionHelp] = &[
+    FunctionHelp {
+        call: "sequence_match(steps, pattern)",
+        meaning: "Whether a pattern occurs in the steps.",
+        example: "SELECT count(*) FROM episodes WHERE sequence_match(steps, 'nav_to show_object_by_category .. pick[ok]')",
+    },
+    FunctionHelp {
+        call: "sequence_count(steps, pattern)",
+        meaning: "How often it occurs, without overlap.",
+        example: "SELECT episode_id, sequence_count(steps, 'nav_to[failed]') FROM episodes",
+    },
+    FunctionHelp {
+        call: "sequence_find(steps, pattern)",
+        meaning: "Where it occurs first: struct(first, last), numbers of decisions; null where it does not, or is empty.",
+        example: "SELECT sequence_find(steps, '^ !ask* pick').last AS picked_unasked FROM episodes",
+    },
+    FunctionHelp {
+        call: "first_step(steps, condition)",
+        meaning: "The first decision that fits; null where none does.",
+        example: "SELECT episode_id, first_step(steps, 'pick[goal_object]') FROM episodes",
+    },
+    FunctionHelp {
+        call: "oscillation(steps)",
+        meaning: "The longest run of `nav_to` back and forth between two receptacles (A-B-A...): struct(length, first, one, \
+                  other); null below three calls. Four or more are the mark of Lost Memory.",
+        example: "SELECT policy, max(oscillation(steps).length) FROM episodes GROUP BY policy",
+    },
+    FunctionHelp {
+        call: "step_values(steps, column)",
+        meaning: "A column of the steps as a list of numbers.",
+        example: "SELECT step_values(steps, 'reward') FROM episodes LIMIT 1",
+    },
+    FunctionHelp {
+        call: "step_texts(steps, column)",
+        meaning: "A column of the steps as a list of texts.",
+        example: "SELECT array_to_string(step_texts(steps, 'tool'), ' > ') FROM episodes LIMIT 1",
+    },
+];
+
+/// The functions that take `steps` as their first argument.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+enum Kind {
+    Match,
+    Count,
+    Find,
+    FirstStep,
+    Oscillation,
+    Values,
+    Texts,
+}
+
+const KINDS: [(Kind, &str); 7] = [
+    (Kind::Match, "sequence_match"),
+    (Kind::Count, "sequence_count"),
+    (Kind::Find, "sequence_find"),
+    (Kind::FirstStep, "first_step"),
+    (Kind::Oscillation, "oscillation"),
+    (Kind::Values, "step_values"),
+    (Kind::Texts, "step_texts"),
+];
+
+pub(crate) fn functions() -> Vec<ScalarUDF> {
+    let function = |(kind, name)| {
+        let count = if kind == Kind::Oscillation { 1 } else { 2 };
+        ScalarUDF::from(StepFunction { kind, name, signature: Signature::any(count, Volatility::Immutable) })
+    };
+    KINDS.into_iter().map(function).collect()
+}
+
+/// Columns of the steps that a call of one of these functions reads; none where that is not to be seen from the call.
+pub(crate) fn needs(name: &str, arguments: &[Expr]) -> Option<BTreeSet<String>> {
+    let (kind, _) = KINDS.into_iter().find(|(_, known)| *known == name)?;
+    let text = || match arguments.get(1)? {
+        Expr::Literal(value, _) => value.try_as_str().flatten().map(str::to_owned),
+        _ => None,
+    };
+    let mut columns = BTreeSet::new();
+    match kind {
+        Kind::Oscillation => columns.extend(["tool".to_owned(), "argument".to_owned()]),
+        Kind::Values | Kind::Texts => {
+            columns.insert(text()?);
+        }
+        Kind::FirstStep => collect(&Condition::parse(&text()?).ok()?, &mut columns),
+        Kind::Match | Kind::Count | Kind::Find => {
+            Pattern::parse(&text()?).ok()?.conditions().iter().for_each(|condition| collect(condition, &mut columns));
+        }
+    }
+    Some(columns)
+}
+
+fn collect(condition: &Condition, columns: &mut BTreeSet<String>) {
+    let mut take = |column: &StepColumn| {
+        columns.insert(column.name.clone());
+    };
+    match condition {
+        Condition::Any => {}
+        Condition::Flag(column)
+        | Condition::InList { column, .. }
+        | Condition::Like { column, .. }
+        | Condition::IsNull(column) => {
+            take(column);
+        }
+        Condition::Compare { left, right, .. } => {
+            take(left);
+            if let Operand::Column(right) = right {
+                take(right);
+            }
+        }
+        Condition::And(parts) | Condition::Or(parts) => parts.iter().for_each(|part| collect(part, columns)),
+        Condition::Not(part) | Condition::IsTrue(part) => collect(part, columns),
+    }
+}
+
+#[derive(PartialEq, Eq, Hash, Debug)]
+struct StepFunction {
+    kind: Kind,
+    name: &'static str,
+    signature: Signature,
+}
+
+impl ScalarUDFImpl for StepFunction {
+    fn name(&self) -> &str {
+        self.name
+    }
+
+    fn signature(&self) -> &Signature {
+        &self.signature
+    }
+
+    fn return_type(&self, arguments: &[DataType]) -> Result<DataType> {
+        if step_fields(&arguments[0]).is_none() {
+            return plan_err!("{} takes the steps of an episode first: {}(steps, ...)", self.name, self.name);
+        }
+        Ok(match self.kind {
+            Kind::Match => DataType::Boolean,
+            Kind::Count => DataType::Int64,
+            Kind::FirstStep => DataType::Int32,
+            Kind::Find => DataType::Struct(span()),
+            Kind::Oscillation => DataType::Struct(swing()),
+            Kind::Values => list_of(DataType::Float64),
+            Kind::Texts => list_of(DataType::Utf8),
+        })
+    }
+
+    fn return_field_from_args(&self, arguments: ReturnFieldArgs<'_>) -> Result<FieldRef> {
+        let types: Vec<DataType> = arguments.arg_fields.iter().map(|field| field.data_type().clone()).collect();
+        let data_type = self.return_type(&types)?;
+        // a wrong pattern is an error of the question, not of its run
+        if let Some(Some(text)) = arguments.scalar_arguments.get(1) {
+            let (Some(text), Some(fields)) = (text.try_as_str().flatten(), step_fields(&types[0])) else {
+                return plan_err!("{}: the second argument is a text", self.name);
+            };
+            self.understand(text, fields)?;
+        }
+        Ok(Arc::new(Field::new(self.name, data_type, true)))
+    }
+
+    fn invoke_with_args(&self, arguments: ScalarFunctionArgs) -> Result<ColumnarValue> {
+        let steps = arguments.args[0].to_array(arguments.number_rows)?;
+        let Some(fields) = step_fields(steps.data_type()) else { return exec_err!("{}: no steps", self.name) };
+        let steps = Episodes::new(steps.as_list::<i32>());
+        let text = match arguments.args.get(1) {
+            None => String::new(),
+            Some(ColumnarValue::Scalar(text)) => match text.try_as_str().flatten() {
+                Some(text) => text.to_owned(),
+                None => return Ok(ColumnarValue::Scalar(ScalarValue::try_from(arguments.return_field.data_type())?)),
+            },
+            Some(ColumnarValue::Array(_)) => return exec_err!("{}: the second argument is one text, not a column", self.name),
+        };
+        let array: ArrayRef = match self.understand(&text, fields)? {
+            Understood::Pattern(pattern) => self.matched(&pattern, &steps)?,
+            Understood::Condition(condition) => Arc::new(first_step(&condition, &steps)?),
+            Understood::Column(column) => Arc::new(values(&column, self.kind, &steps)?),
+            Understood::Nothing => Arc::new(oscillation(&steps)?),
+        };
+        Ok(ColumnarValue::Array(array))
+    }
+}
+
+/// The second argument.
+enum Understood {
+    Pattern(Pattern),
+    Condition(Condition),
+    Column(String),
+    Nothing,
+}
+
+impl StepFunction {
+    fn understand(&self, text: &str, fields: &Fields) -> Result<Understood> {
+        let known: Vec<(&str, ColumnKind)> =
+            fields.iter().filter_map(|field| Some((field.name().as_str(), kind(field)?))).collect();
+        let wrong = |error: reel_pattern::PatternError| DataFusionError::Plan(format!("{}: {error}", self.name));
+        match self.kind {
+            Kind::Oscillation => Ok(Understood::Nothing),
+            Kind::FirstStep => Condition::parse_for(text, &known).map(Understood::Condition).map_err(wrong),
+            Kind::Match | Kind::Count | Kind::Find => {
+                let pattern = Pattern::parse(text).map_err(wrong)?;
+                pattern.check(&known).map_err(wrong)?;
+                Ok(Understood::Pattern(pattern))
+            }
+            Kind::Values | Kind::Texts => {
+                let fits = |kind: ColumnKind| (self.kind == Kind::Texts) == (kind == ColumnKind::Text);
+                match known.iter().find(|(name, _)| *name == text) {
+                    Some((_, kind)) if fits(*kind) => Ok(Understood::Column(text.to_owned())),
+                    Some((_, kind)) => plan_err!("{}: the column '{text}' of the steps holds {kind}", self.name),
+                    None => {
+                        let names: Vec<&str> = known.iter().filter(|(_, kind)| fits(*kind)).map(|(name, _)| *name).collect();
+                        plan_err!("{}: the steps have no column '{text}'; there are {}", self.name, names.join(", "))
+                    }
+                }
+            }
+        }
+    }
+
+    fn matched(&self, pattern: &Pattern, steps: &Episodes) -> Result<ArrayRef> {
+        let masks = masks(pattern, steps)?;
+        let mut matcher = pattern.matcher();
+        let nulls = steps.nulls();
+        Ok(match self.kind {
+            Kind::Match => {
+                let mut found = BooleanBufferBuilder::new(steps.len());
+                (0..steps.len()).for_each(|row| found.append(matcher.is_match(&masks[steps.range(row)])));
+                Arc::new(BooleanArray::new(found.finish(), nulls))
+            }
+            Kind::Count => {
+                let counts = (0..steps.len()).map(|row| matcher.count(&masks[steps.range(row)]) as i64);
+                Arc::new(Int64Array::new(counts.collect(), nulls))
+            }
+            _ => {
+                let numbers = steps.numbers()?;
+                let found: Vec<Option<(i32, i32)>> = (0..steps.len())
+                    .map(|row| {
+                        let range = steps.range(row);
+                        let found = matcher.find(&masks[range.clone()]).filter(|found| !found.is_empty())?;
+                        Some((numbers(range.start + found.start), numbers(range.start + found.end - 1)))
+                    })
+                    .collect();
+                let first: Int32Array = found.iter().map(|found| found.map(|(first, _)| first)).collect();
+                let last: Int32Array = found.iter().map(|found| found.map(|(_, last)| last)).collect();
+                let known = NullBuffer::from_iter(found.iter().map(Option::is_some));
+                Arc::new(StructArray::new(
+                    span(),
+                    vec![Arc::new(first), Arc::new(last)],
+                    NullBuffer::union(nulls.as_ref(), Some(&known)),
+                ))
+            }
+        })
+    }
+}
+
+/// The steps of many episodes, flat, and where each episode begins.
+struct Episodes<'a> {
+    list: &'a ListArray,
+    steps: StructArray,
+    /// Of the first step.
+    base: usize,
+}
+
+impl<'a> Episodes<'a> {
+    fn new(list: &'a ListArray) -> Self {
+        let offsets = list.value_offsets();
+        let (base, end) = (offsets[0] as usize, offsets[list.len()] as usize);
+        Self { list, steps: list.values().as_struct().slice(base, end - base), base }
+    }
+
+    fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    fn nulls(&self) -> Option<NullBuffer> {
+        self.list.nulls().cloned()
+    }
+
+    /// The steps of an episode.
+    fn range(&self, row: usize) -> std::ops::Range<usize> {
+        let offsets = self.list.value_offsets();
+        offsets[row] as usize - self.base..offsets[row + 1] as usize - self.base
+    }
+
+    fn column(&self, name: &str) -> Result<&ArrayRef> {
+        self.steps.column_by_name(name).ok_or_else(|| DataFusionError::Execution(format!("the steps have no column '{name}'")))
+    }
+
+    /// Numbers of the decisions, where the steps were read with them; their places, where not (they are equal).
+    fn numbers(&self) -> Result<impl Fn(usize) -> i32> {
+        let mut starts = vec![0; self.steps.len()];
+        for row in 0..self.len() {
+            let range = self.range(row);
+            starts[range.clone()].fill(range.start);
+        }
+        Ok(move |step: usize| (step - starts[step]) as i32)
+    }
+
+    /// A column, `back` steps earlier in the same episode.
+    fn back(&self, column: &StepColumn) -> Result<ArrayRef> {
+        let array = self.column(&column.name)?;
+        if column.back == 0 {
+            return Ok(array.clone());
+        }
+        let back = column.back as usize;
+        let mut indices: Vec<Option<u32>> = vec![None; array.len()];
+        for row in 0..self.len() {
+            for step in self.range(row).skip(back) {
+                indices[step] = Some((step - back) as u32);
+            }
+        }
+        Ok(take(array, &UInt32Array::from(indices), None)?)
+    }
+}
+
+/// Which conditions of a pattern each step fits.
+fn masks(pattern: &Pattern, steps: &Episodes) -> Result<Vec<u64>> {
+    let mut masks = vec![0; steps.steps.len()];
+    for (bit, condition) in pattern.conditions().iter().enumerate() {
+        for step in fitting(&truth(condition, steps)?).set_indices() {
+            masks[step] |= 1 << bit;
+        }
+    }
+    Ok(masks)
+}
+
+/// Where a truth is true, not null.
+fn fitting(truth: &BooleanArray) -> BooleanBuffer {
+    match truth.nulls() {
+        Some(nulls) => truth.values() & nulls.inner(),
+        None => truth.values().clone(),
+    }
+}
+
+/// What a condition says of each step.
+fn truth(condition: &Condition, steps: &Episodes) -> Result<BooleanArray> {
+    let all =
+        |parts: &[Condition],
+         join: fn(&BooleanArray, &BooleanArray) -> std::result::Result<BooleanArray, arrow::error::ArrowError>| {
+            let mut truths = parts.iter().map(|part| truth(part, steps));
+            let first = truths.next().unwrap_or_else(|| exec_err!("an empty condition"))?;
+            truths.try_fold(first, |sum, next| Ok::<_, DataFusionError>(join(&sum, &next?)?))
+        };
+    Ok(match condition {
+        Condition::Any => BooleanArray::from(vec![true; steps.steps.len()]),
+        Condition::Flag(column) => steps.back(column)?.as_boolean().clone(),
+        Condition::Compare { left, op, right } => {
+            let left = steps.back(left)?;
+            match right {
+                Operand::Literal(literal) => compare(&left, *op, literal)?,
+                Operand::Column(column) => {
+                    let right = steps.back(column)?;
+                    let (left, right) = if kind_of(left.data_type()) == Some(ColumnKind::Number) {
+                        (cast(&left, &DataType::Float64)?, cast(&right, &DataType::Float64)?)
+                    } else {
+                        (left, right)
+                    };
+                    with(*op, &left, &right)?
+                }
+            }
+        }
+        Condition::InList { column, values } => {
+            let column = steps.back(column)?;
+            let mut truths = values.iter().map(|value| compare(&column, Op::Eq, value));
+            let first = truths.next().unwrap_or_else(|| exec_err!("an empty list"))?;
+            truths.try_fold(first, |sum, next| Ok::<_, DataFusionError>(or_kleene(&sum, &next?)?))?
+        }
+        Condition::Like { column, pattern } => {
+            let column = steps.back(column)?;
+            like(&column, &Scalar::new(StringArray::from(vec![pattern.as_str()])))?
+        }
+        Condition::IsNull(column) => is_null(&steps.back(column)?)?,
+        Condition::And(parts) => all(parts, and_kleene)?,
+        Condition::Or(parts) => all(parts, or_kleene)?,
+        Condition::Not(part) => not(&truth(part, steps)?)?,
+        Condition::IsTrue(part) => BooleanArray::new(fitting(&truth(part, steps)?), None),
+    })
+}
+
+fn compare(column: &ArrayRef, op: Op, literal: &Literal) -> Result<BooleanArray> {
+    match literal {
+        Literal::Text(text) => with(op, column, &Scalar::new(StringArray::from(vec![text.as_str()]))),
+        Literal::Flag(flag) => with(op, column, &Scalar::new(BooleanArray::from(vec![*flag]))),
+        Literal::Number(number) => {
+            let column = cast(column, &DataType::Float64)?;
+            with(op, &column, &Scalar::new(arrow::array::Float64Array::from(vec![*number])))
+        }
+    }
+}
+
+fn with(op: Op, left: &dyn arrow::array::Datum, right: &dyn arrow::array::Datum) -> Result<BooleanArray> {
+    Ok(match op {
+        Op::Eq => cmp::eq(left, right),
+        Op::NotEq => cmp::neq(left, right),
+        Op::Lt => cmp::lt(left, right),
+        Op::LtEq => cmp::lt_eq(left, right),
+        Op::Gt => cmp::gt(left, right),
+        Op::GtEq => cmp::gt_eq(left, right),
+    }?)
+}
+
+fn first_step(condition: &Condition, steps: &Episodes) -> Result<Int32Array> {
+    let fits = fitting(&truth(condition, steps)?);
+    let numbers = steps.numbers()?;
+    let first = |row: usize| {
+        if steps.list.is_null(row) {
+            return None;
+        }
+        steps.range(row).find(|step| fits.value(*step)).map(&numbers)
+    };
+    Ok((0..steps.len()).map(first).collect())
+}
+
+fn oscillation(steps: &Episodes) -> Result<StructArray> {
+    let goes = fitting(&compare(steps.column("tool")?, Op::Eq, &Literal::Text("nav_to".into()))?);
+    let places = cast(steps.column("argument")?, &DataType::Utf8)?;
+    let places = places.as_string::<i32>();
+    let place = |step: usize| (goes.value(step) && places.is_valid(step)).then(|| places.value(step));
+    let numbers = steps.numbers()?;
+    let mut found: Vec<Option<(Oscillation, &str, &str)>> = Vec::with_capacity(steps.len());
+    for row in 0..steps.len() {
+        let range = steps.range(row);
+        let run = reel_pattern::oscillation(range.clone().map(place));
+        found.push(run.filter(|_| steps.list.is_valid(row)).map(|run| {
+            let first = range.start + run.first_step;
+            let (one, other) = (places.value(first), places.value(first + 1));
+            let run = Oscillation { first_step: numbers(first) as usize, ..run };
+            (run, one.min(other), one.max(other))
+        }));
+    }
+    let number = |of: fn(&Oscillation) -> usize| -> ArrayRef {
+        Arc::new(found.iter().map(|found| found.as_ref().map(|(run, ..)| of(run) as i32)).collect::<Int32Array>())
+    };
+    let one: StringArray = found.iter().map(|found| found.map(|(_, one, _)| one)).collect();
+    let other: StringArray = found.iter().map(|found| found.map(|(_, _, other)| other)).collect();
+    let columns = vec![number(|run| run.length), number(|run| run.first_step), Arc::new(one), Arc::new(other)];
+    Ok(StructArray::new(swing(), columns, Some(NullBuffer::from_iter(found.iter().map(Option::is_some)))))
+}
+
+fn values(column: &str, kind: Kind, steps: &Episodes) -> Result<ListArray> {
+    let to = if kind == Kind::Texts { DataType::Utf8 } else { DataType::Float64 };
+    let values = cast(steps.column(column)?, &to)?;
+    let offsets = steps.list.value_offsets().iter().map(|offset| offset - steps.base as i32);
+    let offsets = arrow::buffer::OffsetBuffer::new(offsets.collect());
+    Ok(ListArray::new(Arc::new(Field::new_list_field(to, true)), offsets, values, steps.nulls()))
+}
+
+/// The fields of a list of structs.
+fn step_fields(data_type: &DataType) -> Option<&Fields> {
+    match data_type {
+        DataType::List(item) => match item.data_type() {
+            DataType::Struct(fields) => Some(fields),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+fn kind(field: &FieldRef) -> Option<ColumnKind> {
+    kind_of(field.data_type())
+}
+
+fn kind_of(data_type: &DataType) -> Option<ColumnKind> {
+    match data_type {
+        DataType::Utf8 | DataType::Utf8View | DataType::LargeUtf8 => Some(ColumnKind::Text),
+        DataType::Dictionary(_, value) => kind_of(value),
+        DataType::Boolean => Some(ColumnKind::Flag),
+        number if number.is_numeric() => Some(ColumnKind::Number),
+        _ => None,
+    }
+}
+
+fn span() -> Fields {
+    ["first", "last"].into_iter().map(|name| Field::new(name, DataType::Int32, true)).collect()
+}
+
+fn swing() -> Fields {
+    let number = |name| Field::new(name, DataType::Int32, true);
+    let text = |name| Field::new(name, DataType::Utf8, true);
+    Fields::from(vec![number("length"), number("first"), text("one"), text("other")])
+}
+
+fn list_of(item: DataType) -> DataType {
+    DataType::List(Arc::new(Field::new_list_field(item, true)))
+}

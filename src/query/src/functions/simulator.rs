@@ -1,0 +1,157 @@
+//! SQL functions that call the simulator: they open a trace of the store, and what they say follows from its inputs.
+//! Rows are worked off in parallel and remembered by the trace's digest; a stopped query stops between two rows.
+
+use std::{
+    collections::BTreeMap,
+    path::Path,
+    sync::{Arc, Mutex},
+};
+
+use arrow::{
+    array::{Array, ArrayRef, AsArray, BinaryBuilder, StringBuilder, StructArray},
+    compute::cast,
+    datatypes::{DataType, Field, Fields, Int64Type},
+};
+use datafusion::{
+    common::exec_err,
+    error::{DataFusionError, Result},
+    logical_expr::{ColumnarValue, ScalarUDF, Volatility, create_udf},
+};
+use rayon::prelude::*;
+use reel_replay::Verdict;
+use reel_trace::{Trace, encode_png};
+use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH};
+
+use super::FunctionHelp;
+use crate::control::Control;
+
+pub(crate) const HELP: &[FunctionHelp] = &[
+    FunctionHelp {
+        call: "replay(trace)",
+        meaning: "Runs an episode again from its inputs and compares every digest: struct(verdict, first_divergence, digest). \
+                  The verdict is 'exact', 'diverged', 'other_simulator', 'not_replayable' or 'refused'.",
+        example: "SELECT family, count(*) FROM episodes WHERE replay(trace).verdict = 'exact' GROUP BY family",
+    },
+    FunctionHelp {
+        call: "frame(trace, step)",
+        meaning: "The picture after a step as PNG; step -1 is before the first decision. Where the trace holds no pictures it \
+                  is rendered again.",
+        example: "SELECT episode_id, length(frame(trace, -1)) AS bytes FROM episodes LIMIT 1",
+    },
+];
+
+/// Verdicts by trace digest.
+type Verdicts = Arc<Mutex<BTreeMap<Digest, Row>>>;
+
+/// What `replay` says of a trace.
+#[derive(Clone)]
+struct Row {
+    verdict: &'static str,
+    first_divergence: Option<String>,
+    digest: Option<String>,
+}
+
+pub(crate) fn functions(control: &Arc<Control>) -> Vec<ScalarUDF> {
+    let known = Verdicts::default();
+    let (replay_control, frame_control) = (control.clone(), control.clone());
+    vec![
+        create_udf(
+            "replay",
+            vec![DataType::Utf8],
+            DataType::Struct(verdict_fields()),
+            Volatility::Stable,
+            Arc::new(move |arguments| replay(arguments, &replay_control, &known)),
+        ),
+        create_udf(
+            "frame",
+            vec![DataType::Utf8, DataType::Int64],
+            DataType::Binary,
+            Volatility::Stable,
+            Arc::new(move |arguments| frame(arguments, &frame_control)),
+        ),
+    ]
+}
+
+fn replay(arguments: &[ColumnarValue], control: &Control, known: &Verdicts) -> Result<ColumnarValue> {
+    let arrays = ColumnarValue::values_to_arrays(arguments)?;
+    let rows = each(&arrays[0], control, |path, _| {
+        let trace = match Trace::read(path) {
+            Ok(trace) => trace,
+            Err(error) => return Ok(Row { verdict: "refused", first_divergence: Some(error.to_string()), digest: None }),
+        };
+        let digest = trace.chain();
+        let lock = || known.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(row) = lock().get(&digest) {
+            return Ok(row.clone());
+        }
+        let row = row(&reel_replay::verify_contained(&trace), digest);
+        lock().insert(digest, row.clone());
+        Ok(row)
+    })?;
+    let (mut verdicts, mut divergences, mut digests) = (StringBuilder::new(), StringBuilder::new(), StringBuilder::new());
+    for row in rows {
+        verdicts.append_option(row.as_ref().map(|row| row.verdict));
+        divergences.append_option(row.as_ref().and_then(|row| row.first_divergence.as_deref()));
+        digests.append_option(row.as_ref().and_then(|row| row.digest.as_deref()));
+    }
+    let columns: Vec<ArrayRef> = vec![Arc::new(verdicts.finish()), Arc::new(divergences.finish()), Arc::new(digests.finish())];
+    Ok(ColumnarValue::Array(Arc::new(StructArray::new(verdict_fields(), columns, None))))
+}
+
+fn row(verdict: &Verdict, digest: Digest) -> Row {
+    let first_divergence = (!verdict.is_exact()).then(|| verdict.to_string());
+    Row { verdict: verdict.name(), first_divergence, digest: Some(digest.to_string()) }
+}
+
+fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
+    let arrays = ColumnarValue::values_to_arrays(arguments)?;
+    let steps = arrays[1].as_primitive::<Int64Type>();
+    let pictures = each(&arrays[0], control, |path, row| {
+        if steps.is_null(row) {
+            return Ok(None);
+        }
+        let trace = Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
+        let step = steps.value(row);
+        let wanted = match step {
+            -1 => None,
+            _ => Some(u32::try_from(step).map_err(|_| DataFusionError::Execution(format!("frame: there is no step {step}")))?),
+        };
+        let failed = |error: String| DataFusionError::Execution(format!("frame: {}: {error}", path.display()));
+        let rgb = match trace.frame_rgb(wanted).map_err(|error| failed(error.to_string()))? {
+            Some(rgb) => rgb,
+            None => reel_replay::picture_at(&trace, wanted, None).map_err(|verdict| failed(verdict.to_string()))?,
+        };
+        Ok(Some(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)))
+    })?;
+    let mut bytes = BinaryBuilder::new();
+    pictures.into_iter().for_each(|picture| bytes.append_option(picture.flatten()));
+    Ok(ColumnarValue::Array(Arc::new(bytes.finish())))
+}
+
+/// Works off the traces of a column, several at a time; null stays null.
+fn each<T: Send>(
+    traces: &ArrayRef,
+    control: &Control,
+    work: impl Fn(&Path, usize) -> Result<T> + Sync,
+) -> Result<Vec<Option<T>>> {
+    let traces = cast(traces, &DataType::Utf8)?;
+    let traces = traces.as_string::<i32>();
+    let one = |row: usize| {
+        if traces.is_null(row) {
+            return Ok(None);
+        }
+        control.check()?;
+        let path = Path::new(traces.value(row));
+        if !control.allowed(path) {
+            return exec_err!("this store has no trace '{}'; functions open only the traces of `episodes`", path.display());
+        }
+        let done = work(path, row);
+        control.count_simulated();
+        done.map(Some)
+    };
+    (0..traces.len()).into_par_iter().map(one).collect()
+}
+
+fn verdict_fields() -> Fields {
+    ["verdict", "first_divergence", "digest"].into_iter().map(|name| Field::new(name, DataType::Utf8, true)).collect()
+}

@@ -1,0 +1,256 @@
+//! Statistics that SQL lacks: intervals of proportions, tests of paired runs, returns and advantages.
+
+use std::sync::Arc;
+
+use arrow::{
+    array::{Array, ArrayRef, AsArray, Float64Array, Float64Builder, ListBuilder, StructArray},
+    datatypes::{DataType, Field, Fields, Float64Type, Int64Type},
+};
+use datafusion::{
+    error::Result,
+    logical_expr::{ColumnarValue, ScalarUDF, Volatility, create_udf},
+};
+use rand_chacha::{
+    ChaCha8Rng,
+    rand_core::{Rng as _, SeedableRng as _},
+};
+
+use super::FunctionHelp;
+
+/// Standard normal quantile of 0.975: two-sided 95 %.
+const Z_95: f64 = 1.959_963_984_540_054;
+
+pub(crate) const HELP: &[FunctionHelp] = &[
+    FunctionHelp {
+        call: "wilson_low(successes, trials)",
+        meaning: "Lower end of Wilson's 95 % interval of a proportion; null for no trials.",
+        example: "SELECT wilson_low(8, 10)",
+    },
+    FunctionHelp {
+        call: "wilson_high(successes, trials)",
+        meaning: "Upper end of that interval.",
+        example: "SELECT policy, wilson_low(sum(CAST(success AS INT)), count(*)) AS low, \
+                  wilson_high(sum(CAST(success AS INT)), count(*)) AS high FROM episodes GROUP BY policy",
+    },
+    FunctionHelp {
+        call: "mcnemar(only_a, only_b)",
+        meaning: "Two-sided exact p-value of McNemar's test: of the tasks that one of two policies solves and the other does \
+                  not, `only_a` are solved by the first and `only_b` by the second.",
+        example: "SELECT mcnemar(9, 1)",
+    },
+    FunctionHelp {
+        call: "paired_bootstrap(a, b, samples, seed)",
+        meaning: "Mean of a[i] - b[i] with its 95 % percentile interval over resampled pairs: struct(difference, low, high).",
+        example: "SELECT paired_bootstrap([1, 1, 0, 1], [0, 1, 0, 0], 1000, 7)",
+    },
+    FunctionHelp {
+        call: "discounted(rewards, gamma)",
+        meaning: "Discounted return: the sum of gamma^(t-1) r_t.",
+        example: "SELECT episode_id, discounted(step_values(steps, 'reward'), 0.99) AS j FROM episodes",
+    },
+    FunctionHelp {
+        call: "advantages(returns, eps)",
+        meaning: "Group-relative advantages of a group's returns, in their order: (J - mean) / (std + eps), std of the \
+                  population (paper, GSPO Objective).",
+        example: "SELECT group_id, advantages(array_agg(discounted_return), 1e-6) AS a FROM episodes GROUP BY group_id",
+    },
+];
+
+pub(crate) fn functions() -> Vec<ScalarUDF> {
+    let (float, int, list) = (DataType::Float64, DataType::Int64, list_of_floats());
+    let pair = || vec![float.clone(), float.clone()];
+    vec![
+        create_udf("wilson_low", pair(), float.clone(), Volatility::Immutable, Arc::new(|arguments| two(arguments, wilson_low))),
+        create_udf(
+            "wilson_high",
+            pair(),
+            float.clone(),
+            Volatility::Immutable,
+            Arc::new(|arguments| two(arguments, wilson_high)),
+        ),
+        create_udf("mcnemar", pair(), float.clone(), Volatility::Immutable, Arc::new(|arguments| two(arguments, mcnemar))),
+        create_udf(
+            "paired_bootstrap",
+            vec![list.clone(), list.clone(), int.clone(), int],
+            DataType::Struct(interval()),
+            Volatility::Immutable,
+            Arc::new(paired_bootstrap),
+        ),
+        create_udf("discounted", vec![list.clone(), float.clone()], float.clone(), Volatility::Immutable, Arc::new(discounted)),
+        create_udf("advantages", vec![list.clone(), float], list, Volatility::Immutable, Arc::new(advantages)),
+    ]
+}
+
+/// Wilson score interval (Wilson 1927), lower end.
+fn wilson_low(successes: f64, trials: f64) -> Option<f64> {
+    wilson(successes, trials).map(|(low, _)| low)
+}
+
+fn wilson_high(successes: f64, trials: f64) -> Option<f64> {
+    wilson(successes, trials).map(|(_, high)| high)
+}
+
+fn wilson(successes: f64, trials: f64) -> Option<(f64, f64)> {
+    if !(trials > 0.0 && (0.0..=trials).contains(&successes)) {
+        return None;
+    }
+    let (share, square) = (successes / trials, Z_95 * Z_95);
+    let centre = share + square / (2.0 * trials);
+    let spread = Z_95 * (share * (1.0 - share) / trials + square / (4.0 * trials * trials)).sqrt();
+    let scale = 1.0 + square / trials;
+    Some((((centre - spread) / scale).max(0.0), ((centre + spread) / scale).min(1.0)))
+}
+
+/// Twice the smaller tail of Binomial(n, 1/2), at most 1.
+fn mcnemar(only_a: f64, only_b: f64) -> Option<f64> {
+    let whole = |value: f64| (value >= 0.0 && value.fract() == 0.0 && value < 1e9).then_some(value as u64);
+    let (a, b) = (whole(only_a)?, whole(only_b)?);
+    let (n, few) = (a + b, a.min(b));
+    if n == 0 {
+        return Some(1.0);
+    }
+    // log of C(n, k) / 2^n, term by term
+    let mut log_term = -(n as f64) * std::f64::consts::LN_2;
+    let mut tail = log_term.exp();
+    for k in 1..=few {
+        log_term += ((n - k + 1) as f64 / k as f64).ln();
+        tail += log_term.exp();
+    }
+    Some((2.0 * tail).min(1.0))
+}
+
+fn two(arguments: &[ColumnarValue], function: fn(f64, f64) -> Option<f64>) -> Result<ColumnarValue> {
+    let arrays = ColumnarValue::values_to_arrays(arguments)?;
+    let (one, other) = (arrays[0].as_primitive::<Float64Type>(), arrays[1].as_primitive::<Float64Type>());
+    let values: Float64Array = one.iter().zip(other).map(|(one, other)| function(one?, other?)).collect();
+    Ok(ColumnarValue::Array(Arc::new(values)))
+}
+
+fn discounted(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
+    let arrays = ColumnarValue::values_to_arrays(arguments)?;
+    let (rewards, gamma) = (arrays[0].as_list::<i32>(), arrays[1].as_primitive::<Float64Type>());
+    let values = rewards.values().as_primitive::<Float64Type>();
+    let offsets = rewards.value_offsets();
+    let row = |row: usize| {
+        if rewards.is_null(row) || gamma.is_null(row) {
+            return None;
+        }
+        let (from, to) = (offsets[row] as usize, offsets[row + 1] as usize);
+        let mut discount = 1.0;
+        let mut sum = 0.0;
+        for value in &values.values()[from..to] {
+            sum += discount * value;
+            discount *= gamma.value(row);
+        }
+        Some(sum)
+    };
+    let sums: Float64Array = (0..rewards.len()).map(row).collect();
+    Ok(ColumnarValue::Array(Arc::new(sums)))
+}
+
+fn advantages(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
+    let arrays = ColumnarValue::values_to_arrays(arguments)?;
+    let (returns, eps) = (arrays[0].as_list::<i32>(), arrays[1].as_primitive::<Float64Type>());
+    let mut lists = ListBuilder::new(Float64Builder::new());
+    for row in 0..returns.len() {
+        if returns.is_null(row) || eps.is_null(row) {
+            lists.append_null();
+            continue;
+        }
+        let group = returns.value(row);
+        let group = group.as_primitive::<Float64Type>();
+        let known: Vec<f64> = group.iter().flatten().collect();
+        let mut advantages = reel_reward::advantages(&known, eps.value(row)).into_iter();
+        for value in group {
+            lists.values().append_option(value.and_then(|_| advantages.next()));
+        }
+        lists.append(true);
+    }
+    Ok(ColumnarValue::Array(Arc::new(lists.finish())))
+}
+
+fn paired_bootstrap(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
+    let arrays = ColumnarValue::values_to_arrays(arguments)?;
+    let (a, b) = (arrays[0].as_list::<i32>(), arrays[1].as_list::<i32>());
+    let (samples, seeds) = (arrays[2].as_primitive::<Int64Type>(), arrays[3].as_primitive::<Int64Type>());
+    let mut columns = [Float64Builder::new(), Float64Builder::new(), Float64Builder::new()];
+    for row in 0..a.len() {
+        let nothing = a.is_null(row) || b.is_null(row) || samples.is_null(row) || seeds.is_null(row);
+        let interval = if nothing {
+            None
+        } else {
+            let (one, other) = (a.value(row), b.value(row));
+            if one.len() != other.len() {
+                return datafusion::common::exec_err!(
+                    "paired_bootstrap needs pairs: found {} values and {}",
+                    one.len(),
+                    other.len()
+                );
+            }
+            let pairs = one.as_primitive::<Float64Type>().iter().zip(other.as_primitive::<Float64Type>());
+            let differences: Vec<f64> = pairs.filter_map(|(one, other)| Some(one? - other?)).collect();
+            bootstrap(&differences, samples.value(row).clamp(1, 1_000_000) as usize, seeds.value(row) as u64)
+        };
+        for (index, column) in columns.iter_mut().enumerate() {
+            column.append_option(interval.map(|interval| interval[index]));
+        }
+    }
+    let arrays: Vec<ArrayRef> = columns.into_iter().map(|mut column| Arc::new(column.finish()) as ArrayRef).collect();
+    Ok(ColumnarValue::Array(Arc::new(StructArray::new(interval(), arrays, None))))
+}
+
+/// Mean, and the 2.5 and 97.5 % percentiles of the means of resampled lists. Equal seeds give equal intervals.
+fn bootstrap(differences: &[f64], samples: usize, seed: u64) -> Option<[f64; 3]> {
+    if differences.is_empty() {
+        return None;
+    }
+    let n = differences.len();
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut mean =
+        || (0..n).map(|_| differences[((u128::from(random.next_u64()) * n as u128) >> 64) as usize]).sum::<f64>() / n as f64;
+    let mut means: Vec<f64> = (0..samples).map(|_| mean()).collect();
+    means.sort_by(f64::total_cmp);
+    let percentile = |share: f64| means[((samples - 1) as f64 * share).round() as usize];
+    Some([differences.iter().sum::<f64>() / n as f64, percentile(0.025), percentile(0.975)])
+}
+
+fn interval() -> Fields {
+    ["difference", "low", "high"].into_iter().map(|name| Field::new(name, DataType::Float64, true)).collect()
+}
+
+fn list_of_floats() -> DataType {
+    DataType::List(Arc::new(Field::new_list_field(DataType::Float64, true)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wilson_agrees_with_the_textbook() {
+        // Newcombe 1998, table I: 81 of 263 and 0 of 20
+        let (low, high) = wilson(81.0, 263.0).unwrap();
+        assert!((low - 0.2553).abs() < 5e-5 && (high - 0.3662).abs() < 5e-5, "{low} {high}");
+        let (low, high) = wilson(0.0, 20.0).unwrap();
+        assert!(low.abs() < 1e-12 && (high - 0.1611).abs() < 5e-5, "{low} {high}");
+        assert_eq!((wilson(1.0, 0.0), wilson(3.0, 2.0)), (None, None));
+    }
+
+    #[test]
+    fn mcnemar_is_the_binomial_tail() {
+        assert!((mcnemar(9.0, 1.0).unwrap() - 2.0 * 11.0 / 1024.0).abs() < 1e-12);
+        assert_eq!(mcnemar(0.0, 0.0), Some(1.0));
+        assert_eq!(mcnemar(5.0, 5.0), Some(1.0));
+        assert!(mcnemar(3000.0, 2000.0).unwrap() < 1e-40);
+        assert_eq!(mcnemar(-1.0, 1.0), None);
+    }
+
+    #[test]
+    fn the_bootstrap_is_a_function_of_its_seed() {
+        let differences: Vec<f64> = (0..100).map(|index| f64::from(u8::from(index % 4 == 0))).collect();
+        let [mean, low, high] = bootstrap(&differences, 2000, 7).unwrap();
+        assert_eq!(bootstrap(&differences, 2000, 7), Some([mean, low, high]));
+        assert!((mean - 0.25).abs() < 1e-12 && (0.13..0.20).contains(&low) && (0.30..0.37).contains(&high), "{low} {high}");
+        assert_eq!(bootstrap(&[], 10, 1), None);
+    }
+}

@@ -1,0 +1,170 @@
+//! What a question may cost: memory, time, rows, and the size of single values. Counts and refuses; runs nothing.
+
+use std::{sync::Arc, time::Duration};
+
+use arrow::{
+    array::{Array, AsArray},
+    compute::cast,
+    datatypes::{DataType, FieldRef, Float64Type},
+};
+use datafusion::{
+    error::{DataFusionError, Result},
+    execution::FunctionRegistry as _,
+    logical_expr::{ColumnarValue, ReturnFieldArgs, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl, Signature},
+    prelude::SessionContext,
+};
+
+use crate::control::Stopped;
+
+/// Longest SQL text, in bytes.
+pub const SQL_BYTES_MAX: usize = 1 << 20;
+
+/// Largest value that a function may make of a small one, in bytes for each row and for all rows of a batch.
+const VALUE_BYTES_MAX: u128 = 16 << 20;
+
+/// What a question may cost.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Limits {
+    /// Memory that sorts, joins and aggregations may take before they spill to disk, and that the process may grow by
+    /// (four times it), in bytes.
+    pub memory_bytes: usize,
+    /// Wall-clock time.
+    pub time: Duration,
+    /// Rows of the answer.
+    pub rows: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { memory_bytes: 1 << 30, time: Duration::from_secs(600), rows: 10_000_000 }
+    }
+}
+
+/// Puts a guard before the functions that make large values of small arguments.
+pub(crate) fn guard(context: &SessionContext) {
+    for (name, size) in GUARDED {
+        if let Ok(function) = context.udf(name) {
+            context.register_udf(ScalarUDF::from(Guarded { inner: function, size: *size }));
+        }
+    }
+}
+
+/// How many bytes a call makes.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+enum Size {
+    /// The second argument counts characters; the first is repeated.
+    Repeat,
+    /// The second argument is the length.
+    Pad,
+    /// From, to and step, of eight bytes each.
+    Range,
+}
+
+const GUARDED: &[(&str, Size)] = &[
+    ("repeat", Size::Repeat),
+    ("lpad", Size::Pad),
+    ("rpad", Size::Pad),
+    ("array_repeat", Size::Repeat),
+    ("array_resize", Size::Pad),
+    ("range", Size::Range),
+    ("generate_series", Size::Range),
+];
+
+#[derive(PartialEq, Eq, Hash, Debug)]
+struct Guarded {
+    inner: Arc<ScalarUDF>,
+    size: Size,
+}
+
+impl ScalarUDFImpl for Guarded {
+    fn name(&self) -> &str {
+        self.inner.name()
+    }
+
+    fn aliases(&self) -> &[String] {
+        self.inner.aliases()
+    }
+
+    fn signature(&self) -> &Signature {
+        self.inner.signature()
+    }
+
+    fn coerce_types(&self, types: &[DataType]) -> Result<Vec<DataType>> {
+        self.inner.coerce_types(types)
+    }
+
+    fn return_type(&self, types: &[DataType]) -> Result<DataType> {
+        self.inner.return_type(types)
+    }
+
+    fn return_field_from_args(&self, arguments: ReturnFieldArgs<'_>) -> Result<FieldRef> {
+        self.inner.return_field_from_args(arguments)
+    }
+
+    fn invoke_with_args(&self, arguments: ScalarFunctionArgs) -> Result<ColumnarValue> {
+        self.check(&arguments)?;
+        self.inner.invoke_with_args(arguments)
+    }
+}
+
+impl Guarded {
+    fn check(&self, arguments: &ScalarFunctionArgs) -> Result<()> {
+        let rows = arguments.number_rows.max(1) as u128;
+        let number = |index: usize, row: usize| -> Option<f64> {
+            let array = arguments.args.get(index)?.to_array(arguments.number_rows).ok()?;
+            let array = cast(&array, &DataType::Float64).ok()?;
+            let array = array.as_primitive::<Float64Type>();
+            let row = row.min(array.len().checked_sub(1)?);
+            array.is_valid(row).then(|| array.value(row))
+        };
+        // the arguments that are columns are looked at as a whole
+        let column = |index: usize| -> Vec<f64> {
+            let all = matches!(arguments.args.get(index), Some(ColumnarValue::Array(_)));
+            let rows = if all { arguments.number_rows } else { 1 };
+            let Some(value) = arguments.args.get(index) else { return Vec::new() };
+            let Ok(array) = value.to_array(rows) else { return Vec::new() };
+            let Ok(array) = cast(&array, &DataType::Float64) else { return Vec::new() };
+            array.as_primitive::<Float64Type>().iter().map(|value| value.unwrap_or(0.0)).collect()
+        };
+        let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
+        let bytes = match self.size {
+            Size::Pad => largest(column(1)),
+            Size::Repeat => {
+                let (text, count) = if self.name() == "repeat" { (0, 1) } else { (usize::MAX, 1) };
+                let width = arguments.args.get(text).map_or(8.0, |value| longest(value, arguments.number_rows));
+                width * largest(column(count))
+            }
+            Size::Range => {
+                let one = arguments.args.len() == 1;
+                let (from, to) = if one { (vec![0.0], column(0)) } else { (column(0), column(1)) };
+                let step = number(2, 0).map_or(1.0, f64::abs).max(f64::MIN_POSITIVE);
+                let (low, high) = (
+                    from.iter().chain(&to).copied().fold(f64::INFINITY, f64::min),
+                    largest(from.into_iter().chain(to).collect()),
+                );
+                (high - low).max(0.0) / step * 8.0
+            }
+        };
+        let bytes = bytes.clamp(0.0, 1e30) as u128;
+        let columns = arguments.args.iter().any(|value| matches!(value, ColumnarValue::Array(_)));
+        let all = if columns { bytes * rows } else { bytes };
+        if bytes > VALUE_BYTES_MAX || all > VALUE_BYTES_MAX * 64 {
+            let stopped = Stopped::Value { function: self.name().to_owned(), bytes, limit: VALUE_BYTES_MAX };
+            return Err(DataFusionError::External(Box::new(stopped)));
+        }
+        Ok(())
+    }
+}
+
+/// Length of the longest text of an argument, in bytes.
+fn longest(value: &ColumnarValue, rows: usize) -> f64 {
+    let rows = if matches!(value, ColumnarValue::Array(_)) { rows } else { 1 };
+    let texts = value.to_array(rows).and_then(|array| Ok(cast(&array, &DataType::Utf8)?));
+    texts.map_or(8.0, |texts| texts.as_string::<i32>().iter().flatten().map(str::len).max().unwrap_or(0) as f64)
+}
+
+/// Memory of this process that lies in RAM, in bytes; none where the system does not tell.
+pub(crate) fn resident_bytes() -> Option<usize> {
+    let text = std::fs::read_to_string("/proc/self/statm").ok()?;
+    Some(text.split_whitespace().nth(1)?.parse::<usize>().ok()? * 4096)
+}

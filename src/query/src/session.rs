@@ -1,0 +1,371 @@
+//! A read-only SQL session over one version of a store: plans a question, holds it to its limits, collects the answer.
+//! Never writes, and reads no file but the store's and, by functions, its traces.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    ops::ControlFlow,
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use arrow::{
+    array::{AsArray, RecordBatch},
+    compute::cast,
+    datatypes::DataType,
+};
+use datafusion::{
+    catalog::TableProvider,
+    common::ParamValues,
+    error::DataFusionError,
+    execution::{
+        context::SQLOptions,
+        runtime_env::{RuntimeEnv, RuntimeEnvBuilder},
+    },
+    logical_expr::LogicalPlan,
+    prelude::{DataFrame, SessionConfig, SessionContext},
+    scalar::ScalarValue,
+    sql::{
+        parser::{DFParser, Statement},
+        sqlparser::ast,
+    },
+};
+use futures_util::StreamExt as _;
+use reel_tables::{Store, Table, View, views};
+use tokio::runtime::Runtime;
+
+use crate::{
+    control::{Control, Stopped},
+    functions,
+    limits::{self, Limits, SQL_BYTES_MAX},
+    named,
+    tables::{StepFields, provider, step_fields},
+};
+
+/// How often a running query is looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+
+/// Parameters of a query, by name without `$`.
+pub type Parameters = BTreeMap<String, String>;
+
+/// A session over one store. Sees the store as it was when the session was made.
+pub struct Session {
+    store: Arc<Store>,
+    limits: Limits,
+    control: Arc<Control>,
+    environment: Arc<RuntimeEnv>,
+    runtime: Arc<Runtime>,
+    views: Vec<View>,
+}
+
+/// Why a query has no result.
+#[derive(Debug, thiserror::Error)]
+pub enum QueryError {
+    /// Not a question.
+    #[error("only questions are allowed here (SELECT, WITH, EXPLAIN, DESCRIBE, SHOW), one at a time: {reason}")]
+    ReadOnly {
+        /// What it was instead.
+        reason: String,
+    },
+    /// The text is too long.
+    #[error("the query has {bytes} bytes; the limit is {SQL_BYTES_MAX}")]
+    TooLong {
+        /// How long it is.
+        bytes: usize,
+    },
+    /// It was stopped.
+    #[error("{0}")]
+    Stopped(Stopped),
+    /// A parameter is missing, unknown or no value.
+    #[error("{0}")]
+    Parameter(String),
+    /// The query is wrong, too large, or a file is damaged.
+    #[error("{}", message(.0))]
+    Engine(DataFusionError),
+    /// The result cannot be shown.
+    #[error("cannot show the result: {0}")]
+    Arrow(#[from] arrow::error::ArrowError),
+}
+
+impl From<DataFusionError> for QueryError {
+    fn from(error: DataFusionError) -> Self {
+        if let DataFusionError::External(cause) = error.find_root()
+            && let Some(stopped) = cause.downcast_ref::<Stopped>()
+        {
+            return QueryError::Stopped(stopped.clone());
+        }
+        QueryError::Engine(error)
+    }
+}
+
+impl Session {
+    /// A session with the default limits.
+    ///
+    /// # Errors
+    /// When the engine cannot be set up.
+    pub fn new(store: Store) -> Result<Self, QueryError> {
+        Self::with_limits(store, Limits::default())
+    }
+
+    /// A session whose questions may cost so much.
+    ///
+    /// # Errors
+    /// When the engine cannot be set up.
+    pub fn with_limits(store: Store, limits: Limits) -> Result<Self, QueryError> {
+        let runtime = store.runtime();
+        let environment = RuntimeEnvBuilder::new().with_memory_limit(limits.memory_bytes, 1.0).build_arc()?;
+        let (root, objects) = store.objects();
+        environment.register_object_store(&root, objects);
+        let mut views = views();
+        views.extend(named::ALL.iter().map(|query| View { name: query.name, meaning: "", sql: query.with_defaults() }));
+        Ok(Self { store: Arc::new(store), limits, control: Arc::default(), environment, runtime, views })
+    }
+
+    /// Stops the session's queries, and tells how far its simulator functions are.
+    pub fn control(&self) -> Arc<Control> {
+        self.control.clone()
+    }
+
+    /// The store it asks.
+    pub fn store(&self) -> &Store {
+        &self.store
+    }
+
+    /// Runs one query. There is always a batch, if only an empty one with the columns.
+    ///
+    /// # Errors
+    /// When it is no question, is wrong, or exceeds a limit.
+    pub fn run(&self, sql: &str) -> Result<Vec<RecordBatch>, QueryError> {
+        self.run_with(sql, &Parameters::new())
+    }
+
+    /// Runs one query with values for its `$parameters`.
+    ///
+    /// # Errors
+    /// As [`Session::run`], and when a parameter is missing.
+    pub fn run_with(&self, sql: &str, parameters: &Parameters) -> Result<Vec<RecordBatch>, QueryError> {
+        if sql.len() > SQL_BYTES_MAX {
+            return Err(QueryError::TooLong { bytes: sql.len() });
+        }
+        self.runtime.block_on(async {
+            let (context, plan) = self.plan(sql, parameters).await?;
+            self.collect(&context, plan).await
+        })
+    }
+
+    async fn plan(&self, sql: &str, parameters: &Parameters) -> Result<(SessionContext, LogicalPlan), QueryError> {
+        let statements = DFParser::parse_sql(sql)?;
+        if statements.len() != 1 {
+            return Err(QueryError::ReadOnly { reason: format!("found {} statements", statements.len()) });
+        }
+        let (context, plan) = self.planned(sql, parameters, &StepFields::All).await?;
+        // the columns of the tables are those of the store, not those that are read
+        if matches!(plan, LogicalPlan::DescribeTable(_)) || sql.to_ascii_lowercase().contains("information_schema") {
+            return Ok((context, plan));
+        }
+        match step_fields(&context.state().optimize(&plan)?)? {
+            StepFields::All => Ok((context, plan)),
+            fields => Ok(self.planned(sql, parameters, &fields).await.unwrap_or((context, plan))),
+        }
+    }
+
+    async fn planned(
+        &self,
+        sql: &str,
+        parameters: &Parameters,
+        fields: &StepFields,
+    ) -> Result<(SessionContext, LogicalPlan), QueryError> {
+        let context = self.context(sql, fields).await?;
+        let plan = plan_of(&context, sql).await?;
+        let questions = SQLOptions::new().with_allow_ddl(false).with_allow_dml(false).with_allow_statements(false);
+        questions.verify_plan(&plan).map_err(|error| QueryError::ReadOnly { reason: message(&error) })?;
+        let plan = bind(plan, parameters)?;
+        Ok((context, plan))
+    }
+
+    /// A context with the tables and views that a text names, and those that they name.
+    async fn context(&self, sql: &str, fields: &StepFields) -> Result<SessionContext, QueryError> {
+        let config = SessionConfig::new().with_information_schema(true).with_target_partitions(threads());
+        let context = SessionContext::new_with_config_rt(config, self.environment.clone());
+        limits::guard(&context);
+        functions::all(&self.control).into_iter().for_each(|function| context.register_udf(function));
+        let named = self.named(&context, sql)?;
+        for table in Table::ALL {
+            if named.contains(table.name()) {
+                context.register_table(table.name(), self.provider(table, fields)?)?;
+            }
+        }
+        for view in self.views.iter().filter(|view| named.contains(view.name)) {
+            let plan = plan_of(&context, &view.sql).await?;
+            context.register_table(view.name, DataFrame::new(context.state(), plan).into_view())?;
+        }
+        if sql.contains("replay") || sql.contains("frame") || sql.contains("reward") {
+            self.allow_traces(&context).await?;
+        }
+        Ok(context)
+    }
+
+    fn provider(&self, table: Table, fields: &StepFields) -> Result<Arc<dyn TableProvider>, QueryError> {
+        Ok(provider(&self.store, table, fields)?)
+    }
+
+    /// Tables and views that a text needs.
+    fn named(&self, context: &SessionContext, sql: &str) -> Result<BTreeSet<String>, QueryError> {
+        let state = context.state();
+        let mut named = BTreeSet::new();
+        let mut open = vec![sql.to_owned()];
+        while let Some(sql) = open.pop() {
+            let dialect = state.config().options().sql_parser.dialect;
+            let statement = state.sql_to_statement(&sql, &dialect)?;
+            let references: BTreeSet<String> =
+                state.resolve_table_references(&statement)?.iter().map(|reference| reference.table().to_owned()).collect();
+            // who lists the tables wants to see them all
+            let all = references.iter().any(|name| !self.knows(name)) || sql.to_ascii_lowercase().contains("show ");
+            let wanted: Vec<String> =
+                if all { self.names().map(str::to_owned).collect() } else { references.into_iter().collect() };
+            for name in wanted {
+                if named.insert(name.clone()) {
+                    open.extend(self.views.iter().filter(|view| view.name == name).map(|view| view.sql.clone()));
+                }
+            }
+        }
+        Ok(named)
+    }
+
+    fn names(&self) -> impl Iterator<Item = &'static str> {
+        Table::ALL.into_iter().map(Table::name).chain(self.views.iter().map(|view| view.name))
+    }
+
+    fn knows(&self, name: &str) -> bool {
+        self.names().any(|known| known == name)
+    }
+
+    /// Lets the functions open the traces of the store, and no other files.
+    async fn allow_traces(&self, context: &SessionContext) -> Result<(), QueryError> {
+        let table = self.provider(Table::Episodes, &StepFields::Some(BTreeSet::new()))?;
+        let batches = context.read_table(table)?.select_columns(&["trace"])?.collect().await?;
+        let mut traces = BTreeSet::new();
+        for batch in &batches {
+            let column = cast(batch.column(0), &DataType::Utf8)?;
+            traces.extend(column.as_string::<i32>().iter().flatten().map(str::to_owned));
+        }
+        self.control.allow(|| traces);
+        Ok(())
+    }
+
+    async fn collect(&self, context: &SessionContext, plan: LogicalPlan) -> Result<Vec<RecordBatch>, QueryError> {
+        let (begun, rows_max) = (Instant::now(), self.limits.rows);
+        let resident_before = limits::resident_bytes().unwrap_or(0);
+        let frame = context.execute_logical_plan(plan).await?;
+        let columns = Arc::new(frame.schema().as_arrow().clone());
+        let answer = tokio::spawn(async move {
+            let mut stream = frame.execute_stream().await?;
+            let mut batches = Vec::new();
+            let mut rows = 0;
+            while let Some(batch) = stream.next().await {
+                let batch = batch?;
+                rows += batch.num_rows();
+                batches.push(batch);
+                if rows > rows_max {
+                    return Err(DataFusionError::External(Box::new(Stopped::Rows { rows: rows_max })));
+                }
+            }
+            Ok::<_, DataFusionError>(batches)
+        });
+        let abort = answer.abort_handle();
+        let watch = async {
+            loop {
+                tokio::time::sleep(LOOK_EVERY).await;
+                let grown = limits::resident_bytes().unwrap_or(0).saturating_sub(resident_before);
+                if self.control.is_cancelled() {
+                    return Stopped::Cancelled;
+                }
+                if begun.elapsed() > self.limits.time {
+                    return Stopped::Time { seconds: self.limits.time.as_secs() };
+                }
+                if grown > self.limits.memory_bytes.saturating_mul(4) {
+                    return Stopped::Memory { bytes: self.limits.memory_bytes.saturating_mul(4) };
+                }
+            }
+        };
+        let mut batches = tokio::select! {
+            answer = answer => match answer {
+                Ok(batches) => batches?,
+                Err(error) => return Err(DataFusionError::ExecutionJoin(Box::new(error)).into()),
+            },
+            stopped = watch => {
+                // functions that work on one thread look at the control
+                self.control.cancel();
+                abort.abort();
+                return Err(QueryError::Stopped(stopped));
+            }
+        };
+        if batches.is_empty() {
+            batches.push(RecordBatch::new_empty(columns));
+        }
+        Ok(batches)
+    }
+}
+
+impl std::fmt::Debug for Session {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Session").field("store", &self.store).field("limits", &self.limits).finish_non_exhaustive()
+    }
+}
+
+fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Plans one statement. Fields are taken with a dot from anything, not from columns alone: `replay(trace).verdict`.
+async fn plan_of(context: &SessionContext, sql: &str) -> Result<LogicalPlan, DataFusionError> {
+    let state = context.state();
+    let dialect = state.config().options().sql_parser.dialect;
+    let mut statement = state.sql_to_statement(sql, &dialect)?;
+    if let Statement::Statement(statement) = &mut statement {
+        let _ = ast::visit_expressions_mut(statement.as_mut(), |expression| {
+            if let ast::Expr::CompoundFieldAccess { access_chain, .. } = expression {
+                access_chain.iter_mut().for_each(dot_to_subscript);
+            }
+            ControlFlow::<()>::Continue(())
+        });
+    }
+    state.statement_to_plan(statement).await
+}
+
+fn dot_to_subscript(access: &mut ast::AccessExpr) {
+    if let ast::AccessExpr::Dot(ast::Expr::Identifier(name)) = access {
+        let index = ast::Expr::Value(ast::Value::SingleQuotedString(name.value.clone()).into());
+        *access = ast::AccessExpr::Subscript(ast::Subscript::Index { index });
+    }
+}
+
+/// Puts values in the place of `$parameters`: numbers and booleans as such, all else as text.
+fn bind(plan: LogicalPlan, parameters: &Parameters) -> Result<LogicalPlan, QueryError> {
+    let wanted: BTreeSet<String> =
+        plan.get_parameter_names()?.iter().map(|name| name.trim_start_matches('$').to_owned()).collect();
+    let listed = |names: &BTreeSet<String>| names.iter().map(|name| format!("${name}")).collect::<Vec<_>>().join(", ");
+    let missing: BTreeSet<String> = wanted.iter().filter(|name| !parameters.contains_key(*name)).cloned().collect();
+    if !missing.is_empty() {
+        return Err(QueryError::Parameter(format!("the query needs values for {}: --param NAME=VALUE", listed(&missing))));
+    }
+    if let Some(unknown) = parameters.keys().find(|name| !wanted.contains(*name)) {
+        let known = if wanted.is_empty() { "it has none".to_owned() } else { format!("it has {}", listed(&wanted)) };
+        return Err(QueryError::Parameter(format!("the query has no parameter ${unknown}; {known}")));
+    }
+    if wanted.is_empty() {
+        return Ok(plan);
+    }
+    let value = |text: &String| match (text.parse::<i64>(), text.parse::<f64>(), text.parse::<bool>()) {
+        (Ok(number), ..) => ScalarValue::from(number),
+        (_, Ok(number), _) if number.is_finite() => ScalarValue::from(number),
+        (.., Ok(flag)) => ScalarValue::from(flag),
+        _ => ScalarValue::from(text.as_str()),
+    };
+    let values: Vec<(String, ScalarValue)> = parameters.iter().map(|(name, text)| (name.clone(), value(text))).collect();
+    Ok(plan.with_param_values(ParamValues::from(values))?)
+}
+
+/// The engine's own words, without its wrappers.
+fn message(error: &DataFusionError) -> String {
+    error.find_root().strip_backtrace()
+}

@@ -1,0 +1,221 @@
+//! The store's tables and views in a DataFusion session: only those that a question names, and of the nested steps only
+//! the fields that it reads. Runs nothing.
+//!
+//! A question is planned twice: once over all fields, to see which fields of `episodes.steps` it reads, and again over a
+//! table that has no others, so that Parquet decodes no others. Where a use is not understood, all are read.
+
+use std::{collections::BTreeSet, ops::ControlFlow, sync::Arc};
+
+use arrow::datatypes::{DataType, Field, Fields, Schema, SchemaRef};
+use datafusion::{
+    catalog::TableProvider,
+    common::DFSchema,
+    common::tree_node::{TreeNode, TreeNodeRecursion},
+    datasource::{
+        empty::EmptyTable,
+        file_format::parquet::ParquetFormat,
+        listing::{ListingOptions, ListingTable, ListingTableConfig, ListingTableUrl},
+    },
+    error::Result,
+    logical_expr::{Expr, ExprSchemable, LogicalPlan},
+};
+use reel_tables::{Store, Table};
+
+use crate::functions::sequence;
+
+/// The column of `episodes` that is read in part.
+const STEPS: &str = "steps";
+/// A field of the steps that is always read: a list of structs needs one.
+const ALWAYS: &str = "step";
+
+/// Fields of the steps that a question reads; all of them where it is not to be seen.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) enum StepFields {
+    All,
+    Some(BTreeSet<String>),
+}
+
+/// A table of the store, its steps narrowed.
+pub(crate) fn provider(store: &Store, table: Table, fields: &StepFields) -> Result<Arc<dyn TableProvider>> {
+    let schema = match table {
+        Table::Episodes => narrowed(&table.schema(), fields),
+        _ => table.schema(),
+    };
+    let files = store.files(table);
+    if files.is_empty() {
+        return Ok(Arc::new(EmptyTable::new(schema)));
+    }
+    let urls = files.iter().map(ListingTableUrl::parse).collect::<Result<Vec<_>>>()?;
+    let options = ListingOptions::new(Arc::new(ParquetFormat::default())).with_file_extension(".parquet");
+    let config = ListingTableConfig::new_with_multi_paths(urls).with_listing_options(options).with_schema(schema);
+    Ok(Arc::new(ListingTable::try_new(config)?))
+}
+
+fn narrowed(schema: &SchemaRef, fields: &StepFields) -> SchemaRef {
+    let StepFields::Some(names) = fields else { return schema.clone() };
+    let narrow = |field: &Arc<Field>| match step_struct(field.data_type()) {
+        Some(all) if field.name() == STEPS => {
+            let kept: Fields =
+                all.iter().filter(|field| field.name() == ALWAYS || names.contains(field.name())).cloned().collect();
+            Arc::new(Field::new(STEPS, list_like(field.data_type(), kept), field.is_nullable()))
+        }
+        _ => field.clone(),
+    };
+    Arc::new(Schema::new(schema.fields().iter().map(narrow).collect::<Fields>()))
+}
+
+fn list_like(list: &DataType, kept: Fields) -> DataType {
+    match list {
+        DataType::List(item) => DataType::List(Arc::new(item.as_ref().clone().with_data_type(DataType::Struct(kept)))),
+        other => other.clone(),
+    }
+}
+
+fn step_struct(data_type: &DataType) -> Option<&Fields> {
+    match data_type {
+        DataType::List(item) => match item.data_type() {
+            DataType::Struct(fields) => Some(fields),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// Which fields of the steps an optimized plan reads.
+pub(crate) fn step_fields(plan: &LogicalPlan) -> Result<StepFields> {
+    let schema = Table::Episodes.schema();
+    let list = schema.field_with_name(STEPS)?.data_type().clone();
+    let Some(fields) = step_struct(&list) else { return Ok(StepFields::All) };
+    let mut reader = Reader { step: DataType::Struct(fields.clone()), list, names: BTreeSet::new() };
+    if reader.holds_steps(plan.schema()) {
+        return Ok(StepFields::All);
+    }
+    let mut all = false;
+    plan.apply_with_subqueries(|node| {
+        all = all || reader.node(node)?.is_break();
+        Ok(if all { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
+    })?;
+    Ok(if all { StepFields::All } else { StepFields::Some(reader.names) })
+}
+
+struct Reader {
+    list: DataType,
+    step: DataType,
+    names: BTreeSet<String>,
+}
+
+/// Break: something reads the steps in a way that is not understood.
+type Understood = ControlFlow<()>;
+
+impl Reader {
+    fn node(&mut self, node: &LogicalPlan) -> Result<Understood> {
+        let passes = matches!(
+            node,
+            LogicalPlan::Projection(_)
+                | LogicalPlan::Filter(_)
+                | LogicalPlan::SubqueryAlias(_)
+                | LogicalPlan::TableScan(_)
+                | LogicalPlan::Unnest(_)
+                | LogicalPlan::Limit(_)
+                | LogicalPlan::Union(_)
+                | LogicalPlan::Join(_)
+                | LogicalPlan::Sort(_)
+                | LogicalPlan::Aggregate(_)
+                | LogicalPlan::Window(_)
+                | LogicalPlan::Explain(_)
+                | LogicalPlan::Analyze(_)
+        );
+        let inputs = node.inputs();
+        if !passes && inputs.iter().any(|input| self.holds_steps(input.schema())) {
+            return Ok(Understood::Break(()));
+        }
+        // what a scan filters with are expressions over its own columns
+        let mut schema = DFSchema::empty();
+        for input in &inputs {
+            schema = schema.join(input.schema()).unwrap_or(schema);
+        }
+        if let LogicalPlan::TableScan(scan) = node {
+            schema = scan.projected_schema.as_ref().clone();
+            let full = DFSchema::try_from_qualified_schema(scan.table_name.clone(), &scan.source.schema())?;
+            schema.merge(&full);
+        }
+        // a projection hands columns on; elsewhere the steps themselves are no key and no condition
+        let hands_on = matches!(node, LogicalPlan::Projection(_) | LogicalPlan::Unnest(_) | LogicalPlan::TableScan(_));
+        for expression in node.expressions() {
+            if self.expression(&expression, &schema, hands_on)?.is_break() {
+                return Ok(Understood::Break(()));
+            }
+        }
+        Ok(Understood::Continue(()))
+    }
+
+    /// `hands_on`: whether the value itself may be steps.
+    fn expression(&mut self, expression: &Expr, schema: &DFSchema, hands_on: bool) -> Result<Understood> {
+        let is_steps = self.is_steps(expression, schema);
+        match expression {
+            Expr::Column(_) => {
+                return Ok(if is_steps && !hands_on { Understood::Break(()) } else { Understood::Continue(()) });
+            }
+            Expr::Alias(alias) => return self.expression(&alias.expr, schema, hands_on),
+            Expr::ScalarFunction(call) => {
+                let taken = call.args.first().is_some_and(|first| self.is_steps(first, schema));
+                if taken {
+                    let Some(names) = self.taken(call.name(), &call.args) else { return Ok(Understood::Break(())) };
+                    self.names.extend(names);
+                    let rest = &call.args[1..];
+                    if self.expression(&call.args[0], schema, true)?.is_break() {
+                        return Ok(Understood::Break(()));
+                    }
+                    for argument in rest {
+                        if self.expression(argument, schema, false)?.is_break() {
+                            return Ok(Understood::Break(()));
+                        }
+                    }
+                    return Ok(Understood::Continue(()));
+                }
+            }
+            _ => {}
+        }
+        if is_steps && !hands_on {
+            return Ok(Understood::Break(()));
+        }
+        let mut understood = Understood::Continue(());
+        expression.apply_children(|child| {
+            understood = self.expression(child, schema, matches!(expression, Expr::Unnest(_)))?;
+            Ok(if understood.is_break() { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
+        })?;
+        Ok(understood)
+    }
+
+    /// Fields that a function reads whose first argument are steps or a step.
+    fn taken(&self, name: &str, arguments: &[Expr]) -> Option<BTreeSet<String>> {
+        match name {
+            "get_field" => match arguments.get(1)? {
+                Expr::Literal(value, _) => Some(BTreeSet::from([value.try_as_str().flatten()?.to_owned()])),
+                _ => None,
+            },
+            "array_length" | "cardinality" | "array_element" | "array_slice" | "array_pop_front" | "array_pop_back" => {
+                Some(BTreeSet::new())
+            }
+            _ => sequence::needs(name, arguments),
+        }
+    }
+
+    fn is_steps(&self, expression: &Expr, schema: &DFSchema) -> bool {
+        expression.get_type(schema).is_ok_and(|found| found == self.list || found == self.step)
+    }
+
+    fn holds_steps(&self, schema: &DFSchema) -> bool {
+        schema.fields().iter().any(|field| self.within(field.data_type()))
+    }
+
+    fn within(&self, data_type: &DataType) -> bool {
+        *data_type == self.list
+            || *data_type == self.step
+            || match data_type {
+                DataType::List(item) => self.within(item.data_type()),
+                DataType::Struct(fields) => fields.iter().any(|field| self.within(field.data_type())),
+                _ => false,
+            }
+    }
+}
