@@ -35,7 +35,7 @@ pub enum PatternError {
         place: Place,
     },
     /// A name that is no tool.
-    #[error("unknown tool `{name}`{}; a name that is no tool is matched by `_[tool = '{name}']` {place}", hint(*nearest))]
+    #[error("unknown tool `{name}`{} {place}", hint(*nearest, "; a name that is no tool is asked for by `_[tool = '...']`"))]
     UnknownTool {
         /// The name.
         name: String,
@@ -45,7 +45,7 @@ pub enum PatternError {
         place: Place,
     },
     /// A column that a step does not have.
-    #[error("a step has no column `{name}`{} {place}", hint(nearest.as_deref()))]
+    #[error("a step has no column `{name}`{} {place}", hint(nearest.as_deref(), ""))]
     UnknownColumn {
         /// The name.
         name: String,
@@ -148,6 +148,9 @@ impl Place {
 impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (before, under) = self.mark;
+        if self.line.trim().is_empty() {
+            return write!(f, "(byte {})", self.byte);
+        }
         write!(f, "(byte {})\n  {}\n  {}{}", self.byte, self.line, " ".repeat(before), "^".repeat(under))
     }
 }
@@ -155,6 +158,6 @@ impl fmt::Display for Place {
 /// Characters shown on either side of a mark.
 const CONTEXT: usize = 60;
 
-fn hint(nearest: Option<&str>) -> String {
-    nearest.map_or_else(String::new, |name| format!(", did you mean `{name}`?"))
+fn hint(nearest: Option<&str>, otherwise: &str) -> String {
+    nearest.map_or_else(|| otherwise.to_owned(), |name| format!(", did you mean `{name}`?"))
 }

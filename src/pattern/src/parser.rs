@@ -280,7 +280,7 @@ impl<'a> Parser<'a> {
         } else {
             self.word_test()?
         };
-        while self.keyword("is") {
+        if self.keyword("is") {
             let negated = self.keyword("not");
             if !self.keyword("true") {
                 return Err(self.unexpected("`true`, `not true`, or after a column `null`, `not null`"));
@@ -341,11 +341,12 @@ impl<'a> Parser<'a> {
 
     fn lookback(&mut self) -> Result<u32, PatternError> {
         let start = self.at;
-        if !self.take("@-") {
+        if !self.take("@") {
             return Ok(0);
         }
+        let minus = self.take("-");
         match *self.kind() {
-            TokenKind::Number(back) if back.fract() == 0.0 && (1.0..=f64::from(MAX_LOOKBACK)).contains(&back) => {
+            TokenKind::Number(back) if minus && back.fract() == 0.0 && (1.0..=f64::from(MAX_LOOKBACK)).contains(&back) => {
                 self.at += 1;
                 Ok(back as u32)
             }
