@@ -171,7 +171,7 @@ fn look(files: &mut Files, steps: &[StepFiles]) -> (Seen, Vec<State>) {
 fn first_graph(files: &mut Files, graph: &WorldGraph, held: Option<&InstanceId>, step: usize) -> WorldGraph {
     let mut first = graph.clone();
     if step > 0 {
-        files.notes.push(format!("the first {step} steps show no graph; the start is taken from step {step}"));
+        files.notes.push(format!("no step before step {step} shows a graph; the start is taken from there"));
     }
     if let Some(held) = held {
         match home_of(held).filter(|home| graph.receptacles.contains_key(home)) {

@@ -142,8 +142,7 @@ impl Files {
     }
 
     fn break_off(&mut self, file: PathBuf, what: String) {
-        let steps = self.steps.len();
-        self.lose(file, format!("{what}; the {steps} steps before it are imported"));
+        self.lose(file, format!("{what}; the steps before it are imported"));
         self.after = After::Unreadable;
     }
 
