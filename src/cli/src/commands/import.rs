@@ -25,17 +25,19 @@ enum Command {
     /// Episodes that agents of the published REAL framework played: its `eval_output` folder
     #[command(verbatim_doc_comment)]
     ///
-    /// Every folder <scene>/<task>/<model> becomes one trace: calls, outcomes, pictures, world graphs, markers, held
-    /// object, answers of the user, what the model said and how long it took; rewards and metrics by Reel's rules.
-    /// The traces say `backend: proxy`. They can be shown, asked in SQL and scored like any other, but there is nothing
-    /// to re-execute: `reel replay` says so. The files hold no poses, sizes and captions; with --tasks the benchmark's own
-    /// files give the task with captions and sizes, and the ask reward and confusions are sharper.
+    /// Every folder <scene>/<task>/<model> becomes one trace: calls, outcomes, pictures, world
+    /// graphs, markers, the held object, answers of the user, what the model said and how long it
+    /// took; rewards and metrics by Reel's rules. The traces can be shown, scored and asked in SQL
+    /// like any other, but there is nothing to re-execute, and `reel replay` says so. The files
+    /// hold no sizes and captions; with --tasks the benchmark's own files give them, and the
+    /// reward for asking becomes exact.
     ///
-    /// A torn or missing file is named and the steps before it are imported. Importing again gives the same bytes.
+    /// A torn file is named and the steps before it are imported. Importing again gives the same
+    /// bytes.
     ///
     /// Examples:
     ///   reel import real-eval eval_output --out traces
-    ///   reel import real-eval eval_output --out traces --tasks real-bench/tasks --scene real-bench/s7_scene.json
+    ///   reel import real-eval eval_output --out traces --tasks real-bench/tasks
     ///   reel show traces/FDO_verify_task_9--gpt-4o--0123456789abcdef.mcap
     ///
     /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or left out.

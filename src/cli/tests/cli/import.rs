@@ -52,7 +52,7 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     assert!(expect(folder, 1, &["replay", trace, "--restored", "2"]).contains(said));
     assert!(expect(folder, 1, &["replay", trace, "--outcomes"]).contains(said));
     assert!(expect(folder, 1, &["gate", "--corpus", "traces"]).contains("not_replayable"));
-    assert!(complaint(folder, 1, &["compact", trace]).contains(said));
+    assert!(complaint(folder, 1, &["compact", trace, "--out", "lean"]).contains(said));
     let shown = expect(folder, 0, &["show", trace]);
     assert!(
         shown.contains("through a proxy") && shown.contains("Put the apple on the desk.") && !shown.contains("driven"),

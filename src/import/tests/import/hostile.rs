@@ -44,13 +44,15 @@ fn every_file_torn_anywhere_is_named() {
     let wanted = |path: &PathBuf| ["step_002", "step_006", "step_012"].iter().any(|step| path.to_string_lossy().contains(step));
     for path in files(episode.folder()).into_iter().filter(|path| wanted(path) || path.parent() == Some(episode.folder())) {
         let bytes = fs::read(&path).unwrap();
-        for cut in [0, 1, bytes.len() / 3, bytes.len() / 2, bytes.len() - 2] {
+        for cut in [0, bytes.len() / 2, bytes.len() - 2] {
             fs::write(&path, &bytes[..cut]).unwrap();
             let result = survives(episode.folder(), &out);
             let name = path.file_name().unwrap().to_string_lossy().into_owned();
             match &result {
                 // Torn text is text; a prompt is not read at all.
                 Ok(report) if name.ends_with(".txt") => assert_eq!(report.steps, whole.steps),
+                // What is missing is the checksum after the last pixel.
+                Ok(report) if name.ends_with(".png") && report.losses.is_empty() => assert_eq!(*report, whole),
                 Ok(report) => {
                     assert!(report.losses.iter().any(|loss| loss.file == path), "{}: {cut}: {:?}", path.display(), report.losses);
                     if name == "tool_call.json" || name == "debug_info.json" {
@@ -76,7 +78,7 @@ fn a_missing_file_is_less_information() {
     for name in
         ["raw_response.txt", "inference_time.json", "textual_observation.txt", "image_observation_0.png", "user_message.txt"]
     {
-        for step in 0..13 {
+        for step in [1, 2, 12] {
             let path = episode.folder().join(format!("step_{step:03}")).join(name);
             let Ok(bytes) = fs::read(&path) else { continue };
             fs::remove_file(&path).unwrap();
@@ -123,7 +125,7 @@ fn values_of_other_types_are_passed_over() {
         step(1, "debug_info.json"),
         r#"{"world_graph": {"a": 3, "b": {"content": "x", "door": 7}}, "CURRENT_POS": [1e999]}"#,
     )
-    .unwrap_or_default();
+    .unwrap();
     fs::write(
         step(2, "debug_info.json"),
         r#"{"world_graph": 1, "WORLD_GRAPH": "]:[:'", "CURRENT_MARKER_MAP": {"x": 1, "4294967296": "y", "1": "z", "01": "w"}}"#,
