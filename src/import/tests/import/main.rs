@@ -2,6 +2,7 @@
 
 mod fixture;
 mod hostile;
+mod published;
 
 use std::{
     fs,
