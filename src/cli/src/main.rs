@@ -41,6 +41,8 @@ enum Command {
     Doctor(commands::doctor::Arguments),
     /// Write the pictures of a trace as PNG files, and a contact sheet
     Frames(commands::frames::Arguments),
+    /// Turn what other frameworks recorded into traces
+    Import(commands::import::Arguments),
     /// Read traces into a store of tables
     #[cfg(feature = "analytics")]
     Ingest(commands::ingest::Arguments),
@@ -73,6 +75,7 @@ fn main() -> ExitCode {
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Doctor(arguments) => commands::doctor::run(&arguments),
         Command::Frames(arguments) => commands::frames::run(&arguments),
+        Command::Import(arguments) => commands::import::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Ingest(arguments) => commands::ingest::run(&arguments),
         #[cfg(feature = "analytics")]

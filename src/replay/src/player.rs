@@ -146,8 +146,8 @@ pub(crate) fn config(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
 pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
     let header = &trace.header;
     let not_replayable = |reason| Verdict::NotReplayable { reason };
-    if header.backend != Backend::Sim {
-        return Err(not_replayable(format!("recorded from {:?}, not from our simulator", header.backend)));
+    if let Some(origin) = header.backend.origin() {
+        return Err(not_replayable(format!("recorded {origin}: nothing to re-execute")));
     }
     let preset = Preset::parse(&header.reward_preset)
         .ok_or_else(|| not_replayable(format!("unknown reward preset '{}'", header.reward_preset)))?;

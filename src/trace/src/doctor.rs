@@ -97,7 +97,9 @@ pub fn examine(path: &Path) -> Result<Examination, TraceError> {
             examination.end = trace.end.as_ref().map(|end| end.reason);
             let pictures = trace.images.keys().filter_map(|step| trace.frame_rgb(*step).err());
             findings.extend(pictures.map(|error| finding(&error, 0, &bytes)));
-            if trace.image_count() == 0 {
+            if let Some(origin) = trace.header.backend.origin() {
+                notes.push(format!("recorded {origin}: nothing to re-execute"));
+            } else if trace.image_count() == 0 {
                 notes.push(format!("no pictures; version {} of the simulator can draw them", trace.header.sim_version));
             }
             for recovery in &trace.recoveries {

@@ -14,7 +14,7 @@ use mcap::{
 use prost::Message;
 use reel_world::{
     Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task, canonical_json, chain,
-    record::{BodyState, EndRecord, EpisodeHeader, RobotState, StartRecord, StepInput, StepRecord, VisibleObject},
+    record::{Backend, BodyState, EndRecord, EpisodeHeader, RobotState, StartRecord, StepInput, StepRecord, VisibleObject},
 };
 
 use crate::{
@@ -25,6 +25,8 @@ use crate::{
 
 /// Log time of simulation time zero: 2020-01-01T00:00:00Z in nanoseconds since 1970.
 const EPOCH_NS: u64 = 1_577_836_800_000_000_000;
+/// Most time of policies that moves log times, ten years in nanoseconds: a clock that cannot overflow.
+const POLICY_NS_MAX: u64 = 315_360_000_000_000_000;
 /// Physics steps in a second of simulation time.
 const STEPS_PER_S: u128 = 240;
 /// Name of the metadata record that lists the header.
@@ -58,6 +60,8 @@ pub(crate) struct Journal<W: Write + Seek> {
     written: BTreeMap<u16, u32>,
     log_time: u64,
     sim_step: u64,
+    /// Time that the policy took so far, where there is no simulation time.
+    policy_ns: u64,
     bodies: Vec<BodyState>,
     link: Digest,
     turn: Turn,
@@ -101,6 +105,7 @@ impl<W: Write + Seek> Journal<W> {
             written: BTreeMap::new(),
             log_time: 0,
             sim_step: 0,
+            policy_ns: 0,
             bodies: Vec::new(),
             link: Digest::default(),
             turn: Turn::Failed,
@@ -152,6 +157,10 @@ impl<W: Write + Seek> Journal<W> {
             return Err(self.out_of_turn(&format!("the input of step {step}")));
         }
         self.turn = Turn::Failed;
+        if self.header.backend != Backend::Sim {
+            let latency_ns = input.policy.as_ref().and_then(|policy| policy.latency_ns).unwrap_or(0);
+            self.policy_ns = self.policy_ns.saturating_add(latency_ns).min(POLICY_NS_MAX);
+        }
         self.message(schema::TOOL_CALL, &codec::tool_call(step, &input.call))?;
         if let Some(policy) = &input.policy {
             self.message(schema::POLICY_OUTPUT, &codec::policy_output(step, policy))?;
@@ -228,10 +237,10 @@ impl<W: Write + Seek> Journal<W> {
         self.writer.take().expect("it is taken only here and on drop").into_inner()
     }
 
-    /// Simulation time of the current moment as log time.
+    /// The current moment as log time: simulation time, and the policy's where the world is not simulated here.
     fn time_ns(&self) -> u64 {
         let ns = u128::from(self.sim_step) * 1_000_000_000 / STEPS_PER_S;
-        EPOCH_NS.saturating_add(u64::try_from(ns).unwrap_or(u64::MAX))
+        (EPOCH_NS + self.policy_ns).saturating_add(u64::try_from(ns).unwrap_or(u64::MAX))
     }
 
     /// What viewers draw of a moment.

@@ -4,7 +4,7 @@
 //! well-known ones for viewers, and task and scene as attachments. While it is recorded it is `<path>.part`,
 //! without chunks; every message reached the operating system before the call returns. The finished file is
 //! compressed, indexed, and covered by checksums and the hash chain. Equal records give equal bytes: log times
-//! are simulation time after a fixed epoch.
+//! are simulation time after a fixed epoch; of episodes that were not simulated here, the time their policy took.
 //!
 //! Never: physics, a clock, threads. A trace opens without the simulator.
 

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use reel_trace::Trace;
 use reel_world::{
     GraphEvent,
-    record::{EndReason, StepRecord},
+    record::{Backend, EndReason, StepRecord},
 };
 
 /// The whole episode, for people. Names instances and receptacles as the simulator knows them.
@@ -32,7 +32,10 @@ fn header(trace: &Trace, text: &mut String) {
     }
     line("goal", &task.goal_changes().iter().map(ToString::to_string).collect::<Vec<_>>().join("  "));
     line("policy", &format!("{}, seed {}, profile {}", header.policy.name, header.seed, header.profile.as_str()));
-    line("recorded by", &format!("reel {}, simulator {}", header.build, header.sim_version));
+    match header.backend.origin() {
+        None => line("recorded by", &format!("reel {}, simulator {}", header.build, header.sim_version)),
+        Some(origin) => line("recorded by", &format!("reel {}, {origin}", header.build)),
+    }
 }
 
 fn step(record: &StepRecord, text: &mut String) {
@@ -88,11 +91,11 @@ fn end(trace: &Trace, text: &mut String) {
     let _ = writeln!(text, "\n{verdict}: {reason} after {} decisions, {} asks{spl}", metrics.length, metrics.asks);
     let _ = writeln!(
         text,
-        "{:.0}% of the goal done, reward {:+.2} (discounted {:+.2}), {:.1} m driven",
+        "{:.0}% of the goal done, reward {:+.2} (discounted {:+.2}){}",
         100.0 * metrics.completion,
         metrics.total_reward,
         metrics.discounted_return,
-        trace.steps.last().map_or(0.0, |step| step.robot.path_length_m),
+        driven(trace),
     );
     let mut components: Vec<(&str, f64)> = Vec::new();
     for term in trace.steps.iter().flat_map(|step| &step.reward) {
@@ -103,4 +106,12 @@ fn end(trace: &Trace, text: &mut String) {
     }
     let sums: Vec<String> = components.iter().map(|(name, sum)| format!("{name} {sum:+.2}")).collect();
     let _ = writeln!(text, "{}", sums.join(", "));
+}
+
+/// How far the base drove; a proxy does not know.
+fn driven(trace: &Trace) -> String {
+    match trace.header.backend {
+        Backend::Proxy => String::new(),
+        _ => format!(", {:.1} m driven", trace.steps.last().map_or(0.0, |step| step.robot.path_length_m)),
+    }
 }

@@ -85,6 +85,8 @@ error_codes! {
     OutOfReach = "out_of_reach", Moderate;
     /// Nobody answers `ask`.
     NoUser = "no_user", Moderate;
+    /// What is behind a proxy failed, or refused in words of its own.
+    BackendError = "backend_error", Moderate;
     /// Physics produced a value that is not finite; the body was taken out and the episode ends.
     PhysicsFault = "physics_fault", Severe;
     /// The episode is over.

@@ -23,6 +23,17 @@ pub enum Backend {
     Proxy,
 }
 
+impl Backend {
+    /// How an episode was recorded that cannot be executed again, in words; none for our simulator.
+    pub fn origin(self) -> Option<&'static str> {
+        match self {
+            Backend::Sim => None,
+            Backend::Robot => Some("on a robot"),
+            Backend::Proxy => Some("through a proxy"),
+        }
+    }
+}
+
 /// Who decided.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct PolicyInfo {

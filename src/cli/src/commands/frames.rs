@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             files.push(path);
         }
     }
-    if arguments.at.is_none() && trace.image(None).is_some() {
+    if arguments.at.is_none() && trace.image_count() > 0 {
         let path = arguments.out.join("contact_sheet.png");
         write(&path, &reel_view::contact_sheet(&trace)?)?;
         files.push(path);

@@ -8,6 +8,7 @@ pub mod explain;
 pub mod export;
 pub mod frames;
 pub mod gate;
+pub mod import;
 #[cfg(feature = "analytics")]
 pub mod ingest;
 pub mod mint;

@@ -21,7 +21,7 @@ use crate::{
 ///   reel replay traces-out --restored 5                 # also from snapshots after 5 calls of each episode
 ///   reel replay traces/golden/v1 --outcomes
 ///
-/// Exit code 0: all identical; 1: something differs or a trace was refused.
+/// Exit code 0: all identical; 1: something differs, a trace was refused, or cannot be executed again (robots, imports).
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {

@@ -12,7 +12,7 @@ use reel_world::{DoorState, ErrorCode, FLOOR, Family, GraphEvent, Profile, ToolS
 
 /// No recorded episode of the simulator meets these; traces/golden/NOTES.md says why.
 const UNREACHABLE: &[ErrorCode] =
-    &[ErrorCode::UnparsableOutput, ErrorCode::NoUser, ErrorCode::EpisodeOver, ErrorCode::PhysicsFault];
+    &[ErrorCode::UnparsableOutput, ErrorCode::NoUser, ErrorCode::BackendError, ErrorCode::EpisodeOver, ErrorCode::PhysicsFault];
 const MOST_BYTES: u64 = 1_000_000;
 
 fn folder() -> PathBuf {

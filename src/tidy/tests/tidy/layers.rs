@@ -20,6 +20,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("query", &["tables", "replay", "pattern"]),
     ("export", &["world", "trace", "tables", "replay"]),
     ("view", &["world", "trace", "replay"]),
+    ("import", &["world", "reward", "trace"]),
     ("tidy", &[]),
 ];
 

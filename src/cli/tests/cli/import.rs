@@ -1,0 +1,73 @@
+//! `reel import` from outside, and what the other commands say of an imported trace: that there is nothing to re-execute.
+
+use std::{fs, path::Path};
+
+use serde_json::{Value, json};
+
+use crate::{complaint, expect};
+
+fn write(path: &Path, value: &Value) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, value.to_string()).unwrap();
+}
+
+/// An episode of one call and its end, without pictures, but one; made by hand.
+fn episode(root: &Path, model: &str) {
+    let folder = root.join("flat/FDP_t_1").join(model);
+    let apple = "_a_on_table_1_at_t_1";
+    let meta = json!({"benchmark_task_id": "FDP/t_1", "family": "FDP", "task_description": "Put the apple on the desk.",
+        "scene_id": "flat", "source_furniture": "table_1", "destination_furniture": "desk_1",
+        "target_object": {"id": "_a", "name": apple, "category": "apple"}, "model": model});
+    write(&folder.join("task_meta.json"), &meta);
+    let graph = json!({"world_graph": {"table_1": {"content": [apple]}, "desk_1": {"content": []}}});
+    for (step, tool, args) in
+        [("step_000", "navigate_to", json!({"receptacle_name": "table_1"})), ("step_001", "finish", json!({}))]
+    {
+        write(&folder.join(step).join("tool_call.json"), &json!({"tool_name": tool, "args": args}));
+        write(&folder.join(step).join("debug_info.json"), &graph);
+    }
+    fs::write(folder.join("step_001/textual_observation.txt"), "Episode finished. Success: False").unwrap();
+    let mut picture = Vec::new();
+    let mut encoder = png::Encoder::new(&mut picture, 640, 480);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.write_header().unwrap().write_image_data(&vec![90; 640 * 480 * 3]).unwrap();
+    fs::write(folder.join("step_000/image_observation_0.png"), picture).unwrap();
+    write(&folder.join("episode_summary.json"), &json!({"status": "finished", "success": false, "total_steps": 2}));
+}
+
+#[test]
+fn an_imported_episode_is_shown_and_checked_but_never_executed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    episode(&folder.join("eval_output"), "m1");
+    let report = expect(folder, 0, &["import", "real-eval", "eval_output", "--out", "traces", "--json"]);
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!((&report["steps"], &report["end"], &report["pictures"]), (&json!(2), &json!("finished"), &json!(1)));
+    let trace = report["trace"].as_str().unwrap();
+
+    let said = "recorded through a proxy: nothing to re-execute";
+    assert!(expect(folder, 0, &["doctor", trace]).contains(said));
+    assert!(expect(folder, 1, &["replay", trace]).contains(said));
+    assert!(expect(folder, 1, &["replay", trace, "--explain"]).contains(said));
+    assert!(expect(folder, 1, &["replay", trace, "--restored", "2"]).contains(said));
+    assert!(expect(folder, 1, &["replay", trace, "--outcomes"]).contains(said));
+    assert!(expect(folder, 1, &["gate", "--corpus", "traces"]).contains("not_replayable"));
+    assert!(complaint(folder, 1, &["compact", trace, "--out", "lean"]).contains(said));
+    let shown = expect(folder, 0, &["show", trace]);
+    assert!(
+        shown.contains("through a proxy") && shown.contains("Put the apple on the desk.") && !shown.contains("driven"),
+        "{shown}"
+    );
+    let pictures = expect(folder, 0, &["frames", trace, "--out", "pictures"]);
+    assert!(pictures.contains("call_000.png") && pictures.contains("contact_sheet.png"), "{pictures}");
+
+    // A torn episode beside it: named, and the rest goes on.
+    episode(&folder.join("eval_output"), "m2");
+    fs::write(folder.join("eval_output/flat/FDP_t_1/m2/step_001/debug_info.json"), "{\"world").unwrap();
+    let complaints = complaint(folder, 3, &["import", "real-eval", "eval_output", "--out", "traces"]);
+    assert!(complaints.contains("m2/step_001/debug_info.json") && complaints.contains("the steps before it"), "{complaints}");
+    fs::remove_dir_all(folder.join("eval_output/flat/FDP_t_1/m1")).unwrap();
+    fs::write(folder.join("eval_output/flat/FDP_t_1/m2/task_meta.json"), "{}").unwrap();
+    assert!(complaint(folder, 2, &["import", "real-eval", "eval_output"]).contains("--tasks"));
+    assert!(complaint(folder, 2, &["import", "real-eval", "nowhere"]).contains("nowhere"));
+}

@@ -1,0 +1,363 @@
+//! The records of an episode from its files: what each step did to the world, its rewards, the hash chain, the end.
+
+use std::collections::BTreeMap;
+
+use reel_reward::{Preset, metrics, rewards};
+use reel_world::{
+    AssetId, Digest, Frame, InstanceId, Outcome, Profile, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph, chain,
+    record::{
+        Backend, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, Marker, MarkerTarget, PolicyInfo, RobotState,
+        StartRecord, StateDigests, StepInput, StepRecord,
+    },
+};
+use serde_json::{Map, Value};
+
+use crate::{
+    ImportError, Loss, Options, graph,
+    layout::{After, Files, StepFiles},
+    outcome, response,
+    task::{self, Seen, Setting, text},
+};
+
+/// Longest latency that is believed.
+const LATENCY_MAX_S: f64 = 86_400.0;
+
+/// An episode ready to be recorded.
+pub(crate) struct Built {
+    pub header: EpisodeHeader,
+    pub task: Task,
+    pub scene: Scene,
+    pub start: StartRecord,
+    /// With their pictures.
+    pub steps: Vec<(StepRecord, Option<Frame>)>,
+    pub end: EndRecord,
+    pub losses: Vec<Loss>,
+    pub notes: Vec<String>,
+}
+
+impl Built {
+    /// Name of the trace: task, policy and content, so that equal episodes have one name and others another.
+    pub(crate) fn file_stem(&self) -> String {
+        let safe = |text: &str| text.replace(|letter: char| !letter.is_ascii_alphanumeric() && !"._-".contains(letter), "_");
+        let EpisodeHeader { task_id, policy, episode_id, .. } = &self.header;
+        let short = |text: &str| safe(text).chars().take(80).collect::<String>();
+        format!("{}--{}--{episode_id}", short(task_id), short(&policy.name))
+    }
+}
+
+/// Makes the records of an episode.
+///
+/// # Errors
+/// When there is no step, or the task is not known.
+pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, ImportError> {
+    let status = files.summary.as_ref().and_then(|summary| text(summary, "status"));
+    if status.as_deref() == Some("skipped") {
+        return Err(ImportError::Skipped { path: files.folder });
+    }
+    if files.steps.is_empty() {
+        let first = files.losses.iter().find(|loss| loss.file.starts_with(files.folder.join("step_000")));
+        let what = first.map_or_else(|| "there is none".to_owned(), ToString::to_string);
+        let what = if files.after == After::Fault { "the agent failed in the first one".to_owned() } else { what };
+        return Err(ImportError::NoStep { path: files.folder, what });
+    }
+    let read = std::mem::take(&mut files.steps);
+    let (seen, states) = look(&mut files, &read);
+    let Setting { task, scene, settings } = task::setting(&mut files, &seen, options)?;
+    let reason = end_reason(&mut files, status.as_deref(), &read);
+
+    let initial = seen.first.clone().unwrap_or_else(|| task.initial.clone());
+    let mut start = StartRecord { graphs: both(&initial), ..StartRecord::default() };
+    let mut before = State { graph: Some(initial), ..State::default() };
+    let (mut records, mut frames) = (Vec::new(), Vec::new());
+    for (step, (read, state)) in (0..).zip(read.into_iter().zip(states)) {
+        let state = State { graph: state.graph.or_else(|| before.graph.clone()), ..state };
+        let (record, frame) = record(step, read, &before, &state, &mut files);
+        records.push(record);
+        frames.push(frame);
+        before = state;
+    }
+    let graphs = both(&before.graph.unwrap_or_default());
+    let preset = Preset::default();
+    let terms = rewards(preset, &task, &scene, &start, &records);
+    for (record, terms) in records.iter_mut().zip(terms) {
+        record.reward = terms;
+    }
+
+    let name = text(&files.meta, "model").or_else(|| files.folder_name(0)).unwrap_or_else(|| "unknown".to_owned());
+    let mut header = EpisodeHeader {
+        episode_id: String::new(),
+        run_id: options.run_id.to_owned(),
+        group_id: None,
+        rollout_index: None,
+        task_id: task.task_id.clone(),
+        family: task.family,
+        scene_id: scene.scene_id.clone(),
+        task_digest: Digest::of_json(&task),
+        scene_digest: Digest::of_json(&scene),
+        seed: 0,
+        sim_version: 0,
+        build: String::new(),
+        profile: Profile::RealRepo,
+        reward_preset: preset.name().to_owned(),
+        policy: PolicyInfo { name, checkpoint: None, parameters: settings },
+        backend: Backend::Proxy,
+        parent: None,
+    };
+    // Two runs of a model on a task have equal inputs as far as they are known: what came of them tells them apart.
+    header.episode_id = Digest::of_json(&(&header, &start, &records)).to_string()[..16].to_owned();
+    header.build = env!("CARGO_PKG_VERSION").to_owned();
+
+    start.digests.chain = chain::start_link(&header, &start);
+    let mut link = start.digests.chain;
+    for record in &mut records {
+        record.digests.chain = chain::step_link(&link, record);
+        link = record.digests.chain;
+    }
+    let metrics = metrics(&task, &start, &records, preset.authority(&graphs));
+    let told = files.summary.as_ref().and_then(|summary| summary.get("success")?.as_bool());
+    if told.is_some_and(|told| told != metrics.success) {
+        files.notes.push(format!("the agent's summary says success {}, the graphs {}", !metrics.success, metrics.success));
+    }
+    let end = EndRecord { reason, graphs, metrics, chain: link, steps: records.len() as u32 };
+    let steps = records.into_iter().zip(frames).collect();
+    Ok(Built { header, task, scene, start, steps, end, losses: files.losses, notes: files.notes })
+}
+
+/// What is known of the world after a step.
+#[derive(Clone, Default)]
+struct State {
+    /// None where the step does not show it.
+    graph: Option<WorldGraph>,
+    held: Option<InstanceId>,
+    markers: Option<Vec<(u32, String)>>,
+    landmark: Option<ReceptacleId>,
+    /// Of the camera, in metres.
+    position: Option<[f32; 3]>,
+}
+
+/// Follows the states of the world through all steps, and gathers what they show of it.
+fn look(files: &mut Files, steps: &[StepFiles]) -> (Seen, Vec<State>) {
+    let mut seen = Seen { first: None, receptacles: BTreeMap::new(), objects: BTreeMap::new(), categories: BTreeMap::new() };
+    let mut known: Option<WorldGraph> = files.meta.get("initial_world_graph").and_then(graph::parse);
+    seen.first = known.clone();
+    let mut states: Vec<State> = Vec::new();
+    for (number, step) in steps.iter().enumerate() {
+        let mut state = State { graph: None, ..states.last().cloned().unwrap_or_default() };
+        state.update(&step.debug_info);
+        state.graph = graph::of_debug_info(&step.debug_info, known.as_ref());
+        if let Some(graph) = &state.graph {
+            if seen.first.is_none() {
+                seen.first = Some(first_graph(files, graph, state.held.as_ref(), number));
+            }
+            known = Some(graph.clone());
+        }
+        if let Some(text) = &step.text {
+            seen.categories.extend(told_categories(text, state.markers.as_deref().unwrap_or_default()));
+        }
+        states.push(state);
+    }
+    for graph in seen.first.iter().chain(states.iter().filter_map(|state| state.graph.as_ref())) {
+        for (receptacle, content) in &graph.receptacles {
+            *seen.receptacles.entry(receptacle.clone()).or_default() |= content.door.is_some();
+            for object in content.content.keys() {
+                seen.objects.entry(object.clone()).or_insert_with(|| receptacle.clone());
+            }
+        }
+    }
+    (seen, states)
+}
+
+/// The graph before the first decision, from the first that a step shows.
+fn first_graph(files: &mut Files, graph: &WorldGraph, held: Option<&InstanceId>, step: usize) -> WorldGraph {
+    let mut first = graph.clone();
+    if step > 0 {
+        files.notes.push(format!("no step before step {step} shows a graph; the start is taken from there"));
+    }
+    if let Some(held) = held {
+        match home_of(held).filter(|home| graph.receptacles.contains_key(home)) {
+            Some(home) => first.add(&home, held),
+            None => files.notes.push(format!("{held} is held in the first graph, and where it stood is not in the files")),
+        }
+    }
+    first
+}
+
+/// The receptacle in the key `<asset>_on_<receptacle>_at_<task>`.
+fn home_of(object: &InstanceId) -> Option<ReceptacleId> {
+    let (_, rest) = object.as_str().split_once("_on_")?;
+    Some(rest.split_once("_at_")?.0.into())
+}
+
+impl State {
+    /// Takes in a debug payload; what it does not name stays.
+    fn update(&mut self, debug_info: &Map<String, Value>) {
+        let name = |value: &Value| value.as_str().filter(|name| !name.is_empty()).map(str::to_owned);
+        if let Some(value) = debug_info.get("CURRENT_INV") {
+            self.held = name(value).map(Into::into);
+        }
+        if let Some(value) = debug_info.get("CURRENT_LANDMARK") {
+            self.landmark = name(value).map(Into::into);
+        }
+        if let Some(value) = debug_info.get("CURRENT_POS") {
+            self.position = position(value);
+        }
+        if let Some(value) = debug_info.get("CURRENT_MARKER_MAP") {
+            self.markers = value.as_object().map(|map| {
+                let number = |(key, target): (&String, &Value)| Some((key.trim().parse().ok()?, name(target)?));
+                map.iter().filter_map(number).collect::<BTreeMap<u32, String>>().into_iter().collect()
+            });
+        }
+    }
+
+    /// What the markers stand for: a name of the graph is a receptacle.
+    fn markers(&self) -> Vec<Marker> {
+        let receptacles = self.graph.as_ref().map(|graph| &graph.receptacles);
+        let target = |name: &str| match receptacles {
+            Some(receptacles) if receptacles.contains_key(name) => MarkerTarget::Receptacle(name.into()),
+            _ => MarkerTarget::Object(name.into()),
+        };
+        self.markers.iter().flatten().map(|(id, name)| Marker { id: *id, target: target(name) }).collect()
+    }
+}
+
+/// Three numbers, which some versions of the server wrote as texts.
+fn position(value: &Value) -> Option<[f32; 3]> {
+    let number = |value: &Value| value.as_f64().or_else(|| value.as_str()?.trim().parse().ok());
+    let numbers: Vec<f32> = value.as_array()?.iter().filter_map(number).map(|number| number as f32).collect();
+    <[f32; 3]>::try_from(numbers).ok().filter(|position| position.iter().all(|number| number.is_finite()))
+}
+
+/// Categories in an inventory (`1: a(an) apple.`), by what its numbers stand for.
+fn told_categories(text: &str, markers: &[(u32, String)]) -> Vec<(AssetId, String)> {
+    let line = |line: &str| {
+        let (number, rest) = line.trim().split_once(": a(an) ")?;
+        let number: u32 = number.parse().ok()?;
+        let (_, object) = markers.iter().find(|(id, _)| *id == number)?;
+        Some((InstanceId::from(object.as_str()).asset(), rest.trim_end_matches('.').to_owned()))
+    };
+    text.lines().filter_map(line).collect()
+}
+
+/// One step. `before` and `after` know their graphs.
+fn record(step: u32, read: StepFiles, before: &State, after: &State, files: &mut Files) -> (StepRecord, Option<Frame>) {
+    let name = text(&read.call, "tool_name").unwrap_or_default();
+    let arguments = read.call.get("args").cloned().unwrap_or(Value::Null);
+    let call = ToolCall::new(name, arguments);
+    let tool = Tool::parse(&call).ok();
+    let marked = read.debug_info.get("CURRENT_MARKER_MAP").and_then(Value::as_object).map(Map::len);
+    let mut outcome = outcome::outcome(&call, read.text.as_deref(), marked);
+    if read.failed && outcome.is_ok() {
+        outcome.error = Some(reel_world::ErrorCode::BackendError);
+    }
+    let reply = outcome::reply(&call, &outcome);
+    let mut policy = read.raw.map(response::parse);
+    if let Some(latency_ns) = latency_ns(&read.time, step, files) {
+        policy.get_or_insert_default().latency_ns = Some(latency_ns);
+    }
+    let (object, receptacle) = acted_on(tool.as_ref(), &outcome, before, after);
+    let changed = match (&before.graph, &after.graph) {
+        (Some(before), Some(after)) => after.difference(before),
+        _ => Vec::new(),
+    };
+    let markers = after.markers();
+    let shown =
+        matches!(tool, Some(Tool::WalkAround | Tool::ShowObjectByCategory { .. } | Tool::GazeAt { .. })) && outcome.is_ok();
+    let listed = markers.iter().filter(|_| shown).filter_map(|marker| match &marker.target {
+        MarkerTarget::Object(object) => Some(object.clone()),
+        MarkerTarget::Receptacle(_) => None,
+    });
+    let [x, y, z] = after.position.unwrap_or_default();
+    let digests = StateDigests { frame: read.picture.as_ref().map(Frame::digests), ..StateDigests::default() };
+    let record = StepRecord {
+        step,
+        listed: listed.collect(),
+        input: StepInput { call, policy, user_reply: reply.clone() },
+        outcome,
+        tool: tool.as_ref().map(|tool| tool.paper_name().to_owned()),
+        reply,
+        markers,
+        visible: Vec::new(),
+        object,
+        receptacle,
+        held: after.held.clone(),
+        changes: GraphChanges { physics: changed.clone(), registry: changed },
+        bodies: Vec::new(),
+        robot: RobotState { base: [x, y], camera: [x, y, z], ..RobotState::default() },
+        sim_step: 0,
+        reward: Vec::new(),
+        digests,
+    };
+    (record, read.picture)
+}
+
+/// The object and the receptacle that a successful call acted on.
+fn acted_on(tool: Option<&Tool>, outcome: &Outcome, before: &State, after: &State) -> (Option<InstanceId>, Option<ReceptacleId>) {
+    let Some(tool) = tool.filter(|_| outcome.is_ok()) else { return (None, None) };
+    let marked = |number: u32| before.markers().into_iter().find(|marker| marker.id == number).map(|marker| marker.target);
+    let object = |number: u32| match marked(number) {
+        Some(MarkerTarget::Object(object)) => Some(object),
+        _ => None,
+    };
+    let receptacle = |number: u32| match marked(number) {
+        Some(MarkerTarget::Receptacle(receptacle)) => Some(receptacle),
+        _ => None,
+    };
+    match tool {
+        Tool::NavTo { receptacle } => (None, Some(receptacle.clone())),
+        Tool::WalkAround => (None, after.landmark.clone()),
+        Tool::GazeAt { marker } => (object(*marker), receptacle(*marker)),
+        Tool::Pick { marker } => {
+            let object = object(*marker).or_else(|| after.held.clone());
+            let place = object.as_ref().and_then(|object| before.graph.as_ref()?.place_of(object).cloned());
+            (object, place)
+        }
+        Tool::Place { marker } => (before.held.clone(), receptacle(*marker)),
+        Tool::Open { marker } | Tool::Close { marker } => (None, receptacle(*marker)),
+        _ => (None, None),
+    }
+}
+
+/// How long the policy took. Older agents wrote `infer_time`.
+fn latency_ns(time: &Map<String, Value>, step: u32, files: &mut Files) -> Option<u64> {
+    let seconds = time.get("inference_time").or_else(|| time.get("infer_time"))?.as_f64()?;
+    if (0.0..=LATENCY_MAX_S).contains(&seconds) {
+        return Some((seconds * 1e9).round() as u64);
+    }
+    files.notes.push(format!("step {step}: a latency of {seconds} s is not believed"));
+    None
+}
+
+/// Why the episode ended: as its steps show, else as its summary says.
+fn end_reason(files: &mut Files, status: Option<&str>, steps: &[StepFiles]) -> EndReason {
+    let is_finish = |step: &StepFiles| text(&step.call, "tool_name").as_deref() == Some("finish");
+    let told = files.summary.as_ref().and_then(|summary| summary.get("total_steps")?.as_u64());
+    // The client counts the step in which its own model failed; one that was not written down is missing.
+    let present = steps.len() as u64 + u64::from(files.after == After::Fault);
+    let reason = match (files.after, status) {
+        (After::Unreadable | After::Begun, _) => EndReason::Aborted,
+        (After::Fault, _) => EndReason::Fault,
+        (After::Nothing, _) if told.is_some_and(|told| told > present) => {
+            let what = format!("it counts {} steps, but there are {present}; those are imported", told.unwrap_or_default());
+            files.lose(files.folder.join("episode_summary.json"), what);
+            return EndReason::Aborted;
+        }
+        (After::Nothing, _) if steps.last().is_some_and(is_finish) => EndReason::Finished,
+        (After::Nothing, Some("max_steps_reached")) => EndReason::Horizon,
+        (After::Nothing, Some("inference_error" | "action_error")) => EndReason::Fault,
+        (After::Nothing, Some(other)) => {
+            files.notes.push(format!("the status is {other}, but no step says so; taken as broken off"));
+            EndReason::Aborted
+        }
+        (After::Nothing, None) => EndReason::Aborted,
+    };
+    if files.after == After::Begun {
+        files.notes.push(format!("step {} was begun, and no call of it was written down", steps.len()));
+    } else if status.is_none() && reason == EndReason::Aborted && files.after == After::Nothing {
+        files.notes.push("there is no status; the episode is taken as broken off".to_owned());
+    }
+    reason
+}
+
+fn both(graph: &WorldGraph) -> Graphs {
+    Graphs { physics: graph.clone(), registry: graph.clone() }
+}

@@ -1,0 +1,127 @@
+//! Episodes that agents of the published REAL framework played (`eval_output`, SPEC section 9) as traces.
+//!
+//! Owns what their files mean. Reads every field leniently: a missing file is less information; a torn one is a loss that
+//! is named, and the steps before it are imported. Never simulates, never guesses a value: what the files do not say
+//! (sizes, poses, pixels of objects, the robot's heading, paths) is zero or absent in the trace.
+//!
+//! # What becomes of what
+//! - `task_meta.json`: the task, unless [`Options::tasks`] has it; the model's name; further keys are settings of the policy.
+//!   The published agents store no graph in it, so the start is the first graph that a step shows: before that nothing
+//!   could be changed, because every tool that changes something needs markers.
+//! - `tool_call.json`: the call as it was made. `raw_response.txt` or `.json`: the policy's output.
+//! - `inference_time.json`: latency. `textual_observation.txt`: the outcome. A result without it was a picture alone.
+//! - `image_observation_N.png`: the picture, to the pixel; of several the last.
+//! - `debug_info.json`: the registry graph, held object, markers, camera position. There is no second authority: the
+//!   physical graph of the trace is the same. Objects that got a marker count as listed, since they were shown.
+//! - `inference_error.txt`, `action_error.txt`: the episode ended with a fault; what was decided there is not in the files.
+//! - `episode_summary.json`: how it ended. The client's own success is compared, not taken.
+
+mod episode;
+mod error;
+mod graph;
+mod layout;
+mod outcome;
+mod picture;
+mod response;
+mod task;
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use reel_trace::{Images, Recorder};
+use reel_world::{Scene, Task, record::EndReason};
+use serde::Serialize;
+
+pub use error::ImportError;
+
+/// What is known besides the files of an episode.
+#[derive(Clone, Copy, Debug)]
+pub struct Options<'a> {
+    /// Run that the traces belong to.
+    pub run_id: &'a str,
+    /// Task files: the one with an episode's task id is used instead of what its `task_meta.json` says.
+    pub tasks: &'a [Arc<Task>],
+    /// The scene of the tasks. Without it, or for episodes of another scene, one of names alone.
+    pub scene: Option<&'a Scene>,
+}
+
+/// An episode that was imported.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Imported {
+    /// Where it came from.
+    pub source: PathBuf,
+    /// The trace, named after task, model and content.
+    pub trace: PathBuf,
+    /// Its size.
+    pub bytes: u64,
+    /// The task.
+    pub task_id: String,
+    /// How many steps it has.
+    pub steps: u32,
+    /// How many pictures.
+    pub pictures: u32,
+    /// How it ended.
+    pub end: EndReason,
+    /// SR under the default preset.
+    pub success: bool,
+    /// What was there and could not be read.
+    pub losses: Vec<Loss>,
+    /// What the files leave open, and how it was decided.
+    pub notes: Vec<String>,
+}
+
+/// Something of an episode that could not be read.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Loss {
+    /// The file or folder.
+    pub file: PathBuf,
+    /// What is wrong with it, and what that cost.
+    pub what: String,
+}
+
+impl std::fmt::Display for Loss {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}", self.file.display(), self.what)
+    }
+}
+
+/// The folders of episodes under a folder (itself included), sorted: those with a `task_meta.json`, an
+/// `episode_summary.json` or a step.
+///
+/// # Errors
+/// When a folder cannot be listed, or there is none.
+pub fn episodes(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
+    layout::episodes(root)
+}
+
+/// Writes the episode of one folder as a trace into the folder `out`, which exists. Equal files give equal bytes under an
+/// equal name, wherever they lie.
+///
+/// # Errors
+/// When nothing of it can be imported, or the trace cannot be written.
+pub fn import(source: &Path, out: &Path, options: &Options<'_>) -> Result<Imported, ImportError> {
+    let files = layout::read(source)?;
+    let built = episode::build(files, options)?;
+    let trace = out.join(format!("{}.mcap", built.file_stem()));
+    let mut recorder = Recorder::create(&trace, &built.header, &built.task, &built.scene, Images::Full)?;
+    recorder.start(&built.start, None)?;
+    for (record, frame) in &built.steps {
+        recorder.input(record.step, &record.input)?;
+        recorder.step(record, frame.as_ref())?;
+    }
+    let summary = recorder.end(&built.end)?;
+    Ok(Imported {
+        source: source.to_owned(),
+        trace,
+        bytes: summary.bytes,
+        task_id: built.task.task_id,
+        steps: built.end.steps,
+        pictures: built.steps.iter().filter(|(_, frame)| frame.is_some()).count() as u32,
+        end: built.end.reason,
+        success: built.end.metrics.success,
+        losses: built.losses,
+        notes: built.notes,
+    })
+}
