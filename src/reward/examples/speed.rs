@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p reel-reward --example speed`
 
-use reel_reward::{Authority, Called, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts};
+use reel_reward::{Authority, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts};
 use reel_world::{Scene, Task};
 use serde_json::{Value, json};
 
@@ -93,7 +93,7 @@ fn fill(facts: &mut TaskFacts, episode: &mut EpisodeFacts, rows: &[Row]) {
             receptacle: row.receptacle.map(|place| facts.place(place)),
             held: row.held.map(|object| facts.object(object)),
             reply: row.reply.as_deref().map(|text| facts.reply(text)),
-            ..facts.called(Some(Called::parse(row.tool)), row.argument)
+            ..facts.called(row.tool, None, row.argument)
         };
         episode.step(head);
         if let Some((event, place)) = row.change {

@@ -7,7 +7,7 @@
 //! Rewards from columns, episode by episode; records take [`Preset::rewarder`] or [`EpisodeFacts::record`]:
 //!
 //! ```
-//! use reel_reward::{Authority, Called, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts};
+//! use reel_reward::{Authority, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts};
 //! # fn columns(task: &reel_world::Task, scene: &reel_world::Scene) -> Option<()> {
 //! let mut facts = TaskFacts::new(task, scene); // once a task and thread
 //! let mut scorer = Scorer::new(&Preset::paper()); // once a thread, for all tasks
@@ -15,8 +15,7 @@
 //! facts.begin(&mut episode); // once an episode; first how its start differs from the task's, by authority
 //! episode.change(Authority::Physics, facts.change("add", Some("red_on_table_1_at_t"), "floor", None, None)?);
 //! episode.saw(facts.object("red_on_table_1_at_t"));
-//! // then each step: no tool where the error code is unknown_tool, bad_arguments or unparsable_output
-//! let call = facts.called(Some(Called::parse("pick")), Some("1"));
+//! let call = facts.called("pick", None, Some("1")); // then each step: tool, error_code, argument
 //! let red = facts.object("red_on_table_1_at_t");
 //! let reply = None::<&str>.map(|text| facts.reply(text));
 //! episode.step(StepHead { error: None, object: Some(red), receptacle: None, held: Some(red), reply, ..call });

@@ -161,7 +161,7 @@ impl RealRepo {
         }
         if rules.anti_exploit {
             self.exploits.step(facts, step, &self.dialogue.map, paid);
-            if step.head.tool == Some(Called::Finish) && self.remaining > 0 {
+            if step.head.tool == Called::Finish && self.remaining > 0 {
                 paid.once(Term::PrematureFinish, Cause::Count(self.remaining as u32));
             }
         }
@@ -254,8 +254,8 @@ impl RealRepo {
             dialogue.forget();
         }
         match step.head.tool {
-            Some(Called::WalkAround | Called::ShowObjectByCategory) => dialogue.perceive(facts),
-            Some(Called::Ask) => {
+            Called::WalkAround | Called::ShowObjectByCategory => dialogue.perceive(facts),
+            Called::Ask => {
                 if self.asks < rules.ask_limit {
                     self.asks += 1;
                     paid.once(Term::AskTool, Cause::Count(self.asks));
@@ -268,7 +268,7 @@ impl RealRepo {
                 dialogue.asked |= named.is_some() || !rules.pick_clears_first;
                 dialogue.named = named.or(dialogue.named);
             }
-            Some(Called::Pick) => match (dialogue.named, step.head.marker) {
+            Called::Pick => match (dialogue.named, step.head.marker) {
                 (Some(named), Some(marker)) if named == marker => paid.once(Term::UsedMarkerFromAnswer, Cause::Count(marker)),
                 _ if dialogue.several && !dialogue.asked => paid.once(Term::BlindPick, Cause::None),
                 _ => {}
@@ -341,8 +341,8 @@ impl Exploits {
             }
         }
         match step.head.tool {
-            Some(Called::NavTo) => self.drive(facts, step.head.driven_to, paid),
-            Some(Called::WalkAround | Called::ShowObjectByCategory) if !map.is_empty() => {
+            Called::NavTo => self.drive(facts, step.head.driven_to, paid),
+            Called::WalkAround | Called::ShowObjectByCategory if !map.is_empty() => {
                 let mut marked: Vec<Marked> = map.iter().map(|(_, target)| *target).collect();
                 marked.sort();
                 marked.dedup();
@@ -351,7 +351,7 @@ impl Exploits {
                 }
                 self.perceived = marked;
             }
-            Some(Called::GazeAt) => {
+            Called::GazeAt => {
                 if step.head.marker.is_some() && step.head.marker == self.gazed_at {
                     paid.once(Term::RepeatedGaze, Cause::None);
                 }

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::{
     Rewarder,
-    facts::{Authority, Called, Change, EpisodeFacts, Marked, StepHead, TaskFacts},
+    facts::{Authority, Change, EpisodeFacts, Marked, StepHead, TaskFacts},
     preset::Preset,
     score::{Cause, Fired, Scorer},
     terms::Term,
@@ -172,9 +172,8 @@ impl TaskFacts {
 }
 
 fn head(facts: &mut TaskFacts, step: &StepRecord) -> StepHead {
-    let tool = step.tool.as_deref().map(Called::parse);
-    let argument = argument(step);
-    let called = facts.called(tool, argument.as_deref());
+    let error = step.outcome.error.map(ErrorCode::as_str);
+    let called = facts.called(step.tool_name(), error, argument(step).as_deref());
     StepHead {
         error: step.outcome.error.map(ErrorCode::class),
         object: step.object.as_ref().map(|object| facts.object(object.as_str())),

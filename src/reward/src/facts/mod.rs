@@ -8,12 +8,15 @@ mod episode;
 mod names;
 mod task;
 
-use reel_world::{DoorState, ErrorClass};
+use reel_world::{DoorState, ErrorClass, ErrorCode};
 
 pub(crate) use counts::Counts;
 pub use episode::{EpisodeFacts, StartFacts, StepFacts};
 pub(crate) use task::Target;
 pub use task::TaskFacts;
+
+/// Errors of calls that were none.
+const NOT_UNDERSTOOD: [ErrorCode; 3] = [ErrorCode::UnknownTool, ErrorCode::BadArguments, ErrorCode::UnparsableOutput];
 
 /// An object instance, numbered within a [`TaskFacts`].
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -96,8 +99,8 @@ pub enum Marked {
     Place(PlaceKey),
 }
 
-/// The tool of a call that was understood.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+/// Which tool was called, as far as a reward tells them apart.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Called {
     /// `nav_to`
     NavTo,
@@ -115,15 +118,17 @@ pub enum Called {
     Ask,
     /// `finish`
     Finish,
-    /// Another, which no reward tells apart.
+    /// Another, or none.
+    #[default]
     Other,
 }
 
 impl Called {
-    /// By its name in the paper. Give none where the call was not understood (error codes `unknown_tool`,
-    /// `bad_arguments` and `unparsable_output`), whatever name it had.
-    pub fn parse(tool: &str) -> Called {
+    /// By the tool's name in the paper and the code of the step's error. A call that was not understood (`unknown_tool`,
+    /// `bad_arguments`, `unparsable_output`) called none, whatever name it had.
+    pub fn parse(tool: &str, error_code: Option<&str>) -> Called {
         match tool {
+            _ if error_code.is_some_and(|code| NOT_UNDERSTOOD.iter().any(|other| other.as_str() == code)) => Called::Other,
             "nav_to" => Called::NavTo,
             "walk_around" => Called::WalkAround,
             "show_object_by_category" => Called::ShowObjectByCategory,
@@ -140,8 +145,8 @@ impl Called {
 /// The columns of one step that hold one value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct StepHead {
-    /// None: the call was not understood.
-    pub tool: Option<Called>,
+    /// The tool.
+    pub tool: Called,
     /// None: the call did what it should.
     pub error: Option<ErrorClass>,
     /// The marker that the call names.
@@ -160,6 +165,6 @@ pub struct StepHead {
 
 impl StepHead {
     pub(crate) fn succeeded(&self, tool: Called) -> bool {
-        self.error.is_none() && self.tool == Some(tool)
+        self.error.is_none() && self.tool == tool
     }
 }

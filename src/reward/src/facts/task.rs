@@ -155,14 +155,15 @@ impl TaskFacts {
         ReplyKey(number)
     }
 
-    /// The call of a step, from its tool and the text of its argument: the marker or the receptacle that it names. The rest of
-    /// the head is empty.
-    pub fn called(&mut self, tool: Option<Called>, argument: Option<&str>) -> StepHead {
+    /// The call of a step, from its tool, the code of its error and the text of its argument: the marker or the receptacle that
+    /// it names. The rest of the head is empty.
+    pub fn called(&mut self, tool: &str, error_code: Option<&str>, argument: Option<&str>) -> StepHead {
+        let tool = Called::parse(tool, error_code);
         let marker = match tool {
-            Some(Called::GazeAt | Called::Pick | Called::Place) => argument.and_then(|text| text.trim().parse().ok()),
+            Called::GazeAt | Called::Pick | Called::Place => argument.and_then(|text| text.trim().parse().ok()),
             _ => None,
         };
-        let driven_to = argument.filter(|_| tool == Some(Called::NavTo)).map(|receptacle| self.place(receptacle));
+        let driven_to = argument.filter(|_| tool == Called::NavTo).map(|receptacle| self.place(receptacle));
         StepHead { tool, marker, driven_to, ..StepHead::default() }
     }
 

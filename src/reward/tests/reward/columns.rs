@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use reel_reward::{Authority, Called, EpisodeFacts, Marked, StepHead, TaskFacts};
+use reel_reward::{Authority, EpisodeFacts, Marked, StepHead, TaskFacts};
 use reel_world::{
     DoorState, ErrorClass, GraphEvent, Task,
     record::{GraphChanges, MarkerTarget, StartRecord, StepRecord},
@@ -43,8 +43,6 @@ pub fn facts_from_columns(facts: &mut TaskFacts, task: &Task, start: &StartRecor
     facts.begin(&mut episode);
     for (index, row) in rows.iter().enumerate() {
         if index > 0 {
-            let understood = !matches!(row.error_code.as_deref(), Some("unknown_tool" | "bad_arguments" | "unparsable_output"));
-            let tool = understood.then(|| Called::parse(&row.tool));
             let head = StepHead {
                 error: row.error_class.as_deref().map(|class| match class {
                     "severe" => ErrorClass::Severe,
@@ -54,7 +52,7 @@ pub fn facts_from_columns(facts: &mut TaskFacts, task: &Task, start: &StartRecor
                 receptacle: row.receptacle.as_deref().map(|place| facts.place(place)),
                 held: row.held.as_deref().map(|object| facts.object(object)),
                 reply: row.reply.as_deref().map(|text| facts.reply(text)),
-                ..facts.called(tool, row.argument.as_deref())
+                ..facts.called(&row.tool, row.error_code.as_deref(), row.argument.as_deref())
             };
             episode.step(head);
         }
