@@ -42,7 +42,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rayon", &["agents", "replay", "tables", "export", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents"]),
     ("rand_core", &["sim", "tasks", "agents"]),
-    ("strsim", &["pattern"]),
+    ("strsim", &["pattern", "reward"]),
+    ("toml", &["reward"]),
     ("rand", &[]),
 ];
 
