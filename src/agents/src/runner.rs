@@ -192,7 +192,7 @@ mod tests {
             task: Arc::new(task),
             scene: Arc::new(scene),
             seed: 11,
-            preset: reel_reward::Preset::Paper,
+            preset: reel_reward::Preset::paper(),
             profile: Profile::Paper,
             run_id: "run".into(),
             policy: PolicyInfo::default(),

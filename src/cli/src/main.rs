@@ -49,6 +49,12 @@ enum Command {
     /// Ask a store in SQL, by text or by a named query
     #[cfg(feature = "analytics")]
     Query(commands::query::Arguments),
+    /// Score the episodes of a store again, under any reward preset
+    #[cfg(feature = "analytics")]
+    Reward(commands::reward::Arguments),
+    /// Look after a store: versions, quarantine, compaction, vacuum
+    #[cfg(feature = "analytics")]
+    Tables(commands::tables::Arguments),
     /// Drop the pictures of traces; digests stay
     Compact(commands::repack::Compact),
     /// Draw the pictures of lean traces again
@@ -80,6 +86,10 @@ fn main() -> ExitCode {
         Command::Ingest(arguments) => commands::ingest::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Query(arguments) => commands::query::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Reward(arguments) => commands::reward::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Tables(arguments) => commands::tables::run(&arguments),
         Command::Compact(arguments) => commands::repack::compact(&arguments),
         Command::Expand(arguments) => commands::repack::expand(&arguments),
         Command::Export(arguments) => commands::export::run(&arguments),

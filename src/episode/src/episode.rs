@@ -5,7 +5,7 @@ use std::fmt;
 use reel_reward::{Rewarder, metrics};
 use reel_sim::{SIM_VERSION, Simulator, Snapshot, ToolResult, render::Detail};
 use reel_world::{
-    Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Tool, WorldGraph, chain, invariants,
+    Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Tool, chain, invariants,
     record::{
         Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord, StateDigests, StepInput,
         StepRecord, UserReply,
@@ -208,10 +208,9 @@ impl Episode {
 
     /// Closes the episode: final graphs and metrics. `Aborted` if it still runs.
     pub fn end(self) -> EndRecord {
-        let authority: &WorldGraph = self.config.preset.authority(&self.graphs);
         EndRecord {
             reason: self.ended.unwrap_or(EndReason::Aborted),
-            metrics: metrics(&self.config.task, &self.start, &self.steps, authority),
+            metrics: metrics(&self.config.preset, &self.config.task, &self.start, &self.steps, &self.graphs),
             chain: self.chain,
             steps: u32::try_from(self.steps.len()).expect("an episode has few steps"),
             graphs: self.graphs,

@@ -78,7 +78,7 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
     }
     let graphs = both(&before.graph.unwrap_or_default());
     let preset = Preset::default();
-    let terms = rewards(preset, &task, &scene, &start, &records);
+    let terms = rewards(&preset, &task, &scene, &start, &records);
     for (record, terms) in records.iter_mut().zip(terms) {
         record.reward = terms;
     }
@@ -113,7 +113,7 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
         record.digests.chain = chain::step_link(&link, record);
         link = record.digests.chain;
     }
-    let metrics = metrics(&task, &start, &records, preset.authority(&graphs));
+    let metrics = metrics(&preset, &task, &start, &records, &graphs);
     let told = files.summary.as_ref().and_then(|summary| summary.get("success")?.as_bool());
     if told.is_some_and(|told| told != metrics.success) {
         files.notes.push(format!("the agent's summary says success {}, the graphs {}", !metrics.success, metrics.success));

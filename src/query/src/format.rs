@@ -1,4 +1,4 @@
-//! Results as text: an aligned table for people, CSV and JSON for programs.
+//! Results as text (an aligned table for people, CSV and JSON for programs) and as files (Arrow IPC, Parquet).
 
 use std::fmt::Write as _;
 
@@ -6,8 +6,14 @@ use arrow::{
     array::{Array, ArrayRef, AsArray, RecordBatch},
     datatypes::{DataType, Float32Type, Float64Type},
     error::ArrowError,
+    ipc::writer::FileWriter,
     json::{WriterBuilder, writer::JsonArray},
     util::display::{ArrayFormatter, FormatOptions},
+};
+use datafusion::parquet::{
+    arrow::ArrowWriter,
+    basic::{Compression, ZstdLevel},
+    file::properties::WriterProperties,
 };
 
 /// Longest cell of the table form, in characters.
@@ -35,6 +41,29 @@ pub fn format(batches: &[RecordBatch], format: Format) -> Result<String, ArrowEr
         Format::Csv => csv(batches),
         Format::Json => json(batches),
     }
+}
+
+/// A result as the bytes of an Arrow IPC file.
+///
+/// # Errors
+/// When Arrow cannot write a column.
+pub fn arrow_file(batches: &[RecordBatch]) -> Result<Vec<u8>, ArrowError> {
+    let Some(first) = batches.first() else { return Ok(Vec::new()) };
+    let mut writer = FileWriter::try_new(Vec::new(), &first.schema())?;
+    batches.iter().try_for_each(|batch| writer.write(batch))?;
+    writer.into_inner()
+}
+
+/// A result as the bytes of a Parquet file (zstd).
+///
+/// # Errors
+/// When Parquet cannot write a column.
+pub fn parquet_file(batches: &[RecordBatch]) -> Result<Vec<u8>, ArrowError> {
+    let Some(first) = batches.first() else { return Ok(Vec::new()) };
+    let properties = WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build();
+    let mut writer = ArrowWriter::try_new(Vec::new(), first.schema(), Some(properties))?;
+    batches.iter().try_for_each(|batch| writer.write(batch))?;
+    Ok(writer.into_inner()?)
 }
 
 fn table(batches: &[RecordBatch]) -> Result<String, ArrowError> {

@@ -16,7 +16,7 @@ use arrow::array::RecordBatch;
 use reel_tables::Store;
 
 pub use control::{Control, Stopped};
-pub use format::{Format, format};
+pub use format::{Format, arrow_file, format, parquet_file};
 pub use functions::{FunctionHelp, help as functions};
 pub use limits::Limits;
 pub use session::{Parameters, QueryError, Session};

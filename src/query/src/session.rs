@@ -125,6 +125,16 @@ impl Session {
         self.control.clone()
     }
 
+    /// From now on Ctrl-C stops the session's queries instead of the process.
+    pub fn stop_on_ctrl_c(&self) {
+        let control = self.control();
+        self.runtime.spawn(async move {
+            while tokio::signal::ctrl_c().await.is_ok() {
+                control.cancel();
+            }
+        });
+    }
+
     /// The store it asks.
     pub fn store(&self) -> &Store {
         &self.store

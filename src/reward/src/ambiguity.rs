@@ -1,49 +1,12 @@
-//! When an `ask` is worth something: what was seen that the words so far may mean, and how often asking pays
-//! (SPEC section 5, `ask`). Never answers a question.
+//! How often asking can pay in a task (SPEC section 5, `ask`), by its words and distractors. Never answers a question.
 
 use std::collections::BTreeSet;
 
-use reel_world::{AssetId, InstanceId, ObjectInstance, ReceptacleId, Scene, Task, language};
+use reel_world::{AssetId, ObjectInstance, ReceptacleId, Scene, Task, language};
 
-/// Most that a budget can be (paper, Detailed Reward Configuration).
-const BUDGET_MAX: usize = 3;
-
-/// What the instruction and the replies leave open.
-#[derive(Clone, Debug)]
-pub(crate) struct Ambiguity {
-    /// Objects that fit the instruction and all replies so far.
-    candidates: Vec<ObjectInstance>,
-    seen: BTreeSet<InstanceId>,
-    budget: usize,
-}
-
-impl Ambiguity {
-    pub(crate) fn new(task: &Task, scene: &Scene) -> Self {
-        let fits = |object: &&ObjectInstance| language::fits(&task.instruction, object, task.purpose.as_deref());
-        let candidates = task.objects.iter().filter(fits).cloned().collect();
-        Self { candidates, seen: BTreeSet::new(), budget: budget(task, scene) }
-    }
-
-    pub(crate) fn see<'a>(&mut self, objects: impl Iterator<Item = &'a InstanceId>) {
-        self.seen.extend(objects.cloned());
-    }
-
-    /// Takes note of an answered question: how many candidates it was asked among, if it earns something.
-    pub(crate) fn ask(&mut self, reply: &str) -> Option<usize> {
-        let observed = self.candidates.iter().filter(|object| self.seen.contains(&object.instance));
-        let among = observed.map(|object| &object.asset).collect::<BTreeSet<_>>().len();
-        self.candidates.retain(|object| language::fits(reply, object, None));
-        if among < 2 || self.budget == 0 {
-            return None;
-        }
-        self.budget -= 1;
-        Some(among)
-    }
-}
-
-/// `B_ask`.
-fn budget(task: &Task, scene: &Scene) -> usize {
-    let target = task.target_object();
+/// `B_ask` before the limit of the preset.
+pub(crate) fn budget(task: &Task, scene: &Scene) -> u32 {
+    let Some(target) = task.object(&task.target) else { return 0 };
     let others = task.objects.iter().filter(|object| object.asset != target.asset);
     let placed = others.clone().any(|object| task.object_distractors.contains(&object.asset) || alike(task, target, object));
     if !placed && !task.fuzzy {
@@ -51,7 +14,7 @@ fn budget(task: &Task, scene: &Scene) -> usize {
     }
     let distractors: BTreeSet<&AssetId> =
         others.filter(|object| alike(task, target, object)).map(|object| &object.asset).collect();
-    BUDGET_MAX.min(distractors.len() + usize::from(several_receptacles_fit(task, scene)))
+    distractors.len() as u32 + u32::from(several_receptacles_fit(task, scene))
 }
 
 /// Whether an object is of the target's category, or serves the task's purpose.

@@ -1,18 +1,15 @@
-//! Which goal changes hold in a state. Looks at the state only, never at how it came about.
+//! Which goal changes hold in a graph. Looks at the state only, never at how it came about.
 
-use reel_world::{GraphEvent, Task, WorldGraph};
+use reel_world::{GraphEvent, InstanceId, WorldGraph};
 
-/// How many elements of `changes` (`Delta_goal`) hold in a graph. An element that moves one of several equal instances holds
-/// as often as their number has changed since the start.
-pub(crate) fn holding(task: &Task, changes: &[GraphEvent], graph: &WorldGraph) -> usize {
-    let count = |graph: &WorldGraph, event: &GraphEvent| {
-        let content = graph.receptacles.get(event.receptacle()).map(|state| &state.content);
-        event.object().and_then(|object| content?.get(object).copied()).unwrap_or(0)
-    };
+/// How many elements of `goal (-) initial` hold in a graph, and how many there are. An element that moves one of several equal
+/// instances holds as often as their number has changed since the start.
+pub(crate) fn holding(initial: &WorldGraph, goal: &WorldGraph, graph: &WorldGraph) -> (usize, usize) {
+    let changes = goal.difference(initial);
     let mut holding = 0;
     for (index, event) in changes.iter().enumerate() {
         let earlier = changes[..index].iter().filter(|other| *other == event).count() as u32;
-        let (was, now) = (count(&task.initial, event), count(graph, event));
+        let (was, now) = (count(initial, event), count(graph, event));
         let holds = match event {
             GraphEvent::Remove { .. } => was.saturating_sub(now) > earlier,
             GraphEvent::Add { .. } => now.saturating_sub(was) > earlier,
@@ -20,5 +17,23 @@ pub(crate) fn holding(task: &Task, changes: &[GraphEvent], graph: &WorldGraph) -
         };
         holding += usize::from(holds);
     }
-    holding
+    (holding, changes.len())
+}
+
+/// How many of the object of an event a graph holds at its place.
+pub(crate) fn count(graph: &WorldGraph, event: &GraphEvent) -> u32 {
+    let content = graph.receptacles.get(event.receptacle()).map(|state| &state.content);
+    event.object().and_then(|object| content?.get(object).copied()).unwrap_or(0)
+}
+
+/// The graph as preset `real-repo` compares it: assets instead of instances, and no doors.
+pub(crate) fn by_asset(graph: &WorldGraph) -> WorldGraph {
+    let mut assets = WorldGraph::default();
+    for (receptacle, state) in &graph.receptacles {
+        let content = &mut assets.receptacles.entry(receptacle.clone()).or_default().content;
+        for (instance, count) in &state.content {
+            *content.entry(InstanceId::from(instance.asset().as_str())).or_insert(0) += count;
+        }
+    }
+    assets
 }

@@ -1,75 +1,68 @@
-//! Reward presets and metrics as pure functions of recorded steps (SPEC sections 5 and 6).
+//! Rewards and metrics as pure functions of what was recorded (SPEC sections 5 and 6).
 //!
-//! A preset reads the records in their order and gives the terms of each step; it never looks ahead, at the simulator or
-//! at a clock, so that recomputing a trace gives what was recorded. One preset today, [`Paper`]; [`Preset`] and [`Rewarder`]
-//! are where the next one goes.
+//! One engine, two sources: records and table columns become the same facts ([`TaskFacts`], [`EpisodeFacts`]), and a
+//! [`Scorer`] runs the rules of a [`Preset`] on facts alone. It reads them in their order and gives the terms of each step;
+//! it never looks ahead, at the simulator or at a clock, so that recomputing gives what was recorded, bit for bit.
+//!
+//! Rewards from columns, episode by episode; records take [`Preset::rewarder`] or [`EpisodeFacts::record`]:
+//!
+//! ```
+//! use reel_reward::{Authority, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts};
+//! # fn columns(task: &reel_world::Task, scene: &reel_world::Scene) -> Option<()> {
+//! let mut facts = TaskFacts::new(task, scene); // once a task and thread
+//! let mut scorer = Scorer::new(&Preset::paper()); // once a thread, for all tasks
+//! let (mut episode, mut reward) = (EpisodeFacts::default(), EpisodeReward::default()); // buffers
+//! facts.begin(&mut episode); // once an episode; first how its start differs from the task's, by authority
+//! episode.change(Authority::Physics, facts.change("add", Some("red_on_table_1_at_t"), "floor", None, None)?);
+//! episode.saw(facts.object("red_on_table_1_at_t"));
+//! let call = facts.called("pick", None, Some("1")); // then each step: tool, error_code, argument
+//! let red = facts.object("red_on_table_1_at_t");
+//! let reply = None::<&str>.map(|text| facts.reply(text));
+//! episode.step(StepHead { error: None, object: Some(red), receptacle: None, held: Some(red), reply, ..call });
+//! episode.change(Authority::Registry, facts.change("remove", Some("red_on_table_1_at_t"), "table_1", None, None)?);
+//! episode.saw(facts.object("green_on_table_1_at_t")); // seen or told for the first time
+//! episode.set_markers(); // the whole map after the call; may be left out where it is as before
+//! episode.mark(1, Marked::Object(red));
+//! scorer.score(&mut facts, &episode, &mut reward);
+//! println!("{} {} {}", reward.total(), reward.discounted_return(), reward.component("task"));
+//! # Some(())
+//! # }
+//! ```
 
 mod ambiguity;
+mod difference;
+mod error;
+mod facts;
 mod goal;
+pub mod gspo;
 mod metrics;
 mod paper;
+mod preset;
+mod preset_file;
+mod real_repo;
+mod records;
+mod score;
+mod terms;
 
 use std::fmt;
 
-use reel_world::{
-    Scene, Task, WorldGraph,
-    record::{Graphs, RewardTerm, StartRecord, StepRecord},
+use reel_world::record::{RewardTerm, StartRecord, StepRecord};
+
+pub use difference::{ComponentDifference, RewardDifference, difference};
+pub use error::RewardError;
+pub use facts::{
+    Authority, Called, Change, EpisodeFacts, Marked, ObjectKey, PlaceKey, ReplyKey, StartFacts, StepFacts, StepHead, TaskFacts,
 };
+pub use metrics::{discounted_return, metrics};
+pub use preset::{Preset, rewards};
+pub use score::{EpisodeReward, Fired, Scorer};
+pub use terms::{Base, Term};
 
-pub use metrics::{advantages, discounted_return, metrics};
-pub use paper::Paper;
-
-/// A set of reward rules by name.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Default)]
-pub enum Preset {
-    /// The paper's Detailed Reward Configuration: see [`Paper`].
-    #[default]
-    Paper,
-}
-
-/// Gives the reward terms of an episode, step by step.
+/// Gives the reward terms of an episode, step by step, from its records.
 pub trait Rewarder: fmt::Debug + Send {
     /// Takes in the state before the first decision. Called once, first.
     fn start(&mut self, start: &StartRecord);
 
     /// The terms of the next step; those that are zero are left out. The record's own `reward` is not read.
     fn step(&mut self, step: &StepRecord) -> Vec<RewardTerm>;
-}
-
-impl Preset {
-    /// Every preset.
-    pub const ALL: [Preset; 1] = [Preset::Paper];
-
-    /// As it stands on the command line and in traces.
-    pub fn name(self) -> &'static str {
-        match self {
-            Preset::Paper => "paper",
-        }
-    }
-
-    /// Reads what [`Preset::name`] wrote.
-    pub fn parse(text: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|preset| preset.name() == text)
-    }
-
-    /// The rules for one episode.
-    pub fn rewarder(self, task: &Task, scene: &Scene) -> Box<dyn Rewarder> {
-        match self {
-            Preset::Paper => Box::new(Paper::new(task, scene)),
-        }
-    }
-
-    /// The graph that scores under this preset (SPEC section 1, "Authority").
-    pub fn authority(self, graphs: &Graphs) -> &WorldGraph {
-        match self {
-            Preset::Paper => &graphs.physics,
-        }
-    }
-}
-
-/// The terms of all steps at once: the same as streaming them.
-pub fn rewards(preset: Preset, task: &Task, scene: &Scene, start: &StartRecord, steps: &[StepRecord]) -> Vec<Vec<RewardTerm>> {
-    let mut rewarder = preset.rewarder(task, scene);
-    rewarder.start(start);
-    steps.iter().map(|step| rewarder.step(step)).collect()
 }

@@ -1,21 +1,28 @@
-//! Metrics of one episode and advantages within a group of episodes (SPEC sections 5 and 6). Never reads a reward rule.
+//! Metrics of one episode (SPEC sections 5 and 6). Never reads a reward rule.
 
 use reel_world::{
-    GAMMA, Task, WorldGraph,
-    record::{Metrics, StartRecord, StepRecord},
+    Task, WorldGraph,
+    record::{Graphs, Metrics, StartRecord, StepRecord},
 };
 
-use crate::goal::holding;
+use crate::{
+    goal::{by_asset, holding},
+    preset::Preset,
+    terms::Base,
+};
 
-/// Metrics of an episode. `end` is the final graph of the preset's authority ([`crate::Preset::authority`]); the steps hold
-/// their reward terms.
+/// Metrics of an episode under a preset. `end` are the final graphs; the steps hold their reward terms.
 ///
-/// SR and CR look at the final state. An `ask` counts also when nobody answered. SPL is `S * l / max(p, l)` with `l` the
-/// shortest path of the start record and `p` the path driven, both in metres; where both are zero it is `S`.
-pub fn metrics(task: &Task, start: &StartRecord, steps: &[StepRecord], end: &WorldGraph) -> Metrics {
-    let changes = task.goal_changes();
-    let held = holding(task, &changes, end);
-    let success = held == changes.len();
+/// SR and CR look at the final state: in the physical graph by instance for `paper`, in the registry by asset and without
+/// doors for `real-repo`. An `ask` counts also when nobody answered. SPL is `S * l / max(p, l)` with `l` the shortest path of
+/// the start record and `p` the path driven, both in metres; where both are zero it is `S`.
+pub fn metrics(preset: &Preset, task: &Task, start: &StartRecord, steps: &[StepRecord], end: &Graphs) -> Metrics {
+    let end: &WorldGraph = preset.authority(end);
+    let (held, wanted) = match preset.base() {
+        Base::Paper => holding(&task.initial, &task.goal, end),
+        Base::RealRepo => holding(&by_asset(&task.initial), &by_asset(&task.goal), &by_asset(end)),
+    };
+    let success = held == wanted;
     let rewards: Vec<f64> = steps.iter().map(StepRecord::reward_total).collect();
     let spl = start.shortest_path_m.map(|shortest| {
         let shortest = f64::from(shortest);
@@ -25,32 +32,22 @@ pub fn metrics(task: &Task, start: &StartRecord, steps: &[StepRecord], end: &Wor
     });
     Metrics {
         success,
-        completion: if changes.is_empty() { 1.0 } else { held as f64 / changes.len() as f64 },
+        completion: if wanted == 0 { 1.0 } else { held as f64 / wanted as f64 },
         total_reward: rewards.iter().sum(),
-        discounted_return: discounted_return(&rewards),
+        discounted_return: discounted_return(&rewards, preset.gamma()),
         length: steps.len() as u32,
         asks: steps.iter().filter(|step| step.tool.as_deref() == Some("ask")).count() as u32,
         spl,
     }
 }
 
-/// `J = sum of gamma^(t-1) r_t` over steps t = 1, 2, ... with gamma 0.99.
-pub fn discounted_return(rewards: &[f64]) -> f64 {
+/// `J = sum of gamma^(t-1) r_t` over steps t = 1, 2, ... (paper, GSPO Objective).
+pub fn discounted_return(rewards: &[f64], gamma: f64) -> f64 {
     let mut discount = 1.0;
     let mut sum = 0.0;
     for reward in rewards {
         sum += discount * reward;
-        discount *= GAMMA;
+        discount *= gamma;
     }
     sum
-}
-
-/// Group-relative advantages `(J_i - mean) / (std + eps)` (paper, GSPO Objective). `std` is the population's (divided by the
-/// size of the group, not by one less). Equal returns give zeros; no returns give none.
-pub fn advantages(returns: &[f64], eps: f64) -> Vec<f64> {
-    let size = returns.len() as f64;
-    let mean = returns.iter().sum::<f64>() / size;
-    let deviation = (returns.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / size).sqrt();
-    let relative = |value: &f64| if deviation + eps > 0.0 { (value - mean) / (deviation + eps) } else { 0.0 };
-    returns.iter().map(relative).collect()
 }

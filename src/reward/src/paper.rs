@@ -40,274 +40,270 @@
 //!
 //! In all 13.5. The test `worked_example` takes these steps.
 
-use std::collections::{BTreeMap, BTreeSet};
+use reel_world::{DoorState, ErrorClass};
 
-use reel_world::{
-    DoorState, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, WorldGraph,
-    record::{RewardTerm, StartRecord, StepRecord},
+use crate::{
+    facts::{Called, Change, Counts, ObjectKey, PlaceKey, StartFacts, StepFacts, StepHead, Target, TaskFacts},
+    preset::Preset,
+    score::{Cause, Paid},
+    terms::Term,
 };
 
-use crate::{Rewarder, ambiguity::Ambiguity, goal::holding};
-
-const MATCHED: f64 = 1.5;
-const ALL_HOLD: f64 = 2.0;
-const PROGRESS: f64 = 2.0;
-const REVERSED: f64 = -0.5;
-const WRONG_RECEPTACLE: f64 = -2.0;
-const VALID_PICK: f64 = 0.3;
-const IN_TRANSIT: f64 = 0.5;
-const RECOVERY: f64 = 1.0;
-const ASK: f64 = 1.0;
-const TIME: f64 = -0.03;
-const FREE_DECISIONS: u32 = 3;
-const SEVERE: f64 = -0.5;
-const MODERATE: f64 = -0.3;
-
-/// The reward of the paper for one episode. The module's page has the corners and a worked example:
-/// `src/reward/src/paper.rs`.
-#[derive(Clone, Debug)]
-pub struct Paper {
-    task: Task,
-    /// `Delta_goal`
-    goal: Vec<GraphEvent>,
-    /// `Delta_rem`
-    remaining: Vec<Target>,
-    /// `|Delta_task|`
-    targets: usize,
-    achieved: BTreeSet<GraphEvent>,
-    graph: WorldGraph,
-    decisions: u32,
+/// The state of the rules during one episode. The page of this module has the corners and a worked example.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Paper {
+    /// Which elements of `Delta_task` were matched, and how many were not.
+    matched: Vec<bool>,
+    remaining: usize,
+    counts: Counts,
+    doors: Vec<Option<DoorState>>,
+    /// Whether the graph changed since the goal was last compared with it.
+    changed: bool,
     all_held: bool,
-    valid_picks: BTreeSet<InstanceId>,
-    transits: BTreeSet<InstanceId>,
+    decisions: u32,
+    valid_picks: Vec<ObjectKey>,
+    transits: Vec<ObjectKey>,
     recovery: Recovery,
-    ambiguity: Ambiguity,
-}
-
-/// An element of `Delta_task`.
-#[derive(Clone, PartialEq, Eq, Debug)]
-enum Target {
-    /// Of `Delta_goal`.
-    Goal(GraphEvent),
-    /// First successful `nav_to`.
-    Visit(ReceptacleId),
-    /// `(receptacle, open)`
-    Opening(ReceptacleId),
+    /// By object.
+    seen: Vec<bool>,
+    /// Candidates that fit the replies so far.
+    left: Vec<bool>,
+    /// `B_ask` less the questions that earned something.
+    budget: u32,
 }
 
 /// How far the recovery from a wrong pick is.
 #[derive(Clone, Debug)]
 enum Recovery {
     /// Wrong instances and where they lay before their pick.
-    Open { origins: BTreeMap<InstanceId, ReceptacleId> },
+    Open { origins: Vec<(ObjectKey, PlaceKey)> },
     /// One of them was put back.
-    PutBack { object: InstanceId },
+    PutBack { object: ObjectKey },
     /// Rewarded.
     Done,
 }
 
+impl Default for Recovery {
+    fn default() -> Self {
+        Recovery::Open { origins: Vec::new() }
+    }
+}
+
 impl Paper {
-    /// The rules for a task. The scene says which captions tell like receptacles apart.
-    pub fn new(task: &Task, scene: &Scene) -> Self {
-        let goal = task.goal_changes();
-        let mut remaining: Vec<Target> = goal.iter().cloned().map(Target::Goal).collect();
-        let places = if task.src == task.dest { vec![&task.src] } else { vec![&task.src, &task.dest] };
-        remaining.extend(places.iter().map(|place| Target::Visit((*place).clone())));
-        for place in places {
-            let receptacle = place.clone();
-            let opening = GraphEvent::Door { receptacle, from: DoorState::Closed, to: DoorState::Open };
-            if task.initial.door(place) == Some(DoorState::Closed) && !goal.contains(&opening) {
-                remaining.push(Target::Opening(place.clone()));
+    /// Takes in the state before the first decision.
+    pub(crate) fn start(&mut self, preset: &Preset, facts: &TaskFacts, start: &StartFacts) {
+        refill(&mut self.matched, facts.targets.len(), false);
+        self.remaining = facts.targets.len();
+        self.counts.clone_from(&facts.initial);
+        self.doors.clone_from(&facts.initial_doors);
+        self.apply(start.physics);
+        (self.changed, self.all_held, self.decisions) = (true, false, 0);
+        self.valid_picks.clear();
+        self.transits.clear();
+        match &mut self.recovery {
+            Recovery::Open { origins } => origins.clear(),
+            other => *other = Recovery::default(),
+        }
+        refill(&mut self.seen, facts.object_count(), false);
+        refill(&mut self.left, facts.candidates.len(), true);
+        self.budget = facts.ask_budget.min(preset.rules.ask_limit);
+        self.see(start.seen);
+    }
+
+    /// `rho`: the share of `Delta_task` that was matched, which always holds a visit.
+    pub(crate) fn progress(&self) -> f64 {
+        1.0 - self.remaining as f64 / self.matched.len() as f64
+    }
+
+    /// Pays the terms of the next step.
+    pub(crate) fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut Paid) {
+        let progress_before = self.progress();
+        self.reversals(facts, step, paid);
+        let recovered = self.recover(facts, step);
+        self.apply(step.physics);
+        self.match_targets(facts, step, paid);
+        paid.times(Term::Progress, self.progress() - progress_before, Cause::None);
+        self.handling(facts, step, recovered, paid);
+        self.ask(facts, step, paid);
+        self.decisions += 1;
+        if self.decisions > paid.preset().rules.free_steps {
+            paid.once(Term::Time, Cause::Count(self.decisions));
+        }
+        match step.head.error {
+            Some(ErrorClass::Severe) => paid.once(Term::Severe, Cause::None),
+            Some(ErrorClass::Moderate) => paid.once(Term::Moderate, Cause::None),
+            None => {}
+        }
+        paid.sort();
+    }
+
+    fn apply(&mut self, changes: &[Change]) {
+        self.changed |= !changes.is_empty();
+        for change in changes {
+            match *change {
+                Change::Remove { object, place } => self.counts.remove(object.0, place),
+                Change::Add { object, place } => self.counts.add(object.0, place),
+                Change::Door { place, to, .. } => {
+                    let at = place.0 as usize;
+                    if self.doors.len() <= at {
+                        self.doors.resize(at + 1, None);
+                    }
+                    self.doors[at] = Some(to);
+                }
             }
         }
-        Self {
-            targets: remaining.len(),
-            remaining,
-            achieved: BTreeSet::new(),
-            graph: task.initial.clone(),
-            decisions: 0,
-            all_held: false,
-            valid_picks: BTreeSet::new(),
-            transits: BTreeSet::new(),
-            recovery: Recovery::Open { origins: BTreeMap::new() },
-            ambiguity: Ambiguity::new(task, scene),
-            task: task.clone(),
-            goal,
+    }
+
+    fn see(&mut self, objects: &[ObjectKey]) {
+        for object in objects {
+            let at = object.0 as usize;
+            if self.seen.len() <= at {
+                self.seen.resize(at + 1, false);
+            }
+            self.seen[at] = true;
         }
     }
 
-    /// `rho`: the share of `Delta_task` that was matched.
-    pub fn progress(&self) -> f64 {
-        1.0 - self.remaining.len() as f64 / self.targets as f64
-    }
-
-    /// Takes in the state before the first decision.
-    pub fn start(&mut self, start: &StartRecord) {
-        self.graph = start.graphs.physics.clone();
-        self.ambiguity.see(start.visible.iter().map(|seen| &seen.object));
-    }
-
-    /// The terms of the next step; those that are zero are left out.
-    pub fn step(&mut self, step: &StepRecord) -> Vec<RewardTerm> {
-        let mut terms = Vec::new();
-        let progress_before = self.progress();
-        self.reversals(step, &mut terms);
-        let recovered = self.recover(step);
-        self.graph.apply(&step.changes.physics);
-        self.match_targets(step, &mut terms);
-        terms.extend(term("prog", PROGRESS * (self.progress() - progress_before), "progress"));
-        self.handling(step, recovered, &mut terms);
-        self.ask(step, &mut terms);
-        self.decisions += 1;
-        if self.decisions > FREE_DECISIONS {
-            terms.extend(term("time", TIME, format!("decision {}", self.decisions)));
+    /// For each event that undoes an achieved goal change.
+    fn reversals(&self, facts: &TaskFacts, step: &StepFacts, paid: &mut Paid) {
+        for change in step.physics {
+            let undone = Target::Goal(change.reverse());
+            if facts.targets.iter().zip(&self.matched).any(|(target, matched)| *matched && *target == undone) {
+                paid.once(Term::Reversed, Cause::Change(*change));
+            }
         }
-        if let Some(code) = step.outcome.error {
-            let (value, class) = match code.class() {
-                ErrorClass::Severe => (SEVERE, "severe"),
-                ErrorClass::Moderate => (MODERATE, "moderate"),
-            };
-            terms.extend(term("safe", value, format!("{class} error {code}")));
-        }
-        let order =
-            |term: &RewardTerm| ["task", "prog", "phys", "ask", "time", "safe"].iter().position(|name| term.component == *name);
-        terms.sort_by_key(order);
-        terms
-    }
-
-    /// -0.5 for each event that undoes an achieved goal change.
-    fn reversals(&self, step: &StepRecord, terms: &mut Vec<RewardTerm>) {
-        let reversed = step.changes.physics.iter().filter(|event| self.achieved.contains(&event.reverse()));
-        terms.extend(reversed.flat_map(|event| term("phys", REVERSED, format!("reversed: {event}"))));
     }
 
     /// Follows wrong picks; true when this step completes a recovery. Reads the graph before the step.
-    fn recover(&mut self, step: &StepRecord) -> bool {
-        let picked = step.object.as_ref().filter(|_| succeeded(step, "pick"));
+    fn recover(&mut self, facts: &TaskFacts, step: &StepFacts) -> bool {
+        let picked = step.head.object.filter(|_| step.head.succeeded(Called::Pick));
         match &mut self.recovery {
             Recovery::Open { origins } => {
-                let back = step.changes.physics.iter().find_map(|event| match event {
-                    GraphEvent::Add { object, receptacle } if origins.get(object) == Some(receptacle) => Some(object.clone()),
+                let back = step.physics.iter().find_map(|change| match *change {
+                    Change::Add { object, place } if origins.contains(&(object, place)) => Some(object),
                     _ => None,
                 });
                 if let Some(object) = back {
                     self.recovery = Recovery::PutBack { object };
                 } else if let Some(object) = picked
-                    && !self.goal.iter().any(|event| event.object() == Some(object))
-                    && let Some(origin) = self.graph.place_of(object)
+                    && !facts.of(object).in_goal
+                    && let Some(origin) = facts.first_place(&self.counts, object.0)
                 {
-                    origins.insert(object.clone(), origin.clone());
+                    origins.retain(|(other, _)| *other != object);
+                    origins.push((object, origin));
                 }
                 false
             }
-            Recovery::PutBack { .. } => picked.is_some_and(|object| moves_away(&self.goal, object)),
+            Recovery::PutBack { .. } => picked.is_some_and(|object| facts.of(object).moves_away),
             Recovery::Done => false,
         }
     }
 
-    /// +1.5 for each newly matched element, +2.0 the first time that all goal changes hold.
-    fn match_targets(&mut self, step: &StepRecord, terms: &mut Vec<RewardTerm>) {
-        let mut events: Vec<Target> = step.changes.physics.iter().cloned().map(Target::Goal).collect();
-        let opened = step.changes.physics.iter().filter_map(|event| match event {
-            GraphEvent::Door { receptacle, to: DoorState::Open, .. } => Some(Target::Opening(receptacle.clone())),
-            _ => None,
-        });
-        events.extend(opened);
-        if succeeded(step, "nav_to") {
-            events.extend(step.receptacle.clone().map(Target::Visit));
+    /// For each newly matched element, and the first time that all goal changes hold.
+    fn match_targets(&mut self, facts: &TaskFacts, step: &StepFacts, paid: &mut Paid) {
+        for change in step.physics {
+            self.match_target(facts, Target::Goal(*change), Cause::Change(*change), paid);
         }
-        for event in events {
-            let Some(found) = self.remaining.iter().position(|target| *target == event) else { continue };
-            self.remaining.remove(found);
-            let reason = match event {
-                Target::Goal(event) => {
-                    let reason = format!("goal change {event}");
-                    self.achieved.insert(event);
-                    reason
-                }
-                Target::Visit(receptacle) => format!("first visit of {receptacle}"),
-                Target::Opening(receptacle) => format!("opened {receptacle}"),
-            };
-            terms.extend(term("task", MATCHED, reason));
+        for change in step.physics {
+            if let Change::Door { place, to: DoorState::Open, .. } = *change {
+                self.match_target(facts, Target::Opening(place), Cause::Opened(place), paid);
+            }
         }
-        if !self.all_held && !self.goal.is_empty() && holding(&self.task, &self.goal, &self.graph) == self.goal.len() {
-            self.all_held = true;
-            terms.extend(term("task", ALL_HOLD, "all goal changes hold"));
+        if step.head.succeeded(Called::NavTo)
+            && let Some(place) = step.head.receptacle
+        {
+            self.match_target(facts, Target::Visit(place), Cause::Visited(place), paid);
+        }
+        if self.changed && !self.all_held && !facts.goal.is_empty() {
+            self.changed = false;
+            self.all_held = facts.goal.iter().all(|goal| match goal.change {
+                Change::Remove { object, place } => goal.was.saturating_sub(self.counts.count(object.0, place)) > goal.earlier,
+                Change::Add { object, place } => self.counts.count(object.0, place).saturating_sub(goal.was) > goal.earlier,
+                Change::Door { place, to, .. } => self.doors.get(place.0 as usize) == Some(&Some(to)),
+            });
+            if self.all_held {
+                paid.once(Term::AllHold, Cause::None);
+            }
+        }
+    }
+
+    fn match_target(&mut self, facts: &TaskFacts, event: Target, cause: Cause, paid: &mut Paid) {
+        let found = facts.targets.iter().zip(&self.matched).position(|(target, matched)| !matched && *target == event);
+        if let Some(found) = found {
+            self.matched[found] = true;
+            self.remaining -= 1;
+            paid.once(Term::Matched, cause);
         }
     }
 
     /// Picks, transit, recovery and wrong places. Reads the graph after the step.
-    fn handling(&mut self, step: &StepRecord, recovered: bool, terms: &mut Vec<RewardTerm>) {
-        if let Some(object) = step.object.as_ref().filter(|_| succeeded(step, "place")) {
-            let wrong = step.changes.physics.iter().find(|event| self.is_wrong_place(event, object));
-            terms.extend(wrong.and_then(|event| term("phys", WRONG_RECEPTACLE, format!("wrong receptacle: {event}"))));
-        }
-        if let Some(object) = step.object.as_ref().filter(|_| succeeded(step, "pick"))
-            && moves_away(&self.goal, object)
-            && self.valid_picks.insert(object.clone())
-        {
-            terms.extend(term("phys", VALID_PICK, format!("valid pick of {object}")));
-        }
-        if let Some(object) = &step.held
-            && moves_away(&self.goal, object)
-            && destination(&self.goal, object).is_some()
-            && self.graph.place_of(object).is_none()
-            && self.transits.insert(object.clone())
-        {
-            terms.extend(term("phys", IN_TRANSIT, format!("{object} in transit")));
-        }
-        if recovered && let Recovery::PutBack { object } = std::mem::replace(&mut self.recovery, Recovery::Done) {
-            terms.extend(term("phys", RECOVERY, format!("recovery: {object} was put back")));
-        }
-    }
-
-    fn is_wrong_place(&self, event: &GraphEvent, placed: &InstanceId) -> bool {
-        let GraphEvent::Add { object, receptacle } = event else { return false };
-        object == placed
-            && receptacle.as_str() != FLOOR
-            && destination(&self.goal, object).is_some()
-            && !self.goal.contains(event)
-    }
-
-    /// +1.0 for a question while it is needed and the budget lasts.
-    fn ask(&mut self, step: &StepRecord, terms: &mut Vec<RewardTerm>) {
-        if succeeded(step, "ask") {
-            let reply = step.reply.as_ref().map_or("", |reply| reply.text.as_str());
-            if let Some(among) = self.ambiguity.ask(reply) {
-                terms.extend(term("ask", ASK, format!("asked among {among} candidates")));
+    fn handling(&mut self, facts: &TaskFacts, step: &StepFacts, recovered: bool, paid: &mut Paid) {
+        let StepHead { object, held, .. } = step.head;
+        if let Some(object) = object.filter(|_| step.head.succeeded(Called::Place)) {
+            let wrong = step.physics.iter().find(|change| is_wrong_place(facts, **change, object));
+            if let Some(change) = wrong {
+                paid.once(Term::WrongReceptacle, Cause::Change(*change));
             }
         }
-        self.ambiguity.see(step.visible.iter().map(|seen| &seen.object).chain(&step.listed));
+        if let Some(object) = object.filter(|_| step.head.succeeded(Called::Pick))
+            && facts.of(object).moves_away
+            && !self.valid_picks.contains(&object)
+        {
+            self.valid_picks.push(object);
+            paid.once(Term::ValidPick, Cause::Object(object));
+        }
+        if let Some(object) = held
+            && facts.of(object).moves_away
+            && facts.of(object).has_destination
+            && !self.transits.contains(&object)
+            && self.counts.places_of(object.0).next().is_none()
+        {
+            self.transits.push(object);
+            paid.once(Term::InTransit, Cause::Object(object));
+        }
+        if recovered && let Recovery::PutBack { object } = std::mem::replace(&mut self.recovery, Recovery::Done) {
+            paid.once(Term::Recovery, Cause::Object(object));
+        }
+    }
+
+    /// For a question while it is needed and the budget lasts.
+    fn ask(&mut self, facts: &mut TaskFacts, step: &StepFacts, paid: &mut Paid) {
+        if step.head.succeeded(Called::Ask) {
+            let among = self.candidates_in_view(facts);
+            for (left, fits) in self.left.iter_mut().zip(facts.fits(step.head.reply)) {
+                *left &= fits;
+            }
+            if among >= 2 && self.budget > 0 {
+                self.budget -= 1;
+                paid.once(Term::Ask, Cause::Count(among));
+            }
+        }
+        self.see(step.seen);
+    }
+
+    /// How many candidates were seen and fit what was said; those of one asset count as one.
+    fn candidates_in_view(&self, facts: &TaskFacts) -> u32 {
+        let (mut among, mut last) = (0, None);
+        for (candidate, left) in facts.candidates.iter().zip(&self.left) {
+            let seen = self.seen.get(candidate.object.0 as usize) == Some(&true);
+            if *left && seen && last != Some(candidate.asset) {
+                last = Some(candidate.asset);
+                among += 1;
+            }
+        }
+        among
     }
 }
 
-impl Rewarder for Paper {
-    fn start(&mut self, start: &StartRecord) {
-        Paper::start(self, start);
-    }
-
-    fn step(&mut self, step: &StepRecord) -> Vec<RewardTerm> {
-        Paper::step(self, step)
-    }
+fn is_wrong_place(facts: &TaskFacts, change: Change, placed: ObjectKey) -> bool {
+    let Change::Add { object, place } = change else { return false };
+    object == placed
+        && place != facts.floor
+        && facts.of(object).has_destination
+        && !facts.goal.iter().any(|goal| goal.change == change)
 }
 
-fn term(component: &str, value: f64, reason: impl Into<String>) -> Option<RewardTerm> {
-    (value != 0.0).then(|| RewardTerm { component: component.to_owned(), value, reason: reason.into() })
-}
-
-fn succeeded(step: &StepRecord, tool: &str) -> bool {
-    step.outcome.is_ok() && step.tool.as_deref() == Some(tool)
-}
-
-/// Whether the goal takes the object away from somewhere.
-fn moves_away(goal: &[GraphEvent], object: &InstanceId) -> bool {
-    goal.iter().any(|event| matches!(event, GraphEvent::Remove { object: moved, .. } if moved == object))
-}
-
-/// Where the goal wants the object, if it moves it.
-fn destination<'a>(goal: &'a [GraphEvent], object: &InstanceId) -> Option<&'a ReceptacleId> {
-    goal.iter().find_map(|event| match event {
-        GraphEvent::Add { object: moved, receptacle } if moved == object => Some(receptacle),
-        _ => None,
-    })
+fn refill(flags: &mut Vec<bool>, length: usize, value: bool) {
+    flags.clear();
+    flags.resize(length, value);
 }

@@ -3,6 +3,7 @@
 //! Reads traces as they were recorded; never runs physics, never judges an episode (that is SQL's job), and nobody
 //! outside `store` knows how the tables lie.
 
+mod rescore;
 mod rows;
 pub mod schema;
 mod store;
@@ -10,9 +11,10 @@ mod store;
 use arrow::array::RecordBatch;
 use reel_trace::Trace;
 
+pub use rescore::ScoredEpisode;
 pub use rows::RowsError;
 pub use schema::{Table, View, views};
-pub use store::{Commit, CompactReport, IngestReport, Location, Progress, Store, StoreError, VacuumReport};
+pub use store::{Commit, CompactReport, IngestReport, Location, Progress, RescoreReport, Store, StoreError, VacuumReport};
 
 /// The rows of some traces in [`Table::Episodes`], without a store.
 ///

@@ -268,10 +268,8 @@ const RESCORED: &[Column] = &[
     must("trace_digest", Text, "of the trace that was scored"),
     must("preset", Text, "name of the preset"),
     must("version", Text, "digest of the preset's content"),
-    must("success", Flag, "SR by the preset's authority"),
-    must("completion", Float, "CR by the preset's authority"),
     must("total_reward", Float, "cumulative reward, undiscounted"),
-    must("discounted_return", Float, "discounted by 0.99 a step"),
+    must("discounted_return", Float, "discounted by the preset's gamma"),
     must("terms", List(&Struct(STEP_TERM)), "the terms that are not zero, in order"),
 ];
 
@@ -367,7 +365,8 @@ pub fn views() -> Vec<View> {
              FROM (SELECT episode_id, preset, s['step'] AS step, unnest(s['terms']) AS t \
              FROM (SELECT episode_id, preset, unnest(steps) AS s FROM episodes)) \
              UNION ALL SELECT episode_id, preset, version, t['step'], t['component'], t['value'], '' \
-             FROM (SELECT episode_id, preset, version, unnest(terms) AS t FROM rescored)"
+             FROM (SELECT r.episode_id, r.preset, r.version, unnest(r.terms) AS t FROM rescored r \
+             JOIN episodes e ON e.episode_id = r.episode_id AND e.trace_digest = r.trace_digest)"
                 .into(),
         ),
         view(

@@ -29,7 +29,7 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task() {
             scene: scene.clone(),
             seed: 1,
             profile: Profile::Paper,
-            preset: Preset::Paper,
+            preset: Preset::paper(),
             run_id: "real-bench".into(),
             policy: PolicyInfo::default(),
         },

@@ -186,7 +186,7 @@ fn job(scene: &Arc<Scene>, task: &Arc<Task>, record: Option<(PathBuf, Images)>) 
             scene: scene.clone(),
             seed: 1,
             profile: Profile::Paper,
-            preset: Preset::Paper,
+            preset: Preset::paper(),
             run_id: "bench".into(),
             policy: PolicyInfo::default(),
         },

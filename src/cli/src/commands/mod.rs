@@ -18,6 +18,10 @@ pub mod query;
 pub mod recover;
 pub mod repack;
 pub mod replay;
+#[cfg(feature = "analytics")]
+pub mod reward;
 pub mod run;
 pub mod show;
+#[cfg(feature = "analytics")]
+pub mod tables;
 pub mod tasks;

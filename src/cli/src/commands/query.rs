@@ -1,16 +1,29 @@
 //! `reel query`: SQL over a store.
 
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::{ErrorKind, Write as _},
+    path::PathBuf,
+    sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
+};
+
 use anyhow::{Context, bail};
-use reel_query::{Format, format, named};
+use reel_query::{Format, Limits, Parameters, QueryError, Session, Stopped, arrow_file, format, named, parquet_file};
 use reel_tables::Store;
 
-use crate::Answer;
+use crate::{Answer, progress};
 
-/// Ask a store in SQL, by text or by a named query. Every named query is a view too.
+/// Ask a store in SQL, by text or by a named query. Every named query is a view too. Functions of Reel's own work on the
+/// steps of an episode and call the simulator: `reel query --functions`.
 ///
 /// Examples:
 ///   reel query --store store --named benchmark
+///   reel query --store store --named regressions --param a=oracle --param b=no-ask
 ///   reel query --store store "SELECT policy, count(*) FROM episodes WHERE NOT success GROUP BY policy"
+///   reel query --store store "SELECT count(*) FROM episodes WHERE sequence_match(steps, '^ !ask* pick[not goal_object]')"
+///   reel query --store store "SELECT family, count(*) FROM episodes WHERE replay(trace).verdict = 'exact' GROUP BY family"
 ///   reel query --list
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
@@ -21,41 +34,97 @@ pub struct Arguments {
     /// Name of a query that comes with Reel
     #[arg(long, value_name = "NAME")]
     named: Option<String>,
+    /// Value of a `$parameter` of the query; may be given several times
+    #[arg(long = "param", value_name = "NAME=VALUE", value_parser = parameter)]
+    parameters: Vec<(String, String)>,
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
-    /// table, csv or json
-    #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json"])]
+    /// The store as it was at this version (`reel tables history`)
+    #[arg(long, value_name = "N")]
+    at: Option<u64>,
+    /// table, csv, json, arrow (IPC file) or parquet
+    #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json", "arrow", "parquet"])]
     format: String,
     /// The same as --format json
     #[arg(long)]
     json: bool,
+    /// Write the answer into this file
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Longest time a query may take, in seconds
+    #[arg(long, value_name = "S", default_value_t = 600)]
+    timeout: u64,
+    /// Memory for sorts, joins and aggregations before they spill, in MiB; the process may grow by four times that
+    #[arg(long, value_name = "MIB", default_value_t = 1024)]
+    memory: usize,
+    /// Longest answer, in rows
+    #[arg(long, value_name = "N", default_value_t = 10_000_000)]
+    max_rows: usize,
     /// List the named queries; with --named, print what that one tells
     #[arg(long)]
     list: bool,
+    /// List the functions of Reel's own, with examples
+    #[arg(long)]
+    functions: bool,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    if arguments.list {
-        match &arguments.named {
-            Some(name) => println!("{}", find(name)?.help()),
-            None => named::ALL.iter().for_each(|query| println!("{:18} {}", query.name, query.summary())),
+    if arguments.functions {
+        for function in reel_query::functions() {
+            println!("{}\n    {}\n    {}\n", function.call, function.meaning, function.example);
         }
         return Ok(Answer::Yes);
     }
+    if arguments.list {
+        match &arguments.named {
+            Some(name) => println!("{}", find(name)?.help()),
+            None => named::ALL.iter().for_each(|query| println!("{:24} {}", query.name, query.summary())),
+        }
+        return Ok(Answer::Yes);
+    }
+    let mut parameters: Parameters = BTreeMap::new();
     let sql = match (&arguments.sql, &arguments.named) {
         (Some(sql), _) => sql.as_str(),
-        (None, Some(name)) => find(name)?.sql,
+        (None, Some(name)) => {
+            let query = find(name)?;
+            parameters.extend(query.parameters());
+            query.sql
+        }
         (None, None) => bail!("give SQL text or --named NAME; `reel query --list` lists the names"),
     };
-    let form = match arguments.format.as_str() {
-        _ if arguments.json => Format::Json,
-        "csv" => Format::Csv,
-        "json" => Format::Json,
-        _ => Format::Table,
+    parameters.extend(arguments.parameters.iter().cloned());
+    let store = match arguments.at {
+        Some(version) => Store::open_at(&arguments.store, version)?,
+        None => Store::open(&arguments.store)?,
     };
-    print(&arguments.store, sql, form)?;
+    let limits =
+        Limits { memory_bytes: arguments.memory << 20, time: Duration::from_secs(arguments.timeout), rows: arguments.max_rows };
+    let session = Session::with_limits(store, limits)?;
+    let batches = match watched(&session, || session.run_with(sql, &parameters)) {
+        Err(QueryError::Stopped(Stopped::Cancelled)) => {
+            eprintln!("reel: {}", Stopped::Cancelled);
+            std::process::exit(130);
+        }
+        answer => answer?,
+    };
+    let bytes = match arguments.format.as_str() {
+        _ if arguments.json => format(&batches, Format::Json)?.into_bytes(),
+        "csv" => format(&batches, Format::Csv)?.into_bytes(),
+        "json" => format(&batches, Format::Json)?.into_bytes(),
+        "arrow" => arrow_file(&batches)?,
+        "parquet" => parquet_file(&batches)?,
+        _ => format(&batches, Format::Table)?.into_bytes(),
+    };
+    match &arguments.out {
+        Some(path) => fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))?,
+        None => match std::io::stdout().write_all(&bytes) {
+            // as a pipe's writer ends when nobody reads on: 128 + SIGPIPE
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => std::process::exit(141),
+            written => written?,
+        },
+    }
     Ok(Answer::Yes)
 }
 
@@ -64,10 +133,38 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 /// # Errors
 /// When the store cannot be opened or the query is wrong.
 pub fn print(store: &str, sql: &str, form: Format) -> anyhow::Result<()> {
-    let store = Store::open(store)?;
-    let text = format(&reel_query::run(store, sql)?, form)?;
+    let text = format(&reel_query::run(Store::open(store)?, sql)?, form)?;
     println!("{}", text.trim_end());
     Ok(())
+}
+
+/// Runs a query while Ctrl-C stops it and a spinner counts the traces that its functions have worked off.
+fn watched<T>(session: &Session, run: impl FnOnce() -> T) -> T {
+    session.stop_on_ctrl_c();
+    let control = session.control();
+    let spinner = progress::spinner();
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !done.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(50));
+                match control.simulated() {
+                    0 => {}
+                    traces => spinner.set_message(format!("{traces} traces worked off; Ctrl-C stops")),
+                }
+                spinner.tick();
+            }
+            spinner.finish_and_clear();
+        });
+        let answer = run();
+        done.store(true, Ordering::Relaxed);
+        answer
+    })
+}
+
+fn parameter(text: &str) -> Result<(String, String), String> {
+    let (name, value) = text.split_once('=').ok_or("write NAME=VALUE")?;
+    Ok((name.trim_start_matches('$').to_owned(), value.to_owned()))
 }
 
 fn find(name: &str) -> anyhow::Result<&'static named::NamedQuery> {

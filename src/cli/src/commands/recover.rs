@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 /// The metrics of an episode that nobody ended.
 fn score(trace: &Trace, graphs: &Graphs) -> Metrics {
     let preset = Preset::parse(&trace.header.reward_preset).unwrap_or_default();
-    metrics(&trace.task, &trace.start, &trace.steps, preset.authority(graphs))
+    metrics(&preset, &trace.task, &trace.start, &trace.steps, graphs)
 }
 
 fn text(recovery: &Recovery) -> String {

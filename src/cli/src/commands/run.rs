@@ -170,7 +170,7 @@ pub fn play(
                 scene: plan.scene.clone(),
                 seed: plan.seed,
                 profile: plan.profile,
-                preset: Preset::Paper,
+                preset: Preset::paper(),
                 run_id: format!("{}-{}", plan.policy, plan.seed),
                 policy: PolicyInfo::default(),
             },

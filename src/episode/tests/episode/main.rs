@@ -49,7 +49,7 @@ fn play(restored: bool) -> (Digest, usize) {
         scene: Arc::new(scene),
         seed: 3,
         profile: Profile::Paper,
-        preset: Preset::Paper,
+        preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),
     };

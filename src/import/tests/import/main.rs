@@ -119,10 +119,10 @@ fn every_field_comes_through() {
 fn rewards_and_metrics_are_those_of_the_steps() {
     let (_folder, root, out) = folders();
     let (_, trace) = imported(fixture::full(&root).folder(), &out);
-    let again = reel_reward::rewards(Default::default(), &trace.task, &trace.scene, &trace.start, &trace.steps);
+    let again = reel_reward::rewards(&Default::default(), &trace.task, &trace.scene, &trace.start, &trace.steps);
     assert!(trace.steps.iter().zip(&again).all(|(step, terms)| step.reward == *terms));
     let end = trace.end.as_ref().unwrap();
-    assert_eq!(end.metrics, reel_reward::metrics(&trace.task, &trace.start, &trace.steps, &end.graphs.physics));
+    assert_eq!(end.metrics, reel_reward::metrics(&Default::default(), &trace.task, &trace.start, &trace.steps, &end.graphs));
     // By hand: five elements matched (1.5 + 0.4 each), all hold (2.0), valid pick and transit (0.8), an ask among two apples
     // (1.0), ten paid decisions, one severe and two moderate errors.
     let expected = 5.0 * 1.9 + 2.0 + 0.8 + 1.0 - 10.0 * 0.03 - 0.5 - 0.6;

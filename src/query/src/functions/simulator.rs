@@ -8,7 +8,7 @@ use std::{
 };
 
 use arrow::{
-    array::{Array, ArrayRef, AsArray, BinaryBuilder, StringBuilder, StructArray},
+    array::{Array, ArrayRef, AsArray, BinaryBuilder, BooleanArray, Float64Array, StringBuilder, StructArray},
     compute::cast,
     datatypes::{DataType, Field, Fields, Int64Type},
 };
@@ -19,8 +19,9 @@ use datafusion::{
 };
 use rayon::prelude::*;
 use reel_replay::Verdict;
+use reel_reward::Preset;
 use reel_trace::{Trace, encode_png};
-use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH};
+use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, record::Metrics};
 
 use super::FunctionHelp;
 use crate::control::Control;
@@ -31,6 +32,12 @@ pub(crate) const HELP: &[FunctionHelp] = &[
         meaning: "Runs an episode again from its inputs and compares every digest: struct(verdict, first_divergence, digest). \
                   The verdict is 'exact', 'diverged', 'other_simulator', 'not_replayable' or 'refused'.",
         example: "SELECT family, count(*) FROM episodes WHERE replay(trace).verdict = 'exact' GROUP BY family",
+    },
+    FunctionHelp {
+        call: "reward(trace, preset)",
+        meaning: "Scores an episode under a built-in preset: struct(total_reward, discounted_return, success, completion). \
+                  `reel reward` scores whole stores, also by presets of your own, without opening traces.",
+        example: "SELECT policy, avg(reward(trace, 'real-repo').total_reward) FROM episodes GROUP BY policy",
     },
     FunctionHelp {
         call: "frame(trace, step)",
@@ -53,8 +60,15 @@ struct Row {
 
 pub(crate) fn functions(control: &Arc<Control>) -> Vec<ScalarUDF> {
     let known = Verdicts::default();
-    let (replay_control, frame_control) = (control.clone(), control.clone());
+    let (replay_control, frame_control, reward_control) = (control.clone(), control.clone(), control.clone());
     vec![
+        create_udf(
+            "reward",
+            vec![DataType::Utf8, DataType::Utf8],
+            DataType::Struct(metric_fields()),
+            Volatility::Stable,
+            Arc::new(move |arguments| reward(arguments, &reward_control)),
+        ),
         create_udf(
             "replay",
             vec![DataType::Utf8],
@@ -101,6 +115,36 @@ fn replay(arguments: &[ColumnarValue], control: &Control, known: &Verdicts) -> R
 fn row(verdict: &Verdict, digest: Digest) -> Row {
     let first_divergence = (!verdict.is_exact()).then(|| verdict.to_string());
     Row { verdict: verdict.name(), first_divergence, digest: Some(digest.to_string()) }
+}
+
+fn reward(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
+    let arrays = ColumnarValue::values_to_arrays(arguments)?;
+    let presets = arrays[1].as_string::<i32>();
+    let rows = each(&arrays[0], control, |path, row| {
+        let name = presets.value(row);
+        let Some(preset) = Preset::parse(name) else {
+            let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
+            return exec_err!("reward: no preset is called '{name}'; there are '{known}'");
+        };
+        let mut trace = Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
+        let terms = reel_reward::rewards(&preset, &trace.task, &trace.scene, &trace.start, &trace.steps);
+        for (step, terms) in trace.steps.iter_mut().zip(terms) {
+            step.reward = terms;
+        }
+        let end = trace.end.as_ref().map(|end| &end.graphs);
+        Ok(end.map(|end| reel_reward::metrics(&preset, &trace.task, &trace.start, &trace.steps, end)))
+    })?;
+    let rows: Vec<Option<Metrics>> = rows.into_iter().map(Option::flatten).collect();
+    let number =
+        |of: fn(&Metrics) -> f64| -> ArrayRef { Arc::new(rows.iter().map(|row| row.as_ref().map(of)).collect::<Float64Array>()) };
+    let success: BooleanArray = rows.iter().map(|row| row.as_ref().map(|metrics| metrics.success)).collect();
+    let columns = vec![
+        number(|metrics| metrics.total_reward),
+        number(|metrics| metrics.discounted_return),
+        Arc::new(success),
+        number(|metrics| metrics.completion),
+    ];
+    Ok(ColumnarValue::Array(Arc::new(StructArray::new(metric_fields(), columns, None))))
 }
 
 fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
@@ -150,6 +194,12 @@ fn each<T: Send>(
         done.map(Some)
     };
     (0..traces.len()).into_par_iter().map(one).collect()
+}
+
+fn metric_fields() -> Fields {
+    let float = |name| Field::new(name, DataType::Float64, true);
+    let success = Field::new("success", DataType::Boolean, true);
+    Fields::from(vec![float("total_reward"), float("discounted_return"), success, float("completion")])
 }
 
 fn verdict_fields() -> Fields {

@@ -32,7 +32,7 @@ pub fn record(path: &Path, task: &Arc<Task>, name: &str, images: Images) -> Path
         scene,
         seed: 3,
         profile: Profile::Paper,
-        preset: Preset::Paper,
+        preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),
     };

@@ -10,6 +10,7 @@ mod ingest;
 mod location;
 mod maintenance;
 mod parts;
+mod rescored;
 
 use std::{collections::BTreeMap, ffi::OsStr, io, path::PathBuf, sync::Arc};
 
@@ -30,6 +31,7 @@ use url::Url;
 pub use ingest::{IngestReport, Progress};
 pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
+pub use rescored::RescoreReport;
 
 use crate::Table;
 
@@ -127,6 +129,16 @@ pub enum StoreError {
         source: ParquetError,
         /// Which file.
         path: String,
+    },
+    /// A task or scene in the tables is none.
+    #[error("the {what} in the tables is damaged: {reason}; ingest the traces anew into another folder: {digest}")]
+    Document {
+        /// `task` or `scene`.
+        what: &'static str,
+        /// Its digest.
+        digest: String,
+        /// What is wrong.
+        reason: String,
     },
     /// Columns of different parts do not fit together.
     #[error("rows of the tables: {0}")]

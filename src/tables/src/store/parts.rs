@@ -40,6 +40,16 @@ impl Store {
         parts(&self.tables[&table])
     }
 
+    /// Reads some columns of a table (nested ones by their Parquet paths), batch by batch.
+    pub(crate) fn read(
+        &self,
+        table: Table,
+        columns: &[&str],
+        mut take: impl FnMut(RecordBatch) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        self.read_parts(&self.tables[&table], &self.parts(table), Some(columns), |_, batch| take(batch))
+    }
+
     /// Reads some columns of some files; `take` gets each batch with the index of its file.
     pub(super) fn read_parts(
         &self,

@@ -43,7 +43,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rayon", &["agents", "replay", "tables", "query", "export", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents", "query"]),
     ("rand_core", &["sim", "tasks", "agents"]),
-    ("strsim", &["pattern"]),
+    ("strsim", &["pattern", "reward"]),
+    ("toml", &["reward"]),
     ("rand", &[]),
 ];
 

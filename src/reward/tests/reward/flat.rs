@@ -1,11 +1,14 @@
-//! A flat without physics that turns short scripts into step records: what the rules are tested on.
+//! A flat without physics that turns short scripts into step records: what the rules are tested on. Both authorities see
+//! the same.
 
 use std::collections::BTreeMap;
 
 use reel_world::{
     AssetId, DoorState, ErrorCode, Family, GraphEvent, InstanceId, ObjectInstance, Outcome, ReceptacleId, Scene, Task, ToolCall,
     WorldGraph, language,
-    record::{Graphs, StartRecord, StateDigests, StepInput, StepRecord, UserReply, UserSource, VisibleObject},
+    record::{
+        Graphs, Marker, MarkerTarget, StartRecord, StateDigests, StepInput, StepRecord, UserReply, UserSource, VisibleObject,
+    },
 };
 use serde_json::json;
 
@@ -13,8 +16,9 @@ use serde_json::json;
 #[derive(Clone, Debug)]
 pub enum Act {
     Nav(&'static str),
-    /// Lists all objects on the receptacle.
+    /// Lists and marks all objects on the receptacle.
     Look(&'static str),
+    Gaze(u32),
     Pick(&'static str),
     Place(&'static str),
     Open(&'static str),
@@ -27,6 +31,7 @@ pub enum Act {
 pub struct Flat {
     pub graph: WorldGraph,
     pub held: Option<InstanceId>,
+    pub markers: Vec<Marker>,
     pub steps: Vec<StepRecord>,
 }
 
@@ -105,7 +110,7 @@ pub fn start(task: &Task) -> StartRecord {
 
 impl Flat {
     pub fn new(task: &Task) -> Self {
-        Self { graph: task.initial.clone(), held: None, steps: Vec::new() }
+        Self { graph: task.initial.clone(), held: None, markers: Vec::new(), steps: Vec::new() }
     }
 
     pub fn play(task: &Task, script: &[Act]) -> Self {
@@ -142,7 +147,9 @@ impl Flat {
             step.outcome = Outcome::error(error, "");
         }
         step.held = self.held.clone();
+        step.markers.clone_from(&self.markers);
         step.changes.physics = self.graph.difference(&before);
+        step.changes.registry.clone_from(&step.changes.physics);
         step.robot.path_length_m = 2.0 * (step.step + 1) as f32;
         self.steps.push(step);
     }
@@ -150,17 +157,31 @@ impl Flat {
     fn change(&mut self, act: &Act, step: &mut StepRecord) -> (Option<&'static str>, Option<ErrorCode>) {
         match act {
             Act::Nav(to) => {
+                step.input.call = ToolCall::new("nav_to", json!({ "receptacle_name": to }));
                 step.receptacle = Some((*to).into());
+                self.markers.clear();
                 (Some("nav_to"), None)
+            }
+            Act::Gaze(marker) => {
+                step.input.call = ToolCall::new("gaze_at", json!({ "marker_id": marker }));
+                (Some("gaze_at"), None)
             }
             Act::Look(at) => {
                 step.listed = self.graph.objects_on(&(*at).into());
                 let seen = |object: &InstanceId| VisibleObject { object: object.clone(), pixels: 9, bbox: [0; 4] };
                 step.visible = step.listed.iter().map(seen).collect();
+                let objects = step.listed.iter().enumerate();
+                let marker =
+                    |(id, object): (usize, &InstanceId)| Marker { id: id as u32, target: MarkerTarget::Object(object.clone()) };
+                self.markers = objects.map(marker).collect();
                 (Some("walk_around"), None)
             }
             Act::Pick(object) => {
                 let object = InstanceId::from(*object);
+                let target = MarkerTarget::Object(object.clone());
+                // A pick of what has no marker names one that nothing has.
+                let marker = self.markers.iter().find(|marker| marker.target == target).map_or(99, |marker| marker.id);
+                step.input.call = ToolCall::new("pick", json!({ "marker_id": marker }));
                 let place = self.graph.place_of(&object).cloned();
                 let (None, Some(place)) = (&self.held, place) else { return (Some("pick"), Some(ErrorCode::AlreadyHolding)) };
                 self.graph.remove(&place, &object);

@@ -1,59 +1,34 @@
-//! The rules of preset `paper`, one by one and together.
+//! The rules of preset `paper`, one by one.
 
-mod flat;
-
-use flat::{Act, Flat, GREEN, PEN, RED, object, start, task};
-use proptest::prelude::*;
-use reel_reward::{Paper, Preset, advantages, discounted_return, metrics, rewards};
+use reel_reward::{Preset, discounted_return, rewards};
 use reel_world::{
     ErrorClass, ErrorCode, FLOOR, Task,
-    record::{RewardTerm, StepRecord},
+    record::{Graphs, Metrics, RewardTerm},
 };
 
-const REPLY: &str = "I mean the red one.";
+use crate::{
+    close, component,
+    flat::{Act, Flat, GREEN, PEN, RED, object, start, task},
+    sum, worked_example,
+};
+
+use crate::REPLY;
 
 fn play(task: &Task, script: &[Act]) -> (Flat, Vec<Vec<RewardTerm>>) {
     let flat = Flat::play(task, script);
-    let terms = rewards(Preset::Paper, task, &self::task().1, &start(task), &flat.steps);
+    let terms = rewards(&Preset::paper(), task, &crate::flat::task().1, &start(task), &flat.steps);
     (flat, terms)
 }
 
-fn sum(terms: &[RewardTerm]) -> f64 {
-    terms.iter().map(|term| term.value).sum()
-}
-
-fn component(terms: &[Vec<RewardTerm>], name: &str) -> f64 {
-    terms.iter().flatten().filter(|term| term.component == name).map(|term| term.value).sum()
-}
-
-#[track_caller]
-fn close(found: f64, expected: f64) {
-    assert!((found - expected).abs() < 1e-9, "found {found}, expected {expected}");
-}
-
-fn worked_example() -> Vec<Act> {
-    use Act::*;
-    vec![
-        Nav("table_1"),
-        Look("table_1"),
-        Ask(REPLY),
-        Nav("fridge_0"),
-        Open("fridge_0"),
-        Nav("table_1"),
-        Pick(GREEN),
-        Place("table_1"),
-        Pick(RED),
-        Nav("fridge_0"),
-        Fail(ErrorCode::UnknownMarker),
-        Place("fridge_0"),
-        Finish,
-    ]
+fn metrics(task: &Task, flat: &Flat) -> Metrics {
+    let graphs = Graphs { physics: flat.graph.clone(), ..Graphs::default() };
+    reel_reward::metrics(&Preset::paper(), task, &start(task), &flat.steps, &graphs)
 }
 
 #[test]
 fn the_worked_example_of_the_documentation() {
     let (task, _) = task();
-    let (mut flat, terms) = play(&task, &worked_example());
+    let (mut flat, terms) = play(&task, &worked_example(REPLY));
     let expected = [1.9, 0.0, 1.0, 1.87, 1.87, -0.03, -0.03, -0.03, 3.67, -0.03, -0.53, 3.87, -0.03];
     assert_eq!(terms.len(), expected.len());
     for (step, (terms, expected)) in terms.iter().zip(expected).enumerate() {
@@ -62,13 +37,13 @@ fn the_worked_example_of_the_documentation() {
     for (step, terms) in flat.steps.iter_mut().zip(&terms) {
         step.reward.clone_from(terms);
     }
-    let metrics = metrics(&task, &start(&task), &flat.steps, &flat.graph);
+    let metrics = metrics(&task, &flat);
     assert!(metrics.success);
     close(metrics.completion, 1.0);
     close(metrics.total_reward, 13.5);
     assert_eq!((metrics.length, metrics.asks), (13, 1));
     close(metrics.spl.unwrap(), 4.0 / 26.0);
-    close(metrics.discounted_return, discounted_return(&expected));
+    close(metrics.discounted_return, discounted_return(&expected, 0.99));
 }
 
 #[test]
@@ -95,9 +70,9 @@ fn success_is_paid_once_and_taking_it_back_costs() {
     close(step(3, "phys"), -0.5);
     close(step(4, "task") + step(4, "phys") + step(4, "prog"), 0.0);
     close(step(5, "phys"), 0.0); // closing a door on the way back is free
-    assert!(metrics(&task, &start(&task), &flat.steps, &flat.graph).success);
+    assert!(metrics(&task, &flat).success);
     let taken = Flat::play(&task, &[Open("fridge_0"), Pick(RED), Place("fridge_0"), Pick(RED)]);
-    let metrics = metrics(&task, &start(&task), &taken.steps, &taken.graph);
+    let metrics = metrics(&task, &taken);
     assert!(!metrics.success);
     close(metrics.completion, 0.5);
     close(metrics.spl.unwrap(), 0.0);
@@ -187,10 +162,8 @@ fn a_failed_visit_and_a_visit_elsewhere_match_nothing() {
     let (task, scene) = task();
     let mut flat = Flat::play(&task, &[Act::Nav("table_1"), Act::Nav("desk_1")]);
     flat.steps[0].outcome.error = Some(ErrorCode::NoViewpoint);
-    let mut paper = Paper::new(&task, &scene);
-    paper.start(&start(&task));
-    assert!(flat.steps.iter().all(|step| paper.step(step).iter().all(|term| term.component == "safe")));
-    close(paper.progress(), 0.0);
+    let terms = rewards(&Preset::paper(), &task, &scene, &start(&task), &flat.steps);
+    assert!(terms.iter().flatten().all(|term| term.component == "safe"));
 }
 
 #[test]
@@ -202,86 +175,4 @@ fn a_door_that_the_goal_opens_counts_once_and_closing_it_again_costs() {
     close(component(&terms, "task"), 1.5);
     close(component(&terms, "prog"), 2.0 / 5.0);
     close(component(&terms, "phys"), -0.5);
-}
-
-#[test]
-fn presets_have_names() {
-    assert!(Preset::ALL.iter().all(|preset| Preset::parse(preset.name()) == Some(*preset)));
-    assert_eq!(Preset::parse("none"), None);
-}
-
-#[test]
-fn advantages_are_relative_to_the_group() {
-    let found = advantages(&[1.0, 2.0, 3.0, 6.0], 0.0);
-    let deviation = 3.5_f64.sqrt();
-    found.iter().zip([-2.0, -1.0, 0.0, 3.0]).for_each(|(found, above)| close(*found, above / deviation));
-    assert_eq!(advantages(&[4.0; 3], 0.0), [0.0; 3]);
-    assert!(advantages(&[], 0.1).is_empty());
-    close(discounted_return(&[1.0, 1.0, 1.0]), 1.0 + 0.99 + 0.9801);
-}
-
-fn any_act() -> impl Strategy<Value = Act> {
-    let place = || prop::sample::select(vec!["table_1", "desk_1", "fridge_0"]);
-    let thing = prop::sample::select(vec![RED, GREEN, PEN]);
-    prop_oneof![
-        place().prop_map(Act::Nav),
-        place().prop_map(Act::Look),
-        thing.prop_map(Act::Pick),
-        prop_oneof![4 => place(), 1 => Just(FLOOR)].prop_map(Act::Place),
-        place().prop_map(Act::Open),
-        place().prop_map(Act::Close),
-        prop::sample::select(vec![REPLY, "Look around.", "Not the green one."]).prop_map(Act::Ask),
-        prop::sample::select(ErrorCode::ALL.to_vec()).prop_map(Act::Fail),
-        Just(Act::Finish),
-    ]
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() })]
-
-    #[test]
-    fn any_episode_keeps_the_laws(script in prop::collection::vec(any_act(), 0..30)) {
-        let (task, scene) = task();
-        let (mut flat, terms) = play(&task, &script);
-        let mut paper = Paper::new(&task, &scene);
-        paper.start(&start(&task));
-        // streaming equals batch, step by step, and does not read the recorded reward
-        for (step, terms) in flat.steps.iter_mut().zip(&terms) {
-            step.reward = vec![RewardTerm { component: "task".into(), value: 99.0, reason: String::new() }];
-            prop_assert_eq!(&paper.step(step), terms);
-            step.reward.clone_from(terms);
-        }
-        // progress telescopes
-        prop_assert!((component(&terms, "prog") - 2.0 * paper.progress()).abs() < 1e-9);
-        // credit is bounded: five elements, the bonus, one valid pick, one transit, one recovery
-        prop_assert!(component(&terms, "task") <= 5.0 * 1.5 + 2.0 + 1e-9);
-        let earned: f64 = terms.iter().flatten().filter(|term| term.component == "phys" && term.value > 0.0).map(|term| term.value).sum();
-        prop_assert!(earned <= 1.8 + 1e-9);
-        prop_assert!(component(&terms, "ask") <= 1.0);
-        // components sum to the total
-        let metrics = metrics(&task, &start(&task), &flat.steps, &flat.graph);
-        let parts: f64 = ["task", "prog", "phys", "ask", "time", "safe"].iter().map(|name| component(&terms, name)).sum();
-        prop_assert!((parts - metrics.total_reward).abs() < 1e-9);
-        prop_assert!(terms.iter().flatten().all(|term| term.value != 0.0 && !term.reason.is_empty()));
-        // SR is the state's
-        prop_assert_eq!(metrics.success, flat.graph.place_of(&RED.into()).is_some_and(|place| place.as_str() == "fridge_0"));
-    }
-
-    #[test]
-    fn what_else_stands_in_the_flat_changes_nothing(script in prop::collection::vec(any_act(), 0..25), order in 0..6usize) {
-        let (task, scene) = task();
-        let mut other = task.clone();
-        other.objects.rotate_left(order % 3);
-        if order > 2 {
-            other.objects.reverse();
-        }
-        let unrelated = object("towel_on_desk_1_at_t", "towel", "White towel.", "desk_1");
-        for graph in [&mut other.initial, &mut other.goal] {
-            graph.add(&"desk_1".into(), &unrelated.instance);
-        }
-        other.objects.push(unrelated);
-        let steps: Vec<StepRecord> = Flat::play(&other, &script).steps;
-        let expected = play(&task, &script).1;
-        prop_assert_eq!(rewards(Preset::Paper, &other, &scene, &start(&other), &steps), expected);
-    }
 }

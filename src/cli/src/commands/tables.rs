@@ -1,0 +1,119 @@
+//! `reel tables`: what a store holds, its versions, and its upkeep.
+
+use std::time::{Duration, UNIX_EPOCH};
+
+use reel_tables::{Store, Table, views};
+use serde_json::json;
+
+use crate::Answer;
+
+/// Look after a store: its tables and versions, compaction and vacuum.
+///
+/// Examples:
+///   reel tables list --store store
+///   reel tables history --store store
+///   reel tables compact --store store
+///   reel tables vacuum --store store --dry-run
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    #[command(subcommand)]
+    what: What,
+    /// The store: a folder or s3://bucket/folder
+    #[arg(long, value_name = "STORE", default_value = "store", global = true)]
+    store: String,
+    /// Print JSON
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// The tables with their files, and the views
+    List,
+    /// The versions there are, the newest first; `reel query --at N` asks one of them
+    History,
+    /// Files that ingest left out, with the reason
+    Quarantine,
+    /// Merge small files; answers do not change and earlier versions stay readable
+    Compact,
+    /// Delete files that no version of the last days needs; earlier versions cannot be opened any more
+    Vacuum {
+        /// Keep what the versions of the last so many hours need; ingests that run longer than that lose their files
+        #[arg(long, value_name = "HOURS", default_value_t = 168)]
+        retention_hours: u32,
+        /// Only say what would be deleted
+        #[arg(long)]
+        dry_run: bool,
+    },
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let mut store = Store::open(&arguments.store)?;
+    match &arguments.what {
+        What::List => {
+            let tables = Table::ALL.map(|table| (table, store.files(table).len()));
+            if arguments.json {
+                let tables: Vec<_> =
+                    tables.iter().map(|(table, files)| json!({ "table": table.name(), "files": files })).collect();
+                println!("{}", json!({ "version": store.version(), "tables": tables }));
+                return Ok(Answer::Yes);
+            }
+            println!("version {}", store.version());
+            for (table, files) in tables {
+                println!("{:16} {files:3} files  {}", table.name(), table.meaning());
+            }
+            for view in views() {
+                println!("{:16} view       {}", view.name, view.meaning);
+            }
+        }
+        What::History => {
+            for commit in store.history()? {
+                if arguments.json {
+                    println!("{}", serde_json::to_string(&commit)?);
+                } else {
+                    let written =
+                        commit.timestamp_ms.and_then(|ms| UNIX_EPOCH.checked_add(Duration::from_millis(ms.try_into().ok()?)));
+                    let age = written.and_then(|time| time.elapsed().ok()).map(age).unwrap_or_default();
+                    println!("{:6}  {:12} {age}", commit.version, commit.operation);
+                }
+            }
+        }
+        What::Quarantine => {
+            let files = store.quarantine()?;
+            if arguments.json {
+                println!("{}", json!(files));
+            } else {
+                files.iter().for_each(|(path, reason)| println!("{path}: {reason}"));
+            }
+        }
+        What::Compact => {
+            let report = store.compact()?;
+            if arguments.json {
+                println!("{}", serde_json::to_string(&report)?);
+            } else {
+                println!("{} files became {}; version {}", report.files_before, report.files_after, report.version);
+            }
+        }
+        What::Vacuum { retention_hours, dry_run } => {
+            let report = store.vacuum(*retention_hours, *dry_run)?;
+            if arguments.json {
+                println!("{}", serde_json::to_string(&report)?);
+            } else {
+                report.deleted.iter().for_each(|file| println!("{file}"));
+                println!("{} files {}", report.deleted.len(), if *dry_run { "would be deleted" } else { "deleted" });
+            }
+        }
+    }
+    Ok(Answer::Yes)
+}
+
+fn age(age: Duration) -> String {
+    match age.as_secs() {
+        seconds @ 0..120 => format!("{seconds} s ago"),
+        seconds @ 120..7200 => format!("{} min ago", seconds / 60),
+        seconds @ 7200..172_800 => format!("{} h ago", seconds / 3600),
+        seconds => format!("{} days ago", seconds / 86_400),
+    }
+}

@@ -1,0 +1,82 @@
+//! What can be wrong with what this crate is given: preset files and log-probabilities.
+
+use thiserror::Error;
+
+/// Why a preset file or a list of log-probabilities is refused.
+#[derive(Clone, PartialEq, Debug, Error)]
+#[non_exhaustive]
+pub enum RewardError {
+    /// The text is no TOML.
+    #[error("line {line}, column {column}: {message}")]
+    Toml {
+        /// From 1.
+        line: usize,
+        /// From 1, in characters.
+        column: usize,
+        /// What the parser says.
+        message: String,
+    },
+    /// A key that no preset of this base has.
+    #[error("line {line}, column {column}: unknown key '{key}' in {table}{hint}")]
+    UnknownKey {
+        /// From 1.
+        line: usize,
+        /// From 1, in characters.
+        column: usize,
+        /// As it stands in the file.
+        key: String,
+        /// Where it stands.
+        table: String,
+        /// The nearest key that exists, or all of them.
+        hint: String,
+    },
+    /// A value of another kind, or out of range.
+    #[error("line {line}, column {column}: {key} must be {expected}, not {found}")]
+    Value {
+        /// From 1.
+        line: usize,
+        /// From 1, in characters.
+        column: usize,
+        /// Whose value it is.
+        key: String,
+        /// What it can be.
+        expected: String,
+        /// As it stands in the file.
+        found: String,
+    },
+    /// A key without which a file is no preset.
+    #[error("a reward preset needs '{key}': {expected}")]
+    Missing {
+        /// Which.
+        key: &'static str,
+        /// What it can be.
+        expected: String,
+    },
+    /// Lists that belong together have different lengths.
+    #[error("{expected} values on one side and {found} on the other: give one for each token or rollout")]
+    Lengths {
+        /// Of the first list.
+        expected: usize,
+        /// Of the other.
+        found: usize,
+    },
+    /// A mean over nothing.
+    #[error("no values: a ratio needs at least one token, an objective at least one rollout")]
+    Empty,
+    /// A log-probability that is none.
+    #[error("token {token}: log-probabilities {new} and {old} must both be finite")]
+    LogProbability {
+        /// From 0.
+        token: usize,
+        /// The first policy's.
+        new: f64,
+        /// The other's.
+        old: f64,
+    },
+    /// A clip radius that is none.
+    #[error("a clip radius must be finite and not negative, not {found}")]
+    ClipRadius {
+        /// Which.
+        found: f64,
+    },
+}

@@ -1,0 +1,187 @@
+//! From facts to rewards: the engine that runs a preset over an episode, and what it paid. Never reads a record or a word.
+
+use crate::{
+    facts::{AssetChange, AssetKey, Change, EpisodeFacts, ObjectKey, PlaceKey, StartFacts, StepFacts, TaskFacts},
+    metrics::discounted_return,
+    paper::Paper,
+    preset::Preset,
+    real_repo::RealRepo,
+    terms::{Base, Term},
+};
+
+/// Runs a preset over episodes of any task, one after the other. Give each step once, in order.
+#[derive(Clone, Debug)]
+pub struct Scorer {
+    preset: Preset,
+    rules: Box<State>,
+}
+
+/// The state of the rules of one base.
+#[derive(Clone, Debug)]
+enum State {
+    Paper(Paper),
+    RealRepo(RealRepo),
+}
+
+/// One term that a step paid.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Fired {
+    /// Which.
+    pub term: Term,
+    /// What it paid; never zero.
+    pub value: f64,
+    /// Why, for [`TaskFacts::reason`].
+    pub(crate) cause: Cause,
+}
+
+/// Why a term paid.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) enum Cause {
+    None,
+    Change(Change),
+    AssetChange(AssetChange),
+    Visited(PlaceKey),
+    Opened(PlaceKey),
+    Object(ObjectKey),
+    Asset(AssetKey),
+    Count(u32),
+}
+
+/// The rewards of one episode. A buffer for [`Scorer::score`].
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct EpisodeReward {
+    fired: Vec<Fired>,
+    /// Where each step ends in `fired`.
+    ends: Vec<usize>,
+    totals: Vec<f64>,
+    total: f64,
+    discounted_return: f64,
+}
+
+/// Where the terms of a step go.
+#[derive(Debug)]
+pub(crate) struct Paid<'a> {
+    preset: &'a Preset,
+    terms: &'a mut Vec<Fired>,
+    /// Where this step begins.
+    from: usize,
+}
+
+impl Scorer {
+    /// An engine for a preset.
+    pub fn new(preset: &Preset) -> Self {
+        let rules = match preset.base() {
+            Base::Paper => State::Paper(Paper::default()),
+            Base::RealRepo => State::RealRepo(RealRepo::default()),
+        };
+        Self { preset: preset.clone(), rules: Box::new(rules) }
+    }
+
+    /// What it runs.
+    pub fn preset(&self) -> &Preset {
+        &self.preset
+    }
+
+    /// Takes in the state before the first decision of another episode.
+    pub fn start(&mut self, facts: &TaskFacts, start: &StartFacts) {
+        match &mut *self.rules {
+            State::Paper(rules) => rules.start(&self.preset, facts, start),
+            State::RealRepo(rules) => rules.start(facts, start),
+        }
+    }
+
+    /// Appends the terms of the next step; those that are zero are left out.
+    pub fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, terms: &mut Vec<Fired>) {
+        let mut paid = Paid { from: terms.len(), preset: &self.preset, terms };
+        match &mut *self.rules {
+            State::Paper(rules) => rules.step(facts, step, &mut paid),
+            State::RealRepo(rules) => rules.step(facts, step, &mut paid),
+        }
+    }
+
+    /// The share of the targets that was matched so far, once an episode started: `rho` of preset `paper`, the completion of
+    /// `real-repo`.
+    pub fn progress(&self) -> f64 {
+        match &*self.rules {
+            State::Paper(rules) => rules.progress(),
+            State::RealRepo(rules) => rules.completion(),
+        }
+    }
+
+    /// Scores a whole episode into a buffer; the sums are bit-equal to those of [`crate::metrics`].
+    pub fn score(&mut self, facts: &mut TaskFacts, episode: &EpisodeFacts, reward: &mut EpisodeReward) {
+        reward.fired.clear();
+        reward.ends.clear();
+        reward.totals.clear();
+        self.start(facts, &episode.start());
+        for step in episode.steps() {
+            let from = reward.fired.len();
+            self.step(facts, &step, &mut reward.fired);
+            reward.ends.push(reward.fired.len());
+            reward.totals.push(reward.fired[from..].iter().map(|fired| fired.value).sum());
+        }
+        reward.total = reward.totals.iter().sum();
+        reward.discounted_return = discounted_return(&reward.totals, self.preset.gamma());
+    }
+}
+
+impl EpisodeReward {
+    /// The reward of each step.
+    pub fn steps(&self) -> &[f64] {
+        &self.totals
+    }
+
+    /// Cumulative reward, undiscounted.
+    pub fn total(&self) -> f64 {
+        self.total
+    }
+
+    /// Discounted by the preset's gamma.
+    pub fn discounted_return(&self) -> f64 {
+        self.discounted_return
+    }
+
+    /// What a step paid; nothing after the last one.
+    pub fn terms(&self, step: usize) -> &[Fired] {
+        let Some(end) = self.ends.get(step) else { return &[] };
+        let from = step.checked_sub(1).map_or(0, |before| self.ends[before]);
+        &self.fired[from..*end]
+    }
+
+    /// The sum of a component over the episode.
+    pub fn component(&self, name: &str) -> f64 {
+        self.fired.iter().filter(|fired| fired.term.component() == name).map(|fired| fired.value).sum()
+    }
+
+    /// Everything that was paid, in order.
+    pub fn fired(&self) -> &[Fired] {
+        &self.fired
+    }
+}
+
+impl Paid<'_> {
+    pub(crate) fn preset(&self) -> &Preset {
+        self.preset
+    }
+
+    /// Pays the weight of a term.
+    pub(crate) fn once(&mut self, term: Term, cause: Cause) {
+        self.pay(term, self.preset.weight(term), cause);
+    }
+
+    /// Pays a multiple of the weight of a term.
+    pub(crate) fn times(&mut self, term: Term, factor: f64, cause: Cause) {
+        self.pay(term, self.preset.weight(term) * factor, cause);
+    }
+
+    /// Puts the terms of the step into the order of [`Term::ALL`].
+    pub(crate) fn sort(&mut self) {
+        self.terms[self.from..].sort_by_key(|fired| fired.term);
+    }
+
+    fn pay(&mut self, term: Term, value: f64, cause: Cause) {
+        if value != 0.0 {
+            self.terms.push(Fired { term, value, cause });
+        }
+    }
+}

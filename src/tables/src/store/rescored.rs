@@ -1,0 +1,187 @@
+//! Recomputed rewards into the store, one row an episode and version of a preset, side by side with the recorded ones.
+
+use std::{
+    collections::{BTreeMap, HashSet},
+    sync::Arc,
+};
+
+use arrow::{
+    array::{
+        ArrayBuilder as _, ArrayRef, AsArray, Float64Builder, Int32Builder, ListBuilder, RecordBatch, StringBuilder,
+        StructBuilder,
+    },
+    datatypes::DataType,
+};
+use reel_reward::{EpisodeReward, Preset};
+use serde::Serialize;
+
+use super::{Refused, Store, StoreError, TRIES_MAX};
+use crate::{ScoredEpisode, Table};
+
+/// Rows after which a portion is committed.
+const ROWS_PER_PORTION: usize = 200_000;
+
+/// What a rescoring did.
+#[derive(Clone, PartialEq, Debug, Default, Serialize)]
+pub struct RescoreReport {
+    /// Episodes that were scored now.
+    pub scored: usize,
+    /// Episodes that had this version already.
+    pub unchanged: usize,
+    /// Mean total reward of what was scored now.
+    pub mean_total: Option<f64>,
+    /// The store's version afterwards.
+    pub version: u64,
+}
+
+impl Store {
+    /// Scores all episodes under a preset and keeps the result under the preset's version; what is there already stays.
+    /// `progress` gets the number of episodes scored.
+    ///
+    /// # Errors
+    /// When the store cannot be read or written.
+    pub fn rescore(&mut self, preset: &Preset, mut progress: impl FnMut(usize)) -> Result<RescoreReport, StoreError> {
+        self.reload()?;
+        let version = preset.version().to_string();
+        let known = self.rescored(&version)?;
+        let mut report = RescoreReport::default();
+        let mut portions: Vec<RecordBatch> = Vec::new();
+        let mut rows = Rows::new(preset.name(), &version);
+        let mut sum = 0.0;
+        self.score(std::slice::from_ref(preset), |episode, rewards| {
+            if known.contains(episode.trace_digest) {
+                report.unchanged += 1;
+                return true;
+            }
+            rows.push(episode, &rewards[0]);
+            sum += rewards[0].total();
+            report.scored += 1;
+            if report.scored % 1024 == 0 {
+                progress(report.scored);
+            }
+            if report.scored % ROWS_PER_PORTION == 0 {
+                portions.push(rows.take());
+            }
+            true
+        })?;
+        progress(report.scored);
+        portions.push(rows.take());
+        portions.retain(|batch| batch.num_rows() > 0);
+        report.mean_total = (report.scored > 0).then(|| sum / report.scored as f64);
+        if !portions.is_empty() {
+            self.keep(&portions, &version)?;
+        }
+        report.version = self.version();
+        Ok(report)
+    }
+
+    fn keep(&mut self, portions: &[RecordBatch], version: &str) -> Result<(), StoreError> {
+        for _ in 0..TRIES_MAX {
+            match self.try_keep(portions, version) {
+                Ok(()) => return self.reload(),
+                Err(Refused::Conflict) => self.reload()?,
+                Err(Refused::Failed(error)) => return Err(error),
+            }
+        }
+        Err(StoreError::Busy { tries: TRIES_MAX, location: self.location.to_string() })
+    }
+
+    fn try_keep(&self, portions: &[RecordBatch], version: &str) -> Result<(), Refused> {
+        let newest = self.newest(Table::Rescored)?;
+        // what another rescoring, or one that was killed before its last commit, has written meanwhile
+        let there = self.versions_in(&newest, version)?;
+        let mut missing = Vec::new();
+        for batch in portions {
+            let digests = batch["trace_digest"].as_string::<i32>();
+            let keep = digests.iter().map(|digest| Some(digest.is_some_and(|digest| !there.contains(digest)))).collect();
+            missing.push(arrow::compute::filter_record_batch(batch, &keep)?);
+        }
+        missing.retain(|batch| batch.num_rows() > 0);
+        let side = if missing.is_empty() {
+            newest.version().unwrap_or_default() as u64
+        } else {
+            let actions = self.write_parts(&newest, missing)?;
+            self.commit_side(&newest, actions)?
+        };
+        self.commit_episodes(Vec::new(), &BTreeMap::from([(Table::Rescored, side)])).map(drop)
+    }
+
+    /// Digests of the traces that were scored under a version.
+    fn rescored(&self, version: &str) -> Result<HashSet<String>, StoreError> {
+        self.versions_in(&self.tables[&Table::Rescored], version)
+    }
+
+    fn versions_in(&self, table: &deltalake::DeltaTable, version: &str) -> Result<HashSet<String>, StoreError> {
+        let mut known = HashSet::new();
+        self.read_parts(table, &super::parts::parts(table), Some(&["trace_digest", "version"]), |_, batch| {
+            let (digests, versions) = (batch["trace_digest"].as_string::<i32>(), batch["version"].as_string::<i32>());
+            let rows = digests.iter().zip(versions).filter(|(_, found)| *found == Some(version));
+            known.extend(rows.filter_map(|(digest, _)| digest.map(str::to_owned)));
+            Ok(())
+        })?;
+        Ok(known)
+    }
+}
+
+/// Rows on their way into columns.
+struct Rows<'a> {
+    preset: &'a str,
+    version: &'a str,
+    episode_id: StringBuilder,
+    trace_digest: StringBuilder,
+    total: Float64Builder,
+    discounted: Float64Builder,
+    terms: ListBuilder<StructBuilder>,
+}
+
+impl<'a> Rows<'a> {
+    fn new(preset: &'a str, version: &'a str) -> Self {
+        let schema = Table::Rescored.schema();
+        let terms = schema.field_with_name("terms").expect("a column of ours").data_type().clone();
+        let DataType::List(item) = terms else { unreachable!("terms are a list") };
+        let DataType::Struct(fields) = item.data_type() else { unreachable!("of structs") };
+        let builder = StructBuilder::from_fields(fields.clone(), 0);
+        Self {
+            preset,
+            version,
+            episode_id: StringBuilder::new(),
+            trace_digest: StringBuilder::new(),
+            total: Float64Builder::new(),
+            discounted: Float64Builder::new(),
+            terms: ListBuilder::new(builder).with_field(item),
+        }
+    }
+
+    fn push(&mut self, episode: &ScoredEpisode<'_>, reward: &EpisodeReward) {
+        self.episode_id.append_value(episode.episode_id);
+        self.trace_digest.append_value(episode.trace_digest);
+        self.total.append_value(reward.total());
+        self.discounted.append_value(reward.discounted_return());
+        for step in 0..reward.steps().len() {
+            for fired in reward.terms(step) {
+                let term = self.terms.values();
+                term.field_builder::<Int32Builder>(0).expect("step").append_value(step as i32);
+                term.field_builder::<StringBuilder>(1).expect("component").append_value(fired.term.component());
+                term.field_builder::<Float64Builder>(2).expect("value").append_value(fired.value);
+                term.append(true);
+            }
+        }
+        self.terms.append(true);
+    }
+
+    fn take(&mut self) -> RecordBatch {
+        let rows = self.episode_id.len();
+        let constant =
+            |text: &str| -> ArrayRef { Arc::new(arrow::array::StringArray::from_iter_values(std::iter::repeat_n(text, rows))) };
+        let columns: Vec<ArrayRef> = vec![
+            Arc::new(self.episode_id.finish()),
+            Arc::new(self.trace_digest.finish()),
+            constant(self.preset),
+            constant(self.version),
+            Arc::new(self.total.finish()),
+            Arc::new(self.discounted.finish()),
+            Arc::new(self.terms.finish()),
+        ];
+        RecordBatch::try_new(Table::Rescored.schema(), columns).expect("the columns are those of the schema")
+    }
+}
