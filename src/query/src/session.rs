@@ -115,8 +115,7 @@ impl Session {
         let environment = RuntimeEnvBuilder::new().with_memory_limit(limits.memory_bytes, 1.0).build_arc()?;
         let (root, objects) = store.objects();
         environment.register_object_store(&root, objects);
-        let mut views = views();
-        views.extend(named::ALL.iter().map(|query| View { name: query.name, meaning: "", sql: query.with_defaults() }));
+        let views = all_views(&StepFields::All);
         Ok(Self { store: Arc::new(store), limits, control: Arc::default(), environment, runtime, views })
     }
 
@@ -204,7 +203,7 @@ impl Session {
                 context.register_table(table.name(), self.provider(table, fields)?)?;
             }
         }
-        for view in self.views.iter().filter(|view| named.contains(view.name)) {
+        for view in all_views(fields).iter().filter(|view| named.contains(view.name)) {
             let plan = plan_of(&context, &view.sql).await?;
             context.register_table(view.name, DataFrame::new(context.state(), plan).into_view())?;
         }
@@ -320,6 +319,13 @@ impl std::fmt::Debug for Session {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Session").field("store", &self.store).field("limits", &self.limits).finish_non_exhaustive()
     }
+}
+
+/// The flat views and the named queries as views.
+fn all_views(fields: &StepFields) -> Vec<View> {
+    let named = |query: &named::NamedQuery| View { name: query.name, meaning: "", sql: query.with_defaults() };
+    let flat = views(|field| fields.has(field));
+    flat.into_iter().chain(named::ALL.iter().map(named)).collect()
 }
 
 fn threads() -> usize {

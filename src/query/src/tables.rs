@@ -35,6 +35,16 @@ pub(crate) enum StepFields {
     Some(BTreeSet<String>),
 }
 
+impl StepFields {
+    /// Whether a field of the steps is read.
+    pub(crate) fn has(&self, field: &str) -> bool {
+        match self {
+            StepFields::All => true,
+            StepFields::Some(names) => field == ALWAYS || names.contains(field),
+        }
+    }
+}
+
 /// A table of the store, its steps narrowed.
 pub(crate) fn provider(store: &Store, table: Table, fields: &StepFields) -> Result<Arc<dyn TableProvider>> {
     let schema = match table {
@@ -52,11 +62,10 @@ pub(crate) fn provider(store: &Store, table: Table, fields: &StepFields) -> Resu
 }
 
 fn narrowed(schema: &SchemaRef, fields: &StepFields) -> SchemaRef {
-    let StepFields::Some(names) = fields else { return schema.clone() };
     let narrow = |field: &Arc<Field>| match step_struct(field.data_type()) {
         Some(all) if field.name() == STEPS => {
             let kept: Fields =
-                all.iter().filter(|field| field.name() == ALWAYS || names.contains(field.name())).cloned().collect();
+                all.iter().filter(|field| fields.has(field.name())).cloned().collect();
             Arc::new(Field::new(STEPS, list_like(field.data_type(), kept), field.is_nullable()))
         }
         _ => field.clone(),

@@ -7,12 +7,14 @@ mod rescore;
 mod rows;
 pub mod schema;
 mod store;
+mod synthetic;
 
 use arrow::array::RecordBatch;
 use reel_trace::Trace;
 
 pub use rescore::ScoredEpisode;
 pub use rows::RowsError;
+pub use synthetic::synthesize;
 pub use schema::{Table, View, views};
 pub use store::{Commit, CompactReport, IngestReport, Location, Progress, RescoreReport, Store, StoreError, VacuumReport};
 

@@ -1,13 +1,16 @@
 //! A trace as rows: the values of every column of [`crate::schema`]. `serde_arrow` turns the rows into columns, so that a
 //! field here without a column there (or the reverse) is an error of every test.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    borrow::Cow,
+    collections::{BTreeMap, BTreeSet},
+};
 
 use arrow::array::RecordBatch;
 
 use reel_trace::Trace;
 use reel_world::{
-    ErrorClass, GraphEvent, InstanceId, Scene, Task, ToolSpec, WorldGraph, canonical_json,
+    Digest, ErrorClass, GraphEvent, InstanceId, Scene, Task, ToolSpec, WorldGraph, canonical_json,
     record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject},
 };
 use serde::Serialize;
@@ -35,18 +38,23 @@ impl Rows {
         Ok(self.0.push(episode(trace, modified_ns))?)
     }
 
+    /// Adds a row of an episode that was made up.
+    pub(crate) fn push_row(&mut self, row: &Episode<'_>) -> Result<(), RowsError> {
+        Ok(self.0.push(row)?)
+    }
+
     pub(crate) fn finish(self) -> Result<RecordBatch, RowsError> {
         Ok(self.0.into_record_batch()?)
     }
 
-    /// The row of a trace's task.
-    pub(crate) fn task(trace: &Trace) -> Result<RecordBatch, RowsError> {
-        Self::of(Table::Tasks, &[task(trace)])
+    /// The row of a task.
+    pub(crate) fn task(task: &Task) -> Result<RecordBatch, RowsError> {
+        Self::of(Table::Tasks, &[task_row(task)])
     }
 
-    /// The row of a trace's scene.
-    pub(crate) fn scene(trace: &Trace) -> Result<RecordBatch, RowsError> {
-        Self::of(Table::Scenes, &[scene(trace)])
+    /// The row of a scene.
+    pub(crate) fn scene(scene: &Scene) -> Result<RecordBatch, RowsError> {
+        Self::of(Table::Scenes, &[scene_row(scene)])
     }
 
     /// Files with the reason why they were left out.
@@ -69,52 +77,52 @@ struct QuarantineRow<'a> {
 }
 
 #[derive(Serialize)]
-struct Episode<'a> {
-    episode_id: &'a str,
-    run_id: &'a str,
-    group_id: Option<&'a str>,
-    rollout_index: Option<u32>,
-    task_id: &'a str,
-    task_digest: String,
-    scene_digest: String,
-    family: &'static str,
-    task_type: Option<&'a str>,
-    scene_id: &'a str,
-    policy: &'a str,
-    checkpoint: Option<&'a str>,
-    seed: String,
-    profile: &'static str,
-    preset: &'a str,
-    sim_version: u32,
-    build: &'a str,
-    backend: Value,
-    end_reason: Option<Value>,
-    success: Option<bool>,
-    completion: Option<f64>,
-    total_reward: Option<f64>,
-    discounted_return: Option<f64>,
-    length: Option<u32>,
-    asks: Option<u32>,
-    spl: Option<f64>,
-    instruction: &'a str,
-    fuzzy: bool,
-    purpose: Option<&'a str>,
-    target: &'a str,
-    target_category: &'a str,
-    target_caption: Option<&'a str>,
-    src: &'a str,
-    dest: &'a str,
-    shortest_path_m: Option<f64>,
-    path_length_m: f64,
-    parent_trace: Option<String>,
-    parent_call: Option<u32>,
-    start_changes: Vec<Change>,
-    start_objects: Vec<Visible<'a>>,
-    trace: String,
-    trace_digest: String,
-    trace_bytes: u64,
-    trace_modified_ns: i64,
-    steps: Vec<Step<'a>>,
+pub(crate) struct Episode<'a> {
+    pub(crate) episode_id: Cow<'a, str>,
+    pub(crate) run_id: &'a str,
+    pub(crate) group_id: Option<Cow<'a, str>>,
+    pub(crate) rollout_index: Option<u32>,
+    pub(crate) task_id: &'a str,
+    pub(crate) task_digest: String,
+    pub(crate) scene_digest: String,
+    pub(crate) family: &'static str,
+    pub(crate) task_type: Option<&'a str>,
+    pub(crate) scene_id: &'a str,
+    pub(crate) policy: &'a str,
+    pub(crate) checkpoint: Option<&'a str>,
+    pub(crate) seed: String,
+    pub(crate) profile: &'static str,
+    pub(crate) preset: &'a str,
+    pub(crate) sim_version: u32,
+    pub(crate) build: &'a str,
+    pub(crate) backend: Value,
+    pub(crate) end_reason: Option<Value>,
+    pub(crate) success: Option<bool>,
+    pub(crate) completion: Option<f64>,
+    pub(crate) total_reward: Option<f64>,
+    pub(crate) discounted_return: Option<f64>,
+    pub(crate) length: Option<u32>,
+    pub(crate) asks: Option<u32>,
+    pub(crate) spl: Option<f64>,
+    pub(crate) instruction: &'a str,
+    pub(crate) fuzzy: bool,
+    pub(crate) purpose: Option<&'a str>,
+    pub(crate) target: &'a str,
+    pub(crate) target_category: &'a str,
+    pub(crate) target_caption: Option<&'a str>,
+    pub(crate) src: &'a str,
+    pub(crate) dest: &'a str,
+    pub(crate) shortest_path_m: Option<f64>,
+    pub(crate) path_length_m: f64,
+    pub(crate) parent_trace: Option<String>,
+    pub(crate) parent_call: Option<u32>,
+    pub(crate) start_changes: Vec<Change>,
+    pub(crate) start_objects: Vec<Visible<'a>>,
+    pub(crate) trace: String,
+    pub(crate) trace_digest: String,
+    pub(crate) trace_bytes: u64,
+    pub(crate) trace_modified_ns: i64,
+    pub(crate) steps: Vec<Step<'a>>,
 }
 
 fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
@@ -123,9 +131,9 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
     let metrics = end.as_ref().map(|end| &end.metrics);
     let last_robot = trace.steps.last().map_or(&start.robot, |step| &step.robot);
     Episode {
-        episode_id: &header.episode_id,
+        episode_id: header.episode_id.as_str().into(),
         run_id: &header.run_id,
-        group_id: header.group_id.as_deref(),
+        group_id: header.group_id.as_deref().map(Cow::from),
         rollout_index: header.rollout_index,
         task_id: &header.task_id,
         task_digest: header.task_digest.to_string(),
@@ -172,47 +180,47 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
 }
 
 #[derive(Serialize)]
-struct Step<'a> {
-    step: u32,
-    tool: &'a str,
-    call_name: &'a str,
-    arguments: String,
-    argument: Option<String>,
-    text: &'a str,
-    error_code: Option<&'static str>,
-    error_class: Option<&'static str>,
-    object: Option<&'a str>,
-    receptacle: Option<&'a str>,
-    goal_object: Option<bool>,
-    goal_receptacle: Option<bool>,
-    held: Option<&'a str>,
-    markers: usize,
-    visible: usize,
-    candidates: usize,
-    reward: f64,
-    sim_step: u64,
-    robot_x_m: f32,
-    robot_y_m: f32,
-    robot_yaw_rad: f32,
-    path_length_m: f32,
-    latency_ns: Option<u64>,
-    reasoning: Option<&'a str>,
-    history: Option<&'a str>,
-    plan: Option<&'a str>,
-    question: Option<String>,
-    reply: Option<&'a str>,
-    reply_source: Option<Value>,
-    raw: Option<&'a str>,
-    tokens_read: Option<u32>,
-    tokens_written: Option<u32>,
-    new_objects: Vec<&'a str>,
-    changes: Vec<Change>,
-    terms: Vec<Term<'a>>,
-    marker_map: Vec<MarkerRow<'a>>,
-    visible_objects: Vec<Visible<'a>>,
-    state_digest: String,
-    chain_digest: String,
-    trace_offset: u64,
+pub(crate) struct Step<'a> {
+    pub(crate) step: u32,
+    pub(crate) tool: &'a str,
+    pub(crate) call_name: &'a str,
+    pub(crate) arguments: String,
+    pub(crate) argument: Option<String>,
+    pub(crate) text: &'a str,
+    pub(crate) error_code: Option<&'static str>,
+    pub(crate) error_class: Option<&'static str>,
+    pub(crate) object: Option<&'a str>,
+    pub(crate) receptacle: Option<&'a str>,
+    pub(crate) goal_object: Option<bool>,
+    pub(crate) goal_receptacle: Option<bool>,
+    pub(crate) held: Option<&'a str>,
+    pub(crate) markers: usize,
+    pub(crate) visible: usize,
+    pub(crate) candidates: usize,
+    pub(crate) reward: f64,
+    pub(crate) sim_step: u64,
+    pub(crate) robot_x_m: f32,
+    pub(crate) robot_y_m: f32,
+    pub(crate) robot_yaw_rad: f32,
+    pub(crate) path_length_m: f32,
+    pub(crate) latency_ns: Option<u64>,
+    pub(crate) reasoning: Option<&'a str>,
+    pub(crate) history: Option<&'a str>,
+    pub(crate) plan: Option<&'a str>,
+    pub(crate) question: Option<String>,
+    pub(crate) reply: Option<&'a str>,
+    pub(crate) reply_source: Option<Value>,
+    pub(crate) raw: Option<&'a str>,
+    pub(crate) tokens_read: Option<u32>,
+    pub(crate) tokens_written: Option<u32>,
+    pub(crate) new_objects: Vec<&'a str>,
+    pub(crate) changes: Vec<Change>,
+    pub(crate) terms: Vec<Term<'a>>,
+    pub(crate) marker_map: Vec<MarkerRow<'a>>,
+    pub(crate) visible_objects: Vec<Visible<'a>>,
+    pub(crate) state_digest: String,
+    pub(crate) chain_digest: String,
+    pub(crate) trace_offset: u64,
 }
 
 fn steps(trace: &Trace) -> Vec<Step<'_>> {
@@ -316,14 +324,14 @@ fn question(record: &StepRecord) -> Option<String> {
 }
 
 #[derive(Serialize)]
-struct Change {
-    authority: &'static str,
-    event: &'static str,
-    object: Option<String>,
-    asset: Option<String>,
-    receptacle: String,
-    door_from: Option<String>,
-    door_to: Option<String>,
+pub(crate) struct Change {
+    pub(crate) authority: &'static str,
+    pub(crate) event: &'static str,
+    pub(crate) object: Option<String>,
+    pub(crate) asset: Option<String>,
+    pub(crate) receptacle: String,
+    pub(crate) door_from: Option<String>,
+    pub(crate) door_to: Option<String>,
 }
 
 fn changes(changes: &GraphChanges) -> Vec<Change> {
@@ -355,10 +363,10 @@ fn change(authority: &'static str, event: &GraphEvent) -> Change {
 }
 
 #[derive(Serialize)]
-struct Term<'a> {
-    component: &'a str,
-    value: f64,
-    reason: &'a str,
+pub(crate) struct Term<'a> {
+    pub(crate) component: &'a str,
+    pub(crate) value: f64,
+    pub(crate) reason: &'a str,
 }
 
 fn term(term: &RewardTerm) -> Term<'_> {
@@ -366,10 +374,10 @@ fn term(term: &RewardTerm) -> Term<'_> {
 }
 
 #[derive(Serialize)]
-struct MarkerRow<'a> {
-    marker: u32,
-    kind: &'static str,
-    id: &'a str,
+pub(crate) struct MarkerRow<'a> {
+    pub(crate) marker: u32,
+    pub(crate) kind: &'static str,
+    pub(crate) id: &'a str,
 }
 
 fn marker(marker: &Marker) -> MarkerRow<'_> {
@@ -381,13 +389,13 @@ fn marker(marker: &Marker) -> MarkerRow<'_> {
 }
 
 #[derive(Serialize)]
-struct Visible<'a> {
-    object: &'a str,
-    pixels: u32,
-    x_min: u16,
-    y_min: u16,
-    x_max: u16,
-    y_max: u16,
+pub(crate) struct Visible<'a> {
+    pub(crate) object: &'a str,
+    pub(crate) pixels: u32,
+    pub(crate) x_min: u16,
+    pub(crate) y_min: u16,
+    pub(crate) x_max: u16,
+    pub(crate) y_max: u16,
 }
 
 fn visible(visible: &VisibleObject) -> Visible<'_> {
@@ -421,12 +429,11 @@ struct TaskRow<'a> {
     task: String,
 }
 
-fn task(trace: &Trace) -> TaskRow<'_> {
-    let task = &trace.task;
+fn task_row(task: &Task) -> TaskRow<'_> {
     let door = |graph: &WorldGraph, receptacle| graph.door(receptacle).map(|door| door.to_string());
     TaskRow {
         task_id: &task.task_id,
-        task_digest: trace.header.task_digest.to_string(),
+        task_digest: Digest::of_json(task).to_string(),
         family: task.family.as_str(),
         task_type: task.task_type.as_deref(),
         scene_id: &task.scene_id,
@@ -511,10 +518,9 @@ struct ReceptacleRow<'a> {
     captions: Vec<&'a str>,
 }
 
-fn scene(trace: &Trace) -> SceneRow<'_> {
-    let scene: &Scene = &trace.scene;
+fn scene_row(scene: &Scene) -> SceneRow<'_> {
     SceneRow {
-        scene_digest: trace.header.scene_digest.to_string(),
+        scene_digest: Digest::of_json(scene).to_string(),
         scene_id: &scene.scene_id,
         rooms: scene.rooms.iter().map(|room| room.name.as_str()).collect(),
         receptacles: scene
@@ -534,6 +540,6 @@ fn scene(trace: &Trace) -> SceneRow<'_> {
 }
 
 /// An enum of ours as the word it has in JSON.
-fn name_of<T: Serialize>(value: &T) -> Value {
+pub(crate) fn name_of<T: Serialize>(value: &T) -> Value {
     serde_json::to_value(value).expect("an enum of ours is a JSON string")
 }

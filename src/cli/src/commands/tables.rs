@@ -1,11 +1,17 @@
 //! `reel tables`: what a store holds, its versions, and its upkeep.
 
-use std::time::{Duration, UNIX_EPOCH};
+use std::{
+    sync::Arc,
+    time::{Duration, UNIX_EPOCH},
+};
 
+use anyhow::bail;
 use reel_tables::{Store, Table, views};
+use reel_tasks::{GenerateOptions, generate};
+use reel_world::{Family, Task};
 use serde_json::json;
 
-use crate::Answer;
+use crate::{Answer, inputs, progress};
 
 /// Look after a store: its tables and versions, compaction and vacuum.
 ///
@@ -35,6 +41,18 @@ enum What {
     History,
     /// Files that ingest left out, with the reason
     Quarantine,
+    /// Fill a new store with made-up episodes, to measure queries; no traces lie behind them
+    Synthesize {
+        /// How many episodes
+        #[arg(long, value_name = "N", default_value_t = 1_000_000)]
+        episodes: u64,
+        /// How many tasks they play
+        #[arg(long, value_name = "N", default_value_t = 400)]
+        tasks: usize,
+        /// Seed of all chance
+        #[arg(long, value_name = "N", default_value_t = 1)]
+        seed: u64,
+    },
     /// Merge small files; answers do not change and earlier versions stay readable
     Compact,
     /// Delete files that no version of the last days needs; earlier versions cannot be opened any more
@@ -50,6 +68,9 @@ enum What {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    if let What::Synthesize { episodes, tasks, seed } = arguments.what {
+        return synthesize(&arguments.store, episodes, tasks, seed);
+    }
     let mut store = Store::open(&arguments.store)?;
     match &arguments.what {
         What::List => {
@@ -64,7 +85,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             for (table, files) in tables {
                 println!("{:16} {files:3} files  {}", table.name(), table.meaning());
             }
-            for view in views() {
+            for view in views(|_| true) {
                 println!("{:16} view       {}", view.name, view.meaning);
             }
         }
@@ -88,6 +109,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 files.iter().for_each(|(path, reason)| println!("{path}: {reason}"));
             }
         }
+        What::Synthesize { .. } => unreachable!("it has no store to open"),
         What::Compact => {
             let report = store.compact()?;
             if arguments.json {
@@ -106,6 +128,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             }
         }
     }
+    Ok(Answer::Yes)
+}
+
+fn synthesize(store: &str, episodes: u64, tasks: usize, seed: u64) -> anyhow::Result<Answer> {
+    if Store::open(store).is_ok() {
+        bail!("there is a store already: {store}; made-up episodes go into a new one");
+    }
+    let scene = inputs::scene(None)?;
+    let made = generate(&GenerateOptions { scene: &scene, families: &Family::ALL, count: tasks, seed });
+    let tasks: Vec<Arc<Task>> = made.tasks.into_iter().map(Arc::new).collect();
+    let bar = progress::bar(usize::try_from(episodes)?, "synthesize");
+    let mut store = Store::open_or_create(store)?;
+    reel_tables::synthesize(&mut store, &tasks, &scene, episodes, seed, |done| bar.set_position(done))?;
+    bar.finish_and_clear();
+    println!("{episodes} made-up episodes of {} tasks; version {}", tasks.len(), store.version());
     Ok(Answer::Yes)
 }
 

@@ -457,10 +457,10 @@ fn read_batch(paths: &[&PathBuf], seen: &Mutex<HashSet<Key>>) -> Result<Batch, S
         });
         let (task, scene) = (key(&trace.header.task_digest.to_string()), key(&trace.header.scene_digest.to_string()));
         if is_new(task) {
-            batch.tasks.push((task, Rows::task(&trace)?));
+            batch.tasks.push((task, Rows::task(&trace.task)?));
         }
         if is_new(scene) {
-            batch.scenes.push((scene, Rows::scene(&trace)?));
+            batch.scenes.push((scene, Rows::scene(&trace.scene)?));
         }
     }
     batch.episodes = episodes.finish()?;

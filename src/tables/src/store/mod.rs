@@ -240,6 +240,22 @@ impl Store {
         self.runtime.clone()
     }
 
+    /// Adds rows that were made up, in one commit, to a store that has no episodes of the same ids.
+    pub(crate) fn append(&mut self, table: Table, batches: Vec<arrow::array::RecordBatch>) -> Result<(), StoreError> {
+        let actions = self.write_parts(&self.tables[&table], batches)?;
+        let written = match table {
+            Table::Episodes => self.commit_episodes(actions, &BTreeMap::new()),
+            _ => self
+                .commit_side(&self.tables[&table], actions)
+                .and_then(|version| self.commit_episodes(Vec::new(), &BTreeMap::from([(table, version)]))),
+        };
+        match written {
+            Ok(_) => self.reload(),
+            Err(Refused::Failed(error)) => Err(error),
+            Err(Refused::Conflict) => Err(StoreError::Busy { tries: 1, location: self.location.to_string() }),
+        }
+    }
+
     fn load(location: Location, runtime: Arc<Runtime>, version: Option<u64>) -> Result<Self, StoreError> {
         let tables = runtime.block_on(load(&location, version))?;
         Ok(Self { location, runtime, tables })
