@@ -62,6 +62,12 @@ impl Control {
         self.cancelled.store(true, Ordering::Relaxed);
     }
 
+    /// Another query begins: what stopped the last one does not stop this.
+    pub(crate) fn begin(&self) {
+        self.cancelled.store(false, Ordering::Relaxed);
+        self.simulated.store(0, Ordering::Relaxed);
+    }
+
     /// How many traces the simulator functions have worked off.
     pub fn simulated(&self) -> u64 {
         self.simulated.load(Ordering::Relaxed)

@@ -12,12 +12,20 @@ use datafusion::{
     execution::FunctionRegistry as _,
     logical_expr::{ColumnarValue, ReturnFieldArgs, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl, Signature},
     prelude::SessionContext,
+    sql::sqlparser::{
+        dialect::GenericDialect,
+        keywords::Keyword,
+        tokenizer::{Token, Tokenizer},
+    },
 };
 
 use crate::control::Stopped;
 
 /// Longest SQL text, in bytes.
 pub const SQL_BYTES_MAX: usize = 1 << 20;
+
+/// Most operators of a SQL text: a chain of them is a tree as deep as it is long.
+pub const OPERATORS_MAX: usize = 2_000;
 
 /// Largest value that a function may make of a small one, in bytes for each row and for all rows of a batch.
 const VALUE_BYTES_MAX: u128 = 16 << 20;
@@ -161,6 +169,39 @@ fn longest(value: &ColumnarValue, rows: usize) -> f64 {
     let rows = if matches!(value, ColumnarValue::Array(_)) { rows } else { 1 };
     let texts = value.to_array(rows).and_then(|array| Ok(cast(&array, &DataType::Utf8)?));
     texts.map_or(8.0, |texts| texts.as_string::<i32>().iter().flatten().map(str::len).max().unwrap_or(0) as f64)
+}
+
+/// Operators of a text, set operations and joins included; 0 where it is no SQL.
+pub(crate) fn operators(sql: &str) -> usize {
+    let tokens = Tokenizer::new(&GenericDialect {}, sql).tokenize().unwrap_or_default();
+    let deepens = |token: &Token| match token {
+        Token::Word(word) => matches!(
+            word.keyword,
+            Keyword::AND
+                | Keyword::OR
+                | Keyword::NOT
+                | Keyword::IS
+                | Keyword::LIKE
+                | Keyword::UNION
+                | Keyword::EXCEPT
+                | Keyword::INTERSECT
+                | Keyword::JOIN
+        ),
+        Token::Comma
+        | Token::Period
+        | Token::SemiColon
+        | Token::RParen
+        | Token::RBracket
+        | Token::Whitespace(_)
+        | Token::Number(..)
+        | Token::SingleQuotedString(_)
+        | Token::DoubleQuotedString(_)
+        | Token::EOF => false,
+        // calls and parentheses nest no deeper than the parser allows
+        Token::LParen => false,
+        _ => true,
+    };
+    tokens.iter().filter(|token| deepens(token)).count()
 }
 
 /// Memory of this process that lies in RAM, in bytes; none where the system does not tell.

@@ -36,7 +36,7 @@ use tokio::runtime::Runtime;
 use crate::{
     control::{Control, Stopped},
     functions,
-    limits::{self, Limits, SQL_BYTES_MAX},
+    limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     named,
     tables::{StepFields, provider, step_fields},
 };
@@ -47,7 +47,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// Parameters of a query, by name without `$`.
 pub type Parameters = BTreeMap<String, String>;
 
-/// A session over one store. Sees the store as it was when the session was made.
+/// A session over one store, for one question at a time. Sees the store as it was when the session was made.
 pub struct Session {
     store: Arc<Store>,
     limits: Limits,
@@ -71,6 +71,12 @@ pub enum QueryError {
     TooLong {
         /// How long it is.
         bytes: usize,
+    },
+    /// The text nests too deep.
+    #[error("the query has {operators} operators; the limit is {OPERATORS_MAX}: for long lists use IN (...)")]
+    TooDeep {
+        /// How many operators it has.
+        operators: usize,
     },
     /// It was stopped.
     #[error("{0}")]
@@ -112,7 +118,7 @@ impl Session {
     /// When the engine cannot be set up.
     pub fn with_limits(store: Store, limits: Limits) -> Result<Self, QueryError> {
         let runtime = store.runtime();
-        let environment = RuntimeEnvBuilder::new().with_memory_limit(limits.memory_bytes, 1.0).build_arc()?;
+        let environment = RuntimeEnvBuilder::new().with_memory_limit(limits.memory_bytes, 1.0).with_max_temp_directory_size(limits.memory_bytes as u64 * 8).build_arc()?;
         let (root, objects) = store.objects();
         environment.register_object_store(&root, objects);
         let views = all_views(&StepFields::All);
@@ -155,9 +161,39 @@ impl Session {
         if sql.len() > SQL_BYTES_MAX {
             return Err(QueryError::TooLong { bytes: sql.len() });
         }
+        let operators = limits::operators(sql);
+        if operators > OPERATORS_MAX {
+            return Err(QueryError::TooDeep { operators });
+        }
+        // a long chain of operators is a deep tree, and planning walks down it
+        let answer = || {
+            self.runtime.block_on(async {
+                let (context, plan) = self.plan(sql, parameters).await?;
+                self.collect(&context, plan).await
+            })
+        };
+        std::thread::scope(|scope| {
+            let thread = std::thread::Builder::new().stack_size(reel_tables::STACK_BYTES).spawn_scoped(scope, answer);
+            let thread = thread.map_err(|error| QueryError::Engine(error.into()))?;
+            thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        })
+    }
+
+    /// Fields of `episodes.steps` that a query reads from disk; none: all of them.
+    ///
+    /// # Errors
+    /// As [`Session::run`].
+    pub fn step_fields(&self, sql: &str) -> Result<Option<BTreeSet<String>>, QueryError> {
         self.runtime.block_on(async {
-            let (context, plan) = self.plan(sql, parameters).await?;
-            self.collect(&context, plan).await
+            let (context, plan) = self.planned(sql, &Parameters::new(), &StepFields::All).await?;
+            Ok(match step_fields(&context.state().optimize(&plan)?)? {
+                StepFields::All => None,
+                StepFields::Some(fields) => self
+                    .planned(sql, &Parameters::new(), &StepFields::Some(fields.clone()))
+                    .await
+                    .is_ok()
+                    .then_some(fields),
+            })
         })
     }
 
@@ -262,6 +298,7 @@ impl Session {
     }
 
     async fn collect(&self, context: &SessionContext, plan: LogicalPlan) -> Result<Vec<RecordBatch>, QueryError> {
+        self.control.begin();
         let (begun, rows_max) = (Instant::now(), self.limits.rows);
         let resident_before = limits::resident_bytes().unwrap_or(0);
         let frame = context.execute_logical_plan(plan).await?;

@@ -16,7 +16,7 @@ pub use rescore::ScoredEpisode;
 pub use rows::RowsError;
 pub use synthetic::synthesize;
 pub use schema::{Table, View, views};
-pub use store::{Commit, CompactReport, IngestReport, Location, Progress, RescoreReport, Store, StoreError, VacuumReport};
+pub use store::{Commit, CompactReport, IngestReport, Location, Progress, RescoreReport, STACK_BYTES, Store, StoreError, VacuumReport};
 
 /// The rows of some traces in [`Table::Episodes`], without a store.
 ///

@@ -4,6 +4,9 @@
 #[expect(dead_code, reason = "the tests of several crates share it")]
 mod play;
 
+mod functions;
+mod hostile;
+
 use std::{fs, path::Path};
 
 use play::{DISTRACTOR, Play, TARGET, success};

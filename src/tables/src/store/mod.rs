@@ -38,6 +38,9 @@ use crate::Table;
 /// Tables that hang on `episodes`, in the order in which they are committed before it.
 const SIDE: [Table; 4] = [Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine];
 
+/// Stack of the threads that plan and run queries, in bytes: deep expressions are walked by recursion.
+pub const STACK_BYTES: usize = 64 << 20;
+
 /// How often a writer looks again after others were quicker.
 const TRIES_MAX: u32 = 100;
 
@@ -320,7 +323,7 @@ const WRITER: &str = "reel";
 
 fn runtime() -> Result<Arc<Runtime>, StoreError> {
     let io_error = |source| StoreError::Io { action: "start threads", source, path: PathBuf::new() };
-    Ok(Arc::new(Builder::new_multi_thread().enable_all().build().map_err(io_error)?))
+    Ok(Arc::new(Builder::new_multi_thread().enable_all().thread_stack_size(STACK_BYTES).build().map_err(io_error)?))
 }
 
 async fn create(location: &Location) -> Result<(), StoreError> {

@@ -1,0 +1,114 @@
+//! SQL that means harm, or that nobody thought through: refused or stopped, each time with a message that says why.
+
+use std::time::Duration;
+
+use reel_query::{Limits, QueryError, Session, Stopped};
+use reel_world::Family;
+use tempfile::TempDir;
+
+use crate::{play::success, store};
+
+fn session(dir: &TempDir, limits: Limits) -> Session {
+    let plays: Vec<_> = (1..=20).map(|seed| success("oracle", Family::FDP, seed)).collect();
+    Session::with_limits(store(dir.path(), &plays), limits).unwrap()
+}
+
+fn limits() -> Limits {
+    Limits { memory_bytes: 64 << 20, time: Duration::from_secs(2), rows: 10_000 }
+}
+
+#[test]
+fn what_never_ends_is_stopped_in_time() {
+    let dir = TempDir::new().unwrap();
+    let session = session(&dir, limits());
+    for sql in [
+        "SELECT count(*) FROM steps a, steps b, steps c, steps d, steps e, steps f, steps g",
+        "WITH RECURSIVE r AS (SELECT 1 AS n UNION ALL SELECT n + 1 FROM r) SELECT max(n) FROM r",
+    ] {
+        let begun = std::time::Instant::now();
+        let stopped = session.run(sql).expect_err(sql);
+        assert!(matches!(stopped, QueryError::Stopped(Stopped::Time { seconds: 2 } | Stopped::Memory { .. })), "{sql}: {stopped}");
+        assert!(begun.elapsed() < Duration::from_secs(60), "{sql}");
+    }
+    assert!(session.run("SELECT 1").is_ok(), "a stopped query leaves the session as it was");
+}
+
+#[test]
+fn long_answers_and_large_values_are_refused() {
+    let dir = TempDir::new().unwrap();
+    let session = session(&dir, limits());
+    let stopped = session.run("SELECT a.step FROM steps a, steps b, steps c").unwrap_err();
+    assert!(matches!(stopped, QueryError::Stopped(Stopped::Rows { rows: 10_000 })), "{stopped}");
+    for sql in [
+        "SELECT length(repeat('x', 2000000000))",
+        "SELECT length(repeat(repeat('x', 1000000), 1000))",
+        "SELECT lpad('x', 2000000000)",
+        "SELECT rpad('x', 2000000000, 'y')",
+        "SELECT array_length(range(0, 100000000000))",
+        "SELECT array_length(generate_series(0, 100000000000, 2))",
+        "SELECT array_length(array_repeat(1, 2000000000))",
+        "SELECT sum(length(repeat('x', step + 1000000000))) FROM steps",
+    ] {
+        let refused = session.run(sql).expect_err(sql);
+        assert!(matches!(refused, QueryError::Stopped(Stopped::Value { .. })), "{sql}: {refused}");
+    }
+    let text = format!("SELECT '{}'", "x".repeat(2 << 20));
+    assert!(matches!(session.run(&text), Err(QueryError::TooLong { .. })));
+}
+
+#[test]
+fn memory_has_an_end() {
+    let dir = TempDir::new().unwrap();
+    let session = session(&dir, Limits { time: Duration::from_secs(120), memory_bytes: 16 << 20, ..limits() });
+    for sql in [
+        "SELECT sum(m - value) FROM (SELECT value, max(value) OVER () AS m FROM generate_series(1, 100000000))",
+        "SELECT count(DISTINCT concat('a long text to be kept ', value)) FROM generate_series(1, 100000000)",
+        "SELECT array_length(array_agg(concat('a long text to be kept ', value))) FROM generate_series(1, 100000000)",
+    ] {
+        let refused = session.run(sql).expect_err(sql);
+        let text = refused.to_string();
+        let by_limit = matches!(refused, QueryError::Stopped(Stopped::Memory { .. })) || text.contains("memory") || text.contains("disk");
+        assert!(by_limit, "{sql}: {text}");
+    }
+}
+
+#[test]
+fn nothing_outside_the_store_is_read_and_nothing_is_written() {
+    let dir = TempDir::new().unwrap();
+    let session = session(&dir, limits());
+    let file = dir.path().join("episodes.parquet");
+    for sql in [
+        "SELECT * FROM '/etc/passwd'".to_owned(),
+        format!("SELECT * FROM '{}'", file.display()),
+        "SELECT * FROM read_csv('/etc/passwd')".into(),
+        "SELECT * FROM parquet_metadata('/etc/passwd')".into(),
+        "SELECT * FROM \"file:///etc/passwd\"".into(),
+        format!("COPY episodes TO '{}'", file.display()),
+        "CREATE EXTERNAL TABLE t STORED AS CSV LOCATION '/etc/passwd'".into(),
+        "INSERT INTO episodes SELECT * FROM episodes".into(),
+        "SET datafusion.execution.target_partitions = 1000".into(),
+    ] {
+        assert!(session.run(&sql).is_err(), "{sql}");
+    }
+    assert!(!file.exists());
+}
+
+#[test]
+fn gibberish_and_depth_are_errors() {
+    let dir = TempDir::new().unwrap();
+    let session = session(&dir, limits());
+    let deep = format!("SELECT {}1{}", "(".repeat(5_000), ")".repeat(5_000));
+    let nested = format!("SELECT * FROM {}episodes{}", "(SELECT * FROM ".repeat(300), ")".repeat(300));
+    let sums = |count| format!("SELECT {}", vec!["1"; count].join(" + "));
+    let unions = |count| vec!["SELECT 1"; count].join(" UNION ALL ");
+    for sql in [deep.as_str(), nested.as_str(), "", ";", "SELECT", "\u{0}", "SELECT '", "SELECT $1", "SELECT $missing FROM episodes"] {
+        let failed = session.run(sql);
+        assert!(failed.is_err(), "{:.60}", sql);
+    }
+    for long in [sums(20_000), unions(20_000)] {
+        assert!(matches!(session.run(&long), Err(QueryError::TooDeep { .. })));
+    }
+    session.run(&sums(300)).unwrap();
+    // deep, but allowed: answered or refused, and the process lives
+    let _ = session.run(&unions(500));
+}
