@@ -118,7 +118,10 @@ impl Session {
     /// When the engine cannot be set up.
     pub fn with_limits(store: Store, limits: Limits) -> Result<Self, QueryError> {
         let runtime = store.runtime();
-        let environment = RuntimeEnvBuilder::new().with_memory_limit(limits.memory_bytes, 1.0).with_max_temp_directory_size(limits.memory_bytes as u64 * 8).build_arc()?;
+        let environment = RuntimeEnvBuilder::new()
+            .with_memory_limit(limits.memory_bytes, 1.0)
+            .with_max_temp_directory_size(limits.memory_bytes as u64 * 8)
+            .build_arc()?;
         let (root, objects) = store.objects();
         environment.register_object_store(&root, objects);
         let views = all_views(&StepFields::All);
@@ -188,11 +191,9 @@ impl Session {
             let (context, plan) = self.planned(sql, &Parameters::new(), &StepFields::All).await?;
             Ok(match step_fields(&context.state().optimize(&plan)?)? {
                 StepFields::All => None,
-                StepFields::Some(fields) => self
-                    .planned(sql, &Parameters::new(), &StepFields::Some(fields.clone()))
-                    .await
-                    .is_ok()
-                    .then_some(fields),
+                StepFields::Some(fields) => {
+                    self.planned(sql, &Parameters::new(), &StepFields::Some(fields.clone())).await.is_ok().then_some(fields)
+                }
             })
         })
     }

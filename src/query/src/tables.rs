@@ -64,8 +64,7 @@ pub(crate) fn provider(store: &Store, table: Table, fields: &StepFields) -> Resu
 fn narrowed(schema: &SchemaRef, fields: &StepFields) -> SchemaRef {
     let narrow = |field: &Arc<Field>| match step_struct(field.data_type()) {
         Some(all) if field.name() == STEPS => {
-            let kept: Fields =
-                all.iter().filter(|field| fields.has(field.name())).cloned().collect();
+            let kept: Fields = all.iter().filter(|field| fields.has(field.name())).cloned().collect();
             Arc::new(Field::new(STEPS, list_like(field.data_type(), kept), field.is_nullable()))
         }
         _ => field.clone(),

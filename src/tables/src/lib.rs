@@ -14,9 +14,11 @@ use reel_trace::Trace;
 
 pub use rescore::ScoredEpisode;
 pub use rows::RowsError;
-pub use synthetic::synthesize;
 pub use schema::{Table, View, views};
-pub use store::{Commit, CompactReport, IngestReport, Location, Progress, RescoreReport, STACK_BYTES, Store, StoreError, VacuumReport};
+pub use store::{
+    Commit, CompactReport, IngestReport, Location, Progress, RescoreReport, STACK_BYTES, Store, StoreError, VacuumReport,
+};
+pub use synthetic::synthesize;
 
 /// The rows of some traces in [`Table::Episodes`], without a store.
 ///

@@ -5,6 +5,8 @@ mod import;
 mod moments;
 mod recovery;
 mod symbols;
+#[cfg(feature = "analytics")]
+mod tables;
 
 use std::{
     fs,

@@ -114,7 +114,8 @@ fn a_query_reads_only_the_fields_of_the_steps_that_it_names() {
     }
     // narrow and wide give the same
     let narrow = "SELECT policy, first_step(steps, 'pick') AS f FROM episodes ORDER BY policy";
-    let wide = "SELECT policy, f FROM (SELECT policy, first_step(steps, 'pick') AS f, steps FROM episodes) ORDER BY policy, steps";
+    let wide =
+        "SELECT policy, f FROM (SELECT policy, first_step(steps, 'pick') AS f, steps FROM episodes) ORDER BY policy, steps";
     assert_eq!(ask(&session, narrow), ask(&session, wide));
 }
 

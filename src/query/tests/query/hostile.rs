@@ -27,7 +27,10 @@ fn what_never_ends_is_stopped_in_time() {
     ] {
         let begun = std::time::Instant::now();
         let stopped = session.run(sql).expect_err(sql);
-        assert!(matches!(stopped, QueryError::Stopped(Stopped::Time { seconds: 2 } | Stopped::Memory { .. })), "{sql}: {stopped}");
+        assert!(
+            matches!(stopped, QueryError::Stopped(Stopped::Time { seconds: 2 } | Stopped::Memory { .. })),
+            "{sql}: {stopped}"
+        );
         assert!(begun.elapsed() < Duration::from_secs(60), "{sql}");
     }
     assert!(session.run("SELECT 1").is_ok(), "a stopped query leaves the session as it was");
@@ -67,7 +70,8 @@ fn memory_has_an_end() {
     ] {
         let refused = session.run(sql).expect_err(sql);
         let text = refused.to_string();
-        let by_limit = matches!(refused, QueryError::Stopped(Stopped::Memory { .. })) || text.contains("memory") || text.contains("disk");
+        let by_limit =
+            matches!(refused, QueryError::Stopped(Stopped::Memory { .. })) || text.contains("memory") || text.contains("disk");
         assert!(by_limit, "{sql}: {text}");
     }
 }
@@ -101,7 +105,9 @@ fn gibberish_and_depth_are_errors() {
     let nested = format!("SELECT * FROM {}episodes{}", "(SELECT * FROM ".repeat(300), ")".repeat(300));
     let sums = |count| format!("SELECT {}", vec!["1"; count].join(" + "));
     let unions = |count| vec!["SELECT 1"; count].join(" UNION ALL ");
-    for sql in [deep.as_str(), nested.as_str(), "", ";", "SELECT", "\u{0}", "SELECT '", "SELECT $1", "SELECT $missing FROM episodes"] {
+    for sql in
+        [deep.as_str(), nested.as_str(), "", ";", "SELECT", "\u{0}", "SELECT '", "SELECT $1", "SELECT $missing FROM episodes"]
+    {
         let failed = session.run(sql);
         assert!(failed.is_err(), "{:.60}", sql);
     }

@@ -32,12 +32,25 @@ impl Location {
     /// # Errors
     /// When the URL is of a kind that is not served, or the bucket's configuration is wrong.
     pub fn parse(text: &str) -> Result<Self, StoreError> {
+        Self::parse_with(text, [])
+    }
+
+    /// [`Location::parse`] with options that go before the environment's, by the same names.
+    ///
+    /// # Errors
+    /// As [`Location::parse`].
+    pub fn parse_with(text: &str, options: impl IntoIterator<Item = (String, String)>) -> Result<Self, StoreError> {
         let wrong = |reason: String| StoreError::Location { reason, location: text.to_owned() };
         let (url, objects): (Url, Arc<dyn ObjectStore>) = match text.split_once("://") {
             Some(("s3", rest)) => {
                 let url =
                     Url::parse(&format!("s3://{}/", rest.trim_end_matches('/'))).map_err(|error| wrong(error.to_string()))?;
                 let mut builder = AmazonS3Builder::from_env().with_url(url.as_str());
+                for (name, value) in options {
+                    let key: AmazonS3ConfigKey =
+                        name.to_ascii_lowercase().parse().map_err(|_| wrong(format!("'{name}' is no option of S3")))?;
+                    builder = builder.with_config(key, value);
+                }
                 if builder.get_config_value(&AmazonS3ConfigKey::Region).is_none() {
                     builder = builder.with_region("us-east-1");
                 }

@@ -193,10 +193,20 @@ impl Store {
     /// # Errors
     /// When it cannot be made, or the store is damaged or of another version of Reel.
     pub fn open_or_create(location: impl AsRef<OsStr>) -> Result<Self, StoreError> {
-        let (location, runtime) = (Location::parse(&location.as_ref().to_string_lossy())?, runtime()?);
-        location.prepare()?;
-        runtime.block_on(create(&location))?;
-        Self::load(location, runtime, None)
+        Self::at(Location::parse(&location.as_ref().to_string_lossy())?, None)
+    }
+
+    /// Opens or makes the store at a location: [`Store::open_or_create`], or [`Store::open_at`] with a version.
+    ///
+    /// # Errors
+    /// As those.
+    pub fn at(location: Location, version: Option<u64>) -> Result<Self, StoreError> {
+        let runtime = runtime()?;
+        if version.is_none() {
+            location.prepare()?;
+            runtime.block_on(create(&location))?;
+        }
+        Self::load(location, runtime, version)
     }
 
     /// The number of this version.

@@ -1,5 +1,6 @@
 //! Traces become rows, and rows stay in the store: whole, once, and whatever happens to an ingest.
 
+mod interop;
 mod play;
 
 use std::{collections::BTreeSet, fs, path::PathBuf};

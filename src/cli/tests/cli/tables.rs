@@ -1,0 +1,98 @@
+//! Ingests that are killed, and two at a time: nothing is lost, nothing stands there in part.
+
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    time::Duration,
+};
+
+use crate::expect;
+
+fn golden() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden")
+}
+
+fn count(folder: &Path, sql: &str) -> u64 {
+    let text = expect(folder, 0, &["query", "--format", "csv", sql]);
+    text.lines().nth(1).expect("a row").parse().expect("a number")
+}
+
+/// Every episode is whole: its task and scene are there, and its steps and terms are those of its length.
+fn whole(folder: &Path) -> u64 {
+    let episodes = count(folder, "SELECT count(*) FROM episodes");
+    let joined = "SELECT count(*) FROM episodes e JOIN tasks t ON t.task_digest = e.task_digest \
+                  JOIN scenes s ON s.scene_digest = e.scene_digest WHERE array_length(e.steps) = e.length";
+    assert_eq!(count(folder, joined), episodes);
+    assert_eq!(count(folder, "SELECT count(DISTINCT episode_id) FROM episodes"), episodes);
+    assert_eq!(count(folder, "SELECT count(*) - count(DISTINCT task_digest) FROM tasks"), 0);
+    episodes
+}
+
+#[test]
+fn a_killed_ingest_leaves_nothing_in_part_and_loses_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let traces = golden();
+    let mut seen = std::collections::BTreeSet::new();
+    for round in 0..24_u64 {
+        if round % 6 == 0 {
+            let _ = std::fs::remove_dir_all(folder.join("store"));
+        }
+        let mut child = Command::new(env!("CARGO_BIN_EXE_reel"))
+            .current_dir(folder)
+            .args(["ingest", traces.to_str().unwrap()])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(20 + round * 23));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        if folder.join("store/episodes/_delta_log/00000000000000000000.json").exists() {
+            seen.insert(whole(folder));
+        }
+    }
+    expect(folder, 0, &["ingest", traces.to_str().unwrap()]);
+    assert_eq!(whole(folder), 28);
+    assert!(seen.iter().all(|count| [0, 28].contains(count)), "one commit, whole or not at all: {seen:?}");
+    expect(folder, 0, &["reward", "--check"]);
+}
+
+#[test]
+fn ingests_at_a_time_lose_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let traces = golden();
+    let ingest = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_reel"));
+        command.current_dir(folder).args(["ingest", traces.to_str().unwrap()]).stdout(Stdio::null());
+        command.spawn().unwrap()
+    };
+    let mut children = [ingest(), ingest(), ingest()];
+    for child in &mut children {
+        assert!(child.wait().unwrap().success());
+    }
+    assert_eq!(whole(folder), 28);
+    assert!(expect(folder, 0, &["tables", "history"]).lines().count() >= 2);
+    assert!(expect(folder, 0, &["tables", "compact"]).contains("version"));
+    assert!(expect(folder, 0, &["tables", "vacuum", "--dry-run"]).contains("would be deleted"));
+    assert_eq!(whole(folder), 28);
+}
+
+#[test]
+fn one_weight_changes_the_episodes_in_which_it_paid() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["ingest", golden().to_str().unwrap()]);
+    std::fs::write(folder.join("mine.toml"), "name = \"mine\"\nbase = \"paper\"\n[weights]\nask = 0.25\n").unwrap();
+    let listed = expect(folder, 0, &["reward", "--diff", "paper", "mine.toml", "--json"]);
+    let paid = count(folder, "SELECT count(DISTINCT episode_id) FROM rewards WHERE component = 'ask'");
+    assert!(paid > 0 && listed.lines().count() as u64 == paid, "{paid}: {listed}");
+    assert!(listed.lines().all(|line| line.contains(r#""components":{"ask":"#)), "{listed}");
+    assert!(expect(folder, 0, &["reward", "--preset", "mine.toml"]).starts_with("28 episodes scored"));
+    assert!(expect(folder, 0, &["reward", "--preset", "mine.toml"]).contains("28 had it already"));
+    let sums = "SELECT count(*) FROM rescored WHERE preset = 'mine'";
+    assert_eq!(count(folder, sums), 28);
+    assert!(expect(folder, 0, &["reward", "--list"]).contains("real-repo"));
+    expect(folder, 2, &["reward", "--preset", "nobody"]);
+}
