@@ -154,7 +154,7 @@ class Reader:
     """Reads traces; keeps what many of them share."""
 
     def __init__(self):
-        self.decoders = {}
+        self.records, self.decoders = {}, {}
         self.task_of = functools.lru_cache(TASKS_KEPT)(Task)
         self.decompress = zstandard.ZstdDecompressor().decompress
 
@@ -176,14 +176,16 @@ class Reader:
         if not (data.startswith(MAGIC) and data.endswith(MAGIC)):
             raise ValueError("it is no finished MCAP file")
         attachments, schemas, takers = {}, {}, {}
-        at, view = len(MAGIC), memoryview(data)
+        at, view, stream = len(MAGIC), memoryview(data), BytesIO(data)
         while True:
             opcode, length, _ = HEAD(data, at)
             body, after = at + RECORD_PREFIX, at + RECORD_PREFIX + length
             if opcode == Opcode.CHUNK:
-                self.chunk(Chunk.read(ReadDataStream(BytesIO(view[body:after]))), at, trace, schemas, takers)
+                stream.seek(body)
+                self.chunk(Chunk.read(ReadDataStream(stream)), at, trace, schemas, takers)
             elif opcode == Opcode.ATTACHMENT:
-                attachment = Attachment.read(ReadDataStream(BytesIO(view[body:after])))
+                stream.seek(body)
+                attachment = Attachment.read(ReadDataStream(stream))
                 attachments[attachment.name] = attachment.data
             elif opcode == Opcode.DATA_END:
                 break
@@ -207,12 +209,19 @@ class Reader:
                 if take:
                     take(data[body + MESSAGE_PREFIX : at], offset)
             elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(ReadDataStream(BytesIO(data[body:at])))
+                schema = self.record(Schema, data[body:at])
                 schemas[schema.id] = schema
             elif opcode == Opcode.CHANNEL:
-                known = Channel.read(ReadDataStream(BytesIO(data[body:at])))
+                known = self.record(Channel, data[body:at])
                 make = TAKERS.get(known.topic)
                 takers[known.id] = make and make(self.decoder(schemas[known.schema_id]), trace)
+
+    def record(self, kind, body):
+        """A parsed record; all files have the same few schemas and channels."""
+        record = self.records.get(body)
+        if not record:
+            record = self.records[body] = kind.read(ReadDataStream(BytesIO(body)))
+        return record
 
     def decoder(self, schema):
         decode = self.decoders.get(schema.data)
