@@ -4,6 +4,8 @@ Every column of `episodes`, `tasks`, `scenes` and `quarantine`, nested ones incl
 differ), in any order of rows. Left out: the time a file was last written, and the words of a quarantine's reason.
 
   check_ingest.py STORE DIR
+
+Needs PyPI deltalake and pyarrow.
 """
 
 import argparse
@@ -25,7 +27,8 @@ def main():
     parser.add_argument("dir", type=Path, help="where ingest_python.py wrote")
     options = parser.parse_args()
     differing = [line for table in KEYS for line in compare(table, options.store, options.dir)]
-    print("\n".join(differing))
+    for line in differing:
+        print(line)
     sys.exit(bool(differing))
 
 

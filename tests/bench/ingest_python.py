@@ -9,6 +9,8 @@ It takes the digests of the hash chain as they stand, and knows neither incremen
 episode.
 
   ingest_python.py TRACES... --out DIR [--processes 2]
+
+Needs PyPI mcap, protobuf, zstandard, orjson and pyarrow.
 """
 
 import argparse

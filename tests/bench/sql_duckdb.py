@@ -16,7 +16,10 @@ the cheapest counts:
   grouped   the same, where aggregates suffice
 
 `--prepare` writes the tables that are not there already; its time does not count. They hold what the store holds,
-nothing derived but the number of the episode, which joins the steps of the flat table.
+nothing derived but the number of the episode, which joins the steps of the flat table. An episode fails where `success`
+is false; in the funnel, a tool that may be left out is reached with the one before it.
+
+Needs PyPI duckdb and deltalake.
 
   sql_duckdb.py STORE --work DIR --prepare
   sql_duckdb.py STORE --work DIR [--questions failures funnel] [--variants lists ordered] [--answers FILE]
@@ -59,40 +62,31 @@ FROM episodes
 GROUP BY ALL ORDER BY ALL
 """
 
-# What of an episode decides its class: picked_right, unasked, placed, stuck (at a closed door), opened, swings.
-CLASSES = """
-SELECT policy,
-  CASE
-    WHEN NOT picked_right THEN 'Object Confusion'
-    WHEN fuzzy AND asks = 0 OR NOT placed OR (stuck AND NOT opened) THEN 'Key Action Missing'
-    WHEN swings THEN 'Lost Memory'
-    ELSE 'Other'
-  END AS class,
-  count(*) AS episodes
-FROM facts
-GROUP BY ALL ORDER BY ALL
-"""
-# Facts from the lists `done` (tools of calls that succeeded, else null), `went` (where nav_to went, else null), ...
-FAILURES_LISTS = f"""
+# `done`: the tools of the calls that succeeded. The rules stand in one CASE, so that none is tried where an earlier one holds.
+FAILURES_LISTS = """
 WITH calls AS (
-  SELECT policy, fuzzy, asks, error_code, goal_object,
-    list_transform(list_zip(tool, error_code), lambda s: CASE WHEN s[2] IS NULL THEN s[1] END) AS done,
-    list_transform(list_zip(tool, argument), lambda s: CASE WHEN s[1] = 'nav_to' THEN s[2] END) AS went
+  SELECT *, list_transform(list_zip(tool, error_code), lambda s: CASE WHEN s[2] IS NULL THEN s[1] END) AS done
   FROM lists
   WHERE NOT success
 ),
-facts AS (
-  SELECT policy, fuzzy, asks,
-    coalesce(list_filter(list_zip(done, goal_object), lambda s: s[1] = 'pick')[-1][2], true) AS picked_right,
-    list_contains(done, 'place') AS placed,
-    list_contains(error_code, 'door_closed') AS stuck,
-    list_contains(done, 'open') AS opened,
-    len(list_filter(
-      list_zip(went, went[2:], went[3:], went[4:]), lambda s: s[1] = s[3] AND s[2] = s[4] AND s[1] <> s[2]
-    )) > 0 AS swings
+classes AS (
+  SELECT policy,
+    CASE
+      WHEN NOT goal_object[len(done) + 1 - list_position(list_reverse(done), 'pick')] THEN 'Object Confusion'
+      WHEN fuzzy AND asks = 0 OR NOT list_contains(done, 'place')
+        OR (list_contains(error_code, 'door_closed') AND NOT list_contains(done, 'open')) THEN 'Key Action Missing'
+      WHEN len(list_filter(
+        list_zip(tool, tool[2:], tool[3:], tool[4:], argument, argument[2:], argument[3:], argument[4:]),
+        lambda s: s[1] = 'nav_to' AND s[2] = 'nav_to' AND s[3] = 'nav_to' AND s[4] = 'nav_to'
+          AND s[5] = s[7] AND s[6] = s[8] AND s[5] <> s[6]
+      )) > 0 THEN 'Lost Memory'
+      ELSE 'Other'
+    END AS class
   FROM calls
 )
-{CLASSES}
+SELECT policy, class, count(*) AS episodes
+FROM classes
+GROUP BY ALL ORDER BY ALL
 """
 FAILURES_STORE = FAILURES_LISTS.replace("FROM lists", "FROM fields").replace(
     "WITH calls",
@@ -132,7 +126,16 @@ facts AS (
   FROM swung
   GROUP BY episode
 )
-{CLASSES}
+SELECT policy,
+  CASE
+    WHEN NOT picked_right THEN 'Object Confusion'
+    WHEN fuzzy AND asks = 0 OR NOT placed OR (stuck AND NOT opened) THEN 'Key Action Missing'
+    WHEN swings THEN 'Lost Memory'
+    ELSE 'Other'
+  END AS class,
+  count(*) AS episodes
+FROM facts
+GROUP BY ALL ORDER BY ALL
 """
 
 
@@ -225,7 +228,8 @@ WITH marked AS (
 picked AS (
   SELECT *,
     tool = 'pick'
-      AND ((step >= 1 AND lag(marked) OVER ()) OR (step >= 2 AND lag(tool) OVER () = 'gaze_at' AND lag(marked, 2) OVER ())) AS pick
+      AND ((step >= 1 AND lag(marked) OVER ())
+        OR (step >= 2 AND lag(tool) OVER () = 'gaze_at' AND lag(marked, 2) OVER ())) AS pick
   FROM marked
 ),
 carried AS (
@@ -257,12 +261,12 @@ FROM (
   JOIN (SELECT group_key, avg(j) AS mean, stddev_pop(j) AS std FROM returns GROUP BY group_key) USING (group_key)
 )
 """
-# No episode is longer than the list of powers.
-POWERS = "list_transform(range(0, 1000), lambda k: pow(0.99::DOUBLE, k))"
+# Horner's rule from the last reward on.
+RETURN = "list_reduce(list_reverse({}), lambda later, reward: 0.99::DOUBLE * later + reward, 0::DOUBLE)"
 
 
 def advantages(returns):
-    return f"WITH returns AS MATERIALIZED ({returns}) {NORMED}"
+    return f"WITH returns AS ({returns}) {NORMED}"
 
 
 # By question and variant.
@@ -289,13 +293,9 @@ QUERIES = {
     "advantages": {
         "store": advantages(
             "SELECT coalesce(group_id, task_id || policy) AS group_key,"
-            " coalesce(list_sum(list_transform(steps, lambda s: s.reward * pow(0.99::DOUBLE, s.step))), 0) AS j FROM episodes"
+            f" {RETURN.format('list_transform(steps, lambda s: s.reward)')} AS j FROM episodes"
         ),
-        "lists": advantages(
-            "SELECT group_key, coalesce(list_sum(list_transform(reward, lambda r, i: r * pow(0.99::DOUBLE, i - 1))), 0) AS j"
-            " FROM lists"
-        ),
-        "product": advantages(f"SELECT group_key, list_inner_product(reward, ({POWERS})[:len(reward)]) AS j FROM lists"),
+        "lists": advantages(f"SELECT group_key, {RETURN.format('reward')} AS j FROM lists"),
         "grouped": advantages(
             "SELECT any_value(group_key) AS group_key, coalesce(sum(reward * pow(0.99::DOUBLE, step)), 0) AS j"
             " FROM flat GROUP BY episode"
@@ -342,7 +342,7 @@ def same(one, other):
 
 def connect(store, work):
     connection = duckdb.connect()
-    connection.execute(f"SET threads = {THREADS}")
+    connection.execute(f"SET threads = {THREADS}; SET enable_progress_bar = false")
     connection.execute(f"CREATE VIEW episodes AS FROM read_parquet({files(store)})")
     for table in ("lists", "flat"):
         path = work / f"{table}.parquet"
