@@ -2,13 +2,15 @@
 
 The yardstick that ingest is measured against, tuned as its users would tune it: every file is read once, every
 checksum is verified, pictures and viewers' channels are skipped undecoded, messages are decoded by upb with the
-schemas of the file, columns are made of flat tuples, and rows leave in batches. It writes the rows of `episodes`,
-`tasks`, `scenes` and `quarantine` (`schemas/tables.md`), which `check_ingest.py` compares with ours.
+schemas of the file, columns are made of flat tuples, and rows leave in batches. mcap's own reader would take most of
+the time then: by default this script goes through the records itself and leaves it the parsing of chunk headers,
+attachments, schemas and channels. The rows are those of `episodes`, `tasks`, `scenes` and `quarantine`
+(`schemas/tables.md`); `check_ingest.py` compares them with ours.
 
 It takes the digests of the hash chain as they stand, and knows neither incremental ingest nor two traces of one
 episode.
 
-  ingest_python.py TRACES... --out DIR [--processes 2]
+  ingest_python.py TRACES... --out DIR [--processes 2] [--reader library]
 
 Needs PyPI mcap, protobuf, zstandard, orjson and pyarrow.
 """
@@ -35,7 +37,8 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Schema
+from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 from ingest_rows import Rows, Task, documented_schemas
 
@@ -58,12 +61,13 @@ def main():
     parser.add_argument("traces", nargs="+", type=Path, help="trace files, or folders of them")
     parser.add_argument("--out", required=True, type=Path, help="folder for the Parquet files; should be empty")
     parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--reader", choices=READERS, default="fast", help="who goes through the records")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     wall, cpu = time.perf_counter(), cpu_seconds()
 
     paths = sorted({os.path.abspath(path) for given in options.traces for path in files_of(given)})
-    shards = [(paths[index :: options.processes], options.out, index) for index in range(options.processes)]
+    shards = [(paths[index :: options.processes], options.out, index, options.reader) for index in range(options.processes)]
     if options.processes == 1:
         done = [ingest(*shards[0])]
     else:
@@ -94,12 +98,12 @@ def cpu_seconds():
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
-def ingest(paths, out, index):
+def ingest(paths, out, index, reader):
     """Writes the rows of some files; gives how many episodes and bad files there were, and the peak of memory in KiB."""
     gc.disable()  # nothing here is cyclic
     schemas = documented_schemas()
     counts = dict.fromkeys(schemas, 0)
-    reader, rows = Reader(), Rows()
+    reader, rows = READERS[reader](), Rows()
     with contextlib.ExitStack() as stack:
         writers = {}
         for table, schema in schemas.items():
@@ -215,8 +219,7 @@ class Reader:
                 schemas[schema.id] = schema
             elif opcode == Opcode.CHANNEL:
                 known = self.record(Channel, data[body:at])
-                make = TAKERS.get(known.topic)
-                takers[known.id] = make and make(self.decoder(schemas[known.schema_id]), trace)
+                takers[known.id] = self.taker(known, schemas, trace)
 
     def record(self, kind, body):
         """A parsed record; all files have the same few schemas and channels."""
@@ -225,14 +228,48 @@ class Reader:
             record = self.records[body] = kind.read(ReadDataStream(BytesIO(body)))
         return record
 
+    def taker(self, channel, schemas, trace):
+        """What takes the messages of a channel; none where nobody needs them."""
+        make = TAKERS.get(channel.topic)
+        return make and make(self.decoder(schemas[channel.schema_id]), trace)
+
     def decoder(self, schema):
-        decode = self.decoders.get(schema.data)
+        decode = self.decoders.get((schema.name, schema.data))
         if not decode:
             pool = DescriptorPool()
             for file in FileDescriptorSet.FromString(schema.data).file:
                 pool.Add(file)
-            decode = self.decoders[schema.data] = GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString
+            decode = GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString
+            self.decoders[schema.name, schema.data] = decode
         return decode
+
+
+class LibraryReader(Reader):
+    """Leaves all records to the reader of mcap, as most of its users would."""
+
+    def walk(self, data, trace):
+        attachments, schemas, takers, chunks, starts = {}, {}, {}, 0, []
+        for record in StreamReader(BytesIO(data), emit_chunks=True, validate_crcs=True).records:
+            if isinstance(record, Chunk):
+                for inner in breakup_chunk(record, validate_crc=True):
+                    if isinstance(inner, Message):
+                        take = takers[inner.channel_id]
+                        if take:
+                            take(inner.data, chunks)
+                    elif isinstance(inner, Schema):
+                        schemas[inner.id] = inner
+                    else:
+                        takers[inner.id] = self.taker(inner, schemas, trace)
+                chunks += 1
+            elif isinstance(record, Attachment):
+                attachments[record.name] = record.data
+            elif isinstance(record, ChunkIndex):
+                starts.append(record.chunk_start_offset)
+        trace.offsets = [starts[chunk] for chunk in trace.offsets]
+        return attachments
+
+
+READERS = {"fast": Reader, "library": LibraryReader}
 
 
 def appending(name):
