@@ -1,6 +1,6 @@
 -- asks
 --
--- Every question to the user with what came of it.
+-- Every question that reached the user, with what came of it. Malformed calls of `ask` are in `errors`.
 --
 -- Columns:
 --   policy, family, task_id, success  the episode
@@ -17,7 +17,9 @@
 --
 -- Example: reel query --store store "SELECT question, reply FROM asks WHERE then_picked = 'wrong'"
 WITH questions AS (
-  SELECT episode_id, step, candidates, question, reply, reply_source FROM steps WHERE tool = 'ask'
+  SELECT episode_id, step, candidates, question, reply, reply_source
+  FROM steps
+  WHERE tool = 'ask' AND error_code IS NULL
 ),
 picks AS (
   SELECT q.episode_id, q.step, first_value(s.goal_object ORDER BY s.step) AS right_one

@@ -31,12 +31,12 @@ SELECT
   policy, success,
   count(*) AS episodes,
   sum(decisions) AS decisions,
-  1.0 * sum(moving) / sum(decisions) AS moving,
-  1.0 * sum(looking) / sum(decisions) AS looking,
-  1.0 * sum(handling) / sum(decisions) AS handling,
-  1.0 * sum(asking) / sum(decisions) AS asking,
-  1.0 * sum(failed) / sum(decisions) AS failed,
-  1.0 * sum(repeated) / sum(decisions) AS repeated
+  1.0 * sum(moving) / nullif(sum(decisions), 0) AS moving,
+  1.0 * sum(looking) / nullif(sum(decisions), 0) AS looking,
+  1.0 * sum(handling) / nullif(sum(decisions), 0) AS handling,
+  1.0 * sum(asking) / nullif(sum(decisions), 0) AS asking,
+  1.0 * sum(failed) / nullif(sum(decisions), 0) AS failed,
+  1.0 * sum(repeated) / nullif(sum(decisions), 0) AS repeated
 FROM counts
 GROUP BY policy, success
 ORDER BY policy, success

@@ -1,6 +1,6 @@
 -- episodes_matching
 --
--- Episodes whose steps contain a pattern, and where; `reel query --functions` and the documents tell of the language.
+-- Episodes whose steps contain a pattern, and where. See `sequence_match` of `reel query --functions`.
 --
 -- Columns:
 --   policy, family, task_id, success  the episode

@@ -37,4 +37,4 @@ FROM episodes e
 LEFT JOIN classes c ON c.task_digest = e.task_digest
 WHERE e.end_reason IS NOT NULL
 GROUP BY e.family, e.task_id, e.task_digest
-ORDER BY success, done, e.family, e.task_id, e.task_digest
+ORDER BY success, round(done, 6), e.family, e.task_id, e.task_digest

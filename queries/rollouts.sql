@@ -14,8 +14,8 @@
 --   asked_well    share of these in which at least one question was useful (see `asks`)
 --   failed        failed episodes
 --   procedure_right  share of these with a pick and a later place that both worked
---   wrong_object  share of these in which, moreover, the last such place set down an object that the goal does not move:
---                 procedure right, object wrong
+--   wrong_object  share of these in which, moreover, the last such place set down an object that the goal does not move,
+--                 wherever: procedure right, object wrong
 --
 -- Parameters:
 --   $run = %  run, as in LIKE; %: any
