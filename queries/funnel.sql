@@ -16,19 +16,21 @@ WITH moves AS (
   SELECT
     s.episode_id,
     bool_or(s.tool = 'nav_to' AND s.receptacle = e.src) AS went,
-    bool_or(array_has(s.new_objects, e.target)) AS saw,
     min(s.step) FILTER (WHERE s.tool = 'pick' AND s.goal_object) AS picked,
     max(s.step) FILTER (WHERE s.tool = 'nav_to' AND s.receptacle = e.dest) AS arrived,
     bool_or(s.tool = 'place' AND s.goal_object AND s.goal_receptacle) AS placed
   FROM steps s
   JOIN episodes e ON e.episode_id = s.episode_id
-  WHERE s.error_code IS NULL OR cardinality(s.new_objects) > 0
+  WHERE s.error_code IS NULL
   GROUP BY s.episode_id
 ),
-saw_at_start AS (
-  SELECT DISTINCT v.episode_id
-  FROM visible_objects v
-  JOIN episodes e ON e.episode_id = v.episode_id AND v.object = e.target AND v.step = -1
+sights AS (
+  SELECT episode_id, unnest(new_objects) AS object FROM steps
+  UNION ALL
+  SELECT episode_id, object FROM visible_objects WHERE step = -1
+),
+saw AS (
+  SELECT DISTINCT s.episode_id FROM sights s JOIN episodes e ON e.episode_id = s.episode_id AND e.target = s.object
 ),
 stages AS (
   SELECT
@@ -41,7 +43,7 @@ stages AS (
     unnest([
       true,
       coalesce(m.went, false),
-      coalesce(m.saw, false) OR v.episode_id IS NOT NULL,
+      v.episode_id IS NOT NULL,
       m.picked IS NOT NULL,
       coalesce(m.arrived > m.picked, false),
       coalesce(m.placed, false),
@@ -49,7 +51,7 @@ stages AS (
     ]) AS reached
   FROM episodes e
   LEFT JOIN moves m ON m.episode_id = e.episode_id
-  LEFT JOIN saw_at_start v ON v.episode_id = e.episode_id
+  LEFT JOIN saw v ON v.episode_id = e.episode_id
   WHERE e.end_reason IS NOT NULL
 ),
 passes AS (

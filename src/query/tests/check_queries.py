@@ -529,7 +529,7 @@ def judged(episode):
     shut = task["src_door"] == "closed" and src not in opened or task["dest_door"] == "closed" and right and dest not in opened
     never = "picked" if pick is None else "placed"
     finished_early = episode["end_reason"] == "finished" and not (pick and any(step["tool"] == "place" for step in done))
-    picked, at = (pick["object"], pick["step"]) if pick else ("", None)
+    picked, at = (pick["object"] or "", pick["step"]) if pick else ("", None)
     put, put_at = (place["receptacle"], place["step"]) if place else ("", None)
     missing, confusion, memory = "Key Action Missing", "Object Confusion", "Lost Memory"
     rules = [
@@ -763,7 +763,8 @@ def latency():
     timed = [{"policy": e["policy"], "episode": e["episode_id"], **s} for e, s in steps() if s["latency_ns"] is not None]
     for (policy,), mine in sorted(group(timed, "policy")):
         seconds = [step["latency_ns"] / 1e9 for step in mine]
-        percentiles = {f"p{part}_s": float(numpy.percentile(seconds, part)) for part in (50, 90, 99)}
+        seconds.sort()
+        percentiles = {f"p{part}_s": seconds[-(-part * len(seconds) // 100) - 1] for part in (50, 90, 99)}
         rows.append({
             "policy": policy, "decisions": len(mine), "mean_s": mean(seconds), **percentiles, "max_s": max(seconds),
             "episode_s": math.fsum(seconds) / distinct(mine, "episode"),
