@@ -530,7 +530,7 @@ def judged(episode):
     never = "picked" if pick is None else "placed"
     finished_early = episode["end_reason"] == "finished" and not (pick and any(step["tool"] == "place" for step in done))
     picked, at = (pick["object"] or "", pick["step"]) if pick else ("", None)
-    put, put_at = (place["receptacle"], place["step"]) if place else ("", None)
+    put, put_at = (place["receptacle"] or "", place["step"]) if place else ("", None)
     missing, confusion, memory = "Key Action Missing", "Object Confusion", "Lost Memory"
     rules = [
         (unasked and wrong_object, missing, "no question", f"no ask, {candidates} candidates seen; step {at} picked {picked}"),
