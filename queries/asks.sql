@@ -12,7 +12,7 @@
 --   reply       what the user answered; null: nothing
 --   source      who answered: rule-based, model, human
 --   words       words of the answer
---   then_picked what the next pick that worked took: `right` (an object that the goal moves), `wrong`; null: there was none
+--   then_picked  what the next pick that worked took: `right` (an object that the goal moves), `wrong`; null: there was none
 --   episode_id, trace  the episode
 --
 -- Example: reel query --store store "SELECT question, reply FROM asks WHERE then_picked = 'wrong'"

@@ -35,5 +35,5 @@ ranked AS (
 SELECT
   policy, family, task_id, success, end_reason, decisions, failed, latency_s, simulated_s, driven_m, episode_id, trace
 FROM ranked
-WHERE place <= $top
+WHERE place <= CAST($top AS BIGINT)
 ORDER BY policy, place

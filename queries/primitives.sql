@@ -23,7 +23,7 @@ WITH furniture AS (
 aims AS (
   SELECT s.policy, s.tool, s.error_code, e.scene_digest, coalesce(s.receptacle, m.id) AS receptacle
   FROM steps s
-  JOIN episodes e ON e.episode_id = s.episode_id AND e.backend LIKE $backend
+  JOIN episodes e ON e.episode_id = s.episode_id AND e.backend LIKE CAST($backend AS VARCHAR)
   LEFT JOIN markers m ON m.episode_id = s.episode_id AND m.step = s.step AND CAST(m.marker AS VARCHAR) = s.argument
   WHERE s.tool IN ('open', 'close', 'pick', 'place')
 ),

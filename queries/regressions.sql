@@ -34,5 +34,5 @@ SELECT
   a.won AS trace_a, b.lost AS trace_b
 FROM solved a
 JOIN solved b ON b.task_digest = a.task_digest AND a.success > 0.5 AND b.success <= 0.5
-WHERE a.policy LIKE $a AND b.policy LIKE $b
+WHERE a.policy LIKE CAST($a AS VARCHAR) AND b.policy LIKE CAST($b AS VARCHAR)
 ORDER BY a, b, a.family, a.task_id, a.task_digest

@@ -46,6 +46,7 @@ queries![
     "receptacle_confusions",
     "distractors",
     "reward_components",
+    "rescored_rewards",
     "graph_events",
     "groups",
     "group_advantages",

@@ -702,6 +702,29 @@ def reward_components():
 
 
 @answers
+def rescored_rewards():
+    scores = []
+    for score in table("rescored"):
+        for episode in ENDED:
+            if (episode["episode_id"], episode["trace_digest"]) == (score["episode_id"], score["trace_digest"]):
+                scores.append({
+                    "policy": episode["policy"], "recorded": episode["preset"], **of(score, "preset", "version"),
+                    "before": episode["total_reward"], "after": score["total_reward"],
+                })
+    keys = ["policy", "recorded", "preset", "version"]
+    rows = []
+    for values, mine in sorted(group(scores, *keys)):
+        gains = [score["after"] - score["before"] for score in mine]
+        rows.append({
+            **dict(zip(keys, values)), "episodes": len(mine), "reward_recorded": mean(score["before"] for score in mine),
+            "reward": mean(score["after"] for score in mine), "difference": mean(gains),
+            "higher": sum(gain > 0 for gain in gains), "lower": sum(gain < 0 for gain in gains),
+            "least": min(gains), "most": max(gains),
+        })
+    return rows
+
+
+@answers
 def graph_events():
     changes = []
     for episode in EPISODES:
