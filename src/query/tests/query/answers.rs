@@ -50,19 +50,22 @@ fn every_named_query_agrees_with_an_independent_path() {
 fn parameters_are_bound_as_their_defaults_are_written_in() {
     let dir = TempDir::new().unwrap();
     let session = Session::new(rich_store(dir.path())).unwrap();
-    let rows = |sql: &str, parameters: &Parameters| format(&session.run_with(sql, parameters).unwrap(), Format::Csv).unwrap();
+    let text = |sql: &str, parameters: &Parameters, form| format(&session.run_with(sql, parameters).unwrap(), form).unwrap();
     let none = Parameters::new();
     for query in named::ALL {
         let parameters: Parameters = query.parameters().into_iter().collect();
         if !parameters.is_empty() {
-            assert_eq!(rows(query.sql, &parameters), rows(&query.with_defaults(), &none), "{}", query.name);
+            // as tables: the last bits of a mean depend on the order of its sum
+            let (bound, written) =
+                (text(query.sql, &parameters, Format::Table), text(&query.with_defaults(), &none, Format::Table));
+            assert_eq!(bound, written, "{}", query.name);
         }
     }
     let with = |name: &str, values: &[(&str, &str)]| -> Vec<String> {
         let query = named::by_name(name).unwrap();
         let mut parameters: Parameters = query.parameters().into_iter().collect();
         parameters.extend(values.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())));
-        rows(query.sql, &parameters).lines().skip(1).map(str::to_owned).collect()
+        text(query.sql, &parameters, Format::Csv).lines().skip(1).map(str::to_owned).collect()
     };
     let robots = with("real_world", &[("backend", "robot")]);
     assert_eq!(robots.len(), 3, "{robots:?}");
