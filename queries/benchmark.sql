@@ -19,7 +19,7 @@ SELECT
   policy,
   coalesce(family, 'all') AS family,
   count(*) AS episodes,
-  avg(CASE WHEN success THEN 1.0 ELSE 0.0 END) AS success,
+  avg(CAST(success AS DOUBLE)) AS success,
   avg(completion) AS done,
   avg(total_reward) AS reward,
   avg(length) AS length,

@@ -58,7 +58,7 @@ judged AS (
     coalesce(s.swing, 0) >= 4 AS oscillates,
     (t.src_door = 'closed' AND a.receptacle IS NULL)
       OR (t.dest_door = 'closed' AND coalesce(f.pick_right, false) AND b.receptacle IS NULL) AS door_left,
-    f.picked IS NULL AS no_pick,
+    f.pick_step IS NULL AS no_pick,
     coalesce(f.places, 0) = 0 AS no_place
   FROM episodes e
   JOIN tasks t ON t.task_digest = e.task_digest

@@ -1,28 +1,32 @@
 -- main_results
 --
 -- The paper's main table: successful / total episodes, one row a policy, one column a family; the best policy first.
+-- `success_intervals` has the uncertainty of each family.
 --
 -- Columns:
---   policy   who decided
+--   policy     who decided
 --   fdp, fodp, fdo, sul   successful / total in this family
---   all      successful / total over the four
---   success  the same as a share
+--   all        successful / total over the four
+--   success    the same as a share
+--   low, high  Wilson's 95 % interval of it
 --
 -- Example: reel query --store store --named main_results --format csv
 WITH counts AS (
-  SELECT policy, family, count(*) AS total, sum(CASE WHEN success THEN 1 ELSE 0 END) AS won
+  SELECT policy, family, count(*) AS total, count(*) FILTER (WHERE success) AS won
   FROM episodes
   WHERE end_reason IS NOT NULL
   GROUP BY policy, family
 )
 SELECT
   policy,
-  coalesce(max(CASE WHEN family = 'FDP' THEN concat(won, '/', total) END), '-') AS fdp,
-  coalesce(max(CASE WHEN family = 'FODP' THEN concat(won, '/', total) END), '-') AS fodp,
-  coalesce(max(CASE WHEN family = 'FDO' THEN concat(won, '/', total) END), '-') AS fdo,
-  coalesce(max(CASE WHEN family = 'SUL' THEN concat(won, '/', total) END), '-') AS sul,
+  coalesce(max(concat(won, '/', total)) FILTER (WHERE family = 'FDP'), '-') AS fdp,
+  coalesce(max(concat(won, '/', total)) FILTER (WHERE family = 'FODP'), '-') AS fodp,
+  coalesce(max(concat(won, '/', total)) FILTER (WHERE family = 'FDO'), '-') AS fdo,
+  coalesce(max(concat(won, '/', total)) FILTER (WHERE family = 'SUL'), '-') AS sul,
   concat(sum(won), '/', sum(total)) AS "all",
-  1.0 * sum(won) / sum(total) AS success
+  1.0 * sum(won) / sum(total) AS success,
+  wilson_low(sum(won), sum(total)) AS low,
+  wilson_high(sum(won), sum(total)) AS high
 FROM counts
 GROUP BY policy
 ORDER BY success DESC, policy

@@ -1,6 +1,6 @@
 -- reward_components
 --
--- Where the reward comes from: mean of each component an episode, by policy.
+-- Where the reward comes from: mean of each component an episode, by policy. Episodes whose trace breaks off are left out.
 --
 -- Columns:
 --   policy     who decided
@@ -12,12 +12,16 @@
 --
 -- Example: reel query --store store --named reward_components
 WITH played AS (
-  SELECT policy, preset, count(*) AS episodes FROM episodes GROUP BY policy, preset
+  SELECT policy, preset, count(*) AS episodes
+  FROM episodes
+  WHERE end_reason IS NOT NULL
+  GROUP BY policy, preset
 ),
 terms AS (
   SELECT e.policy, e.preset, r.component, r.value
   FROM rewards r
   JOIN episodes e ON e.episode_id = r.episode_id AND r.version IS NULL
+  WHERE e.end_reason IS NOT NULL
 )
 SELECT
   t.policy, t.preset, t.component,

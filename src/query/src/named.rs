@@ -19,7 +19,45 @@ macro_rules! queries {
     };
 }
 
-queries!["benchmark", "main_results", "oscillations", "failed_episodes", "failures", "errors", "reward_components"];
+queries![
+    "overview",
+    "quarantined",
+    "ends",
+    "benchmark",
+    "main_results",
+    "success_intervals",
+    "real_world",
+    "primitives",
+    "oscillations",
+    "failed_episodes",
+    "failures",
+    "hardest_tasks",
+    "errors",
+    "error_classes",
+    "asks",
+    "asking",
+    "user_fidelity",
+    "rollouts",
+    "funnel",
+    "compared",
+    "regressions",
+    "unsteady_tasks",
+    "object_confusions",
+    "receptacle_confusions",
+    "distractors",
+    "reward_components",
+    "rescored_rewards",
+    "graph_events",
+    "groups",
+    "group_advantages",
+    "latency",
+    "longest_episodes",
+    "solved_within",
+    "effort",
+    "tool_transitions",
+    "episodes_matching",
+    "pattern_success",
+];
 
 /// Finds a query by its name.
 pub fn by_name(name: &str) -> Option<&'static NamedQuery> {

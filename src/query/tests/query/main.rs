@@ -4,6 +4,7 @@
 #[expect(dead_code, reason = "the tests of several crates share it")]
 mod play;
 
+mod answers;
 mod functions;
 mod hostile;
 
@@ -53,8 +54,10 @@ fn the_benchmark_counts_by_policy_and_family() {
         rows,
         ["hasty,FDP,2,0.5,0.0", "hasty,all,2,0.5,0.0", "oracle,FDP,1,1.0,0.0", "oracle,SUL,1,1.0,1.0", "oracle,all,2,1.0,0.5"]
     );
-    let rows = ask(&session, "SELECT * FROM main_results ORDER BY success DESC");
+    let rows = ask(&session, "SELECT policy, fdp, fodp, fdo, sul, \"all\", success FROM main_results ORDER BY success DESC");
     assert_eq!(rows, ["oracle,1/1,-,-,1/1,2/2,1.0", "hasty,1/2,-,-,-,1/2,0.5"]);
+    let rows = ask(&session, "SELECT round(low, 4), round(high, 4) FROM main_results WHERE policy = 'hasty'");
+    assert_eq!(rows, ["0.0945,0.9055"], "Wilson's interval of 1 of 2");
 }
 
 #[test]

@@ -19,7 +19,9 @@ pub struct Play {
     pub scene: Scene,
     graph: WorldGraph,
     held: Option<InstanceId>,
-    steps: Vec<StepRecord>,
+    pub steps: Vec<StepRecord>,
+    /// Made up as well: the discounted return of its metrics.
+    pub discounted_return: f64,
     reason: Option<EndReason>,
 }
 
@@ -48,7 +50,7 @@ impl Play {
             parent: None,
         };
         let graph = task.initial.clone();
-        Self { header, task, scene, graph, held: None, steps: Vec::new(), reason: None }
+        Self { header, task, scene, graph, held: None, steps: Vec::new(), discounted_return: 0.5, reason: None }
     }
 
     /// A call and what came of it; the moves below fill in what else it did.
@@ -218,7 +220,7 @@ impl Play {
             success,
             completion: if success { 1.0 } else { 0.0 },
             total_reward: self.steps.iter().map(StepRecord::reward_total).sum(),
-            discounted_return: 0.5,
+            discounted_return: self.discounted_return,
             length: self.steps.len() as u32,
             asks: self.steps.iter().filter(|record| record.tool_name() == "ask").count() as u32,
             spl: Some(if success { 0.8 } else { 0.0 }),
