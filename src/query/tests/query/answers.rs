@@ -41,7 +41,9 @@ fn every_named_query_agrees_with_an_independent_path() {
         fs::write(out.join(format!("{}.json", query.name)), format(&batches, Format::Json).unwrap()).unwrap();
     }
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/check_queries.py");
-    let output = Command::new(&python).arg(script).arg(dir.path().join("store")).arg(&out).output().unwrap();
+    let mut check = Command::new(&python);
+    check.env("PYTHONDONTWRITEBYTECODE", "1").arg(script).arg(dir.path().join("store")).arg(&out);
+    let output = check.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), named::ALL.len());
 }
