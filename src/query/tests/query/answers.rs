@@ -87,7 +87,7 @@ fn questions_are_judged_by_what_comes_of_them() {
     let session = Session::new(store(dir.path(), &varied())).unwrap();
     let columns = "source, answers, words, led_right, led_wrong, led_nowhere, won";
     assert_eq!(
-        ask(&session, &format!("SELECT {columns} FROM user_fidelity WHERE policy = 'student'")),
+        ask(&session, &format!("SELECT {columns} FROM user_fidelity WHERE policy = 'student' ORDER BY source")),
         ["human,2,1.5,1,1,0,1", "model,1,7.0,1,0,0,1", "rule-based,2,3.5,0,1,1,0"]
     );
     assert_eq!(ask(&session, "SELECT count(*) FROM asks"), ["5"], "a malformed call reaches nobody");
@@ -97,7 +97,7 @@ fn questions_are_judged_by_what_comes_of_them() {
 fn advantages_are_relative_to_the_group() {
     let dir = TempDir::new().unwrap();
     let session = Session::new(store(dir.path(), &varied())).unwrap();
-    let rows = ask(&session, "SELECT group_id, rollouts, won, mean, worst, best, signal FROM groups");
+    let rows = ask(&session, "SELECT group_id, rollouts, won, mean, worst, best, signal FROM groups ORDER BY group_id");
     assert_eq!(rows, ["group-a,3,1,1.9583333333333333,-1.5,7.25,true", "group-b,2,0,2.0,2.0,2.0,false"]);
     let rows = ask(&session, "SELECT rollout_index, round(advantage, 4) FROM group_advantages WHERE group_id = 'group-a'");
     assert_eq!(rows, ["0,-0.9101", "1,1.3925", "2,-0.4824"]);
