@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test bench lint acceptance determinism determinism-cross clean
+.PHONY: help demo test bench bench-sql bench-ingest lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -18,6 +18,12 @@ test: ## run every test of the workspace
 
 bench: ## measure the lean release build
 	cargo run --locked --release -p reel-cli --no-default-features -- bench
+
+bench-sql: ## a million made-up episodes: the same questions to reel and to DuckDB (needs Python; 5 GB)
+	tests/bench/sql.sh
+
+bench-ingest: ## the same traces through reel, a Python script and a bare decoding loop (needs Python)
+	tests/bench/ingest.sh
 
 lint: ## check format and lints
 	cargo fmt --all --check

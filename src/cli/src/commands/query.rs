@@ -29,8 +29,11 @@ use crate::{Answer, progress};
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// SQL text
-    #[arg(value_name = "SQL", conflicts_with = "named")]
+    #[arg(value_name = "SQL", conflicts_with_all = ["named", "file"])]
     sql: Option<String>,
+    /// File with the SQL text; `-` reads standard input
+    #[arg(long, value_name = "FILE", conflicts_with = "named")]
+    file: Option<PathBuf>,
     /// Name of a query that comes with Reel
     #[arg(long, value_name = "NAME")]
     named: Option<String>,
@@ -85,14 +88,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         return Ok(Answer::Yes);
     }
     let mut parameters: Parameters = BTreeMap::new();
-    let sql = match (&arguments.sql, &arguments.named) {
-        (Some(sql), _) => sql.as_str(),
-        (None, Some(name)) => {
+    let sql = match (&arguments.sql, &arguments.named, &arguments.file) {
+        (Some(sql), ..) => sql.clone(),
+        (None, Some(name), _) => {
             let query = find(name)?;
             parameters.extend(query.parameters());
-            query.sql
+            query.sql.to_owned()
         }
-        (None, None) => bail!("give SQL text or --named NAME; `reel query --list` lists the names"),
+        (None, None, Some(file)) if file.as_os_str() == "-" => std::io::read_to_string(std::io::stdin())?,
+        (None, None, Some(file)) => {
+            fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?
+        }
+        (None, None, None) => bail!("give SQL text, --file FILE or --named NAME; `reel query --list` lists the names"),
     };
     parameters.extend(arguments.parameters.iter().cloned());
     let store = match arguments.at {
@@ -102,7 +109,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let limits =
         Limits { memory_bytes: arguments.memory << 20, time: Duration::from_secs(arguments.timeout), rows: arguments.max_rows };
     let session = Session::with_limits(store, limits)?;
-    let batches = match watched(&session, || session.run_with(sql, &parameters)) {
+    let batches = match watched(&session, || session.run_with(&sql, &parameters)) {
         Err(QueryError::Stopped(Stopped::Cancelled)) => {
             eprintln!("reel: {}", Stopped::Cancelled);
             std::process::exit(130);

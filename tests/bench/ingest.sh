@@ -1,0 +1,18 @@
+#!/usr/bin/env bash
+# `make bench-ingest`: the same traces through `reel ingest`, through PyPI mcap + protobuf + pyarrow, and through a loop that
+# only decodes; then memory from 1,000 to 50,000 traces. TRACES_MAX (default 50000).
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+source tests/bench/setup.sh
+cargo build --locked --release -p reel-trace --example trace_decode --example trace_copies
+traces="$BENCH_DIR/traces-lean"
+if [[ ! -d $traces ]]; then
+  "$REEL" tasks generate --count 100 --out "$BENCH_DIR/tasks"
+  for policy in oracle planner wrong-object no-ask oscillating; do
+    "$REEL" run --tasks "$BENCH_DIR/tasks" --policy "$policy" --out "$traces.part" --no-images
+  done
+  mv "$traces.part" "$traces"
+fi
+"$PYTHON" tests/bench/ingest.py "$traces" --reel "$REEL" --decode "$CARGO_TARGET_DIR/release/examples/trace_decode" \
+  --copies "$CARGO_TARGET_DIR/release/examples/trace_copies" \
+  --work "$BENCH_DIR" --traces-max "${TRACES_MAX:-50000}"

@@ -1,0 +1,73 @@
+"""Asks the four questions of `sql_duckdb.py` of `reel query` and of DuckDB, compares the answers, prints the ratios.
+
+Ours is the whole process, planning and opening the store included; DuckDB's is the query alone after a warm-up, on the
+cheapest of its variants, with its prepared tables. Median of three.
+
+  sql.py STORE --work DIR --reel BINARY
+"""
+
+import argparse
+import json
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from sql_duckdb import QUERIES, in_own_process, prepare, same
+
+HERE = Path(__file__).parent
+# How users of each table would ask; the others read every field of the steps, or sort.
+VARIANTS = {"benchmark": ["store"], "failures": ["lists", "ordered"], "funnel": ["lists", "ordered"], "advantages": ["lists", "grouped"]}
+RUNS = 3
+
+
+def ours(reel, store, question):
+    cpu, peak = [], 0
+    for _ in range(RUNS):
+        with tempfile.NamedTemporaryFile(suffix=".json") as out:
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            child = subprocess.Popen([reel, "query", "--store", store, "--json", "--out", out.name, "--file", str(HERE / "sql" / f"{question}.sql")])
+            _, status, used = os.wait4(child.pid, 0)
+            if status:
+                sys.exit(f"{question}: reel query failed")
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            cpu.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+            peak = max(peak, used.ru_maxrss * 1024)
+            rows = [tuple(row.values()) for row in json.load(out)]
+    return rows, statistics.median(cpu), peak
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("store", type=Path)
+    parser.add_argument("--work", required=True, type=Path)
+    parser.add_argument("--reel", required=True)
+    options = parser.parse_args()
+    prepare(options.store, options.work)
+    wrong = False
+    print(f"{'question':12} {'reel CPU s':>10} {'DuckDB CPU s':>12} {'ratio':>6} {'reel MB':>8} {'DuckDB MB':>9} {'ratio':>6}  answers")
+    for question in QUERIES:
+        rows, cpu, peak = ours(options.reel, str(options.store), question)
+        figures = {
+            name: in_own_process(options.store, options.work, QUERIES[question][name])
+            for name in VARIANTS[question]
+        }
+        best = min(figures, key=lambda name: figures[name]["cpu_s"])
+        theirs = figures[best]
+        equal = same(rows, [tuple(row) for row in theirs["answer"]])
+        wrong = wrong or not equal
+        memory = theirs["peak_rss_bytes"]
+        print(
+            f"{question:12} {cpu:10.2f} {theirs['cpu_s']:12.2f} {cpu / theirs['cpu_s']:6.2f} {peak / 2**20:8.0f}"
+            f" {memory / 2**20:9.0f} {peak / memory:6.2f}  {'equal' if equal else 'DIFFER'} (DuckDB best: {best})"
+        )
+        if not equal:
+            print("  reel  ", rows[:3], "\n  duckdb", theirs["answer"][:3])
+    sys.exit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()

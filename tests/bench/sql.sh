@@ -1,0 +1,12 @@
+#!/usr/bin/env bash
+# `make bench-sql`: fills a store with made-up episodes and asks the same questions of reel and of DuckDB.
+# EPISODES (default 1000000), BENCH_DIR (default ~/.cache/reel-bench).
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+source tests/bench/setup.sh
+store="$BENCH_DIR/synthetic-$EPISODES"
+[[ -d $store/episodes ]] || "$REEL" tables synthesize --episodes "$EPISODES" --store "$store"
+"$PYTHON" tests/bench/sql.py "$store" --work "$BENCH_DIR/duckdb-$EPISODES" --reel "$REEL"
+echo
+echo "rewards of all episodes again, from the tables:"
+time "$REEL" reward --store "$store" --diff paper paper
