@@ -27,8 +27,8 @@ pub const SQL_BYTES_MAX: usize = 1 << 20;
 /// Most operators of a SQL text: a chain of them is a tree as deep as it is long.
 pub const OPERATORS_MAX: usize = 2_000;
 
-/// Largest value that a function may make of a small one, in bytes for each row and for all rows of a batch.
-const VALUE_BYTES_MAX: u128 = 16 << 20;
+/// Largest value that a function may make of a small one, in bytes: a batch may hold it 8,192 times.
+const VALUE_BYTES_MAX: u128 = 128 << 10;
 
 /// What a question may cost.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -117,7 +117,6 @@ impl ScalarUDFImpl for Guarded {
 
 impl Guarded {
     fn check(&self, arguments: &ScalarFunctionArgs) -> Result<()> {
-        let rows = arguments.number_rows.max(1) as u128;
         let number = |index: usize, row: usize| -> Option<f64> {
             let array = arguments.args.get(index)?.to_array(arguments.number_rows).ok()?;
             let array = cast(&array, &DataType::Float64).ok()?;
@@ -154,9 +153,7 @@ impl Guarded {
             }
         };
         let bytes = bytes.clamp(0.0, 1e30) as u128;
-        let columns = arguments.args.iter().any(|value| matches!(value, ColumnarValue::Array(_)));
-        let all = if columns { bytes * rows } else { bytes };
-        if bytes > VALUE_BYTES_MAX || all > VALUE_BYTES_MAX * 64 {
+        if bytes > VALUE_BYTES_MAX {
             let stopped = Stopped::Value { function: self.name().to_owned(), bytes, limit: VALUE_BYTES_MAX };
             return Err(DataFusionError::External(Box::new(stopped)));
         }

@@ -4,7 +4,7 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
     ops::ControlFlow,
-    sync::Arc,
+    sync::{Arc, mpsc},
     time::{Duration, Instant},
 };
 
@@ -43,13 +43,17 @@ use crate::{
 
 /// How often a running query is looked at.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// How long a query that was told to stop may take to do so before it is left alone.
+const GRACE: Duration = Duration::from_secs(1);
 
 /// Parameters of a query, by name without `$`.
 pub type Parameters = BTreeMap<String, String>;
 
 /// A session over one store, for one question at a time. Sees the store as it was when the session was made.
-pub struct Session {
-    store: Arc<Store>,
+pub struct Session(Arc<Inner>);
+
+struct Inner {
+    store: Store,
     limits: Limits,
     control: Arc<Control>,
     environment: Arc<RuntimeEnv>,
@@ -84,6 +88,9 @@ pub enum QueryError {
     /// A parameter is missing, unknown or no value.
     #[error("{0}")]
     Parameter(String),
+    /// The store cannot be read.
+    #[error(transparent)]
+    Store(#[from] reel_tables::StoreError),
     /// The query is wrong, too large, or a file is damaged.
     #[error("{}", message(.0))]
     Engine(DataFusionError),
@@ -120,23 +127,24 @@ impl Session {
         let runtime = store.runtime();
         let environment = RuntimeEnvBuilder::new()
             .with_memory_limit(limits.memory_bytes, 1.0)
-            .with_max_temp_directory_size(limits.memory_bytes as u64 * 8)
+            .with_max_temp_directory_size((limits.memory_bytes as u64).saturating_mul(8))
             .build_arc()?;
         let (root, objects) = store.objects();
         environment.register_object_store(&root, objects);
         let views = all_views(&StepFields::All);
-        Ok(Self { store: Arc::new(store), limits, control: Arc::default(), environment, runtime, views })
+        store.check_files()?;
+        Ok(Self(Arc::new(Inner { store, limits, control: Arc::default(), environment, runtime, views })))
     }
 
     /// Stops the session's queries, and tells how far its simulator functions are.
     pub fn control(&self) -> Arc<Control> {
-        self.control.clone()
+        self.0.control.clone()
     }
 
     /// From now on Ctrl-C stops the session's queries instead of the process.
     pub fn stop_on_ctrl_c(&self) {
         let control = self.control();
-        self.runtime.spawn(async move {
+        self.0.runtime.spawn(async move {
             while tokio::signal::ctrl_c().await.is_ok() {
                 control.cancel();
             }
@@ -145,7 +153,7 @@ impl Session {
 
     /// The store it asks.
     pub fn store(&self) -> &Store {
-        &self.store
+        &self.0.store
     }
 
     /// Runs one query. There is always a batch, if only an empty one with the columns.
@@ -168,18 +176,15 @@ impl Session {
         if operators > OPERATORS_MAX {
             return Err(QueryError::TooDeep { operators });
         }
+        self.0.control.begin();
+        let (sender, answer) = mpsc::channel();
+        let (inner, sql, parameters) = (self.0.clone(), sql.to_owned(), parameters.clone());
         // a long chain of operators is a deep tree, and planning walks down it
-        let answer = || {
-            self.runtime.block_on(async {
-                let (context, plan) = self.plan(sql, parameters).await?;
-                self.collect(&context, plan).await
-            })
-        };
-        std::thread::scope(|scope| {
-            let thread = std::thread::Builder::new().stack_size(reel_tables::STACK_BYTES).spawn_scoped(scope, answer);
-            let thread = thread.map_err(|error| QueryError::Engine(error.into()))?;
-            thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-        })
+        let thread = std::thread::Builder::new().stack_size(reel_tables::STACK_BYTES).spawn(move || {
+            let _ = sender.send(inner.runtime.block_on(inner.answer(&sql, &parameters)));
+        });
+        thread.map_err(|error| QueryError::Engine(error.into()))?;
+        self.0.watch(&answer)
     }
 
     /// Fields of `episodes.steps` that a query reads from disk; none: all of them.
@@ -187,15 +192,50 @@ impl Session {
     /// # Errors
     /// As [`Session::run`].
     pub fn step_fields(&self, sql: &str) -> Result<Option<BTreeSet<String>>, QueryError> {
-        self.runtime.block_on(async {
-            let (context, plan) = self.planned(sql, &Parameters::new(), &StepFields::All).await?;
+        self.0.runtime.block_on(async {
+            let (context, plan) = self.0.planned(sql, &Parameters::new(), &StepFields::All).await?;
             Ok(match step_fields(&context.state().optimize(&plan)?)? {
                 StepFields::All => None,
                 StepFields::Some(fields) => {
-                    self.planned(sql, &Parameters::new(), &StepFields::Some(fields.clone())).await.is_ok().then_some(fields)
+                    self.0.planned(sql, &Parameters::new(), &StepFields::Some(fields.clone())).await.is_ok().then_some(fields)
                 }
             })
         })
+    }
+}
+
+impl Inner {
+    /// Waits for the answer, and for no longer and with no more memory than is allowed. What does not listen is left alone.
+    fn watch(&self, answer: &mpsc::Receiver<Result<Vec<RecordBatch>, QueryError>>) -> Result<Vec<RecordBatch>, QueryError> {
+        let (begun, resident_before) = (Instant::now(), limits::resident_bytes().unwrap_or(0));
+        let memory = self.limits.memory_bytes.saturating_mul(4);
+        let stopped = loop {
+            match answer.recv_timeout(LOOK_EVERY) {
+                Ok(answer) => return answer,
+                Err(mpsc::RecvTimeoutError::Disconnected) => {
+                    return Err(QueryError::Engine(DataFusionError::Execution("the query engine panicked".into())));
+                }
+                Err(mpsc::RecvTimeoutError::Timeout) => {}
+            }
+            if self.control.is_cancelled() {
+                break Stopped::Cancelled;
+            }
+            if begun.elapsed() > self.limits.time {
+                break Stopped::Time { seconds: self.limits.time.as_secs() };
+            }
+            if limits::resident_bytes().unwrap_or(0).saturating_sub(resident_before) > memory {
+                self.control.cancel();
+                return Err(QueryError::Stopped(Stopped::Memory { bytes: memory }));
+            }
+        };
+        self.control.cancel();
+        let _ = answer.recv_timeout(GRACE);
+        Err(QueryError::Stopped(stopped))
+    }
+
+    async fn answer(&self, sql: &str, parameters: &Parameters) -> Result<Vec<RecordBatch>, QueryError> {
+        let (context, plan) = self.plan(sql, parameters).await?;
+        self.collect(&context, plan).await
     }
 
     async fn plan(&self, sql: &str, parameters: &Parameters) -> Result<(SessionContext, LogicalPlan), QueryError> {
@@ -244,7 +284,8 @@ impl Session {
             let plan = plan_of(&context, &view.sql).await?;
             context.register_table(view.name, DataFrame::new(context.state(), plan).into_view())?;
         }
-        if sql.contains("replay") || sql.contains("frame") || sql.contains("reward") {
+        let lower = sql.to_ascii_lowercase();
+        if ["replay", "frame", "reward"].iter().any(|name| lower.contains(name)) {
             self.allow_traces(&context).await?;
         }
         Ok(context)
@@ -299,9 +340,7 @@ impl Session {
     }
 
     async fn collect(&self, context: &SessionContext, plan: LogicalPlan) -> Result<Vec<RecordBatch>, QueryError> {
-        self.control.begin();
-        let (begun, rows_max) = (Instant::now(), self.limits.rows);
-        let resident_before = limits::resident_bytes().unwrap_or(0);
+        let rows_max = self.limits.rows;
         let frame = context.execute_logical_plan(plan).await?;
         let columns = Arc::new(frame.schema().as_arrow().clone());
         let answer = tokio::spawn(async move {
@@ -319,31 +358,16 @@ impl Session {
             Ok::<_, DataFusionError>(batches)
         });
         let abort = answer.abort_handle();
-        let watch = async {
-            loop {
+        let cancelled = async {
+            while !self.control.is_cancelled() {
                 tokio::time::sleep(LOOK_EVERY).await;
-                let grown = limits::resident_bytes().unwrap_or(0).saturating_sub(resident_before);
-                if self.control.is_cancelled() {
-                    return Stopped::Cancelled;
-                }
-                if begun.elapsed() > self.limits.time {
-                    return Stopped::Time { seconds: self.limits.time.as_secs() };
-                }
-                if grown > self.limits.memory_bytes.saturating_mul(4) {
-                    return Stopped::Memory { bytes: self.limits.memory_bytes.saturating_mul(4) };
-                }
             }
         };
         let mut batches = tokio::select! {
-            answer = answer => match answer {
-                Ok(batches) => batches?,
-                Err(error) => return Err(DataFusionError::ExecutionJoin(Box::new(error)).into()),
-            },
-            stopped = watch => {
-                // functions that work on one thread look at the control
-                self.control.cancel();
+            answer = answer => answer.map_err(|error| DataFusionError::ExecutionJoin(Box::new(error)))??,
+            () = cancelled => {
                 abort.abort();
-                return Err(QueryError::Stopped(stopped));
+                return Err(QueryError::Stopped(Stopped::Cancelled));
             }
         };
         if batches.is_empty() {
@@ -355,7 +379,7 @@ impl Session {
 
 impl std::fmt::Debug for Session {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Session").field("store", &self.store).field("limits", &self.limits).finish_non_exhaustive()
+        f.debug_struct("Session").field("store", &self.0.store).field("limits", &self.0.limits).finish_non_exhaustive()
     }
 }
 
@@ -375,15 +399,27 @@ async fn plan_of(context: &SessionContext, sql: &str) -> Result<LogicalPlan, Dat
     let state = context.state();
     let dialect = state.config().options().sql_parser.dialect;
     let mut statement = state.sql_to_statement(sql, &dialect)?;
-    if let Statement::Statement(statement) = &mut statement {
-        let _ = ast::visit_expressions_mut(statement.as_mut(), |expression| {
-            if let ast::Expr::CompoundFieldAccess { access_chain, .. } = expression {
-                access_chain.iter_mut().for_each(dot_to_subscript);
-            }
-            ControlFlow::<()>::Continue(())
-        });
-    }
+    fields_by_dot(&mut statement);
     state.statement_to_plan(statement).await
+}
+
+fn fields_by_dot(statement: &mut Statement) {
+    match statement {
+        Statement::Explain(explain) => fields_by_dot(&mut explain.statement),
+        Statement::Statement(statement) => {
+            let _ = ast::visit_expressions_mut(statement.as_mut(), |expression| {
+                if let ast::Expr::CompoundFieldAccess { root, access_chain } = expression {
+                    // `a.steps[1].tool`: the first dot names a column of a table
+                    let names = matches!(**root, ast::Expr::Identifier(_) | ast::Expr::CompoundIdentifier(_));
+                    let column = access_chain.iter().take_while(|access| names && matches!(access, ast::AccessExpr::Dot(_)));
+                    let column = column.count();
+                    access_chain.iter_mut().skip(column).for_each(dot_to_subscript);
+                }
+                ControlFlow::<()>::Continue(())
+            });
+        }
+        _ => {}
+    }
 }
 
 fn dot_to_subscript(access: &mut ast::AccessExpr) {
@@ -393,7 +429,7 @@ fn dot_to_subscript(access: &mut ast::AccessExpr) {
     }
 }
 
-/// Puts values in the place of `$parameters`: numbers and booleans as such, all else as text.
+/// Puts values in the place of `$parameters`, of the types that the query asks for.
 fn bind(plan: LogicalPlan, parameters: &Parameters) -> Result<LogicalPlan, QueryError> {
     let wanted: BTreeSet<String> =
         plan.get_parameter_names()?.iter().map(|name| name.trim_start_matches('$').to_owned()).collect();
@@ -409,13 +445,23 @@ fn bind(plan: LogicalPlan, parameters: &Parameters) -> Result<LogicalPlan, Query
     if wanted.is_empty() {
         return Ok(plan);
     }
-    let value = |text: &String| match (text.parse::<i64>(), text.parse::<f64>(), text.parse::<bool>()) {
-        (Ok(number), ..) => ScalarValue::from(number),
-        (_, Ok(number), _) if number.is_finite() => ScalarValue::from(number),
-        (.., Ok(flag)) => ScalarValue::from(flag),
-        _ => ScalarValue::from(text.as_str()),
+    let types = plan.get_parameter_types()?;
+    let value = |name: &String, text: &String| match types.get(&format!("${name}")).cloned().flatten() {
+        Some(DataType::Utf8 | DataType::Utf8View | DataType::LargeUtf8) => Ok(ScalarValue::from(text.as_str())),
+        Some(data_type) => ScalarValue::try_from_string(text.clone(), &data_type)
+            .map_err(|_| QueryError::Parameter(format!("${name} must be of type {data_type}, found '{text}'"))),
+        // nothing says what it must be: a number where it looks exactly like one
+        None => Ok(match text.parse::<i64>() {
+            Ok(number) if number.to_string() == *text => ScalarValue::from(number),
+            _ => text
+                .parse::<f64>()
+                .ok()
+                .filter(|number| number.to_string() == *text)
+                .map_or_else(|| ScalarValue::from(text.as_str()), ScalarValue::from),
+        }),
     };
-    let values: Vec<(String, ScalarValue)> = parameters.iter().map(|(name, text)| (name.clone(), value(text))).collect();
+    let values = parameters.iter().map(|(name, text)| Ok((name.clone(), value(name, text)?)));
+    let values: Vec<(String, ScalarValue)> = values.collect::<Result<_, QueryError>>()?;
     Ok(plan.with_param_values(ParamValues::from(values))?)
 }
 

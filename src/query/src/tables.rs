@@ -168,6 +168,10 @@ impl Reader {
             Expr::ScalarFunction(call) => {
                 let taken = call.args.first().is_some_and(|first| self.is_steps(first, schema));
                 if taken {
+                    // a step or some steps themselves are no key and no condition
+                    if is_steps && !hands_on {
+                        return Ok(Understood::Break(()));
+                    }
                     let Some(names) = self.taken(call.name(), &call.args) else { return Ok(Understood::Break(())) };
                     self.names.extend(names);
                     let rest = &call.args[1..];

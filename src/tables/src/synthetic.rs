@@ -362,7 +362,7 @@ impl<'a> Play<'a, '_> {
             sim_step: self.sim_step,
             robot_x_m: self.chance.share() as f32 * 8.0,
             robot_y_m: self.chance.share() as f32 * 6.0,
-            robot_yaw_rad: self.chance.share() as f32 * 6.28,
+            robot_yaw_rad: self.chance.share() as f32 * std::f32::consts::TAU,
             path_length_m: self.path_m,
             latency_ns: Some(400_000_000 + self.chance.next() % 900_000_000),
             reasoning: None,

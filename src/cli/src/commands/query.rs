@@ -56,11 +56,11 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Longest time a query may take, in seconds
-    #[arg(long, value_name = "S", default_value_t = 600)]
+    #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
     /// Memory for sorts, joins and aggregations before they spill, in MiB; the process may grow by four times that
-    #[arg(long, value_name = "MIB", default_value_t = 1024)]
-    memory: usize,
+    #[arg(long, value_name = "MIB", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..))]
+    memory: u32,
     /// Longest answer, in rows
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     max_rows: usize,
@@ -96,9 +96,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             query.sql.to_owned()
         }
         (None, None, Some(file)) if file.as_os_str() == "-" => std::io::read_to_string(std::io::stdin())?,
-        (None, None, Some(file)) => {
-            fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?
-        }
+        (None, None, Some(file)) => fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?,
         (None, None, None) => bail!("give SQL text, --file FILE or --named NAME; `reel query --list` lists the names"),
     };
     parameters.extend(arguments.parameters.iter().cloned());
@@ -106,8 +104,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         Some(version) => Store::open_at(&arguments.store, version)?,
         None => Store::open(&arguments.store)?,
     };
-    let limits =
-        Limits { memory_bytes: arguments.memory << 20, time: Duration::from_secs(arguments.timeout), rows: arguments.max_rows };
+    let limits = Limits {
+        memory_bytes: (arguments.memory as usize) << 20,
+        time: Duration::from_secs(arguments.timeout),
+        rows: arguments.max_rows,
+    };
     let session = Session::with_limits(store, limits)?;
     let batches = match watched(&session, || session.run_with(&sql, &parameters)) {
         Err(QueryError::Stopped(Stopped::Cancelled)) => {

@@ -152,7 +152,10 @@ fn check(arguments: &Arguments) -> anyhow::Result<Answer> {
     if arguments.json {
         println!("{}", json!({ "equal": equal, "differing": differing, "other_presets": unknown }));
     } else {
-        differing.iter().for_each(|(id, trace)| println!("{id} differs: {trace}"));
+        differing.iter().take(20).for_each(|(id, trace)| println!("{id} differs: {trace}"));
+        if differing.len() > 20 {
+            println!("and {} more; --json lists them all", differing.len() - 20);
+        }
         println!("{equal} episodes equal bit for bit, {} differ, {unknown} recorded under other presets", differing.len());
     }
     Ok(if differing.is_empty() { Answer::Yes } else { Answer::No })

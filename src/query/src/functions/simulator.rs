@@ -43,7 +43,7 @@ pub(crate) const HELP: &[FunctionHelp] = &[
         call: "frame(trace, step)",
         meaning: "The picture after a step as PNG; step -1 is before the first decision. Where the trace holds no pictures it \
                   is rendered again.",
-        example: "SELECT episode_id, length(frame(trace, -1)) AS bytes FROM episodes LIMIT 1",
+        example: "SELECT episode_id, frame(trace, -1) AS png FROM episodes LIMIT 1",
     },
 ];
 
@@ -121,6 +121,9 @@ fn reward(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
     let presets = arrays[1].as_string::<i32>();
     let rows = each(&arrays[0], control, |path, row| {
+        if presets.is_null(row) {
+            return Ok(None);
+        }
         let name = presets.value(row);
         let Some(preset) = Preset::parse(name) else {
             let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");

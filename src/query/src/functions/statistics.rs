@@ -20,6 +20,9 @@ use super::FunctionHelp;
 /// Standard normal quantile of 0.975: two-sided 95 %.
 const Z_95: f64 = 1.959_963_984_540_054;
 
+/// Most draws of a bootstrap: samples times pairs.
+const DRAWS_MAX: u128 = 100_000_000;
+
 pub(crate) const HELP: &[FunctionHelp] = &[
     FunctionHelp {
         call: "wilson_low(successes, trials)",
@@ -35,7 +38,7 @@ pub(crate) const HELP: &[FunctionHelp] = &[
     FunctionHelp {
         call: "mcnemar(only_a, only_b)",
         meaning: "Two-sided exact p-value of McNemar's test: of the tasks that one of two policies solves and the other does \
-                  not, `only_a` are solved by the first and `only_b` by the second.",
+                  not, `only_a` are solved by the first and `only_b` by the second. Null beyond ten million.",
         example: "SELECT mcnemar(9, 1)",
     },
     FunctionHelp {
@@ -103,7 +106,7 @@ fn wilson(successes: f64, trials: f64) -> Option<(f64, f64)> {
 
 /// Twice the smaller tail of Binomial(n, 1/2), at most 1.
 fn mcnemar(only_a: f64, only_b: f64) -> Option<f64> {
-    let whole = |value: f64| (value >= 0.0 && value.fract() == 0.0 && value < 1e9).then_some(value as u64);
+    let whole = |value: f64| (value >= 0.0 && value.fract() == 0.0 && value < 1e7).then_some(value as u64);
     let (a, b) = (whole(only_a)?, whole(only_b)?);
     let (n, few) = (a + b, a.min(b));
     if n == 0 {
@@ -189,7 +192,15 @@ fn paired_bootstrap(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
             }
             let pairs = one.as_primitive::<Float64Type>().iter().zip(other.as_primitive::<Float64Type>());
             let differences: Vec<f64> = pairs.filter_map(|(one, other)| Some(one? - other?)).collect();
-            bootstrap(&differences, samples.value(row).clamp(1, 1_000_000) as usize, seeds.value(row) as u64)
+            let count = samples.value(row);
+            if count < 1 || (count as u128) * differences.len() as u128 > DRAWS_MAX {
+                return datafusion::common::exec_err!(
+                    "paired_bootstrap: {count} samples of {} pairs; there must be one at least, and samples times pairs \
+                     at most {DRAWS_MAX}",
+                    differences.len()
+                );
+            }
+            bootstrap(&differences, count as usize, seeds.value(row) as u64)
         };
         for (index, column) in columns.iter_mut().enumerate() {
             column.append_option(interval.map(|interval| interval[index]));

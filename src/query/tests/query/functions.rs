@@ -109,6 +109,10 @@ fn a_query_reads_only_the_fields_of_the_steps_that_it_names() {
         "SELECT count(*) FROM (SELECT DISTINCT steps FROM episodes)",
         "SELECT count(*) FROM episodes a JOIN episodes b ON a.steps = b.steps",
         "SELECT policy FROM episodes ORDER BY steps",
+        "SELECT count(*) FROM (SELECT steps[1] AS s, count(*) FROM episodes GROUP BY 1)",
+        "SELECT count(*) FROM (SELECT array_slice(steps, 1, 2) AS s, count(*) FROM episodes GROUP BY 1)",
+        "SELECT sum(c) FROM (SELECT row_number() OVER (PARTITION BY steps[1] ORDER BY episode_id) AS c FROM episodes)",
+        "SELECT count(*) FROM episodes a JOIN episodes b ON array_slice(a.steps, 1, 1) = array_slice(b.steps, 1, 1)",
     ] {
         assert_eq!(reads(all), None, "{all}");
     }
@@ -142,6 +146,12 @@ fn the_simulator_answers_in_sql() {
         let picture = arrow::array::AsArray::as_binary::<i32>(column.as_ref()).value(0);
         assert_eq!(&picture[..8], b"\x89PNG\r\n\x1a\n", "lean traces are drawn again");
     }
+    for function in functions() {
+        assert!(session.run(function.example).is_ok(), "{}: {:?}", function.call, session.run(function.example).err());
+    }
+    assert_eq!(ask(&session, "SELECT count(*) FROM episodes WHERE REPLAY(trace).verdict = 'exact'"), ["6"]);
+    assert!(session.run("EXPLAIN SELECT replay(trace).verdict, steps[1].tool FROM episodes").is_ok());
+    assert!(session.run("SELECT a.steps[1].tool, a.steps[1]['tool'] FROM episodes a").is_ok());
     let error = session.run("SELECT frame(trace, 999) FROM episodes").unwrap_err().to_string();
     assert!(error.contains("there is no call 999"), "{error}");
 }

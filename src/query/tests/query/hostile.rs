@@ -24,6 +24,8 @@ fn what_never_ends_is_stopped_in_time() {
     for sql in [
         "SELECT count(*) FROM steps a, steps b, steps c, steps d, steps e, steps f, steps g",
         "WITH RECURSIVE r AS (SELECT 1 AS n UNION ALL SELECT n + 1 FROM r) SELECT max(n) FROM r",
+        // on one thread, without a pause, already while it is planned
+        "SELECT levenshtein(repeat('a', 120000), repeat('b', 120000))",
     ] {
         let begun = std::time::Instant::now();
         let stopped = session.run(sql).expect_err(sql);
@@ -31,7 +33,7 @@ fn what_never_ends_is_stopped_in_time() {
             matches!(stopped, QueryError::Stopped(Stopped::Time { seconds: 2 } | Stopped::Memory { .. })),
             "{sql}: {stopped}"
         );
-        assert!(begun.elapsed() < Duration::from_secs(60), "{sql}");
+        assert!(begun.elapsed() < Duration::from_secs(30), "{sql}");
     }
     assert!(session.run("SELECT 1").is_ok(), "a stopped query leaves the session as it was");
 }
@@ -50,6 +52,7 @@ fn long_answers_and_large_values_are_refused() {
         "SELECT array_length(range(0, 100000000000))",
         "SELECT array_length(generate_series(0, 100000000000, 2))",
         "SELECT array_length(array_repeat(1, 2000000000))",
+        "SELECT array_sort(range(0, 2000000)) FROM steps",
         "SELECT sum(length(repeat('x', step + 1000000000))) FROM steps",
     ] {
         let refused = session.run(sql).expect_err(sql);

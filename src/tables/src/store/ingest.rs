@@ -22,7 +22,7 @@ use reel_trace::Trace;
 use reel_world::Digest;
 use serde::Serialize;
 
-use super::{Refused, SIDE, Store, StoreError, TRIES_MAX, parts::parts};
+use super::{Refused, SIDE, Store, StoreError, TRIES_MAX, location::absolute, parts::parts};
 use crate::{Table, rows::Rows};
 
 /// Bytes of Arrow memory after which a portion is committed.
@@ -61,6 +61,8 @@ struct Known {
     episodes: HashMap<Key, Key>,
     /// Files as they were when they were read.
     files: HashSet<Key>,
+    /// Episode by the path of its trace.
+    paths: HashMap<Key, Key>,
     tasks: HashSet<Key>,
     scenes: HashSet<Key>,
 }
@@ -98,7 +100,7 @@ impl Store {
     /// When the store cannot be read or written.
     pub fn ingest(&mut self, paths: &[PathBuf], progress: Progress<'_>) -> Result<IngestReport, StoreError> {
         self.reload()?;
-        let paths: BTreeSet<PathBuf> = paths.iter().map(|path| absolute(path)).collect();
+        let paths: BTreeSet<PathBuf> = paths.iter().map(|path| absolute(path).unwrap_or_else(|_| path.clone())).collect();
         let mut known = self.known()?;
         let mut report = IngestReport::default();
         let fresh: Vec<&PathBuf> = paths.iter().filter(|path| !known.files.contains(&file_key(path))).collect();
@@ -198,7 +200,7 @@ impl Store {
             rows.push(filter_record_batch(&batch.episodes, &BooleanArray::from(keep.clone()))?);
         }
         rows.retain(|batch| batch.num_rows() > 0);
-        let mut actions = self.without(&verdicts.replaced)?;
+        let mut actions = self.without(&verdicts.replaced, &verdicts.overwritten)?;
         if !rows.is_empty() {
             actions.extend(self.write_parts(&self.tables[&Table::Episodes], rows)?);
         }
@@ -209,6 +211,7 @@ impl Store {
         for (batch, keep) in portion.batches.iter().zip(&verdicts.keep) {
             for (read, _) in batch.read.iter().zip(keep).filter(|(_, keep)| **keep) {
                 known.episodes.insert(key(&read.episode_id), key(&read.digest));
+                known.paths.insert(key(&read.path), key(&read.episode_id));
             }
             known.tasks.extend(batch.tasks.iter().map(|(task, _)| *task));
             known.scenes.extend(batch.scenes.iter().map(|(scene, _)| *scene));
@@ -225,18 +228,35 @@ impl Store {
         report: &mut IngestReport,
     ) -> Result<Verdicts, StoreError> {
         let mut last: HashMap<&str, (usize, usize)> = HashMap::new();
-        let mut verdicts = Verdicts { keep: Vec::new(), replaced: BTreeSet::new() };
+        let mut verdicts = Verdicts { keep: Vec::new(), replaced: BTreeSet::new(), overwritten: BTreeSet::new() };
+        let same_content =
+            self.traces_of(&portion.ids(|read| known.episodes.get(&key(&read.episode_id)) == Some(&key(&read.digest))))?;
         let mut other_content: BTreeSet<String> = BTreeSet::new();
         for (index, batch) in portion.batches.iter().enumerate() {
             verdicts.keep.push(vec![true; batch.read.len()]);
             for (row, read) in batch.read.iter().enumerate() {
+                // a file that held another episode holds this one now
+                if known.paths.get(&key(&read.path)).is_some_and(|episode| *episode != key(&read.episode_id)) {
+                    verdicts.overwritten.insert(read.path.clone());
+                }
                 match known.episodes.get(&key(&read.episode_id)) {
+                    // the trace was moved: its row learns where it is
+                    Some(digest)
+                        if *digest == key(&read.digest)
+                            && same_content
+                                .get(&read.episode_id)
+                                .is_some_and(|path| *path != read.path && !Path::new(path).exists()) =>
+                    {
+                        other_content.insert(read.episode_id.clone());
+                    }
                     Some(digest) if *digest == key(&read.digest) => {
                         verdicts.keep[index][row] = false;
                         report.unchanged += 1;
                         continue;
                     }
-                    Some(_) => drop(other_content.insert(read.episode_id.clone())),
+                    Some(_) => {
+                        other_content.insert(read.episode_id.clone());
+                    }
                     None => {}
                 }
                 let earlier = last.get(read.episode_id.as_str()).copied();
@@ -288,7 +308,7 @@ impl Store {
         let there = self.keys(&newest, column_of(table))?;
         let missing: Vec<&RecordBatch> = rows.iter().filter(|(digest, _)| !there.contains(digest)).map(|(_, row)| row).collect();
         if missing.is_empty() {
-            return Ok(newest.version().map(|version| version as u64));
+            return Ok(newest.version());
         }
         let actions = self.write_parts(&newest, vec![concat_batches(&table.schema(), missing)?])?;
         self.commit_side(&newest, actions).map(Some)
@@ -317,18 +337,21 @@ impl Store {
         self.commit_side(&newest, actions).map(Some)
     }
 
-    /// Actions that take the rows of some episodes out of `episodes`.
-    fn without(&self, episodes: &BTreeSet<String>) -> Result<Vec<Action>, StoreError> {
+    /// Actions that take the rows of some episodes, and those read from some files, out of `episodes`.
+    fn without(&self, episodes: &BTreeSet<String>, files: &BTreeSet<String>) -> Result<Vec<Action>, StoreError> {
         let mut actions = Vec::new();
-        if episodes.is_empty() {
+        if episodes.is_empty() && files.is_empty() {
             return Ok(actions);
         }
+        let goes = |batch: &RecordBatch| -> Vec<bool> {
+            let (ids, traces) = (batch["episode_id"].as_string::<i32>(), batch["trace"].as_string::<i32>());
+            (0..batch.num_rows()).map(|row| episodes.contains(ids.value(row)) || files.contains(traces.value(row))).collect()
+        };
         let table = &self.tables[&Table::Episodes];
         let parts = self.parts(Table::Episodes);
         let mut touched = BTreeSet::new();
-        self.read_parts(table, &parts, Some(&["episode_id"]), |index, batch| {
-            let ids = batch["episode_id"].as_string::<i32>();
-            if ids.iter().flatten().any(|id| episodes.contains(id)) {
+        self.read_parts(table, &parts, Some(&["episode_id", "trace"]), |index, batch| {
+            if goes(&batch).contains(&true) {
                 touched.insert(index);
             }
             Ok(())
@@ -336,8 +359,7 @@ impl Store {
         for (_, part) in parts.into_iter().enumerate().filter(|(index, _)| touched.contains(index)) {
             let mut kept = Vec::new();
             self.read_parts(table, std::slice::from_ref(&part), None, |_, batch| {
-                let ids = batch["episode_id"].as_string::<i32>();
-                let keep: BooleanArray = ids.iter().map(|id| Some(id.is_some_and(|id| !episodes.contains(id)))).collect();
+                let keep: BooleanArray = goes(&batch).into_iter().map(|goes| Some(!goes)).collect();
                 kept.push(filter_record_batch(&batch, &keep)?);
                 Ok(())
             })?;
@@ -351,7 +373,7 @@ impl Store {
     }
 
     fn known(&self) -> Result<Known, StoreError> {
-        let (mut episodes, mut files) = (HashMap::new(), HashSet::new());
+        let (mut episodes, mut files, mut paths) = (HashMap::new(), HashSet::new(), HashMap::new());
         let columns = ["episode_id", "trace_digest", "trace", "trace_bytes", "trace_modified_ns"];
         self.read_parts(&self.tables[&Table::Episodes], &self.parts(Table::Episodes), Some(&columns), |_, batch| {
             let text = |column: &str| batch[column].as_string::<i32>();
@@ -359,13 +381,14 @@ impl Store {
             for row in 0..batch.num_rows() {
                 episodes.insert(key(text("episode_id").value(row)), key(text("trace_digest").value(row)));
                 let (bytes, modified_ns) = (number("trace_bytes").value(row), number("trace_modified_ns").value(row));
+                paths.insert(key(text("trace").value(row)), key(text("episode_id").value(row)));
                 files.insert(identity(text("trace").value(row), bytes as u64, modified_ns));
             }
             Ok(())
         })?;
         let tasks = self.keys(&self.tables[&Table::Tasks], column_of(Table::Tasks))?;
         let scenes = self.keys(&self.tables[&Table::Scenes], column_of(Table::Scenes))?;
-        Ok(Known { episodes, files, tasks, scenes })
+        Ok(Known { episodes, files, paths, tasks, scenes })
     }
 
     fn keys(&self, table: &deltalake::DeltaTable, column: &str) -> Result<HashSet<Key>, StoreError> {
@@ -408,11 +431,19 @@ impl Store {
 struct Verdicts {
     /// By batch and row: whether it goes in.
     keep: Vec<Vec<bool>>,
-    /// Episodes that are there with other content.
+    /// Episodes that are there with other content, or from a file that is gone.
     replaced: BTreeSet<String>,
+    /// Files that held another episode when they were read before.
+    overwritten: BTreeSet<String>,
 }
 
 impl Portion {
+    /// The episodes whose reading fulfils a condition.
+    fn ids(&self, wanted: impl Fn(&Read) -> bool) -> BTreeSet<String> {
+        let reads = self.batches.iter().flat_map(|batch| &batch.read).filter(|read| wanted(read));
+        reads.map(|read| read.episode_id.clone()).collect()
+    }
+
     fn push(&mut self, batch: Batch) {
         let rows = batch.tasks.iter().chain(&batch.scenes).map(|(_, rows)| rows).chain([&batch.episodes]);
         self.bytes += rows.map(RecordBatch::get_array_memory_size).sum::<usize>();
@@ -433,6 +464,10 @@ fn read_batch(paths: &[&PathBuf], seen: &Mutex<HashSet<Key>>) -> Result<Batch, S
     let is_new = |digest: Key| seen.lock().unwrap_or_else(std::sync::PoisonError::into_inner).insert(digest);
     for path in paths {
         let modified_ns = modified_ns(path);
+        if path.to_str().is_none() {
+            batch.bad.push(((*path).clone(), "its name is no UTF-8: rename it".to_owned()));
+            continue;
+        }
         let trace = match Trace::read(path) {
             Ok(trace) => trace,
             Err(error) => {
@@ -470,10 +505,6 @@ fn read_batch(paths: &[&PathBuf], seen: &Mutex<HashSet<Key>>) -> Result<Batch, S
 fn column_of(table: Table) -> &'static str {
     assert!(SIDE[..2].contains(&table), "only tasks and scenes have a digest for a key");
     if table == Table::Tasks { "task_digest" } else { "scene_digest" }
-}
-
-fn absolute(path: &Path) -> PathBuf {
-    std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
 }
 
 /// When a file was last written, nanoseconds since 1970; 0 where the system does not tell.

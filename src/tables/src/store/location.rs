@@ -61,7 +61,7 @@ impl Location {
             }
             _ => {
                 let folder = PathBuf::from(text.strip_prefix("file://").unwrap_or(text));
-                let folder = std::path::absolute(&folder).map_err(|error| wrong(error.to_string()))?;
+                let folder = absolute(&folder).map_err(|error| wrong(error.to_string()))?;
                 let url = Url::from_directory_path(&folder).map_err(|()| wrong("no folder can be called so".into()))?;
                 (url, Arc::new(LocalFileSystem::new()))
             }
@@ -88,7 +88,7 @@ impl Location {
         match self.objects.head(&first).await {
             Ok(_) => Ok(true),
             Err(object_store::Error::NotFound { .. }) => Ok(false),
-            Err(error) => Err(StoreError::Delta { source: error.into(), location: self.text.clone() }),
+            Err(error) => Err(StoreError::Delta { source: Box::new(error.into()), location: self.text.clone() }),
         }
     }
 
@@ -110,6 +110,20 @@ impl Location {
             |error: object_store::path::Error| StoreError::Location { reason: error.to_string(), location: self.text.clone() };
         Ok(Path::from_url_path(self.url.path()).map_err(wrong)?.join(table))
     }
+}
+
+/// The path from the root, without `.` and `..`. Links are not followed.
+pub(super) fn absolute(path: &std::path::Path) -> std::io::Result<PathBuf> {
+    let mut plain = PathBuf::new();
+    for part in std::path::absolute(path)?.components() {
+        match part {
+            std::path::Component::ParentDir => {
+                plain.pop();
+            }
+            part => plain.push(part),
+        }
+    }
+    Ok(plain)
 }
 
 impl std::fmt::Display for Location {

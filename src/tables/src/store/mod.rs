@@ -22,7 +22,7 @@ use deltalake::{
     operations::create::CreateBuilder,
     protocol::{DeltaOperation, SaveMode},
 };
-use object_store::ObjectStore;
+use object_store::{ObjectStore, ObjectStoreExt as _};
 use parquet::errors::ParquetError;
 use serde::Serialize;
 use tokio::runtime::{Builder, Runtime};
@@ -81,6 +81,18 @@ pub enum StoreError {
         /// Where.
         location: String,
     },
+    /// A file of this version is gone.
+    #[error(
+        "version {version} needs a file that is gone, perhaps vacuumed: {file}; open another version or ingest anew: {location}"
+    )]
+    Missing {
+        /// The version.
+        version: u64,
+        /// Table and file.
+        file: String,
+        /// Where.
+        location: String,
+    },
     /// The location cannot be understood or reached.
     #[error("cannot use this store: {reason}: {location}")]
     Location {
@@ -121,7 +133,7 @@ pub enum StoreError {
     #[error("the tables cannot be read or written: {source}: {location}")]
     Delta {
         /// What it says.
-        source: DeltaTableError,
+        source: Box<DeltaTableError>,
         /// Where.
         location: String,
     },
@@ -211,7 +223,7 @@ impl Store {
 
     /// The number of this version.
     pub fn version(&self) -> u64 {
-        self.tables[&Table::Episodes].version().unwrap_or_default() as u64
+        self.tables[&Table::Episodes].version().unwrap_or_default()
     }
 
     /// The versions there are, the newest first.
@@ -236,6 +248,27 @@ impl Store {
     pub fn files(&self, table: Table) -> Vec<Url> {
         let root = self.location.table_url(table.name());
         self.parts(table).into_iter().map(|part| root.join(&part.path).unwrap_or_else(|_| root.clone())).collect()
+    }
+
+    /// Looks whether the files of this version are there: a vacuum may have deleted what an earlier version needs.
+    ///
+    /// # Errors
+    /// The first file that is missing.
+    pub fn check_files(&self) -> Result<(), StoreError> {
+        for (table, opened) in &self.tables {
+            let objects = opened.log_store().object_store(None);
+            for part in self.parts(*table) {
+                match self.runtime.block_on(objects.head(&part.path.as_str().into())) {
+                    Ok(_) => {}
+                    Err(object_store::Error::NotFound { .. }) => {
+                        let file = format!("{}/{}", table.name(), part.path);
+                        return Err(StoreError::Missing { version: self.version(), file, location: self.location.to_string() });
+                    }
+                    Err(error) => return Err(self.delta(error.into())),
+                }
+            }
+        }
+        Ok(())
     }
 
     /// The file system or bucket in which the files lie, and its URL.
@@ -295,7 +328,7 @@ impl Store {
     /// they were. What was committed is not loaded.
     fn commit_episodes(&self, actions: Vec<Action>, moved: &BTreeMap<Table, u64>) -> Result<u64, Refused> {
         let version =
-            |table: Table| moved.get(&table).copied().unwrap_or_else(|| self.tables[&table].version().unwrap_or_default() as u64);
+            |table: Table| moved.get(&table).copied().unwrap_or_else(|| self.tables[&table].version().unwrap_or_default());
         let names = SIDE.map(|table| Transaction::new(table.name(), version(table) as i64)).to_vec();
         self.commit(&self.tables[&Table::Episodes], actions, names)
     }
@@ -306,7 +339,7 @@ impl Store {
         let operation = DeltaOperation::Write { mode: SaveMode::Append, partition_by: None, predicate: None };
         let commit = CommitBuilder::from(properties).with_actions(actions).build(Some(state), table.log_store(), operation);
         match self.runtime.block_on(commit.into_future()) {
-            Ok(done) => Ok(done.version() as u64),
+            Ok(done) => Ok(done.version()),
             Err(error) if is_conflict(&error) => Err(Refused::Conflict),
             Err(error) => Err(self.delta(error).into()),
         }
@@ -318,7 +351,7 @@ impl Store {
     }
 
     fn delta(&self, source: DeltaTableError) -> StoreError {
-        StoreError::Delta { source, location: self.location.to_string() }
+        StoreError::Delta { source: Box::new(source), location: self.location.to_string() }
     }
 }
 
@@ -341,7 +374,7 @@ async fn create(location: &Location) -> Result<(), StoreError> {
         if location.has(table.name()).await? {
             continue;
         }
-        let delta = |source| StoreError::Delta { source, location: location.to_string() };
+        let delta = |source| StoreError::Delta { source: Box::new(source), location: location.to_string() };
         let schema: StructType = table.schema().as_ref().try_into_kernel()?;
         let made = CreateBuilder::new()
             .with_log_store(location.log(table.name())?)
@@ -364,11 +397,11 @@ async fn load(location: &Location, version: Option<u64>) -> Result<BTreeMap<Tabl
     if !location.has(Table::Episodes.name()).await? {
         return Err(StoreError::NoStore { location: location.to_string() });
     }
-    let delta = |source| StoreError::Delta { source, location: location.to_string() };
+    let delta = |source| StoreError::Delta { source: Box::new(source), location: location.to_string() };
     let episodes = match open(location, Table::Episodes, version).await {
         Ok(table) => table,
         Err(error) => {
-            let newest = open(location, Table::Episodes, None).await?.version().unwrap_or_default() as u64;
+            let newest = open(location, Table::Episodes, None).await?.version().unwrap_or_default();
             return Err(match version {
                 Some(version) if version > newest => StoreError::NoVersion { version, newest, location: location.to_string() },
                 _ => error,
@@ -387,7 +420,7 @@ async fn load(location: &Location, version: Option<u64>) -> Result<BTreeMap<Tabl
 }
 
 async fn open(location: &Location, table: Table, version: Option<u64>) -> Result<DeltaTable, StoreError> {
-    let delta = |source| StoreError::Delta { source, location: location.to_string() };
+    let delta = |source| StoreError::Delta { source: Box::new(source), location: location.to_string() };
     let mut opened = DeltaTable::new(location.log(table.name())?);
     match version {
         Some(version) => opened.load_version(version as _).await.map_err(delta)?,

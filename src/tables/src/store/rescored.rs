@@ -98,7 +98,7 @@ impl Store {
         }
         missing.retain(|batch| batch.num_rows() > 0);
         let side = if missing.is_empty() {
-            newest.version().unwrap_or_default() as u64
+            newest.version().unwrap_or_default()
         } else {
             let actions = self.write_parts(&newest, missing)?;
             self.commit_side(&newest, actions)?

@@ -140,6 +140,26 @@ fn of_two_traces_with_one_id_the_later_path_wins_and_stays() {
 }
 
 #[test]
+fn a_moved_trace_is_found_and_an_overwritten_one_is_no_more() {
+    let dir = TempDir::new().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let first = success("oracle", Family::FDP, 1).record_as(&path("a.mcap"), Images::None);
+    let mut store = Store::open_or_create(path("store")).unwrap();
+    assert_eq!(ingest(&mut store, std::slice::from_ref(&first)), (1, 0, 0, 0));
+    fs::rename(&first, path("b.mcap")).unwrap();
+    assert_eq!(ingest(&mut store, &[path("b.mcap")]), (0, 0, 1, 0));
+    assert_eq!(traces(&store), BTreeSet::from([path("b.mcap").display().to_string()]));
+    fs::copy(path("b.mcap"), path("c.mcap")).unwrap();
+    assert_eq!(ingest(&mut store, &[path("c.mcap")]), (0, 1, 0, 0), "a copy changes nothing");
+    fs::remove_file(path("b.mcap")).unwrap();
+    fs::remove_file(path("c.mcap")).unwrap();
+    success("planner", Family::FDP, 2).record_as(&path("b.mcap"), Images::None);
+    assert_eq!(ingest(&mut store, &[path("b.mcap")]), (1, 0, 0, 0));
+    let ids: Vec<_> = batches(&store, Table::Episodes).iter().flat_map(|batch| texts(batch, "episode_id")).flatten().collect();
+    assert_eq!(ids, ["planner-FDP-2"], "the file holds another episode now");
+}
+
+#[test]
 fn a_bad_file_is_quarantined_and_the_rest_goes_on() {
     let dir = TempDir::new().unwrap();
     let good = success("oracle", Family::FDP, 1).record_as(&dir.path().join("a.mcap"), Images::None);
@@ -210,6 +230,8 @@ fn earlier_versions_stay_readable() {
     assert_eq!(batches(&Store::open_at(&folder, version).unwrap(), Table::Episodes), before, "a dry run deletes nothing");
     assert_eq!(store.vacuum(0, false).unwrap().deleted.len(), looked.deleted.len());
     assert_eq!(rows(&Store::open(&folder).unwrap(), Table::Episodes), 51);
+    assert!(Store::open(&folder).unwrap().check_files().is_ok());
+    assert!(matches!(Store::open_at(&folder, version).unwrap().check_files(), Err(StoreError::Missing { .. })));
 }
 
 #[test]
