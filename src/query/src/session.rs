@@ -409,16 +409,29 @@ fn fields_by_dot(statement: &mut Statement) {
         Statement::Statement(statement) => {
             let _ = ast::visit_expressions_mut(statement.as_mut(), |expression| {
                 if let ast::Expr::CompoundFieldAccess { root, access_chain } = expression {
-                    // `a.steps[1].tool`: the first dot names a column of a table
-                    let names = matches!(**root, ast::Expr::Identifier(_) | ast::Expr::CompoundIdentifier(_));
-                    let column = access_chain.iter().take_while(|access| names && matches!(access, ast::AccessExpr::Dot(_)));
-                    let column = column.count();
-                    access_chain.iter_mut().skip(column).for_each(dot_to_subscript);
+                    join_names(root, access_chain);
+                    access_chain.iter_mut().for_each(dot_to_subscript);
                 }
                 ControlFlow::<()>::Continue(())
             });
         }
         _ => {}
+    }
+}
+
+/// `a.steps[1]`: the names before the first bracket are one name, of a column of a table or of a field of a column.
+fn join_names(root: &mut ast::Expr, chain: &mut Vec<ast::AccessExpr>) {
+    let mut names = match root {
+        ast::Expr::Identifier(name) => vec![name.clone()],
+        ast::Expr::CompoundIdentifier(names) => names.clone(),
+        _ => return,
+    };
+    while let Some(ast::AccessExpr::Dot(ast::Expr::Identifier(name))) = chain.first() {
+        names.push(name.clone());
+        chain.remove(0);
+    }
+    if names.len() > 1 {
+        *root = ast::Expr::CompoundIdentifier(names);
     }
 }
 

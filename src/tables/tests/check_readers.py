@@ -40,3 +40,6 @@ if not store.startswith("s3://"):
 
 tasks = table("tasks").to_pyarrow_table()
 print("tasks", json.dumps([tasks.num_rows, all(json.loads(task)["task_id"] for task in tasks["task"].to_pylist())]))
+# threads of the readers are known to abort the interpreter's own end
+sys.stdout.flush()
+os._exit(0)

@@ -151,7 +151,8 @@ fn the_simulator_answers_in_sql() {
     }
     assert_eq!(ask(&session, "SELECT count(*) FROM episodes WHERE REPLAY(trace).verdict = 'exact'"), ["6"]);
     assert!(session.run("EXPLAIN SELECT replay(trace).verdict, steps[1].tool FROM episodes").is_ok());
-    assert!(session.run("SELECT a.steps[1].tool, a.steps[1]['tool'] FROM episodes a").is_ok());
+    session.run("SELECT a.steps[1].tool AS one, a.steps[1]['tool'] AS other FROM episodes a").unwrap();
+    session.run("SELECT s.changes[1].event, s.tool FROM (SELECT unnest(steps) AS s FROM episodes)").unwrap();
     let error = session.run("SELECT frame(trace, 999) FROM episodes").unwrap_err().to_string();
     assert!(error.contains("there is no call 999"), "{error}");
 }
