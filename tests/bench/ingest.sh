@@ -4,7 +4,7 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 source tests/bench/setup.sh
-cargo build --locked --release -p reel-trace --example trace_decode --example trace_copies
+cargo build --locked --profile fast -p reel-trace --example trace_decode --example trace_copies
 traces="$BENCH_DIR/traces-lean"
 if [[ ! -d $traces ]]; then
   "$REEL" tasks generate --count 100 --out "$BENCH_DIR/tasks"
@@ -13,6 +13,6 @@ if [[ ! -d $traces ]]; then
   done
   mv "$traces.part" "$traces"
 fi
-"$PYTHON" tests/bench/ingest.py "$traces" --reel "$REEL" --decode "$CARGO_TARGET_DIR/release/examples/trace_decode" \
-  --copies "$CARGO_TARGET_DIR/release/examples/trace_copies" \
+"$PYTHON" tests/bench/ingest.py "$traces" --reel "$REEL" --decode "$CARGO_TARGET_DIR/fast/examples/trace_decode" \
+  --copies "$CARGO_TARGET_DIR/fast/examples/trace_copies" \
   --work "$BENCH_DIR" --traces-max "${TRACES_MAX:-50000}"

@@ -3,8 +3,8 @@ export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
 EPISODES="${EPISODES:-1000000}"
 BENCH_DIR="${BENCH_DIR:-$HOME/.cache/reel-bench}"
 mkdir -p "$BENCH_DIR"
-cargo build --locked --release -p reel-cli --no-default-features --features analytics
-REEL="$CARGO_TARGET_DIR/release/reel"
+cargo build --locked --profile fast -p reel-cli --no-default-features --features analytics
+REEL="$CARGO_TARGET_DIR/fast/reel"
 PYTHON="${REEL_PYTHON:-$BENCH_DIR/venv/bin/python}"
 if ! "$PYTHON" -c 'import duckdb, deltalake, mcap, google.protobuf, pyarrow, orjson, zstandard' 2>/dev/null; then
   python3 -m venv "$BENCH_DIR/venv"
