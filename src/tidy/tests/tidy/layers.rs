@@ -17,7 +17,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("replay", &["world", "sim", "reward", "plan", "episode", "trace"]),
     ("tables", &["world", "reward", "trace"]),
     ("pattern", &[]),
-    ("query", &["tables", "replay", "pattern"]),
+    ("query", &["world", "reward", "trace", "tables", "replay", "pattern"]),
     ("export", &["world", "trace", "tables", "replay"]),
     ("view", &["world", "trace", "replay"]),
     ("import", &["world", "reward", "trace"]),
