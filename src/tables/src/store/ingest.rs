@@ -150,14 +150,14 @@ impl Store {
     /// Commits a portion; looks again and repeats where another writer was quicker.
     fn take(
         &mut self,
-        mut portion: Portion,
+        portion: Portion,
         paths: &BTreeSet<PathBuf>,
         known: &mut Known,
         report: &mut IngestReport,
     ) -> Result<(), StoreError> {
         for _ in 0..TRIES_MAX {
             let mut attempt = report.clone();
-            match self.try_take(&mut portion, paths, known, &mut attempt) {
+            match self.try_take(&portion, paths, known, &mut attempt) {
                 Ok(changed) => {
                     *report = attempt;
                     if changed {
@@ -178,7 +178,7 @@ impl Store {
     /// Whether something had to be written.
     fn try_take(
         &mut self,
-        portion: &mut Portion,
+        portion: &Portion,
         paths: &BTreeSet<PathBuf>,
         known: &mut Known,
         report: &mut IngestReport,
@@ -240,12 +240,12 @@ impl Store {
                     verdicts.overwritten.insert(read.path.clone());
                 }
                 match known.episodes.get(&key(&read.episode_id)) {
-                    // the trace was moved: its row learns where it is
+                    // the trace was moved, or its old file is another one by now: its row learns where it is
                     Some(digest)
                         if *digest == key(&read.digest)
                             && same_content
                                 .get(&read.episode_id)
-                                .is_some_and(|path| *path != read.path && !Path::new(path).exists()) =>
+                                .is_some_and(|path| *path != read.path && !known.files.contains(&file_key(Path::new(path)))) =>
                     {
                         other_content.insert(read.episode_id.clone());
                     }
@@ -281,8 +281,12 @@ impl Store {
             let read = &portion.batches[index].read[row];
             match traces.get(&read.episode_id) {
                 None => report.added += 1,
-                // it was read with this one, stands later, and won then too
-                Some(trace) if *trace > read.path && paths.contains(Path::new(trace)) => {
+                // it is as it was when it was read, stands later, and won then too
+                Some(trace)
+                    if *trace > read.path
+                        && paths.contains(Path::new(trace))
+                        && known.files.contains(&file_key(Path::new(trace))) =>
+                {
                     verdicts.keep[index][row] = false;
                     report.unchanged += 1;
                 }

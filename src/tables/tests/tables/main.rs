@@ -160,6 +160,28 @@ fn a_moved_trace_is_found_and_an_overwritten_one_is_no_more() {
 }
 
 #[test]
+fn two_files_that_change_places_keep_both_episodes() {
+    let dir = TempDir::new().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let paths = [path("a.mcap"), path("b.mcap")];
+    success("oracle", Family::FDP, 1).record_as(&paths[0], Images::None);
+    success("planner", Family::FODP, 2).record_as(&paths[1], Images::None);
+    let mut store = Store::open_or_create(path("store")).unwrap();
+    assert_eq!(ingest(&mut store, &paths), (2, 0, 0, 0));
+    fs::rename(&paths[0], path("c")).unwrap();
+    fs::rename(&paths[1], &paths[0]).unwrap();
+    fs::rename(path("c"), &paths[1]).unwrap();
+    assert_eq!(ingest(&mut store, &paths), (0, 0, 2, 0));
+    let rows: BTreeSet<_> = batches(&store, Table::Episodes)
+        .iter()
+        .flat_map(|batch| texts(batch, "policy").into_iter().zip(texts(batch, "trace")))
+        .map(|(policy, trace)| (policy.unwrap(), trace.unwrap()))
+        .collect();
+    let expected = [("oracle", &paths[1]), ("planner", &paths[0])];
+    assert_eq!(rows, expected.map(|(policy, path)| (policy.to_owned(), path.display().to_string())).into());
+}
+
+#[test]
 fn a_bad_file_is_quarantined_and_the_rest_goes_on() {
     let dir = TempDir::new().unwrap();
     let good = success("oracle", Family::FDP, 1).record_as(&dir.path().join("a.mcap"), Images::None);
