@@ -1,19 +1,43 @@
-"""Answers every named query again, in plain Python over the rows of the Delta tables, and compares with Reel's answers.
+"""Answers every named query again, by DuckDB over the Parquet files of the Delta tables, and compares with Reel's answers.
 
 check_queries.py STORE OUT: STORE is a folder of tables, OUT holds <name>.json for each named query: a list of objects.
-Prints a line a query; ends with 1 at any difference, and names query, row, column and both values. Needs `deltalake`,
-`pyarrow` and `numpy`. The answers are in `independent/` and share nothing with the SQL: patterns of steps are regular
-expressions over one letter a step, statistics are written out.
+Prints a line a query; ends with 1 at any difference, and names query, row, column and both values. Needs `duckdb`,
+`deltalake` (which files a table is made of) and `numpy`.
+
+The answers are in `independent/*.sql`, a table `answer.<name>` each, written from what `queries/*.sql` and
+`schemas/tables.md` say in words. They share no text and no function with Reel's SQL: patterns of steps are regular
+expressions over one letter a step, statistics are written out. One thing is Python: the resampling of `compared` with
+Reel's generator, `independent/bootstrap.py`, which DuckDB calls as a function.
 """
 import json
 import math
-import os
 import sys
+from pathlib import Path
 
-from independent import dialogue, failures, results, spending, tasks  # noqa: F401 (each adds its answers)
-from independent.rows import ANSWERS
+import arro3.core
+import duckdb
+from deltalake import DeltaTable
 
-OUT = sys.argv[2]
+from independent.bootstrap import bootstrap
+
+TABLES = ["episodes", "tasks", "scenes", "rescored", "quarantine"]
+SQL = ["words", "dialogue", "results", "failures", "tasks", "spending"]
+
+
+def answered(store):
+    """A database with the tables of the store, and the answers in its schema `answer`."""
+    database = duckdb.connect()
+    for name in TABLES:
+        table = DeltaTable(store / name)
+        if files := table.file_uris():
+            database.read_parquet(files).create(name)
+        else:
+            database.from_arrow(arro3.core.Table.from_batches([], schema=table.schema().to_arrow())).create(name)
+    database.create_function("bootstrap", bootstrap, ["DOUBLE[]", "BIGINT", "BIGINT"], "DOUBLE[]")
+    database.execute("CREATE SCHEMA answer")
+    for name in SQL:
+        database.execute((Path(__file__).parent / "independent" / f"{name}.sql").read_text(encoding="utf-8"))
+    return database
 
 
 def equal(one, other):
@@ -24,27 +48,29 @@ def equal(one, other):
     return one == other
 
 
-def difference(found, expected):
+def difference(found, columns, expected):
     """What is different first, or nothing."""
     for number, (row, wanted) in enumerate(zip(found, expected)):
-        if list(row) != list(wanted):
-            return f"row {number}: columns {list(row)}, expected {list(wanted)}"
-        for column in wanted:
-            if not equal(row[column], wanted[column]):
-                return f"row {number}, column {column}: {row[column]!r}, expected {wanted[column]!r}"
+        if list(row) != columns:
+            return f"row {number}: columns {list(row)}, expected {columns}"
+        for column, value in zip(columns, wanted):
+            if not equal(row[column], value):
+                return f"row {number}, column {column}: {row[column]!r}, expected {value!r}"
     if len(found) != len(expected):
         return f"{len(found)} rows, expected {len(expected)}"
     return None
 
 
-def main():
-    asked = {name.removesuffix(".json") for name in os.listdir(OUT) if name.endswith(".json")}
-    wrong = sorted(f"{name}: no independent answer" for name in asked - set(ANSWERS))
-    wrong += sorted(f"{name}: no {name}.json" for name in set(ANSWERS) - asked)
-    for name in sorted(asked & set(ANSWERS)):
-        with open(os.path.join(OUT, f"{name}.json"), encoding="utf-8") as file:
-            found = json.load(file)
-        problem = difference(found, ANSWERS[name]())
+def main(store, out):
+    database = answered(store)
+    answers = {name for (name,) in database.sql("SELECT table_name FROM duckdb_tables() WHERE schema_name = 'answer'").fetchall()}
+    asked = {path.stem for path in out.glob("*.json")}
+    wrong = sorted(f"{name}: no independent answer" for name in asked - answers)
+    wrong += sorted(f"{name}: no {name}.json" for name in answers - asked)
+    for name in sorted(asked & answers):
+        found = json.loads((out / f"{name}.json").read_text(encoding="utf-8"))
+        answer = database.table(f"answer.{name}")
+        problem = difference(found, answer.columns, answer.fetchall())
         print(f"{name}: {problem or f'{len(found)} rows agree'}")
         if problem:
             wrong.append(f"{name}: {problem}")
@@ -53,4 +79,4 @@ def main():
     sys.exit(1 if wrong else 0)
 
 
-main()
+main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,9 +1,12 @@
-//! BLAKE3 digests and the canonical JSON they are taken over.
+//! BLAKE3 digests.
 
 use std::fmt;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
-use serde_json::Value;
+
+use crate::canonical_json;
+
+const HEX: &[u8; 16] = b"0123456789abcdef";
 
 /// A BLAKE3 digest; shown as 64 hexadecimal digits.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
@@ -25,6 +28,15 @@ impl Digest {
         self.to_string()[..12].to_owned()
     }
 
+    /// The 64 hexadecimal digits, in ASCII.
+    fn hex(&self) -> [u8; 64] {
+        let mut digits = [0; 64];
+        for (pair, byte) in digits.chunks_exact_mut(2).zip(self.0) {
+            pair.copy_from_slice(&[HEX[usize::from(byte >> 4)], HEX[usize::from(byte & 15)]]);
+        }
+        digits
+    }
+
     /// Parses 64 hexadecimal digits.
     pub fn from_hex(text: &str) -> Option<Self> {
         blake3::Hash::from_hex(text).ok().map(|hash| Self(*hash.as_bytes()))
@@ -33,7 +45,7 @@ impl Digest {
 
 impl fmt::Display for Digest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&blake3::Hash::from(self.0).to_hex())
+        f.write_str(ascii(&self.hex()))
     }
 }
 
@@ -45,8 +57,12 @@ impl fmt::Debug for Digest {
 
 impl Serialize for Digest {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
+        serializer.serialize_str(ascii(&self.hex()))
     }
+}
+
+fn ascii(digits: &[u8]) -> &str {
+    str::from_utf8(digits).expect("hexadecimal digits are ASCII")
 }
 
 impl<'de> Deserialize<'de> for Digest {
@@ -56,37 +72,9 @@ impl<'de> Deserialize<'de> for Digest {
     }
 }
 
-/// JSON with the keys of every object sorted and no white space, so that equal values give equal bytes.
-///
-/// # Panics
-/// When the value cannot be JSON (a map with keys that are not strings): a programmer's error.
-pub fn canonical_json<T: Serialize>(value: &T) -> String {
-    fn sort(value: Value) -> Value {
-        match value {
-            Value::Array(items) => Value::Array(items.into_iter().map(sort).collect()),
-            Value::Object(map) => {
-                let mut entries: Vec<_> = map.into_iter().collect();
-                entries.sort_by(|a, b| a.0.cmp(&b.0));
-                Value::Object(entries.into_iter().map(|(key, value)| (key, sort(value))).collect())
-            }
-            other => other,
-        }
-    }
-    let value = serde_json::to_value(value).expect("a value of ours is always JSON");
-    sort(value).to_string()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn key_order_does_not_matter() {
-        let a: Value = serde_json::from_str(r#"{"b":1,"a":{"d":2,"c":[3]}}"#).unwrap();
-        let b: Value = serde_json::from_str(r#"{"a":{"c":[3],"d":2},"b":1}"#).unwrap();
-        assert_eq!(canonical_json(&a), r#"{"a":{"c":[3],"d":2},"b":1}"#);
-        assert_eq!(Digest::of_json(&a), Digest::of_json(&b));
-    }
 
     #[test]
     fn hex_round_trip() {

@@ -3,6 +3,7 @@
 //!
 //! Pure data and pure functions. Never I/O, a clock, a thread, randomness or hash-order containers.
 
+mod canonical;
 pub mod chain;
 mod digest;
 mod frame;
@@ -17,7 +18,8 @@ pub mod language;
 pub mod outcome;
 pub mod record;
 
-pub use digest::{Digest, canonical_json};
+pub use canonical::canonical_json;
+pub use digest::Digest;
 pub use frame::{FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests};
 pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
 pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};
