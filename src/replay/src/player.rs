@@ -1,8 +1,6 @@
 //! Runs a recorded episode again, call by call, from its start or from a snapshot, and compares each call with what
 //! was recorded. Stops at the first difference.
 
-use std::sync::Arc;
-
 use reel_episode::{Episode, EpisodeConfig, StepOutput};
 use reel_reward::Preset;
 use reel_sim::{SIM_CHANGES, SIM_VERSION, Snapshot, render::Detail};
@@ -152,8 +150,8 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
     let preset = Preset::parse(&header.reward_preset)
         .ok_or_else(|| not_replayable(format!("unknown reward preset '{}'", header.reward_preset)))?;
     Ok(EpisodeConfig {
-        task: Arc::new(trace.task.clone()),
-        scene: Arc::new(trace.scene.clone()),
+        task: trace.task.clone(),
+        scene: trace.scene.clone(),
         seed: header.seed,
         profile: header.profile,
         preset,

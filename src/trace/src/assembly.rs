@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use mcap::records::MessageHeader;
@@ -19,6 +20,7 @@ use crate::{
     Trace, TraceError, codec,
     container::Item,
     journal::{HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment, header_metadata},
+    reader::{Known, Parsed},
     schema::{
         self,
         foxglove::CompressedImage,
@@ -47,6 +49,8 @@ impl From<&str> for Refusal {
 /// Records so far, and the moment that is being put together.
 pub(crate) struct Assembly<'a> {
     path: &'a Path,
+    /// Where pictures are of no use: tasks and scenes that were parsed before.
+    records_only: Option<&'a Known>,
     attachments: BTreeMap<String, Vec<u8>>,
     metadata: Option<BTreeMap<String, String>>,
     recoveries: Vec<BTreeMap<String, String>>,
@@ -80,6 +84,7 @@ impl<'a> Assembly<'a> {
     pub(crate) fn new(path: &'a Path) -> Self {
         Self {
             path,
+            records_only: None,
             attachments: BTreeMap::new(),
             metadata: None,
             recoveries: Vec::new(),
@@ -96,6 +101,11 @@ impl<'a> Assembly<'a> {
             images: BTreeMap::new(),
             offsets: Vec::new(),
         }
+    }
+
+    /// Leaves out the pictures.
+    pub(crate) fn records_only(path: &'a Path, known: &'a Known) -> Self {
+        Self { records_only: Some(known), ..Self::new(path) }
     }
 
     /// How many steps are whole.
@@ -148,10 +158,10 @@ impl<'a> Assembly<'a> {
     }
 
     /// What is known before the first call, if all of it can be read.
-    pub(crate) fn head(&self) -> Result<(EpisodeHeader, Task, Scene), TraceError> {
+    pub(crate) fn head(&self) -> Result<(EpisodeHeader, Arc<Task>, Arc<Scene>), TraceError> {
         let Some(header) = self.header.clone() else { return Err(self.missing("header of an episode")) };
-        let task = self.attachment(TASK_ATTACHMENT, header.task_digest)?;
-        let scene = self.attachment(SCENE_ATTACHMENT, header.scene_digest)?;
+        let task = self.attachment(TASK_ATTACHMENT, header.task_digest, |known| &known.tasks)?;
+        let scene = self.attachment(SCENE_ATTACHMENT, header.scene_digest, |known| &known.scenes)?;
         Ok((header, task, scene))
     }
 
@@ -237,6 +247,7 @@ impl<'a> Assembly<'a> {
                 once(&mut draft.changes, codec::read_changes(message)?)
             }
             schema::REWARD => self.reward(decode(data)?),
+            schema::CAMERA if self.records_only.is_some() => Ok(()),
             schema::CAMERA => once(&mut self.image, decode::<CompressedImage>(data)?.data),
             schema::SIM_DIGEST => self.moment(codec::read_sim_digest(decode(data)?)?),
             // Derived for viewers; a recorder writes them, nobody reads them back.
@@ -369,14 +380,27 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    fn attachment<T: DeserializeOwned>(&self, name: &'static str, expected: Digest) -> Result<T, TraceError> {
+    fn attachment<T: DeserializeOwned>(
+        &self,
+        name: &'static str,
+        expected: Digest,
+        parsed: fn(&Known) -> &Parsed<T>,
+    ) -> Result<Arc<T>, TraceError> {
         let Some(json) = self.attachments.get(name) else { return Err(self.missing(name)) };
         check_attachment(self.path, name, expected, json)?;
-        serde_json::from_slice(json).map_err(|error| TraceError::Damaged {
+        let parsed = self.records_only.map(parsed);
+        if let Some(value) = parsed.and_then(|parsed| parsed.get(&expected)) {
+            return Ok(value);
+        }
+        let value = serde_json::from_slice(json).map(Arc::new).map_err(|error| TraceError::Damaged {
             path: self.path.to_owned(),
             offset: 0,
             what: format!("the attachment {name} is not what it should be ({error})"),
-        })
+        })?;
+        if let Some(parsed) = parsed {
+            parsed.keep(expected, &value);
+        }
+        Ok(value)
     }
 
     fn missing(&self, what: &'static str) -> TraceError {

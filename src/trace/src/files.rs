@@ -34,6 +34,8 @@ pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Vec<u8>, TraceError> 
     let found = file.metadata().map_err(failed)?.len();
     let mut bytes = Vec::new();
     if found <= limit {
+        // one more than there is: the end is seen without growing
+        bytes.reserve_exact(usize::try_from(found).unwrap_or(0) + 1);
         file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(failed)?;
     }
     match found.max(bytes.len() as u64) {

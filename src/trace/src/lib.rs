@@ -30,6 +30,6 @@ pub use doctor::{Examination, Finding, examine};
 pub use error::TraceError;
 pub use limits::Limits;
 pub use picture::{decode_webp, encode_png, encode_webp};
-pub use reader::Trace;
+pub use reader::{RecordsReader, Trace};
 pub use recorder::{Durability, Images, RecordOptions, Recorder, TraceSummary};
 pub use recover::{Recovery, Restored, recover};

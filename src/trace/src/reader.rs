@@ -1,6 +1,10 @@
 //! Reading a trace: what the container holds, put together to records and checked against the hash chain.
 
-use std::{collections::BTreeMap, path::Path, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+};
 
 use reel_world::{
     Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task, ToolCall,
@@ -24,9 +28,9 @@ pub struct Trace {
     /// The inputs known before the first call.
     pub header: EpisodeHeader,
     /// The task.
-    pub task: Task,
+    pub task: Arc<Task>,
     /// The scene.
-    pub scene: Scene,
+    pub scene: Arc<Scene>,
     /// The state after settling.
     pub start: StartRecord,
     /// The steps, from 0.
@@ -67,11 +71,7 @@ impl Trace {
     /// # Errors
     /// As [`Trace::read`].
     pub fn from_bytes(path: &Path, bytes: &[u8], limits: &Limits) -> Result<Trace, TraceError> {
-        let loaded = load(path, bytes, limits);
-        match loaded.problems.into_iter().next() {
-            None => loaded.trace,
-            Some(problem) => Err(problem.error),
-        }
+        load(path, bytes, limits).sound()
     }
 
     /// Reads the whole steps that there are, and says what is wrong first; nothing is, where [`Trace::read`]
@@ -136,16 +136,80 @@ impl Trace {
     }
 }
 
+/// Reads many traces, from several threads at a time, where their pictures are not asked for: verified as [`Trace::read`]
+/// does, but no picture is kept, and a task or scene that traces share is parsed once.
+#[derive(Default)]
+pub struct RecordsReader {
+    limits: Limits,
+    known: Known,
+}
+
+impl RecordsReader {
+    /// Reads a trace without its pictures.
+    ///
+    /// # Errors
+    /// As [`Trace::read`].
+    pub fn read(&self, path: &Path) -> Result<Trace, TraceError> {
+        let bytes = files::read(path, &self.limits)?;
+        let mut reading = Reading { assembly: Assembly::records_only(path, &self.known), problems: Vec::new(), refused: false };
+        let walked = container::walk(&bytes, path, &self.limits, &mut reading);
+        reading.finish(walked, bytes.len() as u64).sound()
+    }
+}
+
+/// Tasks and scenes that were parsed before.
+#[derive(Default)]
+pub(crate) struct Known {
+    pub tasks: Parsed<Task>,
+    pub scenes: Parsed<Scene>,
+}
+
+/// Values by the digest of their JSON.
+pub(crate) struct Parsed<T>(Mutex<BTreeMap<Digest, Arc<T>>>);
+
+impl<T> Default for Parsed<T> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<T> Parsed<T> {
+    /// More are not kept.
+    const MAX: usize = 1024;
+
+    pub(crate) fn get(&self, digest: &Digest) -> Option<Arc<T>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(digest).cloned()
+    }
+
+    pub(crate) fn keep(&self, digest: Digest, value: &Arc<T>) {
+        let mut values = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if values.len() >= Self::MAX {
+            values.clear();
+        }
+        values.insert(digest, value.clone());
+    }
+}
+
 /// What could be read of a file, and everything that is wrong with it.
 pub(crate) struct Loaded {
     /// The whole steps; an error where there is not even a start.
     pub trace: Result<Trace, TraceError>,
-    /// What is known before the first call.
-    pub head: Option<(EpisodeHeader, Task, Scene)>,
+    /// What is known before the first call, where there is not even a start.
+    pub head: Option<(EpisodeHeader, Arc<Task>, Arc<Scene>)>,
     /// The call that was received, but of which nothing came that is whole.
     pub under_way: Option<(u32, ToolCall)>,
     /// What is wrong, in the order of the file.
     pub problems: Vec<Problem>,
+}
+
+impl Loaded {
+    /// The trace, if nothing is wrong with it.
+    fn sound(self) -> Result<Trace, TraceError> {
+        match self.problems.into_iter().next() {
+            None => self.trace,
+            Some(problem) => Err(problem.error),
+        }
+    }
 }
 
 /// Something that is wrong.
@@ -222,7 +286,7 @@ impl<'a> Reading<'a> {
             }
         }
         let under_way = self.assembly.under_way().map(|(step, call)| (step, call.clone()));
-        let head = self.assembly.head().ok();
+        let head = if self.assembly.has_start() { None } else { self.assembly.head().ok() };
         let nothing = self.assembly.nothing_restored();
         let trace = self.assembly.into_trace(bytes).map_err(|missing| nothing.unwrap_or(missing));
         Loaded { trace, head, under_way, problems: self.problems }

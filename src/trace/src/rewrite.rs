@@ -47,7 +47,7 @@ impl Trace {
         end: &EndRecord,
         mut picture: impl FnMut(Option<u32>) -> Result<Option<Encoding>, TraceError>,
     ) -> Result<Vec<u8>, TraceError> {
-        let head = (&self.header, &self.task, &self.scene);
+        let head = (&self.header, &*self.task, &*self.scene);
         let mut journal = Journal::create(Cursor::new(Vec::new()), path, head, images, recoveries)?;
         journal.start(&self.start, picture(None)?.as_ref().map(Encoding::picture))?;
         for step in &self.steps {

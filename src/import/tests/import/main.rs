@@ -253,17 +253,17 @@ fn the_task_file_is_used_where_it_is_given() {
     let (_folder, root, out) = folders();
     let episode = fixture::full(&root);
     let (_, plain) = imported(episode.folder(), &out);
-    let task = Task { purpose: Some("fruit".into()), precise_instruction: "The red one.".into(), ..plain.task.clone() };
+    let task = Task { purpose: Some("fruit".into()), precise_instruction: "The red one.".into(), ..(*plain.task).clone() };
     let scene = plain.scene.clone();
     let tasks = [Arc::new(Task { task_id: "FDP/other".into(), ..task.clone() }), Arc::new(task.clone())];
     let options = Options { tasks: &tasks, scene: Some(&scene), ..PLAIN };
     let (report, trace) = imported_with(episode.folder(), &out, &options);
-    assert_eq!((&trace.task, &report.notes[..]), (&task, &[][..]));
+    assert_eq!((&*trace.task, &report.notes[..]), (&task, &[][..]));
 
     // Also without a word about the task, by the name of its folder.
     fs::remove_file(episode.folder().join("task_meta.json")).unwrap();
     let (_, trace) = imported_with(episode.folder(), &out, &options);
-    assert_eq!((&trace.task, trace.header.policy.name.as_str()), (&task, "qwen_vl"));
+    assert_eq!((&*trace.task, trace.header.policy.name.as_str()), (&task, "qwen_vl"));
     let error = import(episode.folder(), &out, &PLAIN).unwrap_err().to_string();
     assert!(error.contains("no source_furniture") && error.contains("--tasks"), "{error}");
 }

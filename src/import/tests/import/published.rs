@@ -28,7 +28,7 @@ fn published_tasks_are_found_again_and_succeed() {
     for task in tasks.iter().step_by(9) {
         let folder = play(&root, task);
         let (report, trace) = imported_with(&folder, &out, &options);
-        assert_eq!((&trace.task, &trace.scene), (&**task, &scene));
+        assert_eq!((&*trace.task, &*trace.scene), (&**task, &scene));
         assert_eq!((report.success, &report.losses[..], &report.notes[..]), (true, &[][..], &[][..]), "{}", task.task_id);
         let (alone, made) = imported(&folder, &out);
         assert_eq!((alone.success, &alone.notes[..]), (true, &[][..]), "{}", task.task_id);

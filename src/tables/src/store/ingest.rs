@@ -18,7 +18,7 @@ use arrow::{
 };
 use deltalake::kernel::Action;
 use rayon::prelude::*;
-use reel_trace::Trace;
+use reel_trace::RecordsReader;
 use reel_world::Digest;
 use serde::Serialize;
 
@@ -109,8 +109,9 @@ impl Store {
         progress(report.unchanged, paths.len());
         // tasks and scenes of which somebody builds the rows already
         let seen = Mutex::new(known.tasks.union(&known.scenes).copied().collect::<HashSet<Key>>());
+        let reader = RecordsReader::default();
         let read = |chunk: &[&PathBuf]| {
-            let batch = read_batch(chunk, &seen);
+            let batch = read_batch(&reader, chunk, &seen);
             progress(done.fetch_add(chunk.len(), Ordering::Relaxed) + chunk.len(), paths.len());
             batch
         };
@@ -456,7 +457,7 @@ impl Portion {
 }
 
 /// Reads some traces. `seen` holds the tasks and scenes whose rows are there or being built.
-fn read_batch(paths: &[&PathBuf], seen: &Mutex<HashSet<Key>>) -> Result<Batch, StoreError> {
+fn read_batch(reader: &RecordsReader, paths: &[&PathBuf], seen: &Mutex<HashSet<Key>>) -> Result<Batch, StoreError> {
     let mut episodes = Rows::new(Table::Episodes)?;
     let mut batch = Batch {
         episodes: RecordBatch::new_empty(Table::Episodes.schema()),
@@ -472,7 +473,7 @@ fn read_batch(paths: &[&PathBuf], seen: &Mutex<HashSet<Key>>) -> Result<Batch, S
             batch.bad.push(((*path).clone(), "its name is no UTF-8: rename it".to_owned()));
             continue;
         }
-        let trace = match Trace::read(path) {
+        let trace = match reader.read(path) {
             Ok(trace) => trace,
             Err(error) => {
                 batch.bad.push(((*path).clone(), error.to_string()));
@@ -483,7 +484,7 @@ fn read_batch(paths: &[&PathBuf], seen: &Mutex<HashSet<Key>>) -> Result<Batch, S
             // a row that fails may have filled some of its columns: the rows before it are read again without it
             batch.bad.push(((*path).clone(), format!("does not fit the tables: {error}")));
             let sound: Vec<&PathBuf> = paths.iter().copied().filter(|other| other != path).collect();
-            let mut rest = read_batch(&sound, seen)?;
+            let mut rest = read_batch(reader, &sound, seen)?;
             rest.bad.extend(batch.bad.drain(..).filter(|(bad, _)| bad == *path));
             rest.tasks.append(&mut batch.tasks);
             rest.scenes.append(&mut batch.scenes);

@@ -44,7 +44,7 @@ fn healthy(path: &Path) {
 /// Asserts that a trace holds exactly the first steps of a sample, and an end that fits.
 fn assert_first_steps(trace: &Trace, sample: &Sample, steps: usize) {
     assert_eq!(trace.header, sample.header);
-    assert_eq!((&trace.task, &trace.scene, &trace.start), (&sample.task, &sample.scene, &sample.start));
+    assert_eq!((&*trace.task, &*trace.scene, &trace.start), (&sample.task, &sample.scene, &sample.start));
     assert_eq!(trace.steps, sample.steps[..steps]);
     let end = trace.end.as_ref().expect("a recovered trace has an end");
     if *end != sample.end {

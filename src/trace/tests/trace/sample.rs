@@ -1,6 +1,6 @@
 //! Hand-made episodes whose every field can be set or left out. No physics.
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 use reel_trace::{Images, RecordOptions, Recorder, Trace, TraceError, TraceSummary};
 use reel_world::{record::*, *};
@@ -261,6 +261,7 @@ impl Sample {
     /// Asserts that a trace holds exactly these records.
     pub fn assert_is(&self, trace: &Trace) {
         let Trace { header, task, scene, start, steps, end, .. } = trace.clone();
+        let (task, scene) = (Arc::unwrap_or_clone(task), Arc::unwrap_or_clone(scene));
         let read = Sample { header, task, scene, start, steps, end: end.expect("the trace has an end") };
         // Debug tells zero from minus zero, equality does not.
         assert_eq!(format!("{self:?}"), format!("{read:?}"));
