@@ -39,11 +39,12 @@ import duckdb
 THREADS = 2
 RUNS = 3
 FIELDS = ("step", "tool", "argument", "error_code", "goal_object", "reward")
-EPISODE = ("policy", "success", "fuzzy", "asks", "group_key")
+EPISODE = ("policy", "success", "fuzzy", "asks", "group_id", "task_id")
+
+GROUP_KEY = "coalesce(group_id, task_id || policy)"
 
 PREPARE_LISTS = f"""
-SELECT row_number() OVER () AS episode, policy, success, fuzzy, asks,
-  coalesce(group_id, task_id || policy) AS group_key,
+SELECT row_number() OVER () AS episode, {", ".join(EPISODE)},
   {", ".join(f"list_transform(steps, lambda s: s.{field}) AS {field}" for field in FIELDS)}
 FROM episodes
 """
@@ -292,12 +293,12 @@ QUERIES = {
     },
     "advantages": {
         "store": advantages(
-            "SELECT coalesce(group_id, task_id || policy) AS group_key,"
+            f"SELECT {GROUP_KEY} AS group_key,"
             f" {RETURN.format('list_transform(steps, lambda s: s.reward)')} AS j FROM episodes"
         ),
-        "lists": advantages(f"SELECT group_key, {RETURN.format('reward')} AS j FROM lists"),
+        "lists": advantages(f"SELECT {GROUP_KEY} AS group_key, {RETURN.format('reward')} AS j FROM lists"),
         "grouped": advantages(
-            "SELECT any_value(group_key) AS group_key, coalesce(sum(reward * pow(0.99::DOUBLE, step)), 0) AS j"
+            f"SELECT any_value({GROUP_KEY}) AS group_key, coalesce(sum(reward * pow(0.99::DOUBLE, step)), 0) AS j"
             " FROM flat GROUP BY episode"
         ),
     },

@@ -2,12 +2,19 @@
 //! stderr. Exit codes: 0 fine, 1 the answer is "no", 2 wrong usage or input, 3 done, but with data loss.
 
 mod commands;
+#[cfg(feature = "analytics")]
+mod cost;
 mod inputs;
 mod progress;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+
+/// Analytics allocates much and from several threads.
+#[cfg(feature = "analytics")]
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Record, replay and ask about the episodes of embodied agents.
 ///

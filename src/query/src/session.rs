@@ -197,7 +197,8 @@ impl Session {
             Ok(match step_fields(&context.state().optimize(&plan)?)? {
                 StepFields::All => None,
                 StepFields::Some(fields) => {
-                    self.0.planned(sql, &Parameters::new(), &StepFields::Some(fields.clone())).await.is_ok().then_some(fields)
+                    let planned = self.0.planned(sql, &Parameters::new(), &StepFields::Some(fields.clone())).await;
+                    planned.is_ok().then(|| fields.into_keys().collect())
                 }
             })
         })
@@ -275,6 +276,8 @@ impl Inner {
         limits::guard(&context);
         functions::all(&self.control).into_iter().for_each(|function| context.register_udf(function));
         let named = self.named(&context, sql)?;
+        let flat = views(|_| true).iter().any(|view| named.contains(view.name));
+        let fields = if flat { &fields.with_number() } else { fields };
         for table in Table::ALL {
             if named.contains(table.name()) {
                 context.register_table(table.name(), self.provider(table, fields)?)?;
@@ -328,7 +331,7 @@ impl Inner {
 
     /// Lets the functions open the traces of the store, and no other files.
     async fn allow_traces(&self, context: &SessionContext) -> Result<(), QueryError> {
-        let table = self.provider(Table::Episodes, &StepFields::Some(BTreeSet::new()))?;
+        let table = self.provider(Table::Episodes, &StepFields::Some(BTreeMap::new()))?;
         let batches = context.read_table(table)?.select_columns(&["trace"])?.collect().await?;
         let mut traces = BTreeSet::new();
         for batch in &batches {

@@ -2,22 +2,34 @@
 //! the fields that it reads. Runs nothing.
 //!
 //! A question is planned twice: once over all fields, to see which fields of `episodes.steps` it reads, and again over a
-//! table that has no others, so that Parquet decodes no others. Where a use is not understood, all are read.
+//! table that has no others, so that Parquet decodes no others. Where a use is not understood, all are read. Texts that only
+//! our own functions on sequences look at are read as the codes that Parquet keeps them in, and never made texts.
 
-use std::{collections::BTreeSet, ops::ControlFlow, sync::Arc};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    ops::ControlFlow,
+    sync::Arc,
+};
 
 use arrow::datatypes::{DataType, Field, Fields, Schema, SchemaRef};
+use async_trait::async_trait;
 use datafusion::{
-    catalog::TableProvider,
-    common::DFSchema,
-    common::tree_node::{TreeNode, TreeNodeRecursion},
+    catalog::{Session, TableProvider},
+    common::{
+        DFSchema,
+        tree_node::{Transformed, TreeNode, TreeNodeRecursion},
+    },
     datasource::{
+        TableType,
         empty::EmptyTable,
         file_format::parquet::ParquetFormat,
         listing::{ListingOptions, ListingTable, ListingTableConfig, ListingTableUrl},
+        physical_plan::{FileGroup, FileScanConfig},
+        source::DataSourceExec,
     },
     error::Result,
-    logical_expr::{Expr, ExprSchemable, LogicalPlan},
+    logical_expr::{Expr, ExprSchemable, LogicalPlan, TableProviderFilterPushDown},
+    physical_plan::ExecutionPlan,
 };
 use reel_tables::{Store, Table};
 
@@ -25,14 +37,23 @@ use crate::functions::sequence;
 
 /// The column of `episodes` that is read in part.
 const STEPS: &str = "steps";
-/// A field of the steps that is always read: a list of structs needs one.
-const ALWAYS: &str = "step";
+/// The field of the steps that is read where no other is: a list of structs needs one.
+const NUMBER: &str = "step";
 
 /// Fields of the steps that a question reads; all of them where it is not to be seen.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum StepFields {
     All,
-    Some(BTreeSet<String>),
+    Some(BTreeMap<String, ReadAs>),
+}
+
+/// In what form a field of the steps is read.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) enum ReadAs {
+    /// Texts as codes with a dictionary.
+    Codes,
+    /// As the table says.
+    Values,
 }
 
 impl StepFields {
@@ -40,7 +61,30 @@ impl StepFields {
     pub(crate) fn has(&self, field: &str) -> bool {
         match self {
             StepFields::All => true,
-            StepFields::Some(names) => field == ALWAYS || names.contains(field),
+            StepFields::Some(names) => names.contains_key(field) || (names.is_empty() && field == NUMBER),
+        }
+    }
+
+    /// These, and the number of the step, which the flat views name whether it is asked for or not.
+    pub(crate) fn with_number(&self) -> StepFields {
+        match self {
+            StepFields::All => StepFields::All,
+            StepFields::Some(names) => {
+                let mut names = names.clone();
+                names.insert(NUMBER.to_owned(), ReadAs::Values);
+                StepFields::Some(names)
+            }
+        }
+    }
+
+    /// A field in the form in which it is read.
+    fn form(&self, field: &Arc<Field>) -> Arc<Field> {
+        match (self, field.data_type()) {
+            (StepFields::Some(names), DataType::Utf8) if names.get(field.name()) == Some(&ReadAs::Codes) => {
+                let codes = DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8));
+                Arc::new(field.as_ref().clone().with_data_type(codes))
+            }
+            _ => field.clone(),
         }
     }
 }
@@ -58,18 +102,72 @@ pub(crate) fn provider(store: &Store, table: Table, fields: &StepFields) -> Resu
     let urls = files.iter().map(ListingTableUrl::parse).collect::<Result<Vec<_>>>()?;
     let options = ListingOptions::new(Arc::new(ParquetFormat::default())).with_file_extension(".parquet");
     let config = ListingTableConfig::new_with_multi_paths(urls).with_listing_options(options).with_schema(schema);
-    Ok(Arc::new(ListingTable::try_new(config)?))
+    let listing = ListingTable::try_new(config)?;
+    if table != Table::Episodes {
+        return Ok(Arc::new(listing));
+    }
+    let in_files = with_steps(&table.schema(), |all| all.iter().map(|field| fields.form(field)).collect());
+    Ok(Arc::new(Coded { listing, in_files }))
+}
+
+/// A listing that says in which form the columns of its files are to be read.
+#[derive(Debug)]
+struct Coded {
+    listing: ListingTable,
+    in_files: SchemaRef,
+}
+
+#[async_trait]
+impl TableProvider for Coded {
+    fn schema(&self) -> SchemaRef {
+        self.listing.schema()
+    }
+
+    fn table_type(&self) -> TableType {
+        self.listing.table_type()
+    }
+
+    fn supports_filters_pushdown(&self, filters: &[&Expr]) -> Result<Vec<TableProviderFilterPushDown>> {
+        self.listing.supports_filters_pushdown(filters)
+    }
+
+    async fn scan(
+        &self,
+        state: &dyn Session,
+        projection: Option<&Vec<usize>>,
+        filters: &[Expr],
+        limit: Option<usize>,
+    ) -> Result<Arc<dyn ExecutionPlan>> {
+        let plan = self.listing.scan(state, projection, filters, limit).await?;
+        let told = plan.transform_up(|node| {
+            let config =
+                node.downcast_ref::<DataSourceExec>().and_then(|scan| scan.data_source().downcast_ref::<FileScanConfig>());
+            let Some(config) = config else { return Ok(Transformed::no(node)) };
+            let mut config = config.clone();
+            for group in &mut config.file_groups {
+                let files = group.iter().map(|file| file.clone().with_arrow_schema(self.in_files.clone()));
+                *group = FileGroup::new(files.collect());
+            }
+            let scan: Arc<dyn ExecutionPlan> = DataSourceExec::from_data_source(config);
+            Ok(Transformed::yes(scan))
+        });
+        Ok(told?.data)
+    }
 }
 
 fn narrowed(schema: &SchemaRef, fields: &StepFields) -> SchemaRef {
-    let narrow = |field: &Arc<Field>| match step_struct(field.data_type()) {
+    with_steps(schema, |all| all.iter().filter(|field| fields.has(field.name())).map(|field| fields.form(field)).collect())
+}
+
+/// A schema with other fields of the steps.
+fn with_steps(schema: &SchemaRef, of: impl Fn(&Fields) -> Fields) -> SchemaRef {
+    let change = |field: &Arc<Field>| match step_struct(field.data_type()) {
         Some(all) if field.name() == STEPS => {
-            let kept: Fields = all.iter().filter(|field| fields.has(field.name())).cloned().collect();
-            Arc::new(Field::new(STEPS, list_like(field.data_type(), kept), field.is_nullable()))
+            Arc::new(Field::new(STEPS, list_like(field.data_type(), of(all)), field.is_nullable()))
         }
         _ => field.clone(),
     };
-    Arc::new(Schema::new(schema.fields().iter().map(narrow).collect::<Fields>()))
+    Arc::new(Schema::new(schema.fields().iter().map(change).collect::<Fields>()))
 }
 
 fn list_like(list: &DataType, kept: Fields) -> DataType {
@@ -94,7 +192,7 @@ pub(crate) fn step_fields(plan: &LogicalPlan) -> Result<StepFields> {
     let schema = Table::Episodes.schema();
     let list = schema.field_with_name(STEPS)?.data_type().clone();
     let Some(fields) = step_struct(&list) else { return Ok(StepFields::All) };
-    let mut reader = Reader { step: DataType::Struct(fields.clone()), list, names: BTreeSet::new() };
+    let mut reader = Reader { step: DataType::Struct(fields.clone()), list, names: BTreeMap::new() };
     if reader.holds_steps(plan.schema()) {
         return Ok(StepFields::All);
     }
@@ -109,7 +207,7 @@ pub(crate) fn step_fields(plan: &LogicalPlan) -> Result<StepFields> {
 struct Reader {
     list: DataType,
     step: DataType,
-    names: BTreeSet<String>,
+    names: BTreeMap<String, ReadAs>,
 }
 
 /// Break: something reads the steps in a way that is not understood.
@@ -173,7 +271,11 @@ impl Reader {
                         return Ok(Understood::Break(()));
                     }
                     let Some(names) = self.taken(call.name(), &call.args) else { return Ok(Understood::Break(())) };
-                    self.names.extend(names);
+                    let form = if sequence::needs(call.name(), &call.args).is_some() { ReadAs::Codes } else { ReadAs::Values };
+                    for name in names {
+                        let known = self.names.entry(name).or_insert(form);
+                        *known = form.max(*known);
+                    }
                     let rest = &call.args[1..];
                     if self.expression(&call.args[0], schema, true)?.is_break() {
                         return Ok(Understood::Break(()));

@@ -13,7 +13,7 @@ use anyhow::{Context, bail};
 use reel_query::{Format, Limits, Parameters, QueryError, Session, Stopped, arrow_file, format, named, parquet_file};
 use reel_tables::Store;
 
-use crate::{Answer, progress};
+use crate::{Answer, cost::Cost, progress};
 
 /// Ask a store in SQL, by text or by a named query. Every named query is a view too. Functions of Reel's own work on the
 /// steps of an episode and call the simulator: `reel query --functions`.
@@ -64,6 +64,12 @@ pub struct Arguments {
     /// Longest answer, in rows
     #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     max_rows: usize,
+    /// Tell on standard error what the answer cost: wall and CPU time, memory
+    #[arg(long)]
+    timing: bool,
+    /// With --timing: ask so many times more, and tell what each of these costs in a session that was asked before
+    #[arg(long, value_name = "N", requires = "timing", value_parser = clap::value_parser!(u32).range(1..))]
+    again: Option<u32>,
     /// List the named queries; with --named, print what that one tells
     #[arg(long)]
     list: bool,
@@ -110,13 +116,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         rows: arguments.max_rows,
     };
     let session = Session::with_limits(store, limits)?;
-    let batches = match watched(&session, || session.run_with(&sql, &parameters)) {
+    let ask = || match watched(&session, || session.run_with(&sql, &parameters)) {
         Err(QueryError::Stopped(Stopped::Cancelled)) => {
             eprintln!("reel: {}", Stopped::Cancelled);
             std::process::exit(130);
         }
-        answer => answer?,
+        answer => answer,
     };
+    let cost = Cost::of(1);
+    let batches = ask()?;
+    if arguments.timing {
+        eprintln!("answered in {cost}");
+    }
+    if let Some(rounds) = arguments.again {
+        let cost = Cost::of(rounds);
+        for _ in 0..rounds {
+            ask()?;
+        }
+        eprintln!("again in {cost} (mean of {rounds})");
+    }
     let bytes = match arguments.format.as_str() {
         _ if arguments.json => format(&batches, Format::Json)?.into_bytes(),
         "csv" => format(&batches, Format::Csv)?.into_bytes(),

@@ -1,6 +1,7 @@
 //! SQL functions of our own. Each file holds a family: what they are called, what they take and give, and an example that
 //! the tests run. Nothing here plans or runs a query.
 
+mod conditions;
 pub mod sequence;
 pub mod simulator;
 pub mod statistics;

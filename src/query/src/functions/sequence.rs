@@ -1,5 +1,5 @@
 //! Functions over the nested steps of an episode: patterns in linear time, the first step that fits, back and forth, and a
-//! column of the steps as a list. Conditions are evaluated over whole columns, patterns over the bits that come of them.
+//! column of the steps as a list. Patterns are matched over the bits that come of their conditions.
 //!
 //! The language of the patterns is `reel_pattern`'s. [`needs`] says which columns of the steps a call reads, so that a
 //! query reads no others from disk.
@@ -8,15 +8,10 @@ use std::{collections::BTreeSet, sync::Arc};
 
 use arrow::{
     array::{
-        Array, ArrayRef, AsArray, BooleanArray, BooleanBufferBuilder, Int32Array, Int64Array, ListArray, Scalar, StringArray,
-        StructArray, UInt32Array,
+        Array, ArrayRef, AsArray, BooleanArray, BooleanBufferBuilder, Int32Array, Int64Array, ListArray, StringArray, StructArray,
     },
-    buffer::{BooleanBuffer, NullBuffer},
-    compute::{
-        and_kleene, cast, is_null,
-        kernels::{cmp, comparison::like},
-        not, or_kleene, take,
-    },
+    buffer::NullBuffer,
+    compute::cast,
     datatypes::{DataType, Field, FieldRef, Fields},
 };
 use datafusion::{
@@ -26,7 +21,10 @@ use datafusion::{
 };
 use reel_pattern::{ColumnKind, Condition, Literal, Op, Operand, Oscillation, Pattern, StepColumn};
 
-use super::FunctionHelp;
+use super::{
+    FunctionHelp,
+    conditions::{Codes, Episodes, compare, fitting, kind_of, masks, of_values, truth},
+};
 
 pub(crate) const HELP: &[FunctionHelp] = &[
     FunctionHelp {
@@ -278,152 +276,6 @@ impl StepFunction {
     }
 }
 
-/// The steps of many episodes, flat, and where each episode begins.
-struct Episodes<'a> {
-    list: &'a ListArray,
-    steps: StructArray,
-    /// Of the first step.
-    base: usize,
-}
-
-impl<'a> Episodes<'a> {
-    fn new(list: &'a ListArray) -> Self {
-        let offsets = list.value_offsets();
-        let (base, end) = (offsets[0] as usize, offsets[list.len()] as usize);
-        Self { list, steps: list.values().as_struct().slice(base, end - base), base }
-    }
-
-    fn len(&self) -> usize {
-        self.list.len()
-    }
-
-    fn nulls(&self) -> Option<NullBuffer> {
-        self.list.nulls().cloned()
-    }
-
-    /// The steps of an episode.
-    fn range(&self, row: usize) -> std::ops::Range<usize> {
-        let offsets = self.list.value_offsets();
-        offsets[row] as usize - self.base..offsets[row + 1] as usize - self.base
-    }
-
-    fn column(&self, name: &str) -> Result<&ArrayRef> {
-        self.steps.column_by_name(name).ok_or_else(|| DataFusionError::Execution(format!("the steps have no column '{name}'")))
-    }
-
-    /// Numbers of the decisions, where the steps were read with them; their places, where not (they are equal).
-    fn numbers(&self) -> Result<impl Fn(usize) -> i32> {
-        let mut starts = vec![0; self.steps.len()];
-        for row in 0..self.len() {
-            let range = self.range(row);
-            starts[range.clone()].fill(range.start);
-        }
-        Ok(move |step: usize| (step - starts[step]) as i32)
-    }
-
-    /// A column, `back` steps earlier in the same episode.
-    fn back(&self, column: &StepColumn) -> Result<ArrayRef> {
-        let array = self.column(&column.name)?;
-        if column.back == 0 {
-            return Ok(array.clone());
-        }
-        let back = column.back as usize;
-        let mut indices: Vec<Option<u32>> = vec![None; array.len()];
-        for row in 0..self.len() {
-            for step in self.range(row).skip(back) {
-                indices[step] = Some((step - back) as u32);
-            }
-        }
-        Ok(take(array, &UInt32Array::from(indices), None)?)
-    }
-}
-
-/// Which conditions of a pattern each step fits.
-fn masks(pattern: &Pattern, steps: &Episodes) -> Result<Vec<u64>> {
-    let mut masks = vec![0; steps.steps.len()];
-    for (bit, condition) in pattern.conditions().iter().enumerate() {
-        for step in fitting(&truth(condition, steps)?).set_indices() {
-            masks[step] |= 1 << bit;
-        }
-    }
-    Ok(masks)
-}
-
-/// Where a truth is true, not null.
-fn fitting(truth: &BooleanArray) -> BooleanBuffer {
-    match truth.nulls() {
-        Some(nulls) => truth.values() & nulls.inner(),
-        None => truth.values().clone(),
-    }
-}
-
-/// What a condition says of each step.
-fn truth(condition: &Condition, steps: &Episodes) -> Result<BooleanArray> {
-    let all =
-        |parts: &[Condition],
-         join: fn(&BooleanArray, &BooleanArray) -> std::result::Result<BooleanArray, arrow::error::ArrowError>| {
-            let mut truths = parts.iter().map(|part| truth(part, steps));
-            let first = truths.next().unwrap_or_else(|| exec_err!("an empty condition"))?;
-            truths.try_fold(first, |sum, next| Ok::<_, DataFusionError>(join(&sum, &next?)?))
-        };
-    Ok(match condition {
-        Condition::Any => BooleanArray::from(vec![true; steps.steps.len()]),
-        Condition::Flag(column) => steps.back(column)?.as_boolean().clone(),
-        Condition::Compare { left, op, right } => {
-            let left = steps.back(left)?;
-            match right {
-                Operand::Literal(literal) => compare(&left, *op, literal)?,
-                Operand::Column(column) => {
-                    let right = steps.back(column)?;
-                    let (left, right) = if kind_of(left.data_type()) == Some(ColumnKind::Number) {
-                        (cast(&left, &DataType::Float64)?, cast(&right, &DataType::Float64)?)
-                    } else {
-                        (left, right)
-                    };
-                    with(*op, &left, &right)?
-                }
-            }
-        }
-        Condition::InList { column, values } => {
-            let column = steps.back(column)?;
-            let mut truths = values.iter().map(|value| compare(&column, Op::Eq, value));
-            let first = truths.next().unwrap_or_else(|| exec_err!("an empty list"))?;
-            truths.try_fold(first, |sum, next| Ok::<_, DataFusionError>(or_kleene(&sum, &next?)?))?
-        }
-        Condition::Like { column, pattern } => {
-            let column = steps.back(column)?;
-            like(&column, &Scalar::new(StringArray::from(vec![pattern.as_str()])))?
-        }
-        Condition::IsNull(column) => is_null(&steps.back(column)?)?,
-        Condition::And(parts) => all(parts, and_kleene)?,
-        Condition::Or(parts) => all(parts, or_kleene)?,
-        Condition::Not(part) => not(&truth(part, steps)?)?,
-        Condition::IsTrue(part) => BooleanArray::new(fitting(&truth(part, steps)?), None),
-    })
-}
-
-fn compare(column: &ArrayRef, op: Op, literal: &Literal) -> Result<BooleanArray> {
-    match literal {
-        Literal::Text(text) => with(op, column, &Scalar::new(StringArray::from(vec![text.as_str()]))),
-        Literal::Flag(flag) => with(op, column, &Scalar::new(BooleanArray::from(vec![*flag]))),
-        Literal::Number(number) => {
-            let column = cast(column, &DataType::Float64)?;
-            with(op, &column, &Scalar::new(arrow::array::Float64Array::from(vec![*number])))
-        }
-    }
-}
-
-fn with(op: Op, left: &dyn arrow::array::Datum, right: &dyn arrow::array::Datum) -> Result<BooleanArray> {
-    Ok(match op {
-        Op::Eq => cmp::eq(left, right),
-        Op::NotEq => cmp::neq(left, right),
-        Op::Lt => cmp::lt(left, right),
-        Op::LtEq => cmp::lt_eq(left, right),
-        Op::Gt => cmp::gt(left, right),
-        Op::GtEq => cmp::gt_eq(left, right),
-    }?)
-}
-
 fn first_step(condition: &Condition, steps: &Episodes) -> Result<Int32Array> {
     let fits = fitting(&truth(condition, steps)?);
     let numbers = steps.numbers()?;
@@ -437,10 +289,10 @@ fn first_step(condition: &Condition, steps: &Episodes) -> Result<Int32Array> {
 }
 
 fn oscillation(steps: &Episodes) -> Result<StructArray> {
-    let goes = fitting(&compare(steps.column("tool")?, Op::Eq, &Literal::Text("nav_to".into()))?);
-    let places = cast(steps.column("argument")?, &DataType::Utf8)?;
-    let places = places.as_string::<i32>();
-    let place = |step: usize| (goes.value(step) && places.is_valid(step)).then(|| places.value(step));
+    let goes = of_values(steps.column("tool")?, |tools| compare(tools, Op::Eq, &Literal::Text("nav_to".into())))?;
+    let goes = fitting(&goes);
+    let places = Codes::of(steps.column("argument")?)?;
+    let place = |step: usize| if goes.value(step) { places.code(step) } else { None };
     let numbers = steps.numbers()?;
     let mut found: Vec<Option<(Oscillation, &str, &str)>> = Vec::with_capacity(steps.len());
     for row in 0..steps.len() {
@@ -448,7 +300,7 @@ fn oscillation(steps: &Episodes) -> Result<StructArray> {
         let run = reel_pattern::oscillation(range.clone().map(place));
         found.push(run.filter(|_| steps.list.is_valid(row)).map(|run| {
             let first = range.start + run.first_step;
-            let (one, other) = (places.value(first), places.value(first + 1));
+            let (one, other) = (places.text(first), places.text(first + 1));
             let run = Oscillation { first_step: numbers(first) as usize, ..run };
             (run, one.min(other), one.max(other))
         }));
@@ -483,16 +335,6 @@ fn step_fields(data_type: &DataType) -> Option<&Fields> {
 
 fn kind(field: &FieldRef) -> Option<ColumnKind> {
     kind_of(field.data_type())
-}
-
-fn kind_of(data_type: &DataType) -> Option<ColumnKind> {
-    match data_type {
-        DataType::Utf8 | DataType::Utf8View | DataType::LargeUtf8 => Some(ColumnKind::Text),
-        DataType::Dictionary(_, value) => kind_of(value),
-        DataType::Boolean => Some(ColumnKind::Flag),
-        number if number.is_numeric() => Some(ColumnKind::Number),
-        _ => None,
-    }
 }
 
 fn span() -> Fields {
