@@ -2,17 +2,18 @@
 
 The yardstick that ingest is measured against, tuned as its users would tune it: every file is read once, every
 checksum is verified, pictures and viewers' channels are skipped undecoded, messages are decoded by upb with the
-schemas of the file, columns are made of flat tuples, and rows leave in batches. mcap's own reader would take most of
-the time then: by default this script goes through the records itself and leaves it the parsing of chunk headers,
-attachments, schemas and channels. The rows are those of `episodes`, `tasks`, `scenes` and `quarantine`
-(`schemas/tables.md`); `check_ingest.py` compares them with ours.
+schemas of the file, the hash chain and the digests of task and scene are computed anew, columns are made of flat
+tuples, and rows leave in batches. mcap's own reader would take most of the time then: by default this script goes
+through the records itself and leaves it the parsing of chunk headers, attachments, schemas and channels. The rows are
+those of `episodes`, `tasks`, `scenes` and `quarantine` (`schemas/tables.md`); `check_ingest.py` compares them with ours.
 
-It takes the digests of the hash chain as they stand, and knows neither incremental ingest nor two traces of one
-episode.
+With `--no-chain` it takes the digests of the hash chain, the task and the scene as they stand. It knows neither
+incremental ingest nor two traces of one episode, and does not refuse everything that the chain does not cover: repeated
+messages, another order, unknown fields, a class that is not that of its error.
 
-  ingest_python.py TRACES... --out DIR [--processes 2] [--reader library]
+  ingest_python.py TRACES... --out DIR [--processes 2] [--reader library] [--no-chain]
 
-Needs PyPI mcap, protobuf, zstandard, orjson and pyarrow.
+Needs PyPI mcap, protobuf, zstandard, orjson, blake3 and pyarrow.
 """
 
 import argparse
@@ -40,6 +41,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, ChunkIndex, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
+from ingest_chain import verify
 from ingest_rows import Rows, Task, documented_schemas
 
 # Episodes in a batch, which becomes a row group.
@@ -62,12 +64,14 @@ def main():
     parser.add_argument("--out", required=True, type=Path, help="folder for the Parquet files; should be empty")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--reader", choices=READERS, default="fast", help="who goes through the records")
+    parser.add_argument("--no-chain", action="store_true", help="take the digests as they stand")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     wall, cpu = time.perf_counter(), cpu_seconds()
 
     paths = sorted({os.path.abspath(path) for given in options.traces for path in files_of(given)})
-    shards = [(paths[index :: options.processes], options.out, index, options.reader) for index in range(options.processes)]
+    how = (options.out, options.reader, not options.no_chain)
+    shards = [(paths[index :: options.processes], index, *how) for index in range(options.processes)]
     if options.processes == 1:
         done = [ingest(*shards[0])]
     else:
@@ -98,12 +102,12 @@ def cpu_seconds():
     return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
-def ingest(paths, out, index, reader):
+def ingest(paths, index, out, reader, check_chain):
     """Writes the rows of some files; gives how many episodes and bad files there were, and the peak of memory in KiB."""
     gc.disable()  # nothing here is cyclic
     schemas = documented_schemas()
     counts = dict.fromkeys(schemas, 0)
-    reader, rows = READERS[reader](), Rows()
+    reader, rows = READERS[reader](check_chain), Rows()
     with contextlib.ExitStack() as stack:
         writers = {}
         for table, schema in schemas.items():
@@ -153,13 +157,14 @@ class Trace:
         self.calls, self.results, self.diffs, self.rewards, self.moments, self.offsets = [], [], [], [], [], []
         self.graphs = []
         # where a step has them
-        self.policies, self.answers = {}, {}
+        self.policies, self.outside, self.answers = {}, {}, {}
 
 
 class Reader:
     """Reads traces; keeps what many of them share."""
 
-    def __init__(self):
+    def __init__(self, check_chain):
+        self.check_chain = check_chain
         self.records, self.decoders = {}, {}
         self.task_of = functools.lru_cache(TASKS_KEPT)(Task)
         self.decompress = zstandard.ZstdDecompressor().decompress
@@ -173,6 +178,8 @@ class Reader:
         kinds = (trace.calls, trace.results, trace.diffs, trace.rewards, trace.moments[1:])
         if not trace.end or trace.end.steps != len(steps) or any([m.step for m in kind] != [*steps] for kind in kinds):
             raise ValueError("the end of the episode or a message of a step is missing")
+        if self.check_chain:
+            verify(trace, attachments["task.json"], attachments["scene.json"])
         trace.task = self.task_of(attachments["task.json"], trace.start.task_digest)
         trace.scene = attachments["scene.json"]
         return trace
@@ -305,11 +312,12 @@ def taking_policies(decode, trace):
     return take
 
 
-def taking_answers(decode, trace):
+def taking_replies(decode, trace):
+    replies = {"outside": trace.outside, "answer": trace.answers}
+
     def take(data, offset):
         reply = decode(data)
-        if reply.kind == "answer":
-            trace.answers[reply.step] = reply
+        replies[reply.kind][reply.step] = reply
 
     return take
 
@@ -320,7 +328,7 @@ TAKERS = {
     "/world/graph": appending("graphs"),
     "/tool/call": taking_calls,
     "/policy/output": taking_policies,
-    "/user/dialogue": taking_answers,
+    "/user/dialogue": taking_replies,
     "/tool/result": appending("results"),
     "/world/diff": appending("diffs"),
     "/reward": appending("rewards"),
