@@ -1,7 +1,10 @@
-"""Measures `reel ingest` beside the Python script of the same work and a loop that only decodes; then its memory as traces
-become more. CPU seconds of the whole process for ours, of the work without imports for Python's; median of three.
+"""Measures `reel ingest` beside the Python script of the same work and a loop that only decodes, on traces with pictures (as
+they are recorded by default) and without; then its memory as traces become more.
 
-  ingest.py TRACES --reel BINARY --decode BINARY --copies BINARY --work DIR [--traces-max N]
+CPU time of the work, median of three: of Python's process without its imports, of ours without what it takes to start and
+to ingest a single trace.
+
+  ingest.py --full TRACES --lean TRACES --reel BINARY --decode BINARY --copies BINARY --work DIR [--traces-max N]
 """
 
 import argparse
@@ -27,63 +30,68 @@ def run(command):
 
 
 def ours(reel, traces, store):
+    """CPU seconds of an ingest."""
     cpu = []
     for _ in range(RUNS):
         shutil.rmtree(store, ignore_errors=True)
-        seconds, peak = run([reel, "ingest", traces, "--store", store])
-        cpu.append(seconds)
-    return statistics.median(cpu), peak
+        cpu.append(run([reel, "ingest", *traces, "--store", store])[0])
+    return statistics.median(cpu)
 
 
 def python(traces, out, reader):
     cpu = []
     for _ in range(RUNS):
         shutil.rmtree(out, ignore_errors=True)
-        files = sorted(map(str, traces.glob("*.mcap")))
-        command = [sys.executable, HERE / "ingest_python.py", *files, "--out", out, "--reader", reader]
+        command = [sys.executable, HERE / "ingest_python.py", *traces, "--out", out, "--reader", reader]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         cpu.append(json.loads(done.stdout)["cpu_s"])
     return statistics.median(cpu)
 
 
 def decode(binary, traces):
-    files = sorted(map(str, traces.glob("*.mcap")))
-    runs = [json.loads(subprocess.run([binary, *files], capture_output=True, text=True, check=True).stdout) for _ in range(RUNS)]
+    runs = [json.loads(subprocess.run([binary, *traces], capture_output=True, text=True, check=True).stdout) for _ in range(RUNS)]
     return statistics.median(run["cpu_s"] for run in runs)
 
 
 def copies(binary, traces, folder, count):
     """So many traces of different episodes, made from a few."""
     shutil.rmtree(folder, ignore_errors=True)
-    files = sorted(map(str, traces.glob("*.mcap")))
-    subprocess.run([binary, folder, str(count), *files], check=True)
+    subprocess.run([binary, folder, str(count), *traces], check=True)
     return folder
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("traces", type=Path)
+    parser.add_argument("--full", required=True, type=Path, help="folder of traces with pictures")
+    parser.add_argument("--lean", required=True, type=Path, help="folder of traces without")
     parser.add_argument("--reel", required=True)
     parser.add_argument("--decode", required=True)
     parser.add_argument("--copies", required=True)
     parser.add_argument("--work", required=True, type=Path)
     parser.add_argument("--traces-max", type=int, default=50_000)
     options = parser.parse_args()
-    count = len(list(options.traces.glob("*.mcap")))
     store = options.work / "ingest-store"
-    cpu, _ = ours(options.reel, options.traces, store)
-    print(f"{count} traces, ms of CPU a trace")
-    print(f"  reel ingest                          {1e3 * cpu / count:7.3f}")
-    for reader, name in (("library", "PyPI mcap + protobuf + pyarrow"), ("fast", "the same, records by hand")):
-        seconds = python(options.traces, options.work / "ingest-python", reader)
-        print(f"  {name:36} {1e3 * seconds / count:7.3f}  {seconds / cpu:6.2f} times reel's")
-    seconds = decode(options.decode, options.traces)
-    print(f"  decoding alone, in Rust              {1e3 * seconds / count:7.3f}  {seconds / cpu:6.2f} times reel's")
+    for name, folder in (("with pictures", options.full), ("lean", options.lean)):
+        traces = sorted(map(str, folder.glob("*.mcap")))
+        start = ours(options.reel, traces[:1], store)
+        compare(options, name, traces, ours(options.reel, traces, store) - start)
+    lean = sorted(map(str, options.lean.glob("*.mcap")))
     for size in [number for number in (1_000, 10_000, 50_000) if number <= options.traces_max]:
-        folder = copies(options.copies, options.traces, options.work / "ingest-copies", size)
+        folder = copies(options.copies, lean, options.work / "ingest-copies", size)
         shutil.rmtree(store, ignore_errors=True)
         seconds, peak = run([options.reel, "ingest", folder, "--store", store])
-        print(f"  {size:6} traces: {seconds:7.1f} s of CPU, peak {peak / 2**20:6.0f} MB")
+        print(f"  {size:6} traces: {seconds:7.1f} s of CPU, peak {peak / 2**20:6.0f} MB", flush=True)
+
+
+def compare(options, name, traces, cpu):
+    count = len(traces)
+    print(f"{count} traces, {name}: ms of CPU a trace")
+    print(f"  reel ingest                          {1e3 * cpu / count:7.3f}")
+    for reader, told in (("library", "PyPI mcap + protobuf + pyarrow"), ("fast", "the same, records by hand")):
+        seconds = python(traces, options.work / "ingest-python", reader)
+        print(f"  {told:36} {1e3 * seconds / count:7.3f}  {seconds / cpu:6.2f} times reel's")
+    seconds = decode(options.decode, traces)
+    print(f"  decoding alone, in Rust              {1e3 * seconds / count:7.3f}  {seconds / cpu:6.2f} times reel's", flush=True)
 
 
 if __name__ == "__main__":

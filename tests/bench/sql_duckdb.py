@@ -14,6 +14,7 @@ the cheapest counts:
   ordered   the same, relying on the order of its rows: `lag` needs no sort then
   text      the same, with the steps of an episode joined to one text
   grouped   the same, where aggregates suffice
+  gathered  as lists, with the returns of a group in a list
 
 `--prepare` writes the tables that are not there already; its time does not count. They hold what the store holds,
 nothing derived but the number of the episode, which joins the steps of the flat table. An episode fails where `success`
@@ -266,8 +267,19 @@ FROM (
 RETURN = "list_reduce(list_reverse({}), lambda later, reward: 0.99::DOUBLE * later + reward, 0::DOUBLE)"
 
 
-def advantages(returns):
-    return f"WITH returns AS ({returns}) {NORMED}"
+# The same with each group's returns in a list, so that the episodes are read once.
+GATHERED = """
+SELECT count(*) AS episodes, round(sum(j), 6) AS sum_j, round(sum(abs(advantage)), 6) AS sum_abs, round(max(advantage), 6) AS max
+FROM (
+  SELECT j, (j - mean) / (std + 1e-6) AS advantage
+  FROM (SELECT unnest(js) AS j, mean, std
+    FROM (SELECT list(j) AS js, avg(j) AS mean, stddev_pop(j) AS std FROM returns GROUP BY group_key))
+)
+"""
+
+
+def advantages(returns, normed=NORMED):
+    return f"WITH returns AS ({returns}) {normed}"
 
 
 # By question and variant.
@@ -297,6 +309,7 @@ QUERIES = {
             f" {RETURN.format('list_transform(steps, lambda s: s.reward)')} AS j FROM episodes"
         ),
         "lists": advantages(f"SELECT {GROUP_KEY} AS group_key, {RETURN.format('reward')} AS j FROM lists"),
+        "gathered": advantages(f"SELECT {GROUP_KEY} AS group_key, {RETURN.format('reward')} AS j FROM lists", GATHERED),
         "grouped": advantages(
             f"SELECT any_value({GROUP_KEY}) AS group_key, coalesce(sum(reward * pow(0.99::DOUBLE, step)), 0) AS j"
             " FROM flat GROUP BY episode"

@@ -1,15 +1,18 @@
 //! What steers a running query from outside: stopping it, and hearing how far its slow functions are.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     path::Path,
     sync::{
-        OnceLock,
+        Mutex, OnceLock,
         atomic::{AtomicBool, AtomicU64, Ordering},
     },
 };
 
 use datafusion::error::DataFusionError;
+use reel_world::Digest;
+
+use crate::functions::simulator::Row;
 
 /// Why a query was stopped before its end.
 #[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
@@ -54,6 +57,8 @@ pub struct Control {
     simulated: AtomicU64,
     /// Traces that functions may open.
     traces: OnceLock<BTreeSet<String>>,
+    /// What `replay` said, by the trace's digest.
+    pub(crate) verdicts: Mutex<BTreeMap<Digest, Row>>,
 }
 
 impl Control {
@@ -85,8 +90,12 @@ impl Control {
         self.simulated.fetch_add(1, Ordering::Relaxed);
     }
 
-    pub(crate) fn allow(&self, traces: impl FnOnce() -> BTreeSet<String>) {
-        self.traces.get_or_init(traces);
+    pub(crate) fn allow(&self, traces: BTreeSet<String>) {
+        self.traces.get_or_init(|| traces);
+    }
+
+    pub(crate) fn knows_traces(&self) -> bool {
+        self.traces.get().is_some()
     }
 
     /// Only files that the store names are opened.

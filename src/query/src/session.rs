@@ -9,19 +9,23 @@ use std::{
 };
 
 use arrow::{
-    array::{AsArray, RecordBatch},
+    array::{AsArray, RecordBatch, RecordBatchOptions},
     compute::cast,
-    datatypes::DataType,
+    datatypes::{DataType, Field, Schema},
+    error::ArrowError,
 };
 use datafusion::{
     catalog::TableProvider,
-    common::ParamValues,
+    common::{
+        ParamValues,
+        tree_node::{TreeNode as _, TreeNodeRecursion},
+    },
     error::DataFusionError,
     execution::{
         context::SQLOptions,
         runtime_env::{RuntimeEnv, RuntimeEnvBuilder},
     },
-    logical_expr::LogicalPlan,
+    logical_expr::{Expr, LogicalPlan},
     prelude::{DataFrame, SessionConfig, SessionContext},
     scalar::ScalarValue,
     sql::{
@@ -38,7 +42,7 @@ use crate::{
     functions,
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     named,
-    tables::{StepFields, provider, step_fields},
+    tables::{StepFields, plain, provider, step_fields},
 };
 
 /// How often a running query is looked at.
@@ -266,6 +270,9 @@ impl Inner {
         let questions = SQLOptions::new().with_allow_ddl(false).with_allow_dml(false).with_allow_statements(false);
         questions.verify_plan(&plan).map_err(|error| QueryError::ReadOnly { reason: message(&error) })?;
         let plan = bind(plan, parameters)?;
+        if opens_traces(&plan)? {
+            self.allow_traces(&context).await?;
+        }
         Ok((context, plan))
     }
 
@@ -286,10 +293,6 @@ impl Inner {
         for view in all_views(fields).iter().filter(|view| named.contains(view.name)) {
             let plan = plan_of(&context, &view.sql).await?;
             context.register_table(view.name, DataFrame::new(context.state(), plan).into_view())?;
-        }
-        let lower = sql.to_ascii_lowercase();
-        if ["replay", "frame", "reward"].iter().any(|name| lower.contains(name)) {
-            self.allow_traces(&context).await?;
         }
         Ok(context)
     }
@@ -331,6 +334,9 @@ impl Inner {
 
     /// Lets the functions open the traces of the store, and no other files.
     async fn allow_traces(&self, context: &SessionContext) -> Result<(), QueryError> {
+        if self.control.knows_traces() {
+            return Ok(());
+        }
         let table = self.provider(Table::Episodes, &StepFields::Some(BTreeMap::new()))?;
         let batches = context.read_table(table)?.select_columns(&["trace"])?.collect().await?;
         let mut traces = BTreeSet::new();
@@ -338,7 +344,7 @@ impl Inner {
             let column = cast(batch.column(0), &DataType::Utf8)?;
             traces.extend(column.as_string::<i32>().iter().flatten().map(str::to_owned));
         }
-        self.control.allow(|| traces);
+        self.control.allow(traces);
         Ok(())
     }
 
@@ -376,8 +382,34 @@ impl Inner {
         if batches.is_empty() {
             batches.push(RecordBatch::new_empty(columns));
         }
-        Ok(batches)
+        Ok(batches.iter().map(in_plain_types).collect::<Result<_, _>>()?)
     }
+}
+
+/// Whether a plan calls a function that opens traces.
+fn opens_traces(plan: &LogicalPlan) -> Result<bool, DataFusionError> {
+    let call = |expression: &Expr| {
+        Ok(matches!(expression, Expr::ScalarFunction(call) if functions::simulator::NAMES.contains(&call.name())))
+    };
+    let mut found = false;
+    plan.apply_with_subqueries(|node| {
+        for expression in node.expressions() {
+            found = found || expression.exists(call)?;
+        }
+        Ok(if found { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
+    })?;
+    Ok(found)
+}
+
+/// An answer in the types of the tables, however they were read.
+fn in_plain_types(batch: &RecordBatch) -> Result<RecordBatch, ArrowError> {
+    let schema = batch.schema();
+    let fields: Vec<Field> =
+        schema.fields().iter().map(|field| field.as_ref().clone().with_data_type(plain(field.data_type()))).collect();
+    let columns: Result<_, _> =
+        batch.columns().iter().zip(&fields).map(|(column, field)| cast(column, field.data_type())).collect();
+    let rows = RecordBatchOptions::new().with_row_count(Some(batch.num_rows()));
+    RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), columns?, &rows)
 }
 
 impl std::fmt::Debug for Session {
@@ -481,7 +513,7 @@ fn bind(plan: LogicalPlan, parameters: &Parameters) -> Result<LogicalPlan, Query
     Ok(plan.with_param_values(ParamValues::from(values))?)
 }
 
-/// The engine's own words, without its wrappers.
+/// The engine's own words, without its wrappers and its names for where the tables are.
 fn message(error: &DataFusionError) -> String {
-    error.find_root().strip_backtrace()
+    error.find_root().strip_backtrace().replace("datafusion.public.", "")
 }

@@ -155,8 +155,31 @@ impl TableProvider for Coded {
     }
 }
 
+/// What a question sees of `episodes`: the steps' fields that it reads, and its other texts as views, which group and
+/// compare without being copied.
 fn narrowed(schema: &SchemaRef, fields: &StepFields) -> SchemaRef {
-    with_steps(schema, |all| all.iter().filter(|field| fields.has(field.name())).map(|field| fields.form(field)).collect())
+    if *fields == StepFields::All {
+        return schema.clone();
+    }
+    let steps = |all: &Fields| all.iter().filter(|field| fields.has(field.name())).map(|field| fields.form(field)).collect();
+    let viewed = |field: &Arc<Field>| match field.data_type() {
+        DataType::Utf8 => Arc::new(field.as_ref().clone().with_data_type(DataType::Utf8View)),
+        _ => field.clone(),
+    };
+    Arc::new(Schema::new(with_steps(schema, steps).fields().iter().map(viewed).collect::<Fields>()))
+}
+
+/// A type as the tables have it: no views, no codes.
+pub(crate) fn plain(data_type: &DataType) -> DataType {
+    let field = |field: &Arc<Field>| Arc::new(field.as_ref().clone().with_data_type(plain(field.data_type())));
+    match data_type {
+        DataType::Utf8View => DataType::Utf8,
+        DataType::BinaryView => DataType::Binary,
+        DataType::Dictionary(_, values) => plain(values),
+        DataType::List(item) => DataType::List(field(item)),
+        DataType::Struct(fields) => DataType::Struct(fields.iter().map(field).collect()),
+        other => other.clone(),
+    }
 }
 
 /// A schema with other fields of the steps.

@@ -3,10 +3,14 @@ WITH returns AS (
   SELECT coalesce(group_id, concat(task_id, policy)) AS group_key, discounted(step_values(steps, 'reward'), 0.99) AS j
   FROM episodes
 ),
+groups AS (
+  SELECT array_agg(j) AS js, avg(j) AS mean, stddev_pop(j) AS std
+  FROM returns
+  GROUP BY group_key
+),
 normed AS (
   SELECT j, (j - mean) / (std + 1e-6) AS advantage
-  FROM returns
-  JOIN (SELECT group_key AS key, avg(j) AS mean, stddev_pop(j) AS std FROM returns GROUP BY group_key) ON key = group_key
+  FROM (SELECT unnest(js) AS j, mean, std FROM groups)
 )
 SELECT count(*) AS episodes, round(sum(j), 6) AS sum_j, round(sum(abs(advantage)), 6) AS sum_abs,
   round(max(advantage), 6) AS max

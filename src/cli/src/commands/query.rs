@@ -5,7 +5,7 @@ use std::{
     fs,
     io::{ErrorKind, Write as _},
     path::PathBuf,
-    sync::atomic::{AtomicBool, Ordering},
+    sync::mpsc,
     time::Duration,
 };
 
@@ -169,11 +169,10 @@ fn watched<T>(session: &Session, run: impl FnOnce() -> T) -> T {
     session.stop_on_ctrl_c();
     let control = session.control();
     let spinner = progress::spinner();
-    let done = AtomicBool::new(false);
+    let (done, ended) = mpsc::channel::<()>();
     std::thread::scope(|scope| {
-        scope.spawn(|| {
-            while !done.load(Ordering::Relaxed) {
-                std::thread::sleep(Duration::from_millis(50));
+        scope.spawn(move || {
+            while ended.recv_timeout(Duration::from_millis(50)) == Err(mpsc::RecvTimeoutError::Timeout) {
                 match control.simulated() {
                     0 => {}
                     traces => spinner.set_message(format!("{traces} traces worked off; Ctrl-C stops")),
@@ -183,7 +182,7 @@ fn watched<T>(session: &Session, run: impl FnOnce() -> T) -> T {
             spinner.finish_and_clear();
         });
         let answer = run();
-        done.store(true, Ordering::Relaxed);
+        drop(done);
         answer
     })
 }

@@ -163,6 +163,18 @@ impl<'a> Coded<'a> {
         }
     }
 
+    /// A bit a step, which its code decides.
+    fn bits(&self, of_code: impl Fn(usize) -> bool) -> BooleanBuffer {
+        let of_code: Vec<bool> = (0..self.values.len()).map(of_code).collect();
+        let (codes, none) = (self.codes.values(), self.values.len() - 1);
+        match self.codes.nulls() {
+            None => BooleanBuffer::collect_bool(codes.len(), |step| of_code[codes[step] as usize]),
+            Some(nulls) => BooleanBuffer::collect_bool(codes.len(), |step| {
+                of_code[if nulls.is_valid(step) { codes[step] as usize } else { none }]
+            }),
+        }
+    }
+
     /// The texts as an episode with a step each.
     fn with_episode<T>(&self, name: &str, take: impl FnOnce(&Episodes) -> Result<T>) -> Result<T> {
         let fields = Fields::from(vec![Field::new(name, self.values.data_type().clone(), true)]);
@@ -177,14 +189,8 @@ impl<'a> Coded<'a> {
 pub(super) fn of_values(column: &ArrayRef, say: impl Fn(&ArrayRef) -> Result<BooleanArray>) -> Result<BooleanArray> {
     let Some(coded) = Coded::of(column) else { return say(column) };
     let said = say(&coded.values)?;
-    let of = |one: &dyn Fn(usize) -> bool| -> BooleanBuffer {
-        let bits: Vec<bool> = (0..coded.values.len()).map(one).collect();
-        let mut of_step = vec![false; column.len()];
-        coded.each(|step, code| of_step[step] = bits[code]);
-        BooleanBuffer::from(of_step)
-    };
-    let nulls = (said.null_count() > 0).then(|| NullBuffer::new(of(&|code| said.is_valid(code))));
-    Ok(BooleanArray::new(of(&|code| said.is_valid(code) && said.value(code)), nulls))
+    let nulls = (said.null_count() > 0).then(|| NullBuffer::new(coded.bits(|code| said.is_valid(code))));
+    Ok(BooleanArray::new(coded.bits(|code| said.is_valid(code) && said.value(code)), nulls))
 }
 
 /// Texts as numbers, equal where the texts are.

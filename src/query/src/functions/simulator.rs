@@ -1,11 +1,7 @@
 //! SQL functions that call the simulator: they open a trace of the store, and what they say follows from its inputs.
 //! Rows are worked off in parallel and remembered by the trace's digest; a stopped query stops between two rows.
 
-use std::{
-    collections::BTreeMap,
-    path::Path,
-    sync::{Arc, Mutex},
-};
+use std::{path::Path, sync::Arc};
 
 use arrow::{
     array::{Array, ArrayRef, AsArray, BinaryBuilder, BooleanArray, Float64Array, StringBuilder, StructArray},
@@ -47,37 +43,36 @@ pub(crate) const HELP: &[FunctionHelp] = &[
     },
 ];
 
-/// Verdicts by trace digest.
-type Verdicts = Arc<Mutex<BTreeMap<Digest, Row>>>;
+/// What these functions are called.
+pub(crate) const NAMES: [&str; 3] = ["replay", "reward", "frame"];
 
 /// What `replay` says of a trace.
-#[derive(Clone)]
-struct Row {
+#[derive(Clone, Debug)]
+pub(crate) struct Row {
     verdict: &'static str,
     first_divergence: Option<String>,
     digest: Option<String>,
 }
 
 pub(crate) fn functions(control: &Arc<Control>) -> Vec<ScalarUDF> {
-    let known = Verdicts::default();
     let (replay_control, frame_control, reward_control) = (control.clone(), control.clone(), control.clone());
     vec![
         create_udf(
-            "reward",
+            NAMES[1],
             vec![DataType::Utf8, DataType::Utf8],
             DataType::Struct(metric_fields()),
             Volatility::Stable,
             Arc::new(move |arguments| reward(arguments, &reward_control)),
         ),
         create_udf(
-            "replay",
+            NAMES[0],
             vec![DataType::Utf8],
             DataType::Struct(verdict_fields()),
             Volatility::Stable,
-            Arc::new(move |arguments| replay(arguments, &replay_control, &known)),
+            Arc::new(move |arguments| replay(arguments, &replay_control)),
         ),
         create_udf(
-            "frame",
+            NAMES[2],
             vec![DataType::Utf8, DataType::Int64],
             DataType::Binary,
             Volatility::Stable,
@@ -86,7 +81,7 @@ pub(crate) fn functions(control: &Arc<Control>) -> Vec<ScalarUDF> {
     ]
 }
 
-fn replay(arguments: &[ColumnarValue], control: &Control, known: &Verdicts) -> Result<ColumnarValue> {
+fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
     let rows = each(&arrays[0], control, |path, _| {
         let trace = match Trace::read(path) {
@@ -94,7 +89,7 @@ fn replay(arguments: &[ColumnarValue], control: &Control, known: &Verdicts) -> R
             Err(error) => return Ok(Row { verdict: "refused", first_divergence: Some(error.to_string()), digest: None }),
         };
         let digest = trace.chain();
-        let lock = || known.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let lock = || control.verdicts.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         if let Some(row) = lock().get(&digest) {
             return Ok(row.clone());
         }
