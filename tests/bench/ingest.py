@@ -1,7 +1,7 @@
 """Measures `reel ingest` beside the Python script of the same work and a loop that only decodes, on traces with pictures (as
 they are recorded by default) and without; then its memory as traces become more.
 
-CPU time of the work, median of three: of Python's process without its imports, of ours without what it takes to start and
+CPU time of the work, the least of five: of Python's process without its imports, of ours without what it takes to start and
 to ingest a single trace.
 
   ingest.py --full TRACES --lean TRACES --reel BINARY --decode BINARY --copies BINARY --work DIR [--traces-max N]
@@ -11,13 +11,12 @@ import argparse
 import json
 import os
 import shutil
-import statistics
 import subprocess
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-RUNS = 3
+RUNS = 5
 
 
 def run(command):
@@ -35,7 +34,7 @@ def ours(reel, traces, store):
     for _ in range(RUNS):
         shutil.rmtree(store, ignore_errors=True)
         cpu.append(run([reel, "ingest", *traces, "--store", store])[0])
-    return statistics.median(cpu)
+    return min(cpu)
 
 
 def python(traces, out, reader):
@@ -45,12 +44,12 @@ def python(traces, out, reader):
         command = [sys.executable, HERE / "ingest_python.py", *traces, "--out", out, "--reader", reader]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         cpu.append(json.loads(done.stdout)["cpu_s"])
-    return statistics.median(cpu)
+    return min(cpu)
 
 
 def decode(binary, traces):
     runs = [json.loads(subprocess.run([binary, *traces], capture_output=True, text=True, check=True).stdout) for _ in range(RUNS)]
-    return statistics.median(run["cpu_s"] for run in runs)
+    return min(run["cpu_s"] for run in runs)
 
 
 def copies(binary, traces, folder, count):

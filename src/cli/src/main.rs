@@ -11,7 +11,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Analytics allocates much and from several threads.
+/// Analytics allocates much and from several threads. The second version of mimalloc gives memory back soon.
 #[cfg(feature = "analytics")]
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;

@@ -26,7 +26,7 @@ use super::{Refused, SIDE, Store, StoreError, TRIES_MAX, location::absolute, par
 use crate::{Table, rows::Rows};
 
 /// Bytes of Arrow memory after which a portion is committed.
-const PORTION_BYTES: usize = 96 << 20;
+const PORTION_BYTES: usize = 48 << 20;
 /// Traces that a thread turns into one batch.
 const TRACES_PER_BATCH: usize = 16;
 /// Batches read ahead at a time.
