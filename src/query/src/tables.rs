@@ -293,8 +293,7 @@ impl Reader {
                     if is_steps && !hands_on {
                         return Ok(Understood::Break(()));
                     }
-                    let Some(names) = self.taken(call.name(), &call.args) else { return Ok(Understood::Break(())) };
-                    let form = if sequence::needs(call.name(), &call.args).is_some() { ReadAs::Codes } else { ReadAs::Values };
+                    let Some((names, form)) = self.taken(call.name(), &call.args) else { return Ok(Understood::Break(())) };
                     for name in names {
                         let known = self.names.entry(name).or_insert(form);
                         *known = form.max(*known);
@@ -324,17 +323,17 @@ impl Reader {
         Ok(understood)
     }
 
-    /// Fields that a function reads whose first argument are steps or a step.
-    fn taken(&self, name: &str, arguments: &[Expr]) -> Option<BTreeSet<String>> {
+    /// Fields that a function reads whose first argument are steps or a step, and in what form it can take them.
+    fn taken(&self, name: &str, arguments: &[Expr]) -> Option<(BTreeSet<String>, ReadAs)> {
         match name {
             "get_field" => match arguments.get(1)? {
-                Expr::Literal(value, _) => Some(BTreeSet::from([value.try_as_str().flatten()?.to_owned()])),
+                Expr::Literal(value, _) => Some((BTreeSet::from([value.try_as_str().flatten()?.to_owned()]), ReadAs::Values)),
                 _ => None,
             },
             "array_length" | "cardinality" | "array_element" | "array_slice" | "array_pop_front" | "array_pop_back" => {
-                Some(BTreeSet::new())
+                Some((BTreeSet::new(), ReadAs::Values))
             }
-            _ => sequence::needs(name, arguments),
+            _ => Some((sequence::needs(name, arguments)?, ReadAs::Codes)),
         }
     }
 
