@@ -58,14 +58,14 @@ impl<'a> Episodes<'a> {
         self.steps.column_by_name(name).ok_or_else(|| DataFusionError::Execution(format!("the steps have no column '{name}'")))
     }
 
-    /// Numbers of the decisions, where the steps were read with them; their places, where not (they are equal).
-    pub(super) fn numbers(&self) -> Result<impl Fn(usize) -> i32> {
+    /// Numbers of the decisions: the places of the steps in their episode.
+    pub(super) fn numbers(&self) -> impl Fn(usize) -> i32 {
         let mut starts = vec![0; self.steps.len()];
         for row in 0..self.len() {
             let range = self.range(row);
             starts[range.clone()].fill(range.start);
         }
-        Ok(move |step: usize| (step - starts[step]) as i32)
+        move |step: usize| (step - starts[step]) as i32
     }
 
     /// A column, `back` steps earlier in the same episode.

@@ -255,7 +255,7 @@ impl StepFunction {
                 Arc::new(Int64Array::new(counts.collect(), nulls))
             }
             _ => {
-                let numbers = steps.numbers()?;
+                let numbers = steps.numbers();
                 let found: Vec<Option<(i32, i32)>> = (0..steps.len())
                     .map(|row| {
                         let range = steps.range(row);
@@ -278,7 +278,7 @@ impl StepFunction {
 
 fn first_step(condition: &Condition, steps: &Episodes) -> Result<Int32Array> {
     let fits = fitting(&truth(condition, steps)?);
-    let numbers = steps.numbers()?;
+    let numbers = steps.numbers();
     let first = |row: usize| {
         if steps.list.is_null(row) {
             return None;
@@ -293,7 +293,7 @@ fn oscillation(steps: &Episodes) -> Result<StructArray> {
     let goes = fitting(&goes);
     let places = Codes::of(steps.column("argument")?)?;
     let place = |step: usize| if goes.value(step) { places.code(step) } else { None };
-    let numbers = steps.numbers()?;
+    let numbers = steps.numbers();
     let mut found: Vec<Option<(Oscillation, &str, &str)>> = Vec::with_capacity(steps.len());
     for row in 0..steps.len() {
         let range = steps.range(row);
