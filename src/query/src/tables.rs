@@ -103,10 +103,10 @@ pub(crate) fn provider(store: &Store, table: Table, fields: &StepFields) -> Resu
     let options = ListingOptions::new(Arc::new(ParquetFormat::default())).with_file_extension(".parquet");
     let config = ListingTableConfig::new_with_multi_paths(urls).with_listing_options(options).with_schema(schema);
     let listing = ListingTable::try_new(config)?;
-    if table != Table::Episodes {
+    let in_files = with_steps(&table.schema(), |all| all.iter().map(|field| fields.form(field)).collect());
+    if in_files == table.schema() {
         return Ok(Arc::new(listing));
     }
-    let in_files = with_steps(&table.schema(), |all| all.iter().map(|field| fields.form(field)).collect());
     Ok(Arc::new(Coded { listing, in_files }))
 }
 
