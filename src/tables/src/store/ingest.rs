@@ -22,7 +22,11 @@ use reel_trace::RecordsReader;
 use reel_world::Digest;
 use serde::Serialize;
 
-use super::{Refused, SIDE, Store, StoreError, TRIES_MAX, location::absolute, parts::parts};
+use super::{
+    Refused, SIDE, Store, StoreError, TRIES_MAX,
+    location::absolute,
+    parts::{Merge, parts},
+};
 use crate::{Table, rows::Rows};
 
 /// Bytes of Arrow memory after which a portion is committed.
@@ -31,8 +35,6 @@ const PORTION_BYTES: usize = 48 << 20;
 const TRACES_PER_BATCH: usize = 16;
 /// Batches read ahead at a time.
 const BATCHES_AHEAD: usize = 16;
-/// So many small files of a table are merged at the end of an ingest.
-const SMALL_FILES: usize = 8;
 
 /// Called with (files done, files in all) from several threads.
 pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
@@ -131,11 +133,12 @@ impl Store {
                 portion.push(batch?);
                 if portion.bytes >= PORTION_BYTES {
                     self.take(std::mem::take(&mut portion), &paths, &mut known, &mut report)?;
+                    self.merge_small_files(Merge::INGESTED)?;
                 }
             }
             self.take(portion, &paths, &mut known, &mut report)
         })?;
-        self.merge_small_files(SMALL_FILES)?;
+        self.merge_small_files(Merge::INGESTED)?;
         report.version = self.version();
         Ok(report)
     }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{
     Refused, Store, StoreError, TRIES_MAX,
-    parts::{FILE_BYTES_MAX, Part},
+    parts::{Merge, Part},
 };
 use crate::Table;
 
@@ -39,7 +39,7 @@ impl Store {
         let count = |store: &Self| Table::ALL.iter().map(|table| store.parts(*table).len()).sum();
         self.reload()?;
         let files_before = count(self);
-        self.merge_small_files(2)?;
+        self.merge_small_files(Merge::COMPACT)?;
         Ok(CompactReport { files_before, files_after: count(self), version: self.version() })
     }
 
@@ -59,16 +59,16 @@ impl Store {
         Ok(report)
     }
 
-    /// Merges the small files of tables that have at least so many.
-    pub(super) fn merge_small_files(&mut self, at_least: usize) -> Result<(), StoreError> {
+    /// Merges the small files of tables that have enough of them.
+    pub(super) fn merge_small_files(&mut self, merge: Merge) -> Result<(), StoreError> {
         for table in Table::ALL {
             for _ in 0..TRIES_MAX {
                 let mut small = self.parts(table);
-                small.retain(|part| part.size < FILE_BYTES_MAX / 2);
-                if small.len() < at_least {
+                small.retain(|part| part.size < merge.small_bytes);
+                if small.len() < merge.files_min {
                     break;
                 }
-                match self.try_merge(table, small) {
+                match self.try_merge(table, small, merge) {
                     Ok(_) => self.reload()?,
                     Err(Refused::Conflict) => {
                         self.reload()?;
@@ -84,9 +84,9 @@ impl Store {
         Ok(())
     }
 
-    fn try_merge(&self, table: Table, small: Vec<Part>) -> Result<u64, Refused> {
+    fn try_merge(&self, table: Table, small: Vec<Part>, merge: Merge) -> Result<u64, Refused> {
         let opened = &self.tables[&table];
-        let actions = self.rewrite_parts(opened, small)?;
+        let actions = self.rewrite_parts(opened, small, merge)?;
         if table == Table::Episodes {
             return self.commit_episodes(actions, &BTreeMap::new());
         }

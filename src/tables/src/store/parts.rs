@@ -21,9 +21,30 @@ use crate::Table;
 
 /// Rows in a Parquet row group: small enough that two cores share one file of a small store.
 const ROWS_PER_GROUP: usize = 65_536;
+/// Rows in a group of a file that an ingest merges: a writer holds about 10 KB a row of a group that is not full.
+const ROWS_PER_INGESTED_GROUP: usize = 4_096;
+/// Rows that are read at a time.
+const ROWS_AT_A_TIME: usize = 256;
 
 /// No file of a table grows beyond this, in bytes.
-pub(super) const FILE_BYTES_MAX: u64 = 256 << 20;
+const FILE_BYTES_MAX: u64 = 256 << 20;
+
+/// How many small files make a merge, and what it writes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Merge {
+    /// Fewer files than this are left alone.
+    pub files_min: usize,
+    /// Bytes from which on a file is not small.
+    pub small_bytes: u64,
+    rows_per_group: usize,
+}
+
+impl Merge {
+    /// Within an ingest: in bounded memory, so that what it merged once is not small any more.
+    pub(super) const INGESTED: Self = Self { files_min: 8, small_bytes: 8 << 20, rows_per_group: ROWS_PER_INGESTED_GROUP };
+    /// On demand: into files that are read at the least cost.
+    pub(super) const COMPACT: Self = Self { files_min: 2, small_bytes: FILE_BYTES_MAX / 2, rows_per_group: ROWS_PER_GROUP };
+}
 
 /// A Parquet file of a table.
 pub(super) struct Part {
@@ -69,7 +90,7 @@ impl Store {
                 let mask = ProjectionMask::columns(builder.parquet_schema(), columns.iter().copied());
                 builder = builder.with_projection(mask);
             }
-            let mut stream = builder.build().map_err(failed)?;
+            let mut stream = builder.with_batch_size(ROWS_AT_A_TIME).build().map_err(failed)?;
             while let Some(batch) = self.runtime.block_on(stream.next()) {
                 take(index, batch.map_err(failed)?)?;
             }
@@ -79,7 +100,7 @@ impl Store {
 
     /// Writes rows into new files and gives the actions that take them into the table.
     pub(super) fn write_parts(&self, table: &DeltaTable, batches: Vec<RecordBatch>) -> Result<Vec<Action>, StoreError> {
-        let mut writer = self.writer(table)?;
+        let mut writer = self.writer(table, ROWS_PER_GROUP)?;
         self.wait(async {
             for batch in batches {
                 writer.write(batch).await?;
@@ -89,8 +110,8 @@ impl Store {
     }
 
     /// Writes the rows of some files into fewer ones, a batch at a time. The actions say that no data changed.
-    pub(super) fn rewrite_parts(&self, table: &DeltaTable, parts: Vec<Part>) -> Result<Vec<Action>, StoreError> {
-        let mut writer = self.writer(table)?;
+    pub(super) fn rewrite_parts(&self, table: &DeltaTable, parts: Vec<Part>, merge: Merge) -> Result<Vec<Action>, StoreError> {
+        let mut writer = self.writer(table, merge.rows_per_group)?;
         self.read_parts(table, &parts, None, |_, batch| self.wait(writer.write(batch)))?;
         let mut actions = Vec::new();
         for mut add in self.wait(writer.flush())? {
@@ -104,11 +125,11 @@ impl Store {
         Ok(actions)
     }
 
-    fn writer(&self, table: &DeltaTable) -> Result<RecordBatchWriter, StoreError> {
+    fn writer(&self, table: &DeltaTable, rows_per_group: usize) -> Result<RecordBatchWriter, StoreError> {
         let writer = RecordBatchWriter::for_table(table).map_err(|error| self.delta(error))?;
         let properties = WriterProperties::builder()
             .set_compression(Compression::ZSTD(ZstdLevel::default()))
-            .set_max_row_group_row_count(Some(ROWS_PER_GROUP))
+            .set_max_row_group_row_count(Some(rows_per_group))
             .build();
         Ok(writer.with_writer_properties(properties).with_target_file_size(FILE_BYTES_MAX))
     }
