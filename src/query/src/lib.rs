@@ -7,6 +7,7 @@
 mod control;
 pub mod format;
 mod functions;
+mod fusion;
 mod limits;
 pub mod named;
 mod session;
@@ -18,6 +19,7 @@ use reel_tables::Store;
 pub use control::{Control, Stopped};
 pub use format::{Format, arrow_file, format, parquet_file};
 pub use functions::{FunctionHelp, help as functions};
+pub use fusion::{RowQuestion, fuse};
 pub use limits::Limits;
 pub use session::{Parameters, QueryError, Session};
 

@@ -16,7 +16,8 @@ pub use rescore::ScoredEpisode;
 pub use rows::RowsError;
 pub use schema::{Table, View, views};
 pub use store::{
-    Commit, CompactReport, IngestReport, Location, Progress, RescoreReport, STACK_BYTES, Store, StoreError, VacuumReport,
+    Class, Commit, CompactReport, Finding, IngestReport, Label, Location, Progress, RescoreReport, STACK_BYTES, Store,
+    StoreError, VacuumReport,
 };
 pub use synthetic::synthesize;
 

@@ -10,7 +10,7 @@ use arrow::array::RecordBatch;
 
 use reel_trace::Trace;
 use reel_world::{
-    Digest, ErrorClass, GraphEvent, InstanceId, Scene, Task, ToolSpec, WorldGraph, canonical_json,
+    Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, ToolSpec, WorldGraph, canonical_json,
     record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject},
 };
 use serde::Serialize;
@@ -63,7 +63,7 @@ impl Rows {
         Self::of(Table::Quarantine, &rows)
     }
 
-    fn of<R: Serialize>(table: Table, rows: &[R]) -> Result<RecordBatch, RowsError> {
+    pub(crate) fn of<R: Serialize>(table: Table, rows: &[R]) -> Result<RecordBatch, RowsError> {
         let mut builder = Self::new(table)?;
         builder.0.extend(rows)?;
         builder.finish()
@@ -112,6 +112,8 @@ pub(crate) struct Episode<'a> {
     pub(crate) target_caption: Option<&'a str>,
     pub(crate) src: &'a str,
     pub(crate) dest: &'a str,
+    pub(crate) src_door: Option<String>,
+    pub(crate) dest_door: Option<String>,
     pub(crate) shortest_path_m: Option<f64>,
     pub(crate) path_length_m: f64,
     pub(crate) parent_trace: Option<String>,
@@ -165,6 +167,8 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
         target_caption: target.and_then(|object| object.caption.as_deref()),
         src: task.src.as_str(),
         dest: task.dest.as_str(),
+        src_door: door(&task.initial, &task.src),
+        dest_door: door(&task.initial, &task.dest),
         shortest_path_m: start.shortest_path_m.map(f64::from),
         path_length_m: last_robot.path_length_m.into(),
         parent_trace: header.parent.as_ref().map(|parent| parent.trace.to_string()),
@@ -193,6 +197,9 @@ pub(crate) struct Step<'a> {
     pub(crate) receptacle: Option<&'a str>,
     pub(crate) goal_object: Option<bool>,
     pub(crate) goal_receptacle: Option<bool>,
+    pub(crate) object_like: Option<&'static str>,
+    pub(crate) receptacle_like: Option<&'static str>,
+    pub(crate) fell: Option<&'static str>,
     pub(crate) held: Option<&'a str>,
     pub(crate) markers: usize,
     pub(crate) visible: usize,
@@ -248,6 +255,9 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             receptacle: record.receptacle.as_ref().map(|id| id.as_str()),
             goal_object: record.object.as_ref().map(|object| goal.iter().any(|event| event.object() == Some(object))),
             goal_receptacle: goal_receptacle(record, &goal),
+            object_like: record.object.as_ref().map(|object| object_like(&trace.task, object)),
+            receptacle_like: record.receptacle.as_ref().map(|id| receptacle_like(&trace.task, &trace.scene, id)),
+            fell: fell(&trace.task, record),
             held: record.held.as_ref().map(InstanceId::as_str),
             markers: record.markers.len(),
             visible: record.visible.len(),
@@ -306,6 +316,38 @@ fn role(task: &Task, instance: &InstanceId) -> &'static str {
 fn goal_receptacle(record: &StepRecord, goal: &[GraphEvent]) -> Option<bool> {
     let (object, receptacle) = (record.object.as_ref()?, record.receptacle.as_ref()?);
     Some(goal.contains(&GraphEvent::Add { object: object.clone(), receptacle: receptacle.clone() }))
+}
+
+/// What an object is beside the target.
+pub(crate) fn object_like(task: &Task, instance: &InstanceId) -> &'static str {
+    let (target, object) = (task.object(&task.target), task.object(instance));
+    match (target, object) {
+        _ if *instance == task.target => "target",
+        (Some(target), Some(object)) if object.asset == target.asset => "instance",
+        (Some(target), Some(object)) if object.category == target.category => "category",
+        (_, Some(object)) if task.object_distractors.contains(&object.asset) => "distractor",
+        _ => "other",
+    }
+}
+
+/// What a receptacle is beside the destination.
+pub(crate) fn receptacle_like(task: &Task, scene: &Scene, receptacle: &ReceptacleId) -> &'static str {
+    let category = |id: &ReceptacleId| scene.receptacle(id).map(|receptacle| &receptacle.category);
+    match receptacle {
+        id if *id == task.dest => "dest",
+        id if *id == task.src => "src",
+        id if task.dest_distractors.contains(id) => "similar",
+        id if category(id).is_some() && category(id) == category(&task.dest) => "similar",
+        _ => "other",
+    }
+}
+
+/// What a step let fall.
+fn fell(task: &Task, record: &StepRecord) -> Option<&'static str> {
+    let on_floor = |event: &&GraphEvent| matches!(event, GraphEvent::Add { receptacle, .. } if receptacle.as_str() == FLOOR);
+    let mut fallen = record.changes.physics.iter().filter(on_floor).filter_map(GraphEvent::object).peekable();
+    fallen.peek()?;
+    Some(if fallen.any(|object| *object == task.target) { "target" } else { "other" })
 }
 
 fn argument(record: &StepRecord) -> Option<String> {
@@ -430,7 +472,6 @@ struct TaskRow<'a> {
 }
 
 fn task_row(task: &Task) -> TaskRow<'_> {
-    let door = |graph: &WorldGraph, receptacle| graph.door(receptacle).map(|door| door.to_string());
     TaskRow {
         task_id: &task.task_id,
         task_digest: Digest::of_json(task).to_string(),
@@ -455,6 +496,10 @@ fn task_row(task: &Task) -> TaskRow<'_> {
         objects: objects(task),
         task: canonical_json(task),
     }
+}
+
+pub(crate) fn door(graph: &WorldGraph, receptacle: &ReceptacleId) -> Option<String> {
+    graph.door(receptacle).map(|door| door.to_string())
 }
 
 #[derive(Serialize)]

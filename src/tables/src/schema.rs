@@ -21,6 +21,10 @@ pub enum Table {
     Rescored,
     /// Files that were left out.
     Quarantine,
+    /// Why failed episodes failed, by the rules.
+    Classes,
+    /// Why they failed, by people, judges and those who injected the fault. The rules never read it.
+    Labels,
 }
 
 /// A column: its name, type, whether it may be null, and what it says.
@@ -116,6 +120,18 @@ pub const STEP: &[Column] = &[
     may("receptacle", Text, "receptacle that the call acted on"),
     may("goal_object", Flag, "whether that object is one the goal moves"),
     may("goal_receptacle", Flag, "whether that receptacle is where the goal wants that object"),
+    may(
+        "object_like",
+        Text,
+        "that object beside the target: `target`, `instance` (another of its asset), `category` (another asset of its \
+         category), `distractor` (named as one, of another category), `other`",
+    ),
+    may(
+        "receptacle_like",
+        Text,
+        "that receptacle beside the destination: `dest`, `src`, `similar` (of its category, or named as its distractor), `other`",
+    ),
+    may("fell", Text, "what came to lie on the floor by this call: `target`, else `other`"),
     may("held", Text, "instance in the gripper after the call"),
     must("markers", Int, "numbers in the marker map after the call"),
     must("visible", Int, "objects in the picture"),
@@ -185,6 +201,8 @@ const EPISODES: &[Column] = &[
     may("target_caption", Text, "how people would describe it"),
     must("src", Text, "receptacle it stands on"),
     must("dest", Text, "receptacle it shall go to"),
+    may("src_door", Text, "door of the source at the start: `open`, `closed`; null: it has none"),
+    may("dest_door", Text, "door of the destination at the start"),
     may("shortest_path_m", Float, "shortest base path start, source, destination, metres"),
     must("path_length_m", Float, "path the base drove, metres"),
     may("parent_trace", Text, "digest of the trace this one branches from"),
@@ -276,9 +294,45 @@ const RESCORED: &[Column] = &[
 const QUARANTINE: &[Column] =
     &[must("trace", Text, "the file"), must("reason", Text, "why it was left out; gone as soon as the file is read whole")];
 
+/// One more finding of the rules.
+const FINDING: &[Column] = &[
+    must("rule", Text, "name of the rule"),
+    must("class", Text, "its class"),
+    must("sub_class", Text, "its sub-class"),
+    must("step", Int, "the first step of its evidence"),
+    must("last_step", Int, "the last one"),
+];
+
+const CLASSES: &[Column] = &[
+    must("episode_id", Text, "the episode"),
+    must("trace_digest", Text, "of the trace that was judged"),
+    must("rules_version", Text, "digest of the rule set"),
+    must("class", Text, "`Object Confusion`, `Key Action Missing`, `Lost Memory`, `Other` (paper, Failure Mode Taxonomy)"),
+    must("sub_class", Text, "what within that class, e.g. `missing_ask`"),
+    must("rule", Text, "the rule that decided"),
+    must("step", Int, "the decisive step: the first that the rule's evidence names"),
+    must("last_step", Int, "the last step of the evidence"),
+    must("fields", List(&Text), "columns of `episodes` and `steps` that the rule looked at"),
+    must("evidence", Text, "`full`; `reduced` where the trace has no physics behind it and the rules saw less"),
+    must("secondary", List(&Struct(FINDING)), "what else was found, in the order of their priority"),
+];
+
+const LABELS: &[Column] = &[
+    must("episode_id", Text, "the episode"),
+    must("author", Text, "who says so: a person, a model, or `injected`"),
+    must("kind", Text, "`human`, `judge`, `injected`, or `adjudicated`: decided where others disagreed"),
+    must("class", Text, "one of the four classes"),
+    may("sub_class", Text, "what within that class"),
+    may("step", Int, "the decisive step"),
+    may("confidence", Float, "from 0 to 1"),
+    may("note", Text, "in words"),
+    must("at_ms", Long, "when it was said, milliseconds since 1970"),
+];
+
 impl Table {
     /// Every table, in the order of the documents.
-    pub const ALL: [Table; 5] = [Table::Episodes, Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine];
+    pub const ALL: [Table; 7] =
+        [Table::Episodes, Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine, Table::Classes, Table::Labels];
 
     /// Its name in SQL and as a folder.
     pub fn name(self) -> &'static str {
@@ -288,6 +342,8 @@ impl Table {
             Table::Scenes => "scenes",
             Table::Rescored => "rescored",
             Table::Quarantine => "quarantine",
+            Table::Classes => "classes",
+            Table::Labels => "labels",
         }
     }
 
@@ -299,6 +355,10 @@ impl Table {
             Table::Scenes => "One row a scene.",
             Table::Rescored => "One row an episode and version of a preset, written by `reel reward`.",
             Table::Quarantine => "One row a file that `reel ingest` left out.",
+            Table::Classes => "One row a failed episode: why it failed, by the rules; written by `reel taxonomy`.",
+            Table::Labels => {
+                "One row an episode and author: why it failed, by people, judges and injected faults; written by `reel label`."
+            }
         }
     }
 
@@ -310,6 +370,8 @@ impl Table {
             Table::Scenes => SCENES,
             Table::Rescored => RESCORED,
             Table::Quarantine => QUARANTINE,
+            Table::Classes => CLASSES,
+            Table::Labels => LABELS,
         }
     }
 
@@ -449,7 +511,7 @@ pub fn document() -> String {
 }
 
 /// Nested structs with a section of their own.
-const NESTED: [(&str, &[Column]); 8] = [
+const NESTED: [(&str, &[Column]); 9] = [
     ("A step (`episodes.steps`, view `steps`)", STEP),
     ("A change (`steps.changes`, `episodes.start_changes`, view `world_diffs`)", CHANGE),
     ("A reward term (`steps.terms`, view `rewards`)", TERM),
@@ -458,6 +520,7 @@ const NESTED: [(&str, &[Column]); 8] = [
     ("An object (`tasks.objects`, view `objects`)", OBJECT),
     ("A receptacle (`scenes.receptacles`)", RECEPTACLE),
     ("A recomputed term (`rescored.terms`, view `rewards`)", STEP_TERM),
+    ("A finding (`classes.secondary`)", FINDING),
 ];
 
 fn has_section(columns: &[Column]) -> bool {

@@ -10,7 +10,7 @@ use reel_world::{Digest, Scene, Task, record::Backend};
 
 use crate::{
     Store, StoreError, Table,
-    rows::{Change, Episode, MarkerRow, Rows, Step, Term, Visible, name_of},
+    rows::{Change, Episode, MarkerRow, Rows, Step, Term, Visible, door, name_of, object_like, receptacle_like},
 };
 
 /// Episodes of one prompt group.
@@ -84,7 +84,7 @@ impl Maker<'_> {
         let policy = of_group.below(POLICIES.len());
         let mut chance = Chance::new(self.seed, number, 1);
         let task: &Task = &self.tasks[index];
-        let mut play = Play::new(task, places, chance.next());
+        let mut play = Play::new(task, self.scene, places, chance.next());
         // later policies are better
         let good = 0.25 + 0.07 * policy as f64;
         let script = match chance.share() {
@@ -143,6 +143,8 @@ impl Maker<'_> {
             target_caption: target.and_then(|object| object.caption.as_deref()),
             src: task.src.as_str(),
             dest: task.dest.as_str(),
+            src_door: door(&task.initial, &task.src),
+            dest_door: door(&task.initial, &task.dest),
             shortest_path_m: Some(shortest),
             path_length_m: driven,
             parent_trace: None,
@@ -161,6 +163,7 @@ impl Maker<'_> {
 /// An episode being made up.
 struct Play<'a, 'p> {
     task: &'a Task,
+    scene: &'a Scene,
     places: &'p [&'a str],
     chance: Chance,
     held: Option<&'a str>,
@@ -172,9 +175,9 @@ struct Play<'a, 'p> {
 }
 
 impl<'a> Play<'a, '_> {
-    fn new<'p>(task: &'a Task, places: &'p [&'a str], seed: u64) -> Play<'a, 'p> {
+    fn new<'p>(task: &'a Task, scene: &'a Scene, places: &'p [&'a str], seed: u64) -> Play<'a, 'p> {
         let chance = Chance(seed);
-        Play { task, places, chance, held: None, at: "", candidates: 0, sim_step: 0, path_m: 0.0, steps: Vec::new() }
+        Play { task, scene, places, chance, held: None, at: "", candidates: 0, sim_step: 0, path_m: 0.0, steps: Vec::new() }
     }
 
     /// Plays a script; whether the goal is reached.
@@ -256,7 +259,9 @@ impl<'a> Play<'a, '_> {
         self.path_m += 0.5 + self.chance.share() as f32 * 4.0;
         self.at = place;
         self.call("nav_to", Some(place.to_owned()));
-        self.last().receptacle = Some(place);
+        let like = receptacle_like(self.task, self.scene, &place.into());
+        let step = self.last();
+        (step.receptacle, step.receptacle_like) = (Some(place), Some(like));
     }
 
     fn show(&mut self) {
@@ -287,11 +292,13 @@ impl<'a> Play<'a, '_> {
         let object = if right { self.task.target.as_str() } else { other };
         let goal = object == self.task.target.as_str();
         let at = self.at;
+        let like = (object_like(self.task, &object.into()), receptacle_like(self.task, self.scene, &at.into()));
         self.held = Some(object);
         self.call("pick", Some("1".into()));
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(at));
         (step.goal_object, step.goal_receptacle) = (Some(goal), Some(false));
+        (step.object_like, step.receptacle_like) = (Some(like.0), Some(like.1));
         step.changes = both("remove", object, at);
         if goal {
             step.terms.push(Term { component: "task", value: 1.5, reason: "" });
@@ -303,10 +310,12 @@ impl<'a> Play<'a, '_> {
         let Some(object) = self.held.take() else { return };
         let goal = object == self.task.target.as_str();
         let right = goal && place == self.task.dest.as_str();
+        let like = (object_like(self.task, &object.into()), receptacle_like(self.task, self.scene, &place.into()));
         self.call("place", Some("2".into()));
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(place));
         (step.goal_object, step.goal_receptacle) = (Some(goal), Some(right));
+        (step.object_like, step.receptacle_like) = (Some(like.0), Some(like.1));
         step.changes = both("add", object, place);
         let value = if right { 3.5 } else { -2.0 };
         step.terms.push(Term { component: if right { "task" } else { "phys" }, value, reason: "" });
@@ -354,6 +363,9 @@ impl<'a> Play<'a, '_> {
             receptacle: None,
             goal_object: None,
             goal_receptacle: None,
+            object_like: None,
+            receptacle_like: None,
+            fell: None,
             held: self.held,
             markers: 0,
             visible: visible_objects.len(),

@@ -9,6 +9,7 @@
 mod ingest;
 mod location;
 mod maintenance;
+mod opinions;
 mod parts;
 mod rescored;
 
@@ -31,12 +32,13 @@ use url::Url;
 pub use ingest::{IngestReport, Progress};
 pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
+pub use opinions::{Class, Finding, Label};
 pub use rescored::RescoreReport;
 
 use crate::Table;
 
 /// Tables that hang on `episodes`, in the order in which they are committed before it.
-const SIDE: [Table; 4] = [Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine];
+const SIDE: [Table; 6] = [Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine, Table::Classes, Table::Labels];
 
 /// Stack of the threads that plan and run queries, in bytes: deep expressions are walked by recursion.
 pub const STACK_BYTES: usize = 64 << 20;

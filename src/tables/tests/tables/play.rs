@@ -53,6 +53,24 @@ impl Play {
         Self { header, task, scene, graph, held: None, steps: Vec::new(), discounted_return: 0.5, reason: None }
     }
 
+    /// Puts one more object into the task.
+    pub fn with_object(mut self, asset: &str, category: &str, receptacle: &str) -> Self {
+        let instance = InstanceId::new(&asset.into(), &receptacle.into(), "t");
+        let like = self.task.target_object().clone();
+        for graph in [&mut self.task.initial, &mut self.task.goal, &mut self.graph] {
+            graph.add(&receptacle.into(), &instance);
+        }
+        self.task.objects.push(ObjectInstance {
+            instance,
+            asset: asset.into(),
+            category: category.into(),
+            receptacle: receptacle.into(),
+            ..like
+        });
+        self.header.task_digest = Digest::of_json(&self.task);
+        self
+    }
+
     /// A call and what came of it; the moves below fill in what else it did.
     pub fn call(mut self, tool: &str, arguments: Value, outcome: Outcome) -> Self {
         let step = self.steps.len() as u32;
@@ -141,6 +159,22 @@ impl Play {
         let mut play = self.call("finish", json!({}), Outcome::ok("The episode is over."));
         play.reason = Some(EndReason::Finished);
         play
+    }
+
+    /// What is held falls to the floor with the last call.
+    pub fn drops(mut self) -> Self {
+        let object = self.held.take().expect("something is held");
+        let event = GraphEvent::Add { object, receptacle: FLOOR.into() };
+        self.graph.apply(std::slice::from_ref(&event));
+        let record = self.last();
+        record.held = None;
+        record.changes.physics.push(event);
+        self
+    }
+
+    /// What the policy wrote down about its past with the last call.
+    pub fn remembering(self, history: &str) -> Self {
+        self.thinking(PolicyOutput { history: history.into(), ..PolicyOutput::default() })
     }
 
     /// Ends at the horizon, or by whatever else.

@@ -1,6 +1,7 @@
 //! Hand-made episodes as transcript, contact sheet and Rerun recording.
 
 #[path = "../../../tables/tests/tables/play.rs"]
+#[expect(dead_code, reason = "the tests of several crates share it")]
 mod play;
 
 use play::{DISTRACTOR, Play, success};

@@ -1,0 +1,15 @@
+-- false_history
+--
+-- The History claims that the target was picked or put down, and the record holds no such success: what was not done is
+-- remembered as done. The decisive step is the first that says so.
+--
+-- Class: Lost Memory
+-- Sub-class: false_history
+-- Priority: 22
+SELECT CASE
+  WHEN NOT sequence_match(steps, 'pick[ok]')
+    THEN sequence_find(steps, '_[(history like ''%picked%'' or history like ''%grasped%'' or history like ''%took %'' or history like ''%taken%'' or history like ''%in my hand%'' or history like ''%in the gripper%'' or history like ''%holding%'') and not history like ''%failed%'']')
+  WHEN NOT sequence_match(steps, 'place[ok]')
+    THEN sequence_find(steps, '_[(history like ''%placed%'' or history like ''%put %'' or history like ''%deposited%'' or history like ''%set down%'' or history like ''%delivered%'' or history like ''%set it%'') and not history like ''%failed%'']')
+END AS found
+FROM episodes

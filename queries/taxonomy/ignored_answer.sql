@@ -1,0 +1,11 @@
+-- ignored_answer
+--
+-- The instruction fits several things, the user was asked and answered, and another object was taken all the same. The
+-- decisive step is the last pick.
+--
+-- Class: Object Confusion
+-- Sub-class: ignored_answer
+-- Priority: 20
+SELECT sequence_find(steps, 'pick[ok and object_like in (''instance'', ''category'', ''distractor'')] !pick[ok]* $') AS found
+FROM episodes
+WHERE fuzzy AND sequence_match(steps, 'ask[ok] .. pick[ok and not goal_object] !pick[ok]* $')

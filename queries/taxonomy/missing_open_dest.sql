@@ -1,0 +1,17 @@
+-- missing_open_dest
+--
+-- The destination has a closed door that was never opened, though the target was in the hand. The decisive step is the
+-- first call that met the door, else the first one that went to the destination with the target.
+--
+-- Class: Key Action Missing
+-- Sub-class: missing_open
+-- Priority: 19
+SELECT coalesce(
+  sequence_find(steps, '_[error_code = ''door_closed'']'),
+  sequence_find(steps, 'nav_to[ok and receptacle_like = ''dest'' and held is not null]')
+) AS found
+FROM episodes
+WHERE dest_door = 'closed'
+  AND NOT sequence_match(steps, 'open[ok and receptacle_like = ''dest'']')
+  AND sequence_match(steps, 'pick[ok and goal_object] !pick[ok]* nav_to[ok and receptacle_like = ''dest'']')
+  AND NOT sequence_match(steps, 'place[ok and goal_object]')

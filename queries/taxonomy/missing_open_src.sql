@@ -1,0 +1,17 @@
+-- missing_open_src
+--
+-- The target stands behind a closed door that was never opened. The decisive step is the first look for it that failed
+-- at the source, else the first call there.
+--
+-- Class: Key Action Missing
+-- Sub-class: missing_open
+-- Priority: 19
+SELECT coalesce(
+  sequence_find(steps, 'nav_to[receptacle_like = ''src''] !nav_to* _[failed]'),
+  sequence_find(steps, 'nav_to[receptacle_like = ''src'']')
+) AS found
+FROM episodes
+WHERE src_door = 'closed'
+  AND NOT sequence_match(steps, 'open[ok and receptacle_like = ''src'']')
+  AND NOT sequence_match(steps, 'pick[ok]')
+  AND NOT sequence_match(steps, '(nav_to nav_to){4,}')

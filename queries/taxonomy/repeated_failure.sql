@@ -1,0 +1,13 @@
+-- repeated_failure
+--
+-- The same call with the same arguments failed three times or more in a row, and nothing was done after it: the
+-- failures before were forgotten. The decisive step is the second of them.
+--
+-- Class: Lost Memory
+-- Sub-class: repeated_failure
+-- Priority: 21
+SELECT sequence_find(
+  steps,
+  '_[failed and tool = tool@-1 and arguments = arguments@-1 and error_code = error_code@-1 and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''door_closed'')]{2,} !(pick[ok] | place[ok])* $'
+) AS found
+FROM episodes

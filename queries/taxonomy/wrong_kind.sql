@@ -1,0 +1,9 @@
+-- wrong_kind
+--
+-- The last object in the hand is of quite another category than the target. The decisive step is that pick.
+--
+-- Class: Object Confusion
+-- Sub-class: wrong_kind
+-- Priority: 21
+SELECT sequence_find(steps, 'pick[ok and object_like = ''other'' and not goal_object] !pick[ok]* $') AS found
+FROM episodes

@@ -1,0 +1,10 @@
+-- wrong_receptacle
+--
+-- The target was put, and left, on furniture of another category than the destination. The decisive step is that
+-- placing.
+--
+-- Class: Object Confusion
+-- Sub-class: wrong_receptacle
+-- Priority: 21
+SELECT sequence_find(steps, 'place[ok and goal_object and receptacle_like in (''src'', ''other'')] !(pick[ok and goal_object] | place[ok and goal_object])* $') AS found
+FROM episodes

@@ -1,0 +1,161 @@
+//! Why episodes failed: the classes that the rules give, and the labels of people, judges and injected faults. Never judges
+//! anything itself.
+
+use std::collections::BTreeMap;
+
+use deltalake::kernel::Action;
+use serde::{Deserialize, Serialize};
+
+use super::{Refused, Store, StoreError, TRIES_MAX, parts::parts};
+use crate::{Table, rows::Rows};
+
+/// A failed episode with its class: a row of `classes`.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Class<'a> {
+    /// The episode.
+    pub episode_id: &'a str,
+    /// Of the trace that was judged.
+    pub trace_digest: &'a str,
+    /// Digest of the rule set.
+    pub rules_version: &'a str,
+    /// One of the four classes.
+    pub class: &'a str,
+    /// What within it.
+    pub sub_class: &'a str,
+    /// The rule that decided.
+    pub rule: &'a str,
+    /// The decisive step.
+    pub step: i32,
+    /// The last step of the evidence.
+    pub last_step: i32,
+    /// Columns that the rule looked at.
+    pub fields: &'a [String],
+    /// `full` or `reduced`.
+    pub evidence: &'a str,
+    /// What else was found.
+    pub secondary: Vec<Finding<'a>>,
+}
+
+/// What a rule found.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Finding<'a> {
+    /// The rule.
+    pub rule: &'a str,
+    /// Its class.
+    pub class: &'a str,
+    /// Its sub-class.
+    pub sub_class: &'a str,
+    /// The first step of its evidence.
+    pub step: i32,
+    /// The last one.
+    pub last_step: i32,
+}
+
+/// What somebody says about an episode: a row of `labels`.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Label {
+    /// The episode.
+    pub episode_id: String,
+    /// Who says so.
+    pub author: String,
+    /// `human`, `judge`, `injected` or `adjudicated`.
+    pub kind: String,
+    /// One of the four classes.
+    pub class: String,
+    /// What within it.
+    #[serde(default)]
+    pub sub_class: Option<String>,
+    /// The decisive step.
+    #[serde(default)]
+    pub step: Option<i32>,
+    /// From 0 to 1.
+    #[serde(default)]
+    pub confidence: Option<f64>,
+    /// In words.
+    #[serde(default)]
+    pub note: Option<String>,
+    /// When it was said, milliseconds since 1970.
+    #[serde(default)]
+    pub at_ms: i64,
+}
+
+/// Rows of one file.
+const ROWS_PER_BATCH: usize = 50_000;
+
+impl Store {
+    /// Puts these classes in the place of those that are there; earlier ones are in the store's earlier versions.
+    ///
+    /// # Errors
+    /// When the store cannot be written.
+    pub fn replace_classes<'a>(&mut self, classes: impl Iterator<Item = Class<'a>> + Clone) -> Result<(), StoreError> {
+        self.replace(Table::Classes, |_| Ok(Some(classes.clone())))
+    }
+
+    /// Every label.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn labels(&self) -> Result<Vec<Label>, StoreError> {
+        self.rows_of(&self.tables[&Table::Labels])
+    }
+
+    /// Changes the labels: `change` gets those that are there now, and is asked again where somebody else was quicker.
+    ///
+    /// # Errors
+    /// When the store cannot be read or written.
+    pub fn change_labels(&mut self, change: impl Fn(Vec<Label>) -> Vec<Label>) -> Result<(), StoreError> {
+        self.replace(Table::Labels, |store| {
+            let before = store.rows_of(&store.newest(Table::Labels)?)?;
+            let after = change(before.clone());
+            Ok((after != before).then_some(after))
+        })
+    }
+
+    /// Puts other rows in the place of a table's; none: leaves it as it is.
+    fn replace<R: Serialize, I: IntoIterator<Item = R>>(
+        &mut self,
+        table: Table,
+        rows: impl Fn(&Self) -> Result<Option<I>, StoreError>,
+    ) -> Result<(), StoreError> {
+        for _ in 0..TRIES_MAX {
+            self.reload()?;
+            let Some(rows) = rows(self)? else { return Ok(()) };
+            match self.try_replace(table, rows) {
+                Ok(()) => return self.reload(),
+                Err(Refused::Conflict) => {}
+                Err(Refused::Failed(error)) => return Err(error),
+            }
+        }
+        Err(StoreError::Busy { tries: TRIES_MAX, location: self.location.to_string() })
+    }
+
+    fn try_replace<R: Serialize>(&self, table: Table, rows: impl IntoIterator<Item = R>) -> Result<(), Refused> {
+        let newest = self.newest(table)?;
+        let mut actions: Vec<Action> = parts(&newest).into_iter().map(|part| Action::Remove(part.remove)).collect();
+        let (mut batches, mut rows) = (Vec::new(), rows.into_iter());
+        loop {
+            let some: Vec<R> = rows.by_ref().take(ROWS_PER_BATCH).collect();
+            if some.is_empty() {
+                break;
+            }
+            batches.push(Rows::of(table, &some).map_err(StoreError::from)?);
+        }
+        if !batches.is_empty() {
+            actions.extend(self.write_parts(&newest, batches)?);
+        }
+        if actions.is_empty() {
+            return Ok(());
+        }
+        let version = self.commit_side(&newest, actions)?;
+        self.commit_episodes(Vec::new(), &BTreeMap::from([(table, version)])).map(drop)
+    }
+
+    fn rows_of<R: for<'a> Deserialize<'a>>(&self, table: &deltalake::DeltaTable) -> Result<Vec<R>, StoreError> {
+        let mut rows: Vec<R> = Vec::new();
+        self.read_parts(table, &parts(table), None, |_, batch| {
+            rows.extend(serde_arrow::from_record_batch::<Vec<R>>(&batch).map_err(crate::RowsError::from)?);
+            Ok(())
+        })?;
+        Ok(rows)
+    }
+}

@@ -1,0 +1,172 @@
+//! The rules over the episodes: asks all of them in one pass and picks the class of each failed episode. Reads no labels and
+//! writes nothing.
+
+use std::collections::BTreeSet;
+
+use arrow::{
+    array::{Array, AsArray, BooleanArray, Int32Array, RecordBatch, StringArray},
+    compute::cast,
+    datatypes::{DataType, Int32Type},
+};
+use reel_query::{QueryError, Session, fuse};
+use reel_tables::{Class, Finding};
+
+use crate::{RuleSet, TaxonomyError, rules::Rule};
+
+/// From this priority on a rule says what is left when nothing else was found; it is never a secondary finding.
+const LAST_RESORT: u32 = 50;
+/// Columns that name an episode.
+const KEEP: [&str; 5] = ["episode_id", "trace_digest", "backend", "family", "policy"];
+
+/// The failed episodes with their classes.
+#[derive(Debug)]
+pub struct Verdicts {
+    rules: Vec<Rule>,
+    version: String,
+    /// By rule: the columns that it looked at.
+    fields: Vec<Vec<String>>,
+    batches: Vec<RecordBatch>,
+    found: Vec<Verdict>,
+}
+
+/// One episode: where it stands, and what was found, the most important first.
+#[derive(Debug)]
+struct Verdict {
+    batch: u32,
+    row: u32,
+    findings: Vec<(u16, i32, i32)>,
+}
+
+/// Applies the rules to the failed episodes of a store that fulfil a condition in SQL.
+///
+/// # Errors
+/// When a rule or the condition cannot be asked.
+pub fn classify(session: &Session, rules: &RuleSet, condition: Option<&str>) -> Result<Verdicts, TaxonomyError> {
+    let questions: Vec<_> = rules.rules().iter().map(|rule| &rule.question).collect();
+    let filter = match condition {
+        Some(condition) => format!("NOT success AND ({condition})"),
+        None => "NOT success".to_owned(),
+    };
+    let batches = session.run(&fuse(&KEEP, &questions, &filter))?;
+    let mut found = Vec::new();
+    for (batch_index, batch) in batches.iter().enumerate() {
+        let answers = rules.rules().iter().enumerate().map(|(index, rule)| Answer::new(batch, index, rule));
+        let answers = answers.collect::<Result<Vec<_>, _>>()?;
+        for row in 0..batch.num_rows() {
+            let mut findings: Vec<(u16, i32, i32)> = (0_u16..)
+                .zip(&answers)
+                .filter_map(|(rule, answer)| answer.at(row).map(|(first, last)| (rule, first, last)))
+                .collect();
+            // the rules stand in the order of their priority
+            findings.sort_by_key(|(rule, first, _)| (rules.rules()[usize::from(*rule)].priority, *first, *rule));
+            found.push(Verdict { batch: batch_index as u32, row: row as u32, findings });
+        }
+    }
+    let fields = rules.rules().iter().map(|rule| looked_at(session, rule)).collect::<Result<Vec<_>, _>>()?;
+    Ok(Verdicts { rules: rules.rules().to_vec(), version: rules.version().to_string(), fields, batches, found })
+}
+
+/// The columns of `episodes` that a rule reads, steps by their fields.
+fn looked_at(session: &Session, rule: &Rule) -> Result<Vec<String>, QueryError> {
+    let mut fields: BTreeSet<String> = rule.question.columns().iter().filter(|name| *name != "steps").cloned().collect();
+    if rule.question.columns().contains("steps") {
+        let of_steps = session.step_fields(&rule.sql)?.unwrap_or_default();
+        fields.extend(of_steps.into_iter().map(|field| format!("steps.{field}")));
+    }
+    Ok(fields.into_iter().collect())
+}
+
+/// What a rule answers for the episodes of a batch.
+struct Answer {
+    first: Int32Array,
+    last: Int32Array,
+    holds: BooleanArray,
+}
+
+impl Answer {
+    fn new(batch: &RecordBatch, index: usize, rule: &Rule) -> Result<Self, TaxonomyError> {
+        let wrong = |reason: &str| TaxonomyError::Rule { rule: rule.name.clone(), reason: reason.to_owned() };
+        let found = batch.column_by_name(&format!("found_{index}")).expect("it was asked");
+        let no_struct = "`found` has to be a struct with whole numbers `first` and `last`, as sequence_find gives";
+        let found = found.as_struct_opt().ok_or_else(|| wrong(no_struct))?;
+        let number = |name: &str| -> Result<Int32Array, TaxonomyError> {
+            let column = found.column_by_name(name).ok_or_else(|| wrong(no_struct))?;
+            let numbers = cast(column, &DataType::Int32).map_err(|_| wrong(no_struct))?;
+            let numbers = numbers.as_primitive_opt::<Int32Type>().ok_or_else(|| wrong(no_struct))?;
+            // a struct that is null hides what its fields hold
+            let nulls = arrow::buffer::NullBuffer::union(numbers.nulls(), found.nulls());
+            Ok(Int32Array::new(numbers.values().clone(), nulls))
+        };
+        let holds = batch.column_by_name(&format!("holds_{index}")).expect("it was asked").as_boolean().clone();
+        Ok(Self { first: number("first")?, last: number("last")?, holds })
+    }
+
+    fn at(&self, row: usize) -> Option<(i32, i32)> {
+        let found = self.holds.value(row) && self.first.is_valid(row);
+        found.then(|| (self.first.value(row), if self.last.is_valid(row) { self.last.value(row) } else { self.first.value(row) }))
+    }
+}
+
+impl Verdicts {
+    /// How many failed episodes there are.
+    pub fn len(&self) -> usize {
+        self.found.len()
+    }
+
+    /// Whether none failed.
+    pub fn is_empty(&self) -> bool {
+        self.found.is_empty()
+    }
+
+    /// The rows of table `classes`, one a failed episode.
+    pub fn classes(&self) -> impl Iterator<Item = Class<'_>> {
+        self.found.iter().filter_map(|verdict| {
+            let text = |name| self.text(verdict, name);
+            let (primary, rest) = verdict.findings.split_first()?;
+            let rule = self.rule(*primary);
+            let mut secondary: Vec<Finding<'_>> = Vec::new();
+            for finding in rest {
+                let other = self.rule(*finding);
+                let said = other.sub_class == rule.sub_class || secondary.iter().any(|known| known.sub_class == other.sub_class);
+                if other.priority < LAST_RESORT && !said {
+                    let (_, step, last_step) = *finding;
+                    secondary.push(Finding {
+                        rule: &other.name,
+                        class: other.class,
+                        sub_class: &other.sub_class,
+                        step,
+                        last_step,
+                    });
+                }
+            }
+            Some(Class {
+                episode_id: text("episode_id"),
+                trace_digest: text("trace_digest"),
+                rules_version: &self.version,
+                class: rule.class,
+                sub_class: &rule.sub_class,
+                rule: &rule.name,
+                step: primary.1,
+                last_step: primary.2,
+                fields: &self.fields[usize::from(primary.0)],
+                evidence: if text("backend") == "sim" { "full" } else { "reduced" },
+                secondary,
+            })
+        })
+    }
+
+    /// Family and policy of the episodes, in the order of [`Verdicts::classes`].
+    pub fn groups(&self) -> impl Iterator<Item = (&str, &str)> {
+        let some = self.found.iter().filter(|verdict| !verdict.findings.is_empty());
+        some.map(|verdict| (self.text(verdict, "family"), self.text(verdict, "policy")))
+    }
+
+    fn rule(&self, finding: (u16, i32, i32)) -> &Rule {
+        &self.rules[usize::from(finding.0)]
+    }
+
+    fn text(&self, verdict: &Verdict, column: &str) -> &str {
+        let column: &StringArray = self.batches[verdict.batch as usize][column].as_string::<i32>();
+        column.value(verdict.row as usize)
+    }
+}

@@ -1,0 +1,50 @@
+//! Why episodes fail: a versioned set of rules in SQL gives every failed episode a class with its evidence (paper, Failure
+//! Mode Taxonomy; SPEC section 7), and labels of people, judges and injected faults tell how often the rules are right.
+//!
+//! The rules see the table `episodes` and nothing else, never a label. Nothing here reads a trace or runs physics.
+
+mod agreement;
+mod classify;
+mod drift;
+mod labels;
+mod rules;
+
+use std::path::PathBuf;
+
+pub use agreement::{Agreement, ClassAgreement, agreement};
+pub use classify::{Verdicts, classify};
+pub use drift::{Drift, drift};
+pub use labels::{Defaults, LabelSet, disputed, from_csv, from_json, injected, label_set, to_csv, to_json};
+pub use rules::{CLASSES, Rule, RuleSet};
+
+/// What can go wrong with rules and labels.
+#[derive(Debug, thiserror::Error)]
+pub enum TaxonomyError {
+    /// A rule file is no rule.
+    #[error("rule '{rule}': {reason}; docs/taxonomy.md shows what a rule looks like")]
+    Rule {
+        /// Which one: its file's name.
+        rule: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// A file cannot be read.
+    #[error("cannot read {path}: {source}", path = path.display())]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The rules cannot be asked.
+    #[error(transparent)]
+    Query(#[from] reel_query::QueryError),
+    /// A label is none.
+    #[error("{place}: {reason}")]
+    Label {
+        /// Where: file and line.
+        place: String,
+        /// What is wrong, and what would be right.
+        reason: String,
+    },
+}
