@@ -21,6 +21,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("export", &["world", "trace", "tables", "replay"]),
     ("view", &["world", "trace", "replay"]),
     ("import", &["world", "reward", "trace"]),
+    ("model", &["world"]),
+    ("taxonomy", &["world", "model"]),
     ("tidy", &[]),
 ];
 
@@ -40,11 +42,12 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("prost*", &["trace"]),
     ("rerun*", &["view"]),
     ("tokio", &["tables", "query", "server"]),
-    ("rayon", &["agents", "replay", "tables", "query", "export", "cli", "server"]),
+    ("rayon", &["agents", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents", "query"]),
     ("rand_core", &["sim", "tasks", "agents"]),
     ("strsim", &["pattern", "reward"]),
     ("toml", &["reward"]),
+    ("ureq", &["model"]),
     ("rand", &[]),
 ];
 
