@@ -1,0 +1,3 @@
+//! Why episodes fail.
+
+pub mod judge;
