@@ -91,8 +91,13 @@ impl Client {
                 error: result.as_ref().err().map(ToString::to_string),
             })?;
         }
-        let Kept { answer: Answer { text, truncated, tokens_read, tokens_written }, latency_ns } = result?;
-        Ok(Reply { text, truncated, tokens_read, tokens_written, latency_ns, cached, request: digest })
+        Ok(reply(result?, cached, digest))
+    }
+
+    /// The kept reply to a request, if there is one. Nobody is asked, and as no call is made none is logged.
+    pub fn kept(&self, request: &Request) -> Option<Reply> {
+        let digest = Digest::of(canonical_json(&request::body(&self.endpoint, request)).as_bytes());
+        Some(reply(self.cache.as_ref()?.get(&digest)?, true, digest))
     }
 
     fn ask_and_keep(&self, digest: &Digest, body: &str, time_ns: u64) -> (u32, Result<Kept, ModelError>) {
@@ -175,6 +180,11 @@ impl Client {
     fn without_key(&self, text: &str) -> String {
         self.endpoint.api_key.as_ref().map_or_else(|| text.to_owned(), |key| key.redact(text))
     }
+}
+
+fn reply(kept: Kept, cached: bool, request: Digest) -> Reply {
+    let Kept { answer: Answer { text, truncated, tokens_read, tokens_written }, latency_ns } = kept;
+    Reply { text, truncated, tokens_read, tokens_written, latency_ns, cached, request }
 }
 
 struct Failure {

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 pub use error::JudgeError;
 pub use prompt::version as prompt_version;
 
-/// After so many calls in a row that found nobody at the endpoint, no further case is tried.
+/// After so many calls in a row that found nobody at the endpoint, it is not called again.
 pub const REFUSED_MAX: u32 = 5;
 
 /// A failed episode as the judge gets it.
@@ -37,7 +37,8 @@ pub struct Case {
     pub transcript: Vec<Turn>,
     /// Pictures in the order of their steps.
     pub frames: Vec<Picture>,
-    /// What the rules found in the simulator's record, if anything; not shown to the model.
+    /// What the rules found in the simulator's record, if anything; not shown to the model. Of a reduced trace it is binding
+    /// all the same: leave it out where words alone are not enough.
     pub proven: Option<Proven>,
     /// Whether the trace has no simulator behind it, so that evidence is words alone.
     pub reduced: bool,
@@ -191,7 +192,7 @@ pub fn judge(case: &Case, client: &Client, options: &Options) -> Result<Verdict,
 }
 
 /// Asks for an opinion on every case, several at a time. Results stand in the order of the cases; one that fails leaves the
-/// others alone. When [`REFUSED_MAX`] calls in a row find nobody at the endpoint, what is left fails without a call.
+/// others alone. When [`REFUSED_MAX`] calls in a row find nobody at the endpoint, what is left gets kept replies or fails without a call.
 /// `progress` is told how many are done.
 pub fn judge_all(
     cases: &[Case],
@@ -224,7 +225,8 @@ fn judged(case: &Case, client: &Client, options: &Options, reached: &Reached) ->
     }
     let ask = |request: &Request| -> Result<Reply, JudgeError> {
         if reached.is_hopeless() {
-            return Err(JudgeError::Stopped { episode_id: episode_id(), refused: REFUSED_MAX });
+            let stopped = || JudgeError::Stopped { episode_id: episode_id(), refused: REFUSED_MAX };
+            return client.kept(request).ok_or_else(stopped);
         }
         let result = client.complete(request);
         reached.note(&result);

@@ -197,6 +197,7 @@ fn an_equal_request_is_not_asked_twice() {
     let first = client.complete(&ask("a")).unwrap();
     let again = client.complete(&ask("a")).unwrap();
     assert_eq!(again, reel_model::Reply { cached: true, ..first.clone() });
+    assert_eq!((client.kept(&ask("a")), client.kept(&ask("b"))), (Some(again.clone()), None));
     assert_eq!(client.complete(&ask("b")).unwrap().text, "two");
     assert_eq!(server.received().len(), 2);
 
