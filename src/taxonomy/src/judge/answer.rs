@@ -145,6 +145,7 @@ mod tests {
             format!("<think>perhaps {{\"class\": \"Other\"}}</think>\n{GOOD}"),
             format!("First {{not this}}, then {{\"class\": \"Other\", \"step\": 1}}; no: {GOOD} I am sure."),
             format!("{{\"answer\": {GOOD}}}"),
+            GOOD.replace(", \"step", ", \"else\": {\"class\": \"Other\"}, \"step"),
             GOOD.replace("sub_class", "Sub-Class").replace("Lost Memory", "lost_memory").replace("oscillation", "Oscillation"),
             GOOD.replace(": 4", ": \"step 4\"").replace("0.9", "\"90%\""),
             GOOD.replace(": 4", ": 4.0").replace(", \"step", ", \"proposed_sub_class\": \"none\", \"step"),
