@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test bench bench-sql bench-ingest lint acceptance determinism determinism-cross clean
+.PHONY: help demo test bench bench-sql bench-ingest bench-taxonomy eval-taxonomy lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -25,6 +25,12 @@ bench-sql: ## a million made-up episodes: the same questions to reel and to Duck
 bench-ingest: ## the same traces through reel, a Python script and a bare decoding loop (needs Python)
 	tests/bench/ingest.sh
 
+bench-taxonomy: ## the failure rules over up to a million made-up episodes
+	tests/bench/taxonomy.sh
+
+eval-taxonomy: ## how often the failure taxonomy is right, on 3,000 episodes with injected faults (ten minutes)
+	tests/eval-taxonomy.sh
+
 lint: ## check format and lints
 	cargo fmt --all --check
 	cargo clippy --locked --workspace --all-targets -- -D warnings
@@ -32,6 +38,7 @@ lint: ## check format and lints
 acceptance: ## play all of REAL-Bench, replay it in every build and print figures (needs the data)
 	tests/acceptance.sh
 	tests/determinism.sh
+	tests/eval-taxonomy.sh
 
 determinism: ## execute the golden traces in every build and condition of this machine: one table
 	tests/determinism.sh

@@ -37,13 +37,13 @@ EPISODE_COLUMNS = (
     "task_digest", "scene_digest", "task_type", "end_reason",
     "success", "completion", "total_reward", "discounted_return", "length", "asks", "spl",
     "instruction", "fuzzy", "purpose", "target", "target_category", "target_caption", "src", "dest",
-    "shortest_path_m", "path_length_m", "parent_trace", "parent_call",
+    "src_door", "dest_door", "shortest_path_m", "path_length_m", "parent_trace", "parent_call",
     "trace", "trace_digest", "trace_bytes", "trace_modified_ns",
 )  # fmt: skip
 STEP_COLUMNS = (
     "step", "tool", "call_name", "arguments", "argument",
     "text", "error_code", "error_class", "object", "receptacle", "held",
-    "goal_object", "goal_receptacle", "markers", "visible", "candidates", "reward",
+    "goal_object", "goal_receptacle", "object_like", "receptacle_like", "fell", "markers", "visible", "candidates", "reward",
     "sim_step", "robot_x_m", "robot_y_m", "robot_yaw_rad", "path_length_m", "latency_ns",
     "reasoning", "history", "plan", "raw", "question", "reply", "reply_source", "tokens_read", "tokens_written",
     "state_digest", "chain_digest", "trace_offset",
@@ -103,6 +103,7 @@ class Rows:
                 *METRICS(metrics), metrics.spl if metrics.HasField("spl") else None,
                 fields["instruction"], fields.get("fuzzy", False), fields.get("purpose"), fields["target"],
                 task.target.get("category", ""), task.target.get("caption"), fields["src"], fields["dest"],
+                task.door(fields["src"]), task.door(fields["dest"]),
                 trace.settled.shortest_path_m if trace.settled.HasField("shortest_path_m") else None,
                 trace.moments[-1].robot.path_length_m,
                 parent and parent.trace.hex(), parent and parent.call,
@@ -121,6 +122,7 @@ class Rows:
 
     def add_steps(self, trace):
         task, policies, answers = trace.task, trace.policies, trace.answers
+        categories = categories_of(trace.scene)
         goal_objects, goal_places, is_candidate = task.goal_objects, task.goal_places, task.candidates.__contains__
         seen = {visible.object for visible in trace.settled.visible}
         see, candidates = seen.add, len(seen & task.candidates)
@@ -154,6 +156,7 @@ class Rows:
 
             physics, registry = diff.physics, diff.registry
             count = len(physics) + len(registry)
+            fallen = [event.object for event in physics if event.event == "add" and event.receptacle == "floor"]
             if count:
                 self.changes += [("physics", *EVENT(event)) for event in physics]
                 self.changes += [("registry", *EVENT(event)) for event in registry]
@@ -175,6 +178,9 @@ class Rows:
                     text, error, error_class, object_, receptacle, held,
                     object_ in goal_objects if object_ else None,
                     (object_, receptacle) in goal_places if object_ and receptacle else None,
+                    task.object_like(object_) if object_ else None,
+                    task.receptacle_like(receptacle, categories) if receptacle else None,
+                    ("target" if task.fields["target"] in fallen else "other") if fallen else None,
                     len(markers), len(visible), candidates, total,
                     moment.sim_step, x, y, robot.yaw, robot.path_length_m, latency_ns,
                     *said, (arguments if argument is None else argument) if tool == "ask" else None,
@@ -277,17 +283,19 @@ def task_row(task):
         for thing in fields["objects"]
     ]
 
-    def door(receptacle):
-        return task.initial.get(receptacle, ("", {}))[0] or None
-
     return (
         fields["task_id"], task.digest, fields["family"], fields.get("task_type"), fields["scene_id"],
         fields["instruction"], fields["precise_instruction"], fields.get("fuzzy", False), fields.get("purpose"),
         fields["target"], task.target.get("category", ""), fields["src"], fields["dest"],
-        door(fields["src"]), door(fields["dest"]),
+        task.door(fields["src"]), task.door(fields["dest"]),
         fields.get("src_distractors", []), fields.get("dest_distractors", []), fields.get("object_distractors", []),
         [texts[event[0]].format(*event) for event in task.goal], len(objects), objects, task.text,
     )  # fmt: skip
+
+
+@functools.lru_cache(1024)
+def categories_of(text):
+    return {receptacle["id"]: receptacle["category"] for receptacle in orjson.loads(text)["receptacles"]}
 
 
 def scene_row(text, digest):
@@ -320,6 +328,29 @@ class Task:
         self.goal_objects = {object_ for _, object_, _, _, _ in self.goal if object_}
         self.goal_places = {(object_, receptacle) for event, object_, receptacle, _, _ in self.goal if event == "add"}
         self.candidates = {instance for instance in self.objects if self.role(instance) != "other"}
+
+    def door(self, receptacle):
+        return self.initial.get(receptacle, ("", {}))[0] or None
+
+    def object_like(self, instance):
+        if instance == self.fields["target"]:
+            return "target"
+        thing = self.objects.get(instance)
+        if not thing:
+            return "other"
+        if thing["asset"] == self.target.get("asset"):
+            return "instance"
+        if thing["category"] == self.target.get("category"):
+            return "category"
+        return "distractor" if thing["asset"] in self.fields.get("object_distractors", ()) else "other"
+
+    def receptacle_like(self, receptacle, categories):
+        dest = self.fields["dest"]
+        if receptacle in (dest, self.fields["src"]):
+            return "dest" if receptacle == dest else "src"
+        category = categories.get(receptacle)
+        like = receptacle in self.fields.get("dest_distractors", ()) or category and category == categories.get(dest)
+        return "similar" if like else "other"
 
     def role(self, instance):
         thing = self.objects[instance]

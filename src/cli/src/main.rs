@@ -34,6 +34,8 @@ struct Arguments {
 enum Command {
     /// Play tasks with a policy and record every episode as a trace
     Run(commands::run::Arguments),
+    /// Play tasks with a policy that makes mistakes on purpose, and label what went wrong
+    Faults(commands::faults::Arguments),
     /// Re-execute traces and compare every digest, picture and text
     Replay(commands::replay::Arguments),
     /// Replay a corpus with this build and another, and list which outcomes change
@@ -59,6 +61,12 @@ enum Command {
     /// Score the episodes of a store again, under any reward preset
     #[cfg(feature = "analytics")]
     Reward(commands::reward::Arguments),
+    /// Say why episodes failed, and how often that is right
+    #[cfg(feature = "analytics")]
+    Taxonomy(commands::taxonomy::Arguments),
+    /// Keep what people say about failed episodes
+    #[cfg(feature = "analytics")]
+    Label(commands::label::Arguments),
     /// Look after a store: versions, quarantine, compaction, vacuum
     #[cfg(feature = "analytics")]
     Tables(commands::tables::Arguments),
@@ -81,6 +89,7 @@ fn main() -> ExitCode {
     end_with_the_reader();
     let result = match Arguments::parse().command {
         Command::Run(arguments) => commands::run::run(&arguments),
+        Command::Faults(arguments) => commands::faults::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
         Command::Gate(arguments) => commands::gate::run(&arguments),
         Command::Mint(arguments) => commands::mint::run(&arguments),
@@ -95,6 +104,10 @@ fn main() -> ExitCode {
         Command::Query(arguments) => commands::query::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Reward(arguments) => commands::reward::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Taxonomy(arguments) => commands::taxonomy::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Label(arguments) => commands::label::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Tables(arguments) => commands::tables::run(&arguments),
         Command::Compact(arguments) => commands::repack::compact(&arguments),

@@ -6,8 +6,11 @@
 mod agreement;
 mod classify;
 mod drift;
+pub mod judge;
 mod labels;
 mod rules;
+pub mod sankey;
+mod stored;
 
 use std::path::PathBuf;
 
@@ -16,6 +19,7 @@ pub use classify::{Verdicts, classify};
 pub use drift::{Drift, drift};
 pub use labels::{Defaults, LabelSet, disputed, from_csv, from_json, injected, label_set, to_csv, to_json};
 pub use rules::{CLASSES, Rule, RuleSet};
+pub use stored::{Stored, baseline, stored};
 
 /// What can go wrong with rules and labels.
 #[derive(Debug, thiserror::Error)]

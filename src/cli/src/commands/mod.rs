@@ -6,11 +6,16 @@ pub mod demo;
 pub mod doctor;
 pub mod explain;
 pub mod export;
+pub mod faults;
 pub mod frames;
 pub mod gate;
 pub mod import;
 #[cfg(feature = "analytics")]
 pub mod ingest;
+#[cfg(feature = "analytics")]
+pub mod judge;
+#[cfg(feature = "analytics")]
+pub mod label;
 pub mod mint;
 pub mod paranoid;
 #[cfg(feature = "analytics")]
@@ -25,3 +30,5 @@ pub mod show;
 #[cfg(feature = "analytics")]
 pub mod tables;
 pub mod tasks;
+#[cfg(feature = "analytics")]
+pub mod taxonomy;

@@ -7,6 +7,8 @@ mod recovery;
 mod symbols;
 #[cfg(feature = "analytics")]
 mod tables;
+#[cfg(feature = "analytics")]
+mod taxonomy;
 
 use std::{
     fs,

@@ -1,9 +1,14 @@
-//! The rules on hand-made episodes: a case each.
+//! The rules on hand-made episodes, a case each, and the judge before a scripted endpoint.
 
 #[path = "../../../tables/tests/tables/play.rs"]
 mod play;
 
+mod judge;
+mod paper;
 mod rules;
+#[path = "../../../model/tests/model/scripted.rs"]
+#[expect(dead_code, reason = "the judge needs not all that the client's tests do")]
+mod scripted;
 
 use std::path::Path;
 

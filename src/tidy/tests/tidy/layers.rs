@@ -21,6 +21,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("export", &["world", "trace", "tables", "replay"]),
     ("view", &["world", "trace", "replay"]),
     ("import", &["world", "reward", "trace"]),
+    ("model", &["world"]),
+    ("taxonomy", &["world", "tables", "query", "model"]),
     ("tidy", &[]),
 ];
 
@@ -31,7 +33,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("indicatif", &["cli"]),
     ("anyhow", &["cli"]),
     ("datafusion*", &["query", "tables"]),
-    ("arrow*", &["export", "query", "tables"]),
+    ("arrow*", &["export", "query", "tables", "taxonomy"]),
     ("parquet", &["export", "query", "tables"]),
     ("polars*", &["export"]),
     ("rapier3d*", &["sim"]),
@@ -40,11 +42,12 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("prost*", &["trace"]),
     ("rerun*", &["view"]),
     ("tokio", &["tables", "query", "server"]),
-    ("rayon", &["agents", "replay", "tables", "query", "export", "cli", "server"]),
+    ("rayon", &["agents", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents", "query"]),
     ("rand_core", &["sim", "tasks", "agents"]),
     ("strsim", &["pattern", "reward"]),
     ("toml", &["reward"]),
+    ("ureq", &["model"]),
     ("rand", &[]),
 ];
 

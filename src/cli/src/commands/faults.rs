@@ -1,0 +1,253 @@
+//! `reel faults`: episodes that fail in a known way, to find out how often the failure taxonomy is right.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use anyhow::{Context, bail};
+use rayon::prelude::*;
+use reel_agents::{
+    EpisodeReport, RecordTo,
+    injection::{Class, FaultKind, Injection, Label, SampleOptions, cluttered, paper_mix, sample},
+    run_injected,
+};
+use reel_episode::EpisodeConfig;
+use reel_reward::Preset;
+use reel_tasks::Listed;
+use reel_trace::{Durability, Images, RecordOptions};
+use reel_world::{Profile, Scene, Task, record::PolicyInfo};
+use serde_json::json;
+
+use crate::{Answer, inputs, progress};
+
+/// Play tasks with a policy that makes mistakes on purpose, and record every episode as a trace, with what went wrong in a
+/// file `<trace>.label.json` beside it. Ingest does not read those; `reel label import` does.
+///
+/// Examples:
+///   reel faults list
+///   reel faults run --tasks tasks --count 200 --out faulty
+///   reel faults run --tasks tasks --count 100 --paper --out paper
+///   reel ingest faulty --store store && reel taxonomy --store store
+///   reel label import faulty --store store && reel taxonomy agreement --store store --with injected
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// The kinds of fault, with their classes
+    List {
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Play episodes
+    Run(Run),
+}
+
+#[derive(clap::Args)]
+struct Run {
+    /// Task file (REAL-Bench YAML) or folder of them
+    #[arg(long, value_name = "PATH")]
+    tasks: PathBuf,
+    /// Scene file (JSON); without it the home that comes with Reel
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Folder for the traces and labels
+    #[arg(long, value_name = "DIR", default_value = "faulty")]
+    out: PathBuf,
+    /// How many episodes; they take the tasks in turn
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    count: u64,
+    /// The first seed; each episode has the next
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Only these kinds
+    #[arg(long, value_name = "KIND", value_delimiter = ',')]
+    kinds: Vec<String>,
+    /// Share of episodes with two faults
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    combinations: f64,
+    /// Share of faults that the agent corrects itself
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    repaired: f64,
+    /// Share of episodes with harmless detours
+    #[arg(long, value_name = "SHARE", default_value_t = 0.33)]
+    detours: f64,
+    /// A hundred episodes in the proportions of the paper's analysis: 47 successes, 25 Object Confusion, 17 Key Action
+    /// Missing, 9 Lost Memory, 2 Other; --count times a hundredth
+    #[arg(long, conflicts_with = "kinds")]
+    paper: bool,
+    /// Record the pictures, too
+    #[arg(long)]
+    images: bool,
+    /// Episodes at a time; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Print JSON, one line an episode
+    #[arg(long)]
+    json: bool,
+}
+
+/// Seeds between the tries of one episode: no other episode has them.
+const TRY: u64 = 1 << 32;
+/// Tries for an episode of the paper's mix: a fault may not fit a task, or not cost the success.
+const TRIES_MAX: u64 = 60;
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    match &arguments.what {
+        What::List { json } => {
+            for kind in FaultKind::ALL {
+                if *json {
+                    println!("{}", json!({ "kind": kind, "class": kind.class(), "sub_class": kind.sub_class(), "says": kind.description() }));
+                } else {
+                    println!("{:20} {:20} {}", kind.name(), kind.class().as_str(), kind.description());
+                }
+            }
+            Ok(Answer::Yes)
+        }
+        What::Run(run) => play(run),
+    }
+}
+
+fn play(run: &Run) -> anyhow::Result<Answer> {
+    let known = |name: &String| {
+        FaultKind::ALL.iter().copied().find(|kind| kind.name() == name).with_context(|| format!("no fault is called '{name}'; see `reel faults list`"))
+    };
+    let mut kinds = run.kinds.iter().map(known).collect::<Result<Vec<_>, _>>()?;
+    if kinds.is_empty() {
+        kinds = FaultKind::ALL.to_vec();
+    }
+    for (name, share) in [("--combinations", run.combinations), ("--repaired", run.repaired), ("--detours", run.detours)] {
+        if !(0.0..=1.0).contains(&share) {
+            bail!("{name} is a share: give a number from 0 to 1");
+        }
+    }
+    let scene = inputs::scene(run.scene.as_deref())?;
+    let (tasks, broken) = inputs::tasks(&run.tasks, &scene, Listed::AsWritten)?;
+    fs::create_dir_all(&run.out).with_context(|| format!("cannot make the folder {}", run.out.display()))?;
+    let wanted: Vec<Wanted> = match run.paper {
+        true => (0..run.count).map(|number| paper_mix()[(number % 100) as usize].map_or(Wanted::Success, Wanted::Class)).collect(),
+        false => vec![Wanted::Any; run.count as usize],
+    };
+    let maker = Maker { run, scene, tasks, kinds };
+    let bar = progress::bar(wanted.len(), "faults");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(run.jobs)).build()?;
+    let results: Vec<anyhow::Result<Option<(EpisodeReport, Label)>>> = pool.install(|| {
+        let episode = |(number, wanted): (usize, &Wanted)| {
+            let made = maker.episode(number as u64, *wanted);
+            bar.inc(1);
+            made
+        };
+        wanted.par_iter().enumerate().map(episode).collect()
+    });
+    bar.finish_and_clear();
+    let mut counts: BTreeMap<String, u64> = BTreeMap::new();
+    let mut answer = if broken > 0 { Answer::Loss } else { Answer::Yes };
+    for result in results {
+        match result {
+            Ok(Some((report, label))) => {
+                let primary = label.primary.as_ref();
+                let name = primary.map_or("no failure".to_owned(), |primary| format!("{} / {}", primary.class, primary.sub_class));
+                *counts.entry(name).or_default() += 1;
+                if run.json {
+                    println!("{}", json!({ "episode_id": report.episode_id, "trace": report.trace, "success": report.success, "label": label }));
+                }
+            }
+            Ok(None) => *counts.entry("no task admits it".into()).or_default() += 1,
+            Err(error) => {
+                answer = Answer::No;
+                eprintln!("reel: {error:#}");
+            }
+        }
+    }
+    if !run.json {
+        counts.iter().for_each(|(name, count)| println!("{count:6}  {name}"));
+        println!("traces and labels: {}", run.out.display());
+    }
+    Ok(answer)
+}
+
+/// What an episode shall come to.
+#[derive(Clone, Copy)]
+enum Wanted {
+    Any,
+    Success,
+    Class(Class),
+}
+
+struct Maker<'a> {
+    run: &'a Run,
+    scene: Arc<Scene>,
+    tasks: Vec<Arc<Task>>,
+    kinds: Vec<FaultKind>,
+}
+
+impl Maker<'_> {
+    /// Plays one episode; none where no task admits what is wanted.
+    fn episode(&self, number: u64, wanted: Wanted) -> anyhow::Result<Option<(EpisodeReport, Label)>> {
+        let mut last = None;
+        for attempt in 0..TRIES_MAX {
+            let seed = self.run.seed + number + attempt * TRY;
+            let task = &self.tasks[((number + attempt) % self.tasks.len() as u64) as usize];
+            // something of another kind has to stand about, to be taken for the target
+            let task = cluttered(task, &self.scene, &self.tasks, seed).map_or_else(|| task.clone(), Arc::new);
+            let kinds = match wanted {
+                Wanted::Class(class) => FaultKind::of_class(class),
+                Wanted::Any | Wanted::Success => self.kinds.clone(),
+            };
+            let options = SampleOptions {
+                combinations: self.run.combinations,
+                repaired: self.run.repaired,
+                detours: self.run.detours,
+                kinds: &kinds,
+            };
+            let drawn = sample(&task, &self.scene, seed, &options);
+            let injection = match wanted {
+                Wanted::Success => Some(Injection { faults: vec![], detours: drawn.map(|drawn| drawn.detours).unwrap_or_default(), seed }),
+                Wanted::Any | Wanted::Class(_) => drawn,
+            };
+            let Some(injection) = injection else { continue };
+            let path = self.run.out.join(format!("{}--injected--{seed}.mcap", task.task_id.replace(['/', '\\'], "_")));
+            let (report, label) = self.record(task, &injection, &path)?;
+            let as_wanted = match wanted {
+                Wanted::Any => true,
+                Wanted::Success => report.success,
+                Wanted::Class(class) => label.primary.as_ref().is_some_and(|primary| primary.class == class),
+            };
+            if as_wanted {
+                return Ok(Some((report, label)));
+            }
+            for file in [path.clone(), path.with_added_extension("label.json")] {
+                fs::remove_file(&file).with_context(|| format!("cannot remove {}", file.display()))?;
+            }
+            last = Some(report.task_id);
+        }
+        match last {
+            Some(task) => bail!("{TRIES_MAX} episodes came out otherwise than wanted; the last one played {task}"),
+            None => Ok(None),
+        }
+    }
+
+    fn record(&self, task: Arc<Task>, injection: &Injection, path: &Path) -> anyhow::Result<(EpisodeReport, Label)> {
+        let images = if self.run.images { Images::Full } else { Images::None };
+        let config = EpisodeConfig {
+            task,
+            scene: self.scene.clone(),
+            seed: injection.seed,
+            profile: Profile::Paper,
+            preset: Preset::paper(),
+            run_id: format!("faults-{}", self.run.seed),
+            policy: PolicyInfo::default(),
+        };
+        let options = RecordOptions { images, durability: Durability::Write };
+        Ok(run_injected(config, injection, Some(&RecordTo { path: path.to_owned(), options }))?)
+    }
+}

@@ -1,0 +1,418 @@
+//! `reel taxonomy`: why episodes fail, by the rules; how often the rules are right; what changed.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, bail};
+use reel_query::{Format, Session, format};
+use reel_tables::Store;
+use reel_taxonomy::{
+    Agreement, CLASSES, RuleSet, Stored, agreement, baseline, classify, disputed, drift, label_set,
+    sankey::{Flow, Sankey},
+    stored,
+};
+use serde_json::json;
+
+use crate::{Answer, commands::judge, progress};
+
+/// Say why every failed episode of a store failed: its class (paper, Failure Mode Taxonomy), what within it, the decisive
+/// step and the evidence. The rules are SQL, one file each (`reel taxonomy rules`), and see the recorded episodes only,
+/// never a label. The result is kept in table `classes`.
+///
+/// Examples:
+///   reel taxonomy --store store
+///   reel taxonomy --store store --sankey failures.svg
+///   reel query --store store "SELECT * FROM classes WHERE sub_class = 'missing_ask'"
+///   reel taxonomy agreement --store store --with agreed
+///   reel taxonomy drift --store store --before "policy = 'old'" --after "policy = 'new'"
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment, args_conflicts_with_subcommands = true)]
+pub struct Arguments {
+    #[command(subcommand)]
+    what: Option<What>,
+    #[command(flatten)]
+    classify: Classify,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// List the rules: priority, class, sub-class, and what each says
+    Rules(Rules),
+    /// Compare the classes with labels: precision, recall, F1, Cohen's kappa, confusion matrix, disagreements
+    Agreement(WithLabels),
+    /// Compare two sets of episodes: which classes grew, and whether more than chance explains
+    Drift(Drift),
+    /// Ask a model behind an OpenAI-compatible endpoint for its opinion on failed episodes
+    Judge(judge::Arguments),
+}
+
+#[derive(clap::Args)]
+struct Classify {
+    /// The store: a folder or s3://bucket/folder
+    #[arg(long, value_name = "STORE", default_value = "store")]
+    store: String,
+    /// Folder with rule files of your own, beside those that come with Reel
+    #[arg(long, value_name = "DIR")]
+    rules: Option<PathBuf>,
+    /// Only episodes that fulfil this condition in SQL; keeps nothing
+    #[arg(long = "where", value_name = "SQL")]
+    condition: Option<String>,
+    /// Keep nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Draw family, class and sub-class as a Sankey diagram: FILE.svg or FILE.png; may be given twice
+    #[arg(long, value_name = "FILE")]
+    sankey: Vec<PathBuf>,
+    /// Print JSON, one line an episode
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::Args)]
+struct Rules {
+    /// Folder with rule files of your own, beside those that come with Reel
+    #[arg(long, value_name = "DIR")]
+    rules: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::Args)]
+struct WithLabels {
+    /// The store: a folder or s3://bucket/folder
+    #[arg(long, value_name = "STORE", default_value = "store")]
+    store: String,
+    /// Which labels: an author, a kind (human, judge, injected), or `agreed`
+    #[arg(long = "with", value_name = "SET", default_value = "agreed")]
+    set: String,
+    /// Compare what a naive classifier says, too: the class that the last failed call suggests
+    #[arg(long)]
+    baseline: bool,
+    /// List so many disagreements
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    show: usize,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::Args)]
+struct Drift {
+    /// The store: a folder or s3://bucket/folder
+    #[arg(long, value_name = "STORE", default_value = "store")]
+    store: String,
+    /// The episodes before, as a condition in SQL
+    #[arg(long, value_name = "SQL")]
+    before: String,
+    /// The episodes after
+    #[arg(long, value_name = "SQL")]
+    after: String,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    match &arguments.what {
+        None => run_classify(&arguments.classify),
+        Some(What::Rules(rules)) => list_rules(rules),
+        Some(What::Agreement(with)) => compare(with),
+        Some(What::Drift(sets)) => compare_sets(sets),
+        Some(What::Judge(arguments)) => judge::run(arguments),
+    }
+}
+
+/// The rules that come with Reel, and those of a folder.
+fn rule_set(folder: Option<&Path>) -> anyhow::Result<RuleSet> {
+    Ok(match folder {
+        Some(folder) => RuleSet::with_folder(folder)?,
+        None => RuleSet::built_in(),
+    })
+}
+
+fn list_rules(arguments: &Rules) -> anyhow::Result<Answer> {
+    let set = rule_set(arguments.rules.as_deref())?;
+    for rule in set.rules() {
+        if arguments.json {
+            println!("{}", serde_json::to_string(rule)?);
+        } else {
+            println!("{:3}  {} / {} ({})\n     {}", rule.priority, rule.class, rule.sub_class, rule.name, rule.prose);
+        }
+    }
+    if !arguments.json {
+        println!("version {}", set.version().short());
+    }
+    Ok(Answer::Yes)
+}
+
+fn run_classify(arguments: &Classify) -> anyhow::Result<Answer> {
+    let set = rule_set(arguments.rules.as_deref())?;
+    let spinner = progress::spinner();
+    spinner.enable_steady_tick(std::time::Duration::from_millis(100));
+    spinner.set_message("asking the rules");
+    let session = Session::new(Store::open(&arguments.store)?)?;
+    let verdicts = classify(&session, &set, arguments.condition.as_deref())?;
+    if !arguments.dry_run && arguments.condition.is_none() {
+        spinner.set_message(format!("keeping {} classes", verdicts.len()));
+        Store::open(&arguments.store)?.replace_classes(verdicts.classes())?;
+    }
+    spinner.finish_and_clear();
+    let mut counts: BTreeMap<(&str, &str), BTreeMap<&str, u64>> = BTreeMap::new();
+    let (mut flows, mut policies, mut families): (BTreeMap<_, u64>, BTreeSet<&str>, BTreeSet<&str>) = Default::default();
+    for (class, (family, policy)) in verdicts.classes().zip(verdicts.groups()) {
+        if arguments.json {
+            println!("{}", serde_json::to_string(&class)?);
+        }
+        let counts = counts.entry((class.class, class.sub_class)).or_default();
+        *counts.entry(policy).or_default() += 1;
+        *counts.entry(family).or_default() += 1;
+        *flows.entry((family, class.class, class.sub_class)).or_default() += 1;
+        policies.insert(policy);
+        families.insert(family);
+    }
+    let condition = arguments.condition.as_deref().unwrap_or("true");
+    let (episodes, successes) = how_many(&session, condition)?;
+    if !arguments.json {
+        let columns: Vec<&str> = families.iter().chain(&policies).copied().collect();
+        print!("{}", table(&counts, &columns, verdicts.len()));
+        println!("{} failures of {episodes} episodes; rules version {}", verdicts.len(), set.version().short());
+    }
+    if !arguments.sankey.is_empty() {
+        let flow = |((family, class, sub_class), episodes): (&(&str, &str, &str), &u64)| Flow {
+            family: (*family).to_owned(),
+            class: (*class).to_owned(),
+            sub_class: (*sub_class).to_owned(),
+            episodes: *episodes,
+        };
+        let flows: Vec<Flow> = flows.iter().map(flow).collect();
+        let subtitle = format!("{} | rules version {}", arguments.store, set.version().short());
+        let picture = Sankey::new("Why do they fail?", &subtitle, &flows, episodes, successes);
+        arguments.sankey.iter().try_for_each(|file| draw(&picture, file))?;
+    }
+    Ok(Answer::Yes)
+}
+
+/// Episodes that were played to an end, and how many of them succeeded.
+fn how_many(session: &Session, condition: &str) -> anyhow::Result<(u64, u64)> {
+    let sql = format!("SELECT count(success), count(*) FILTER (WHERE success) FROM episodes WHERE ({condition})");
+    let text = format(&session.run(&sql)?, Format::Csv)?;
+    let counted = text.lines().nth(1).and_then(|line| line.split_once(','));
+    let (episodes, successes) = counted.context("the store does not say how many episodes it has")?;
+    Ok((episodes.parse()?, successes.parse()?))
+}
+
+fn draw(picture: &Sankey, file: &Path) -> anyhow::Result<()> {
+    let bytes = match file.extension().and_then(|extension| extension.to_str()) {
+        Some("svg") => picture.svg().into_bytes(),
+        Some("png") => picture.png(2.0)?,
+        _ => bail!("the name has to end in .svg or .png: {}", file.display()),
+    };
+    fs::write(file, bytes).with_context(|| format!("cannot write {}", file.display()))
+}
+
+/// Classes and sub-classes by family and by policy.
+fn table(counts: &BTreeMap<(&str, &str), BTreeMap<&str, u64>>, columns: &[&str], failures: usize) -> String {
+    let width = |name: &str| name.len().max(5);
+    let line = |name: &str, of: &dyn Fn(&str) -> u64, families: u64| {
+        let mut line = format!("{name:24} {families:8} {:6.1}%", 100.0 * families as f64 / failures.max(1) as f64);
+        columns.iter().for_each(|column| line += &format!(" {:>1$}", of(column), width(column)));
+        line + "\n"
+    };
+    let mut text = format!("{:24} episodes   share", "");
+    columns.iter().for_each(|column| text += &format!(" {column:>0$}", width(column)));
+    text.push('\n');
+    for class in CLASSES {
+        let of_class: Vec<_> = counts.iter().filter(|((name, _), _)| *name == class).collect();
+        let sum = |column: &str| of_class.iter().filter_map(|(_, counts)| counts.get(column)).sum::<u64>();
+        // every episode has one family, and one policy
+        let total = |counts: &BTreeMap<&str, u64>| counts.values().sum::<u64>() / 2;
+        text += &line(class, &sum, of_class.iter().map(|(_, counts)| total(counts)).sum());
+        let mut rows: Vec<_> = of_class.iter().map(|((_, sub_class), counts)| (total(counts), *sub_class, counts)).collect();
+        rows.sort_by(|one, other| other.0.cmp(&one.0).then(one.1.cmp(other.1)));
+        for (episodes, sub_class, counts) in rows {
+            text += &line(&format!("  {sub_class}"), &|column| counts.get(column).copied().unwrap_or(0), episodes);
+        }
+    }
+    text
+}
+
+/// The classes that the store holds.
+pub fn classes_of(session: &Session, store: &str) -> anyhow::Result<Vec<Stored>> {
+    let classes = stored(session)?;
+    if classes.is_empty() {
+        bail!("no failed episode has a class yet; run `reel taxonomy --store {store}` first");
+    }
+    Ok(classes)
+}
+
+fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
+    let session = Session::new(Store::open(&arguments.store)?)?;
+    let labels = session.store().labels()?;
+    let truth = label_set(&labels, &arguments.set);
+    let found = classes_of(&session, &arguments.store)?;
+    let mut reports = vec![("rules", found)];
+    if arguments.baseline {
+        reports.push(("baseline", baseline(&session)?));
+    }
+    let mut printed = Vec::new();
+    for (name, found) in &reports {
+        let both: Vec<_> = found.iter().filter_map(|found| Some((truth.get(&found.episode_id)?, found))).collect();
+        if both.is_empty() {
+            let sets: BTreeSet<&str> = labels.iter().flat_map(|label| [label.author.as_str(), label.kind.as_str()]).collect();
+            let sets: Vec<&str> = sets.into_iter().collect();
+            bail!("no failed episode has a label of '{}'; there are labels of: {}", arguments.set, sets.join(", "));
+        }
+        let by_class = agreement(both.iter().map(|(label, found)| (label.class.as_str(), found.class.as_str())), &CLASSES);
+        let with_sub = both.iter().filter_map(|(label, found)| Some((label.sub_class.as_deref()?, found.sub_class.as_str())));
+        let by_sub_class = agreement(with_sub, &[]);
+        let with_step = both.iter().filter_map(|(label, found)| label.step.map(|step| (step - found.step).abs()));
+        let distances: Vec<i32> = with_step.collect();
+        let exact = distances.iter().filter(|distance| **distance == 0).count();
+        if arguments.json {
+            printed.push(json!({
+                "of": name, "with": arguments.set, "classes": by_class, "sub_classes": by_sub_class,
+                "steps": { "compared": distances.len(), "equal": exact },
+            }));
+            continue;
+        }
+        println!("== {name} against '{}': {} episodes\n", arguments.set, by_class.episodes);
+        print!("{}", report(&by_class));
+        println!();
+        print!("{}", confusion(&by_class));
+        if by_sub_class.episodes > 0 {
+            println!("\nsub-classes of {} episodes", by_sub_class.episodes);
+            print!("{}", report(&by_sub_class));
+        }
+        if !distances.is_empty() {
+            let near = distances.iter().filter(|distance| **distance <= 1).count();
+            let share = |part: usize| 100.0 * part as f64 / distances.len() as f64;
+            println!("\ndecisive step: equal in {:.1}%, at most one off in {:.1}%", share(exact), share(near));
+        }
+        println!();
+    }
+    let (_, found) = &reports[0];
+    let differing: Vec<_> = found
+        .iter()
+        .filter_map(|found| Some((truth.get(&found.episode_id)?, found)))
+        .filter(|(label, found)| {
+            label.class != found.class || label.sub_class.as_ref().is_some_and(|said| *said != found.sub_class)
+        })
+        .collect();
+    let open = disputed(&labels);
+    if arguments.json {
+        let list: Vec<_> = differing.iter().map(|(label, found)| json!({ "label": label, "found": found })).collect();
+        println!("{}", json!({ "reports": printed, "disagreements": list, "disputed": open.keys().collect::<Vec<_>>() }));
+        return Ok(Answer::Yes);
+    }
+    if !differing.is_empty() {
+        println!(
+            "{} disagreements{}",
+            differing.len(),
+            if differing.len() > arguments.show { ", the first of them:" } else { ":" }
+        );
+    }
+    for (label, found) in differing.iter().take(arguments.show) {
+        let said = label.sub_class.as_deref().unwrap_or(&label.class);
+        let at = label.step.map(|step| format!(" at {step}")).unwrap_or_default();
+        println!(
+            "  {}  {} says {said}{at}; found {} at {}\n    reel show {}",
+            found.episode_id, label.author, found.sub_class, found.step, found.trace
+        );
+    }
+    if !open.is_empty() {
+        println!("{} episodes are disputed: `reel label disputed` lists them", open.len());
+    }
+    Ok(Answer::Yes)
+}
+
+fn report(agreement: &Agreement) -> String {
+    let share = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+    let mut text = format!("{:24} {:>6} {:>6} {:>10} {:>7} {:>6}\n", "", "labels", "found", "precision", "recall", "F1");
+    for class in &agreement.classes {
+        text += &format!(
+            "{:24} {:6} {:6} {:>10} {:>7} {:6.3}\n",
+            class.class,
+            class.support,
+            class.found,
+            share(class.precision),
+            share(class.recall),
+            class.f1
+        );
+    }
+    let kappa = share(agreement.kappa);
+    text + &format!("macro-F1 {:.3}, accuracy {:.3}, Cohen's kappa {kappa}\n", agreement.macro_f1, agreement.accuracy)
+}
+
+fn confusion(agreement: &Agreement) -> String {
+    let mut text = format!("{:24}", "labelled \\ found");
+    agreement.classes.iter().for_each(|class| text += &format!(" {:>18}", class.class));
+    text.push('\n');
+    for (class, row) in agreement.classes.iter().zip(&agreement.confusion) {
+        text += &format!("{:24}", class.class);
+        row.iter().for_each(|count| text += &format!(" {count:>18}"));
+        text.push('\n');
+    }
+    text
+}
+
+fn compare_sets(arguments: &Drift) -> anyhow::Result<Answer> {
+    let session = Session::new(Store::open(&arguments.store)?)?;
+    classes_of(&session, &arguments.store)?;
+    let (before, _) = how_many(&session, &arguments.before)?;
+    let (after, _) = how_many(&session, &arguments.after)?;
+    if before == 0 || after == 0 {
+        bail!("{before} episodes before and {after} after: both conditions have to fit some");
+    }
+    let mut printed = Vec::new();
+    for (what, name) in [("class", "c.class"), ("sub_class", "c.class || ' / ' || c.sub_class")] {
+        let sql = format!(
+            "SELECT {name}, count(*) FILTER (WHERE ({})), count(*) FILTER (WHERE ({})) FROM episodes JOIN (SELECT \
+             episode_id AS of_episode, class, sub_class FROM classes) c ON c.of_episode = episodes.episode_id GROUP BY 1",
+            arguments.before, arguments.after
+        );
+        let text = format(&session.run(&sql)?, Format::Csv)?;
+        let row = |line: &str| -> Option<(String, u64, u64)> {
+            let mut cells = line.rsplitn(3, ',');
+            let (after, before) = (cells.next()?.parse().ok()?, cells.next()?.parse().ok()?);
+            Some((cells.next()?.to_owned(), before, after))
+        };
+        let counts: Vec<(String, u64, u64)> = text.lines().skip(1).filter_map(row).collect();
+        let found = drift(&counts, before, after);
+        if arguments.json {
+            printed.push(json!({ "by": what, "drift": found }));
+            continue;
+        }
+        println!(
+            "{what:44} {:>8} {:>8} {:>8} {:>9} {:>9}",
+            format!("of {before}"),
+            format!("of {after}"),
+            "change",
+            "p",
+            "corrected"
+        );
+        for class in &found {
+            let mark = if class.significant { "  *" } else { "" };
+            println!(
+                "{:44} {:8} {:8} {:+7.1}% {:9.2e} {:9.2e}{mark}",
+                class.name,
+                class.before,
+                class.after,
+                100.0 * class.difference,
+                class.p,
+                class.p_corrected
+            );
+        }
+        println!();
+    }
+    if arguments.json {
+        println!("{}", json!({ "before": before, "after": after, "drifts": printed }));
+    } else {
+        println!("* more than chance explains: Fisher's exact test, two-sided, Holm's correction, 5%");
+    }
+    Ok(Answer::Yes)
+}

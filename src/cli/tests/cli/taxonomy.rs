@@ -1,0 +1,155 @@
+//! Faults injected, classified, labelled and compared: the short form of `make eval-taxonomy`, and the commands around it.
+
+use std::{
+    fs,
+    io::{Read as _, Write as _},
+    net::TcpListener,
+    path::Path,
+    thread,
+};
+
+use serde_json::Value;
+
+use super::{complaint, expect};
+
+/// Plays faulty episodes, ingests and classifies them.
+fn classified(folder: &Path, count: &str) {
+    expect(folder, 0, &["tasks", "generate", "--count", "16", "--seed", "1001", "--out", "tasks"]);
+    expect(folder, 0, &["faults", "run", "--tasks", "tasks", "--count", count, "--seed", "1900000", "--out", "faulty"]);
+    expect(folder, 0, &["ingest", "faulty", "--store", "store"]);
+    let table = expect(folder, 0, &["taxonomy", "--store", "store", "--sankey", "why.svg", "--sankey", "why.png"]);
+    assert!(table.contains("Object Confusion") && table.contains("failures of"), "{table}");
+}
+
+#[test]
+fn the_rules_find_what_was_injected() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    classified(folder, "48");
+    assert!(fs::read_to_string(folder.join("why.svg")).unwrap().contains("Why do they fail?"));
+    assert!(fs::read(folder.join("why.png")).unwrap().starts_with(b"\x89PNG"));
+
+    // without labels there is nothing to compare with, and it says what to do
+    let refused = complaint(folder, 2, &["taxonomy", "agreement", "--store", "store", "--with", "injected"]);
+    assert!(refused.contains("no failed episode has a label"), "{refused}");
+    expect(folder, 0, &["label", "import", "faulty", "--store", "store"]);
+    let report = expect(folder, 0, &["taxonomy", "agreement", "--store", "store", "--with", "injected", "--baseline", "--json"]);
+    let report: Value = serde_json::from_str(&report).unwrap();
+    let macro_f1 = |index: usize| report["reports"][index]["classes"]["macro_f1"].as_f64().unwrap();
+    assert!(report["reports"][0]["classes"]["episodes"].as_u64().unwrap() >= 30, "{report}");
+    assert!(macro_f1(0) >= 0.9, "{report}");
+    assert!(macro_f1(0) > macro_f1(1) + 0.2, "no better than a naive classifier: {report}");
+
+    // the rules see no labels: the same classes without them
+    let with = expect(folder, 0, &["taxonomy", "--store", "store", "--dry-run", "--json"]);
+    expect(folder, 0, &["ingest", "faulty", "--store", "other"]);
+    let mut without: Vec<String> =
+        expect(folder, 0, &["taxonomy", "--store", "other", "--json"]).lines().map(str::to_owned).collect();
+    let mut with: Vec<String> = with.lines().map(str::to_owned).collect();
+    with.sort();
+    without.sort();
+    assert_eq!(with, without);
+
+    let half = "episode_id < '8'";
+    let drift = expect(folder, 0, &["taxonomy", "drift", "--store", "store", "--before", half, "--after", "episode_id >= '8'"]);
+    assert!(drift.contains("Object Confusion") && drift.contains("Fisher"), "{drift}");
+}
+
+#[test]
+fn people_label_disagree_and_decide() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    classified(folder, "6");
+    let first = expect(folder, 0, &["query", "--store", "store", "--format", "csv", "SELECT min(episode_id) AS id FROM classes"]);
+    let id = first.lines().nth(1).unwrap();
+    let set = |arguments: &[&str], code: i32| {
+        let all = [&["label", "set", "--store", "store"], arguments].concat();
+        expect(folder, code, &all)
+    };
+    set(&[id, "--sub-class", "missing_ask", "--step", "1", "--author", "ann", "--note", "two, \"clocks\""], 0);
+    set(&[id, "--class", "Other", "--author", "bob", "--confidence", "0.4"], 0);
+    for (arguments, complaint_of) in [
+        (vec![id, "--class", "Bad Luck", "--author", "bob"], "none of Object Confusion"),
+        (vec![id, "--class", "Other", "--author", "bob", "--step", "99"], "steps, from 0"),
+        (vec!["zzzz", "--class", "Other", "--author", "bob"], "0 episodes have an id"),
+        (vec![id, "--class", "Other", "--author", "bob", "--confidence", "3"], "between 0 and 1"),
+    ] {
+        let refused = complaint(folder, 2, &[&["label", "set", "--store", "store"], &arguments[..]].concat());
+        assert!(refused.contains(complaint_of), "{refused}");
+    }
+    let disputed = expect(folder, 1, &["label", "disputed", "--store", "store"]);
+    assert!(disputed.contains("ann") && disputed.contains("bob") && disputed.contains("1 episodes are disputed"), "{disputed}");
+    complaint(folder, 2, &["taxonomy", "agreement", "--store", "store"]);
+    set(&[id, "--sub-class", "wrong_kind", "--author", "cem", "--adjudicate"], 0);
+    assert!(expect(folder, 0, &["label", "disputed", "--store", "store"]).starts_with("0 episodes"));
+    assert!(expect(folder, 0, &["taxonomy", "agreement", "--store", "store"]).contains("against 'agreed': 1 episodes"));
+
+    // out and in again, into another store
+    expect(folder, 0, &["label", "export", "--store", "store", "--out", "labels.csv"]);
+    expect(folder, 0, &["label", "export", "--store", "store", "--out", "labels.jsonl"]);
+    for file in ["labels.csv", "labels.jsonl"] {
+        let other = format!("other-{file}");
+        expect(folder, 0, &["ingest", "faulty", "--store", &other]);
+        expect(folder, 0, &["label", "import", file, "--store", &other]);
+        let list = |store: &str| expect(folder, 0, &["label", "list", "--store", store, "--json"]);
+        assert_eq!(list(&other), list("store"), "{file}");
+    }
+    fs::write(folder.join("bad.csv"), "episode_id,class\nx,Nonsense\n").unwrap();
+    let refused = complaint(folder, 2, &["label", "import", "bad.csv", "--store", "store"]);
+    assert!(refused.contains("bad.csv, line 2"), "{refused}");
+    fs::write(folder.join("gone.csv"), "episode_id,class\nnobody,Other\n").unwrap();
+    complaint(folder, 3, &["label", "import", "gone.csv", "--store", "store"]);
+}
+
+/// Answers every chat completion with the same opinion.
+fn endpoint() -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            let (mut request, mut buffer) = (Vec::new(), [0; 65536]);
+            let whole = |request: &[u8]| {
+                let text = String::from_utf8_lossy(request).to_ascii_lowercase();
+                let Some((head, _)) = text.split_once("\r\n\r\n") else { return false };
+                let length = head.lines().find_map(|line| line.strip_prefix("content-length: ")).map_or(0, |n| n.parse().unwrap());
+                request.len() >= head.len() + 4 + length
+            };
+            while !whole(&request) {
+                match stream.read(&mut buffer) {
+                    Ok(0) | Err(_) => break,
+                    Ok(count) => request.extend(&buffer[..count]),
+                }
+            }
+            let opinion = r#"{\"class\": \"Other\", \"sub_class\": null, \"step\": 0, \"comment\": \"it rained\", \"confidence\": 0.9}"#;
+            let body = format!(r#"{{"choices": [{{"message": {{"role": "assistant", "content": "{opinion}"}}}}], "usage": {{"prompt_tokens": 5, "completion_tokens": 7}}}}"#);
+            let _ = write!(stream, "HTTP/1.1 200 OK\r\ncontent-type: application/json\r\ncontent-length: {}\r\nconnection: close\r\n\r\n{body}", body.len());
+        }
+    });
+    format!("http://{address}/v1")
+}
+
+#[test]
+fn a_judge_says_what_it_thinks_and_overturns_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    classified(folder, "6");
+    let classes = |store: &str| {
+        expect(folder, 0, &["query", "--store", store, "--format", "csv", "SELECT episode_id, class, sub_class FROM classes ORDER BY 1"])
+    };
+    let before = classes("store");
+    let url = endpoint();
+    let judge = ["taxonomy", "judge", "--store", "store", "--endpoint", &url, "--model", "scripted", "--max", "4"];
+    let said = expect(folder, 0, &judge);
+    assert!(said.starts_with("4 episodes judged"), "{said}");
+    assert_eq!(classes("store"), before);
+    let labels = expect(folder, 0, &["label", "list", "--store", "store"]);
+    assert_eq!(labels.matches("judge").count(), 4, "{labels}");
+    assert!(labels.contains("it rained"), "{labels}");
+    assert_eq!(fs::read_to_string(folder.join("judge-calls.jsonl")).unwrap().lines().count(), 4);
+    // asked again it answers from what was kept, without the endpoint
+    let gone = ["taxonomy", "judge", "--store", "store", "--endpoint", "http://127.0.0.1:9/v1", "--model", "scripted", "--max", "4"];
+    assert!(expect(folder, 0, &gone).starts_with("4 episodes judged"));
+    let agreement = expect(folder, 0, &["taxonomy", "agreement", "--store", "store", "--with", "judge"]);
+    assert!(agreement.contains("against 'judge': 4 episodes"), "{agreement}");
+}

@@ -1,0 +1,143 @@
+//! Why a model did not answer.
+
+use std::{io, path::PathBuf};
+
+/// Every error of this crate. None holds the key.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// The address cannot be one.
+    #[error("the base url of the endpoint is wrong: {what}; give it up to /v1, like http://localhost:8000/v1")]
+    BaseUrl {
+        /// Why.
+        what: &'static str,
+    },
+    /// No key where it should be.
+    #[error("no key: set the environment variable {variable}, or name another one")]
+    NoKey {
+        /// The variable that was looked at.
+        variable: String,
+    },
+    /// A key that cannot be sent.
+    #[error("the key is empty or holds characters that cannot be sent; check the environment variable it comes from")]
+    BadKey,
+    /// Nobody answers at the address.
+    #[error("cannot connect ({what}) after {tries}; is the endpoint running, and its address right? {url}", tries = tries(*attempts))]
+    Connect {
+        /// The address.
+        url: String,
+        /// How often it was tried.
+        attempts: u32,
+        /// The system's word.
+        what: String,
+    },
+    /// The connection broke off.
+    #[error("the connection broke off ({what}) after {tries}; see the endpoint's log: {url}", tries = tries(*attempts))]
+    Cut {
+        /// The address.
+        url: String,
+        /// How often it was tried.
+        attempts: u32,
+        /// What was seen of it.
+        what: String,
+    },
+    /// No secure connection.
+    #[error("no secure connection ({what}); check the endpoint's certificate and this machine's root certificates: {url}")]
+    Tls {
+        /// The address.
+        url: String,
+        /// What is wrong.
+        what: String,
+    },
+    /// It takes too long.
+    #[error("no answer within {timeout_s} s after {tries}; allow more time, or ask for fewer tokens: {url}", tries = tries(*attempts))]
+    Timeout {
+        /// The address.
+        url: String,
+        /// How often it was tried.
+        attempts: u32,
+        /// What one try may take.
+        timeout_s: f64,
+    },
+    /// The endpoint says no.
+    #[error("the endpoint answers {status} after {tries}: {excerpt}; {hint}: {url}", tries = tries(*attempts), hint = hint(*status))]
+    Status {
+        /// The address.
+        url: String,
+        /// How often it was tried.
+        attempts: u32,
+        /// HTTP status.
+        status: u16,
+        /// The beginning of what it says.
+        excerpt: String,
+    },
+    /// What came is no answer of a chat.
+    #[error("not the answer of a chat completion: {what}; does the address speak the OpenAI protocol? {url}: {excerpt}")]
+    Answer {
+        /// The address.
+        url: String,
+        /// What is wrong with it.
+        what: String,
+        /// Its beginning.
+        excerpt: String,
+    },
+    /// A reply cannot be kept, or a call not logged.
+    #[error("cannot {action}: {source}; check the disk and the permissions: {path}", path = path.display())]
+    Write {
+        /// What was to be done.
+        action: &'static str,
+        /// Where.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+impl ModelError {
+    /// Whether nobody was there: the next call will probably find nobody either.
+    pub fn is_unreachable(&self) -> bool {
+        matches!(self, ModelError::Connect { .. })
+    }
+
+    /// Whether another try may help.
+    pub(crate) fn is_transient(&self) -> bool {
+        match self {
+            ModelError::Connect { .. } | ModelError::Cut { .. } | ModelError::Timeout { .. } => true,
+            ModelError::Status { status, .. } => matches!(status, 408 | 429 | 500..=599),
+            _ => false,
+        }
+    }
+}
+
+/// The beginning of what an endpoint said, on one line.
+pub(crate) fn excerpt(text: &str) -> String {
+    const CHARACTERS: usize = 300;
+    let mut words: String = text.chars().take(CHARACTERS).map(|c| if c.is_control() { ' ' } else { c }).collect();
+    if text.chars().nth(CHARACTERS).is_some() {
+        words.push_str(" ...");
+    }
+    match words.trim() {
+        "" => "(nothing)".to_owned(),
+        words => words.to_owned(),
+    }
+}
+
+fn tries(attempts: u32) -> String {
+    match attempts {
+        1 => "1 try".to_owned(),
+        attempts => format!("{attempts} tries"),
+    }
+}
+
+fn hint(status: u16) -> &'static str {
+    match status {
+        300..=399 => "give the address it leads to",
+        401 | 403 => "check the key in the environment variable",
+        404 => "check the base url (mostly it ends in /v1) and the model's name",
+        413 => "send fewer pictures or less text",
+        429 => "the limit of calls or the quota is used up: use fewer threads, or wait",
+        500..=599 => "its own trouble: see its log, or try again later",
+        _ => {
+            "it does not take this request: check the model's name, and whether it takes pictures, `temperature` and `max_tokens`"
+        }
+    }
+}

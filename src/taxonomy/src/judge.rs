@@ -1,0 +1,300 @@
+//! A model's opinion on why an episode failed, through any OpenAI-compatible endpoint. Optional: no rule needs it.
+//!
+//! Owns what the model is shown, how its answer is read, and what its word counts. The judge is blind: it sees what the agent
+//! did and was told, never what the rules concluded, so that its agreement with them means something. It can never overturn
+//! what the simulator proved. What is in an episode is data to it: recorded words stand as JSON strings between lines that they
+//! cannot forge. Never reads tables, never writes files: replies are kept and calls logged by the client.
+
+mod answer;
+mod error;
+mod prompt;
+mod vocabulary;
+
+use std::sync::{
+    Mutex, PoisonError,
+    atomic::{AtomicUsize, Ordering},
+};
+
+use rayon::prelude::*;
+use reel_model::{Client, Message, ModelError, Reply, Request, Role};
+use reel_world::Digest;
+use serde::{Deserialize, Serialize};
+
+pub use error::JudgeError;
+pub use prompt::version as prompt_version;
+
+/// After so many calls in a row that found nobody at the endpoint, it is not called again.
+pub const REFUSED_MAX: u32 = 5;
+
+/// A failed episode as the judge gets it.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct Case {
+    /// The episode; not shown to the model.
+    pub episode_id: String,
+    /// What the agent was told to do.
+    pub instruction: String,
+    /// Its steps in their order.
+    pub transcript: Vec<Turn>,
+    /// Pictures in the order of their steps.
+    pub frames: Vec<Picture>,
+    /// What the rules found in the simulator's record, if anything; not shown to the model. Of a reduced trace it is binding
+    /// all the same: leave it out where words alone are not enough.
+    pub proven: Option<Proven>,
+    /// Whether the trace has no simulator behind it, so that evidence is words alone.
+    pub reduced: bool,
+}
+
+/// A step as the judge sees it. Empty texts are left out.
+#[derive(Clone, PartialEq, Debug, Default, Serialize)]
+pub struct Turn {
+    /// Its number in the episode.
+    pub step: u32,
+    /// The call as text.
+    pub call: String,
+    /// What the agent was answered.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub outcome: String,
+    /// Code of the error, if the call failed.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub error: String,
+    /// What the agent thought.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub reasoning: String,
+    /// What the agent believed to have done.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub history: String,
+    /// What it asked the user.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub question: String,
+    /// What the user said.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub answer: String,
+}
+
+/// A picture that the agent saw.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Picture {
+    /// After which step.
+    pub step: u32,
+    /// e.g. `image/png`
+    pub media_type: String,
+    /// The file's content.
+    pub bytes: Vec<u8>,
+}
+
+/// What the simulator's record shows, by the rules.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Proven {
+    /// One of the four classes.
+    pub class: String,
+    /// Its sub-class.
+    pub sub_class: Option<String>,
+    /// The decisive step.
+    pub step: u32,
+    /// In words.
+    pub evidence: String,
+}
+
+impl Proven {
+    /// Whether it says why. `Other` does so only where something was seen to happen: that the budget ended does not.
+    pub fn explains(&self) -> bool {
+        let seen = ["invalid_output", "physical_failure", "primitive_failure"];
+        self.class != vocabulary::OTHER || self.sub_class.as_deref().is_some_and(|sub_class| seen.contains(&sub_class))
+    }
+}
+
+/// What the model said.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Opinion {
+    /// One of the four classes.
+    pub class: String,
+    /// A sub-class of that class, where one fits.
+    pub sub_class: Option<String>,
+    /// The model's own name for what no sub-class says.
+    pub proposed_sub_class: Option<String>,
+    /// The decisive step, one of the transcript.
+    pub step: u32,
+    /// Why.
+    pub comment: String,
+    /// How probable it thinks the class is right, from 0 to 1.
+    pub confidence: f64,
+    /// Whether it spoke against what is proven, and so counts nothing.
+    pub overruled: bool,
+}
+
+/// Whose word a class is.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Source {
+    /// The rules', on what the simulator recorded.
+    Proven,
+    /// The judge's: a proposal.
+    Judge,
+}
+
+/// A case with the judge's opinion beside what is proven.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Verdict {
+    /// The episode.
+    pub episode_id: String,
+    /// The class that counts: the proven one wherever one is.
+    pub class: String,
+    /// Its sub-class.
+    pub sub_class: Option<String>,
+    /// The decisive step.
+    pub step: u32,
+    /// Whose word the three are.
+    pub source: Source,
+    /// What the rules found, unchanged.
+    pub proven: Option<Proven>,
+    /// What the judge said.
+    pub opinion: Opinion,
+    /// Whether it names the proven class; absent where nothing is proven.
+    pub agrees: Option<bool>,
+    /// Whether the evidence was words alone.
+    pub reduced: bool,
+    /// Which model judged.
+    pub model: String,
+    /// Version of the prompt: its digest.
+    pub prompt: Digest,
+    /// Of the request that was answered; leads to the client's log and cache.
+    pub request: Digest,
+}
+
+/// How much of an episode is shown.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Options {
+    /// Most bytes of the record, pictures apart; what is over it is left out in the middle. At least
+    /// [`Options::TRANSCRIPT_BYTES_MIN`] are used.
+    pub transcript_bytes: usize,
+    /// Most pictures, spread evenly over the episode; 0 for a model without eyes.
+    pub frames: usize,
+}
+
+impl Options {
+    /// Less than this shows nothing worth a judgement.
+    pub const TRANSCRIPT_BYTES_MIN: usize = 2_000;
+}
+
+impl Default for Options {
+    /// 60,000 bytes, which is about 15,000 tokens, and 8 pictures.
+    fn default() -> Self {
+        Self { transcript_bytes: 60_000, frames: 8 }
+    }
+}
+
+/// Asks for an opinion on one case; a second time, with what is wrong, if the answer cannot be read.
+///
+/// # Errors
+/// When the case has no steps, the model cannot be asked, or what it says is no answer twice.
+pub fn judge(case: &Case, client: &Client, options: &Options) -> Result<Verdict, JudgeError> {
+    judged(case, client, options, &Reached::default())
+}
+
+/// Asks for an opinion on every case, several at a time. Results stand in the order of the cases; one that fails leaves the
+/// others alone. When [`REFUSED_MAX`] calls in a row find nobody at the endpoint, what is left gets kept replies or fails without a call.
+/// `progress` is told how many are done.
+pub fn judge_all(
+    cases: &[Case],
+    client: &Client,
+    options: &Options,
+    threads: usize,
+    progress: impl Fn(usize) + Sync,
+) -> Vec<Result<Verdict, JudgeError>> {
+    let pool = match rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).build() {
+        Ok(pool) => pool,
+        Err(error) => {
+            let failed = |_| Err(JudgeError::Workers { threads, message: error.to_string() });
+            return cases.iter().map(failed).collect();
+        }
+    };
+    let reached = Reached::default();
+    let done = AtomicUsize::new(0);
+    let each = |case: &Case| {
+        let result = judged(case, client, options, &reached);
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1);
+        result
+    };
+    pool.install(|| cases.par_iter().with_max_len(1).map(each).collect())
+}
+
+fn judged(case: &Case, client: &Client, options: &Options, reached: &Reached) -> Result<Verdict, JudgeError> {
+    let episode_id = || case.episode_id.clone();
+    if case.transcript.is_empty() {
+        return Err(JudgeError::NoSteps { episode_id: episode_id() });
+    }
+    let ask = |request: &Request| -> Result<Reply, JudgeError> {
+        if reached.is_hopeless() {
+            let stopped = || JudgeError::Stopped { episode_id: episode_id(), refused: REFUSED_MAX };
+            return client.kept(request).ok_or_else(stopped);
+        }
+        let result = client.complete(request);
+        reached.note(&result);
+        result.map_err(|source| JudgeError::Model { episode_id: episode_id(), source })
+    };
+    let mut request = prompt::request(case, options);
+    let first = ask(&request)?;
+    let (reply, opinion) = match answer::parse(&first.text, case) {
+        Ok(opinion) => (first, opinion),
+        Err(what) => {
+            request.messages.push(Message::text(Role::Assistant, first.text));
+            request.messages.push(Message::text(Role::User, prompt::again(&what)));
+            let second = ask(&request)?;
+            let opinion = answer::parse(&second.text, case).map_err(|what| JudgeError::Unreadable {
+                episode_id: episode_id(),
+                what,
+                truncated: second.truncated,
+                excerpt: answer::one_line(&second.text, 300),
+            })?;
+            (second, opinion)
+        }
+    };
+    Ok(verdict(case, opinion, &client.endpoint().model, reply.request))
+}
+
+/// What is proven stays; the opinion stands beside it, or is a proposal where nothing is.
+fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> Verdict {
+    let binding = case.proven.as_ref().filter(|proven| proven.explains());
+    let agrees = binding.map(|proven| proven.class == opinion.class);
+    opinion.overruled = agrees == Some(false);
+    let (class, sub_class, step, source) = match binding {
+        Some(proven) => (proven.class.clone(), proven.sub_class.clone(), proven.step, Source::Proven),
+        None => (opinion.class.clone(), opinion.sub_class.clone(), opinion.step, Source::Judge),
+    };
+    Verdict {
+        episode_id: case.episode_id.clone(),
+        class,
+        sub_class,
+        step,
+        source,
+        proven: case.proven.clone(),
+        opinion,
+        agrees,
+        reduced: case.reduced,
+        model: model.to_owned(),
+        prompt: prompt_version(),
+        request,
+    }
+}
+
+/// How many calls in a row found nobody at the endpoint.
+#[derive(Default)]
+struct Reached {
+    refused: Mutex<u32>,
+}
+
+impl Reached {
+    /// Kept replies say nothing about the endpoint.
+    fn note(&self, result: &Result<Reply, ModelError>) {
+        let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
+        match result {
+            Ok(reply) if reply.cached => {}
+            Err(error) if error.is_unreachable() => *refused = refused.saturating_add(1),
+            _ => *refused = 0,
+        }
+    }
+
+    fn is_hopeless(&self) -> bool {
+        *self.refused.lock().unwrap_or_else(PoisonError::into_inner) >= REFUSED_MAX
+    }
+}

@@ -1,0 +1,94 @@
+//! The classes that a store holds, with what people name an episode by, and a naive classifier to compare with. Reads only.
+
+use arrow::{
+    array::{Array, AsArray, RecordBatch},
+    datatypes::Int32Type,
+};
+use reel_query::{QueryError, Session};
+use serde::Serialize;
+
+/// A classified episode.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Stored {
+    /// The episode.
+    pub episode_id: String,
+    /// Its family.
+    pub family: String,
+    /// Who decided.
+    pub policy: String,
+    /// The trace.
+    pub trace: String,
+    /// Its class.
+    pub class: String,
+    /// What within it.
+    pub sub_class: String,
+    /// The decisive step.
+    pub step: i32,
+}
+
+/// The classes of a store's failed episodes, by episode.
+///
+/// # Errors
+/// When the store cannot be read.
+pub fn stored(session: &Session) -> Result<Vec<Stored>, QueryError> {
+    read(
+        session,
+        "c.class, c.sub_class, c.step",
+        "JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest",
+    )
+}
+
+/// What one gets who knows no better than the last call that failed: its error decides the class; without one, Object
+/// Confusion where something was placed, else Other. The yardstick that every rule set has to beat.
+///
+/// # Errors
+/// When the store cannot be read.
+pub fn baseline(session: &Session) -> Result<Vec<Stored>, QueryError> {
+    let columns = format!(
+        "CASE {0} ELSE CASE WHEN place IS NULL THEN 'Other' ELSE 'Object Confusion' END END AS class, \
+         CASE {1} ELSE CASE WHEN place IS NULL THEN 'timeout' ELSE 'wrong_attribute' END END AS sub_class, \
+         CAST(coalesce(failed, place, 0) AS INT) AS step",
+        cases(|(_, class, _)| class),
+        cases(|(_, _, sub_class)| sub_class),
+    );
+    let last = "JOIN (SELECT episode_id AS id, max(step) FILTER (WHERE error_code IS NOT NULL) AS failed, \
+                last_value(error_code ORDER BY step) FILTER (WHERE error_code IS NOT NULL) AS code, \
+                max(step) FILTER (WHERE tool = 'place' AND error_code IS NULL) AS place FROM steps GROUP BY episode_id) l \
+                ON l.id = e.episode_id AND NOT e.success";
+    read(session, &columns, last)
+}
+
+/// Codes of errors with the class and sub-class that they suggest.
+const BY_ERROR: [(&str, &str, &str); 4] = [
+    ("'door_closed', 'no_door', 'hand_not_free'", "Key Action Missing", "missing_open"),
+    ("'nothing_held', 'no_landmark', 'nothing_found', 'no_viewpoint'", "Key Action Missing", "missing_pick"),
+    ("'unknown_marker', 'marker_not_in_view', 'no_marker_map'", "Lost Memory", "stale_marker"),
+    ("'unknown_tool', 'bad_arguments', 'unparsable_output'", "Other", "invalid_output"),
+];
+
+fn cases(value: impl Fn((&'static str, &'static str, &'static str)) -> &'static str) -> String {
+    BY_ERROR.iter().map(|case| format!("WHEN code IN ({}) THEN '{}' ", case.0, value(*case))).collect()
+}
+
+fn read(session: &Session, columns: &str, join: &str) -> Result<Vec<Stored>, QueryError> {
+    let batches = session.run(&format!(
+        "SELECT e.episode_id, e.family, e.policy, e.trace, {columns} FROM episodes e {join} ORDER BY e.episode_id"
+    ))?;
+    Ok(batches.iter().flat_map(rows).collect())
+}
+
+fn rows(batch: &RecordBatch) -> Vec<Stored> {
+    let text = |column: usize, row: usize| batch.column(column).as_string::<i32>().value(row).to_owned();
+    let step = batch.column(6).as_primitive::<Int32Type>();
+    (0..batch.num_rows())
+        .map(|row| Stored {
+            episode_id: text(0, row),
+            family: text(1, row),
+            policy: text(2, row),
+            trace: text(3, row),
+            class: text(4, row),
+            sub_class: text(5, row),
+            step: if step.is_valid(row) { step.value(row) } else { 0 },
+        })
+        .collect()
+}
