@@ -96,6 +96,8 @@ pub(super) enum Deed {
     /// By a number that the object had on an earlier map; where `other`, one that now stands for another object, else one
     /// that stands for nothing.
     Old { object: InstanceId, tool: OldTool, other: bool },
+    /// Looks, unless the object has a number of an earlier map that now stands for another one.
+    Renumber { object: InstanceId, tool: Tool },
     /// `pick` by a number that is on no map yet (one too high), as one misreads it.
     Misread,
     /// A call that succeeds and leads nowhere.
@@ -178,6 +180,8 @@ impl Deed {
                 Tool::Pick { marker: memory.old_number(object, current, *other)? }
             }
             Deed::Old { tool: OldTool::Place, .. } => Tool::Place { marker: memory.old_furniture(current)? },
+            Deed::Renumber { object, .. } if memory.old_number(object, current, true).is_some() => return None,
+            Deed::Renumber { tool, .. } => tool.clone(),
             Deed::Misread => Tool::Pick { marker: current.iter().map(|marker| marker.id).max()? + 1 },
             Deed::Idle => idle(truth, rng),
         };
@@ -189,15 +193,16 @@ fn any(rng: &mut ChaCha8Rng, markers: &[Marker]) -> Option<u32> {
     random::choose(rng, markers).map(|marker| marker.id)
 }
 
-/// Looks once more at what is here: it always succeeds where something is in view.
+/// Looks once more at what is here, or drives up to it again: it succeeds where something is in view.
 fn idle(truth: &Privileged<'_>, rng: &mut ChaCha8Rng) -> Tool {
     let gaze = any(rng, truth.markers);
     let stands_by_objects = truth
         .landmark
         .is_some_and(|id| truth.graph.door(id) != Some(reel_world::DoorState::Closed) && !truth.graph.objects_on(id).is_empty());
-    match (random::below(rng, 3), gaze) {
-        (0, Some(marker)) => Tool::GazeAt { marker },
-        (1, _) if stands_by_objects => Tool::WalkAround,
+    match (random::below(rng, 4), gaze, truth.landmark) {
+        (0 | 1, Some(marker), _) => Tool::GazeAt { marker },
+        (2, ..) if stands_by_objects => Tool::WalkAround,
+        (2, _, Some(here)) => Tool::NavTo { receptacle: here.clone() },
         _ => Tool::ShowReceptacles,
     }
 }

@@ -162,15 +162,20 @@ fn stale_wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Res
     let target = draft.task.target.clone();
     draft.watch(Watch::PicksOther(index, target.clone()));
     let category = draft.task.target_object().category.clone();
-    let mut maps = vec![Deed::Call(Tool::WalkAround), look(&category)];
+    let mut looks = [Tool::WalkAround, Tool::ShowObjectByCategory { category }];
     if draft.chance(50) {
-        maps.reverse();
+        looks.reverse();
     }
+    // Looks until the numbers have changed so that the old one misleads; then it relies on the old one.
+    let [first, second] = looks;
+    let renumber = |tool: &Tool| Deed::Renumber { object: target.clone(), tool: tool.clone() };
     let old = |tool| Deed::Old { object: target.clone(), tool, other: true };
-    maps.extend([old(OldTool::Gaze), old(OldTool::Pick)]);
+    let mut maps = vec![Deed::Call(first.clone()), renumber(&second), renumber(&first)];
+    maps.extend([Deed::Gaze, renumber(&second), old(OldTool::Gaze), old(OldTool::Pick)]);
     let mut inserts = vec![Insert { at: Until::Looking, legs: vec![Leg::each(maps)], last: false }];
     if fault.repaired {
-        inserts.push(Insert { at: Until::Held, legs: put_back(draft, index, fault), last: false });
+        // The numbers may not have misled it after all: then it has nothing to say.
+        inserts.push(Insert { at: Until::Held, legs: vec![Leg::Repaired(index)], last: false });
     }
     Ok(inserts)
 }

@@ -21,8 +21,8 @@ use crate::{Context, Oracle, Policy, faults::mistaken_task, policy, random};
 
 /// Legs and deeds that may be passed over between two calls; a course has far fewer.
 const PASSES_MAX: usize = 200;
-/// Calls by purpose instead of category where the instruction is underspecified, in a hundred.
-const BY_PURPOSE: usize = 50;
+/// Agents that look for what the instruction names rather than for what they take for it, in a hundred.
+const BY_INSTRUCTION: usize = 60;
 const NAME: &str = "injected";
 
 /// An agent in which something goes wrong, as an [`Injection`] says.
@@ -41,14 +41,15 @@ pub struct Injected {
     thought: Option<String>,
     asked: bool,
     follows_published_plan: bool,
-    /// In an underspecified task it looks for what the instruction says.
-    by_purpose: bool,
+    /// It looks for what the instruction names even where it takes something else for it.
+    by_instruction: bool,
     memory: Memory,
     /// The fault that begins with the next call.
     beginning: Option<usize>,
     marks: Vec<Mark>,
-    /// What it took for the target by an old number.
+    /// What it takes for the target since it took it by an old number, and what it ever took so.
     adopted: Option<InstanceId>,
+    taken: Option<InstanceId>,
     gave_up: Option<String>,
 }
 
@@ -74,7 +75,7 @@ impl Injected {
             watches,
             voice: Voice::new(random::below(&mut rng, 3)),
             follows_published_plan: random::below(&mut rng, 2) == 0,
-            by_purpose: random::below(&mut rng, 100) < BY_PURPOSE,
+            by_instruction: random::below(&mut rng, 100) < BY_INSTRUCTION,
             rng,
             oracle: None,
             done: 0,
@@ -84,6 +85,7 @@ impl Injected {
             beginning: None,
             marks: vec![Mark::default(); injection.faults.len()],
             adopted: None,
+            taken: None,
             gave_up: None,
         })
     }
@@ -103,7 +105,7 @@ impl Injected {
 
     fn fault_label(&self, index: usize) -> FaultLabel {
         let (kind, mark) = (self.injection.faults[index].kind, &self.marks[index]);
-        let taken = || self.adopted.as_ref().and_then(|id| self.task.object(id));
+        let taken = || self.taken.as_ref().and_then(|id| self.task.object(id));
         let sub_class = kind.sub_class().or_else(|| choices::mistake(&self.task, taken()?).sub_class());
         FaultLabel {
             kind,
@@ -129,13 +131,19 @@ impl Injected {
                         if context.step == 0 && self.follows_published_plan { oracle } else { oracle.resumed(self.asked) }
                     });
                     let tool = oracle.next_tool(context);
-                    self.voice.intend(oracle.intents());
                     if let Some(reason) = oracle.gave_up() {
                         self.gave_up = Some(reason);
                         return tool.to_call();
                     }
-                    if !is_reached(until, oracle.intents().front(), truth, self.asked) {
-                        return self.worded(tool).to_call();
+                    let intents = oracle.intents().clone();
+                    let name = self.named().map(str::to_owned);
+                    self.voice.intend(&intents, name.as_deref());
+                    if !is_reached(until, intents.front(), truth, self.asked) {
+                        return match (tool, name) {
+                            (Tool::ShowObjectByCategory { .. }, Some(name)) => Tool::ShowObjectByCategory { category: name },
+                            (tool, _) => tool,
+                        }
+                        .to_call();
                     }
                     self.pass();
                 }
@@ -198,14 +206,13 @@ impl Injected {
         Some(deed)
     }
 
-    /// The oracle looks for what a thing is; an agent that was told a purpose may look for that.
-    fn worded(&self, tool: Tool) -> Tool {
-        match (tool, &self.task.purpose) {
-            (Tool::ShowObjectByCategory { .. }, Some(purpose)) if self.task.fuzzy && self.by_purpose && !self.asked => {
-                Tool::ShowObjectByCategory { category: purpose.clone() }
-            }
-            (tool, _) => tool,
-        }
+    /// The oracle looks for what a thing is; an agent that was told a category or a purpose may look for that.
+    fn named(&self) -> Option<&str> {
+        let told = match &self.task.purpose {
+            Some(purpose) if self.task.fuzzy => (!self.asked).then_some(purpose),
+            _ => Some(&self.task.target_object().category),
+        };
+        told.filter(|_| self.by_instruction).map(String::as_str)
     }
 
     /// Notes what begins with this call.
@@ -225,6 +232,7 @@ impl Injected {
                 (Watch::PicksOther(index, object), Tool::Pick { marker }) => match of_number(*marker) {
                     Some(MarkerTarget::Object(id)) if id != object && truth.held.is_none() && !self.marks[*index].repaired => {
                         self.adopted = Some(id.clone());
+                        self.taken = Some(id.clone());
                         *index
                     }
                     _ => continue,

@@ -37,9 +37,13 @@ impl Voice {
         }
     }
 
-    /// What the agent intends from here on.
-    pub fn intend(&mut self, intents: &VecDeque<Intent>) {
-        self.schedule = intents.iter().map(ToString::to_string).collect();
+    /// What the agent intends from here on; `name`: what it calls the thing to find.
+    pub fn intend(&mut self, intents: &VecDeque<Intent>, name: Option<&str>) {
+        let said = |intent: &Intent| match (intent, name) {
+            (Intent::Find { .. }, Some(name)) => format!("find the {name}"),
+            _ => intent.to_string(),
+        };
+        self.schedule = intents.iter().map(said).collect();
     }
 
     /// Writes down how the last call went, and says why the next one is made.
