@@ -59,6 +59,8 @@ pub(super) struct Draft<'a> {
     /// What is taken for the destination, if it is another receptacle.
     pub place: Option<ReceptacleId>,
     pub habits: Habits,
+    /// Where a fault takes or puts something: another one must not mean the same place, or there is nothing left to do.
+    pub engaged: Vec<ReceptacleId>,
     course: Course,
 }
 
@@ -72,6 +74,7 @@ impl Course {
             object: None,
             place: None,
             habits: Habits::default(),
+            engaged: Vec::new(),
             course: Course::default(),
         };
         check(&injection.faults)?;

@@ -108,8 +108,10 @@ fn again(draft: &mut Draft<'_>, index: usize, fault: &Fault, at: Until, first: V
 }
 
 fn wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
-    let objects = choices::wrong_objects(fault.kind, draft.task)?;
-    let object = random::choose(&mut draft.rng, &objects).copied().cloned().expect("there is one at least");
+    let mut objects = choices::wrong_objects(fault.kind, draft.task)?;
+    objects.retain(|object| !draft.engaged.contains(&object.receptacle));
+    let object = random::choose(&mut draft.rng, &objects).copied().cloned().ok_or(Unfit::NoObject { kind: fault.kind })?;
+    draft.engaged.push(object.receptacle.clone());
     draft.watch(Watch::Picks(index, object.instance.clone()));
     let mut inserts = Vec::new();
     let mut insert = |at, legs| inserts.push(Insert { at, legs, last: false });
@@ -181,8 +183,11 @@ fn stale_wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Res
 }
 
 fn wrong_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
-    let places = choices::wrong_receptacles(fault.kind, draft.task, draft.scene)?;
-    let place = random::choose(&mut draft.rng, &places).cloned().expect("there is one at least");
+    let mut places = choices::wrong_receptacles(fault.kind, draft.task, draft.scene)?;
+    places.retain(|place| !draft.engaged.contains(place));
+    let none = || Unfit::NoReceptacle { kind: fault.kind, destination: choices::destination(draft.task).clone() };
+    let place = random::choose(&mut draft.rng, &places).cloned().ok_or_else(none)?;
+    draft.engaged.push(place.clone());
     draft.watch(Watch::PlacesOn(index, place.clone()));
     let mut inserts = vec![Insert { at: Until::Start, legs: vec![Leg::Place(Some(place.clone()))], last: false }];
     let right = choices::destination(draft.task).clone();
