@@ -6,6 +6,7 @@
 
 mod explorer;
 mod faults;
+mod injection;
 mod narration;
 mod oracle;
 mod perception;
@@ -20,11 +21,15 @@ use std::path::PathBuf;
 
 pub use explorer::Explorer;
 pub use faults::{Gibberish, Oscillating, mistaken_task};
+pub use injection::{
+    Class, Detour, Fault, FaultKind, FaultLabel, Injected, Injection, Label, Primary, SampleOptions, Unfit, admitted, cluttered,
+    paper_mix, sample,
+};
 pub use oracle::{Habits, Oracle};
 pub use planner::{GoalHint, Planner};
 pub use policy::{Context, POLICIES, Policy, Seen, policy};
 pub use record::{RecordTo, TraceSink};
-pub use runner::{EpisodeReport, Job, run_all, run_episode};
+pub use runner::{EpisodeReport, Job, run_all, run_episode, run_injected};
 pub use sink::{NoSink, Recorded, Sink, SinkError};
 
 /// What can go wrong around an episode; never what goes wrong in it, which is feedback for the policy.
@@ -55,6 +60,26 @@ pub enum AgentError {
         path: PathBuf,
         /// Why.
         source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// The task does not admit what shall go wrong.
+    #[error("task {task}: this cannot go wrong there")]
+    Unfit {
+        /// The task.
+        task: String,
+        /// Why.
+        source: Unfit,
+    },
+    /// The label cannot be written.
+    #[error("task {task}, seed {seed}: the label cannot be written to {path}")]
+    Label {
+        /// The task.
+        task: String,
+        /// The seed of the injection.
+        seed: u64,
+        /// The label.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
     },
     /// An episode broke down by a fault of ours.
     #[error("task {task}, policy {policy}, seed {seed}: the episode broke down: {message}; reproduce it by: {command}")]

@@ -52,6 +52,8 @@ pub struct Oracle {
     rng: ChaCha8Rng,
     intents: VecDeque<Intent>,
     started: bool,
+    /// Whether it comes in when something was done already.
+    resumed: bool,
     search: Search,
     asked: bool,
     failures: u32,
@@ -94,6 +96,7 @@ impl Oracle {
             rng: random::stream(seed, "candidates", 0),
             intents: VecDeque::new(),
             started: false,
+            resumed: false,
             search: Search::Begin,
             asked: false,
             failures: 0,
@@ -108,6 +111,28 @@ impl Oracle {
         self.intents = intents.into();
         self.started = true;
         self
+    }
+
+    /// Plans from the moment it comes in instead of following the published plan; `asked` where the user was asked already.
+    pub(crate) fn resumed(mut self, asked: bool) -> Self {
+        self.resumed = true;
+        self.asked = asked;
+        self
+    }
+
+    /// The next call, without a word.
+    pub(crate) fn next_tool(&mut self, context: &Context<'_>) -> Tool {
+        let tool = match context.truth {
+            Some(truth) => self.decide(context, truth),
+            None => Tool::Finish,
+        };
+        self.last = Some(tool.clone());
+        tool
+    }
+
+    /// What it intends, the intent of the last call first.
+    pub(crate) fn intents(&self) -> &VecDeque<Intent> {
+        &self.intents
     }
 
     fn decide(&mut self, context: &Context<'_>, truth: &Privileged<'_>) -> Tool {
@@ -134,6 +159,7 @@ impl Oracle {
     fn start(&mut self, truth: &Privileged<'_>) {
         self.replan(truth, false);
         if self.gave_up.is_none()
+            && !self.resumed
             && let Some(intents) = published_plan(&self.task)
         {
             self.intents = intents.into();
@@ -377,12 +403,8 @@ impl Policy for Oracle {
     }
 
     fn act(&mut self, context: &Context<'_>) -> StepInput {
-        let tool = match context.truth {
-            Some(truth) => self.decide(context, truth),
-            None => Tool::Finish,
-        };
+        let tool = self.next_tool(context);
         let output = self.narration.tell(&tool, &self.intents, context.observation);
-        self.last = Some(tool.clone());
         StepInput { call: tool.to_call(), policy: Some(output), user_reply: None }
     }
 

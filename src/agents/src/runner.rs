@@ -12,7 +12,7 @@ use reel_episode::{Episode, EpisodeConfig, Observation};
 use reel_world::{Family, HORIZON, record::EndReason};
 
 use crate::{
-    AgentError, Context, Policy, perception, policy,
+    AgentError, Context, Injected, Injection, Label, Policy, perception, policy,
     record::{RecordTo, TraceSink},
     sink::{NoSink, Sink, SinkError},
 };
@@ -128,6 +128,35 @@ pub fn run_episode(
         trace: recorded.map(|recorded| recorded.path),
         unreachable: policy.gave_up().filter(|_| !metrics.success),
     })
+}
+
+/// Plays one episode in which what the injection says goes wrong, and labels it. Where it is recorded, the label is written
+/// beside the trace, as `<trace>.label.json`.
+///
+/// # Errors
+/// When the task does not admit the injection, the episode cannot start, or trace or label cannot be written.
+pub fn run_injected(
+    config: EpisodeConfig,
+    injection: &Injection,
+    record: Option<&RecordTo>,
+) -> Result<(EpisodeReport, Label), AgentError> {
+    let task = config.task.clone();
+    let mut policy = Injected::new(&task, &config.scene, injection)
+        .map_err(|source| AgentError::Unfit { task: task.task_id.clone(), source })?;
+    let report = run_episode(config, &mut policy, record)?;
+    let label = policy.label(report.success);
+    if let Some(trace) = &report.trace {
+        let mut path = trace.clone().into_os_string();
+        path.push(".label.json");
+        let text = serde_json::to_string_pretty(&label).expect("a label is plain data");
+        std::fs::write(&path, text + "\n").map_err(|source| AgentError::Label {
+            task: task.task_id.clone(),
+            seed: injection.seed,
+            path: path.into(),
+            source,
+        })?;
+    }
+    Ok((report, label))
 }
 
 /// Plays many episodes on `workers` threads. Results come in the order of the jobs, whatever the order they end in;

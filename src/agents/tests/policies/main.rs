@@ -1,6 +1,7 @@
 //! Every built-in policy in a flat without physics: what it calls, and what comes of it.
 
 mod flat;
+mod injection;
 
 use std::sync::Arc;
 

@@ -1,0 +1,288 @@
+//! The policy that acts an injection out: it goes through a course, and notes when a fault begins and when it is corrected.
+//! Never tells the trace what is wrong with it.
+
+use std::{collections::VecDeque, sync::Arc};
+
+use rand_chacha::ChaCha8Rng;
+use reel_episode::Privileged;
+use reel_plan::Intent;
+use reel_world::{
+    InstanceId, Scene, Task, Tool, ToolCall,
+    record::{Marker, MarkerTarget, PolicyInfo, StepInput},
+};
+
+use super::{
+    FaultLabel, Injection, Label, Primary, Unfit, choices,
+    course::{Course, Watch},
+    deed::{Deed, Leg, Memory, Until},
+    voice::Voice,
+};
+use crate::{Context, Oracle, Policy, faults::mistaken_task, policy, random};
+
+/// Legs and deeds that may be passed over between two calls; a course has far fewer.
+const PASSES_MAX: usize = 200;
+/// Agents that look for what the instruction names rather than for what they take for it, in a hundred.
+const BY_INSTRUCTION: usize = 60;
+const NAME: &str = "injected";
+
+/// An agent in which something goes wrong, as an [`Injection`] says.
+#[derive(Debug)]
+pub struct Injected {
+    task: Arc<Task>,
+    injection: Injection,
+    legs: VecDeque<Leg>,
+    watches: Vec<Watch>,
+    rng: ChaCha8Rng,
+    voice: Voice,
+    /// Who acts in the leg at hand, where that is the oracle.
+    oracle: Option<Oracle>,
+    /// Deeds of the leg at hand that were done or passed over, and whether any was done.
+    done: usize,
+    thought: Option<String>,
+    asked: bool,
+    follows_published_plan: bool,
+    /// It looks for what the instruction names even where it takes something else for it.
+    by_instruction: bool,
+    memory: Memory,
+    /// The fault that begins with the next call.
+    beginning: Option<usize>,
+    marks: Vec<Mark>,
+    /// What it takes for the target since it took it by an old number, and what it ever took so.
+    adopted: Option<InstanceId>,
+    taken: Option<InstanceId>,
+    gave_up: Option<String>,
+}
+
+/// What came of a fault so far.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+struct Mark {
+    began: Option<u32>,
+    repaired: bool,
+}
+
+impl Injected {
+    /// An agent for a task.
+    ///
+    /// # Errors
+    /// When the task does not admit the injection.
+    pub fn new(task: &Arc<Task>, scene: &Scene, injection: &Injection) -> Result<Self, Unfit> {
+        let Course { legs, watches } = Course::new(task, scene, injection)?;
+        let mut rng = random::stream(injection.seed, "injected", 0);
+        Ok(Self {
+            task: task.clone(),
+            injection: injection.clone(),
+            legs: legs.into(),
+            watches,
+            voice: Voice::new(random::below(&mut rng, 3)),
+            follows_published_plan: random::below(&mut rng, 2) == 0,
+            by_instruction: random::below(&mut rng, 100) < BY_INSTRUCTION,
+            rng,
+            oracle: None,
+            done: 0,
+            thought: None,
+            asked: false,
+            memory: Memory::default(),
+            beginning: None,
+            marks: vec![Mark::default(); injection.faults.len()],
+            adopted: None,
+            taken: None,
+            gave_up: None,
+        })
+    }
+
+    /// What came of the injection; to be asked after the episode, of which `success` says whether it reached its goal.
+    pub fn label(&self, success: bool) -> Label {
+        let faults: Vec<FaultLabel> = (0..self.marks.len()).map(|index| self.fault_label(index)).collect();
+        Label {
+            task_id: self.task.task_id.clone(),
+            seed: self.injection.seed,
+            policy: self.info(),
+            injection: self.injection.clone(),
+            primary: Primary::of(&faults, success),
+            faults,
+        }
+    }
+
+    fn fault_label(&self, index: usize) -> FaultLabel {
+        let (kind, mark) = (self.injection.faults[index].kind, &self.marks[index]);
+        let taken = || self.taken.as_ref().and_then(|id| self.task.object(id));
+        let sub_class = kind.sub_class().or_else(|| choices::mistake(&self.task, taken()?).sub_class());
+        FaultLabel {
+            kind,
+            class: kind.class(),
+            sub_class: sub_class.unwrap_or("wrong_attribute").to_owned(),
+            step: mark.began,
+            repaired: mark.repaired,
+        }
+    }
+
+    fn decide(&mut self, context: &Context<'_>, truth: &Privileged<'_>) -> ToolCall {
+        self.memory.learn(truth.markers);
+        for _ in 0..PASSES_MAX {
+            let Some(leg) = self.legs.front().cloned() else { break };
+            match leg {
+                Leg::Follow { task, habits, until } => {
+                    let oracle = self.oracle.get_or_insert_with(|| {
+                        let task = match self.adopted.as_ref().and_then(|id| task.object(id)) {
+                            Some(taken) => Arc::new(mistaken_task(&task, Some(taken), None)),
+                            None => task.clone(),
+                        };
+                        let oracle = Oracle::faulty(NAME, task, habits, self.injection.seed);
+                        if context.step == 0 && self.follows_published_plan { oracle } else { oracle.resumed(self.asked) }
+                    });
+                    let tool = oracle.next_tool(context);
+                    if let Some(reason) = oracle.gave_up() {
+                        self.gave_up = Some(reason);
+                        return tool.to_call();
+                    }
+                    let intents = oracle.intents().clone();
+                    let name = self.named().map(str::to_owned);
+                    self.voice.intend(&intents, name.as_deref());
+                    if !is_reached(until, intents.front(), truth, self.asked) {
+                        return match (tool, name) {
+                            (Tool::ShowObjectByCategory { .. }, Some(name)) => Tool::ShowObjectByCategory { category: name },
+                            (tool, _) => tool,
+                        }
+                        .to_call();
+                    }
+                    self.pass();
+                }
+                Leg::Do { deeds, times } => match self.next_deed(&deeds, times) {
+                    Some(deed) => {
+                        if let Some(call) = deed.call(context, truth, &self.memory, &mut self.rng) {
+                            return call;
+                        }
+                    }
+                    None => {
+                        // What the moment had nothing for did not begin.
+                        if !deeds.is_empty() {
+                            self.beginning = None;
+                        }
+                        self.pass();
+                    }
+                },
+                Leg::Begin(index) => {
+                    self.beginning = Some(index);
+                    self.pass();
+                }
+                Leg::Repaired(index) => {
+                    self.marks[index].repaired = self.marks[index].began.is_some();
+                    if self.watches.iter().any(|watch| matches!(watch, Watch::PicksOther(other, _) if *other == index)) {
+                        self.adopted = None;
+                    }
+                    self.pass();
+                }
+                Leg::Claim(claim) => {
+                    self.voice.claim(&claim, context.observation);
+                    self.pass();
+                }
+                Leg::Unclaim => {
+                    self.voice.unclaim();
+                    self.pass();
+                }
+                Leg::Think(thought) => {
+                    self.pass();
+                    self.thought = Some(thought);
+                }
+                Leg::Object(_) | Leg::Place(_) | Leg::Habits(_) | Leg::Go(_) => self.pass(),
+            }
+        }
+        Tool::Finish.to_call()
+    }
+
+    fn pass(&mut self) {
+        self.legs.pop_front();
+        self.oracle = None;
+        self.done = 0;
+    }
+
+    /// The next deed of the leg at hand.
+    fn next_deed(&mut self, deeds: &[Deed], times: Option<usize>) -> Option<Deed> {
+        if times.is_some_and(|times| self.done >= times) || deeds.is_empty() {
+            return None;
+        }
+        let deed = deeds[self.done % deeds.len()].clone();
+        self.done += 1;
+        Some(deed)
+    }
+
+    /// The oracle looks for what a thing is; an agent that was told a category or a purpose may look for that.
+    fn named(&self) -> Option<&str> {
+        let told = match &self.task.purpose {
+            Some(purpose) if self.task.fuzzy => (!self.asked).then_some(purpose),
+            _ => Some(&self.task.target_object().category),
+        };
+        told.filter(|_| self.by_instruction).map(String::as_str)
+    }
+
+    /// Notes what begins with this call.
+    fn note(&mut self, call: &ToolCall, context: &Context<'_>, truth: &Privileged<'_>) {
+        if let Some(index) = self.beginning.take() {
+            self.marks[index].began.get_or_insert(context.step);
+        }
+        let Ok(tool) = Tool::parse(call) else { return };
+        self.asked |= matches!(tool, Tool::Ask { .. });
+        let of_number = |number: u32| truth.markers.iter().find(|marker| marker.id == number).map(|Marker { target, .. }| target);
+        for watch in &self.watches {
+            let index = match (watch, &tool) {
+                (Watch::Picks(index, object), Tool::Pick { marker }) => match of_number(*marker) {
+                    Some(MarkerTarget::Object(id)) if id == object => *index,
+                    _ => continue,
+                },
+                (Watch::PicksOther(index, object), Tool::Pick { marker }) => match of_number(*marker) {
+                    Some(MarkerTarget::Object(id)) if id != object && truth.held.is_none() && !self.marks[*index].repaired => {
+                        self.adopted = Some(id.clone());
+                        self.taken = Some(id.clone());
+                        *index
+                    }
+                    _ => continue,
+                },
+                (Watch::PlacesOn(index, receptacle), Tool::Place { marker }) => match of_number(*marker) {
+                    Some(MarkerTarget::Receptacle(id)) if id == receptacle => *index,
+                    _ => continue,
+                },
+                _ => continue,
+            };
+            self.marks[index].began.get_or_insert(context.step);
+        }
+    }
+}
+
+impl Policy for Injected {
+    fn info(&self) -> PolicyInfo {
+        policy::info(NAME, self.injection.seed)
+    }
+
+    fn wants_truth(&self) -> bool {
+        true
+    }
+
+    fn act(&mut self, context: &Context<'_>) -> StepInput {
+        let Some(truth) = context.truth else {
+            return StepInput { call: Tool::Finish.to_call(), policy: None, user_reply: None };
+        };
+        let call = self.decide(context, truth);
+        self.note(&call, context, truth);
+        let thought = self.thought.take();
+        let output = self.voice.tell(&call, thought.as_deref(), context.observation);
+        StepInput { call, policy: Some(output), user_reply: None }
+    }
+
+    fn gave_up(&self) -> Option<String> {
+        self.gave_up.clone()
+    }
+}
+
+/// Whether the oracle, which has this in mind next, has come so far.
+fn is_reached(until: Until, next: Option<&Intent>, truth: &Privileged<'_>, asked: bool) -> bool {
+    let holds = truth.held.is_some();
+    let reached = match next {
+        Some(Intent::Place(_)) if holds => Until::AtDestination,
+        Some(Intent::Find { .. }) if !holds => Until::Looking,
+        Some(Intent::Pick(_)) if !holds => Until::Found,
+        Some(Intent::Finish) | None => Until::Placed,
+        _ if holds => Until::Held,
+        _ => Until::Start,
+    };
+    reached >= until || (until == Until::Asked && asked)
+}
