@@ -144,7 +144,7 @@ pub fn run_injected(
     let mut policy = Injected::new(&task, &config.scene, injection)
         .map_err(|source| AgentError::Unfit { task: task.task_id.clone(), source })?;
     let report = run_episode(config, &mut policy, record)?;
-    let label = policy.label(report.success);
+    let label = policy.label(&report.episode_id, report.success);
     if let Some(trace) = &report.trace {
         let mut path = trace.clone().into_os_string();
         path.push(".label.json");

@@ -91,9 +91,10 @@ impl Injected {
     }
 
     /// What came of the injection; to be asked after the episode, of which `success` says whether it reached its goal.
-    pub fn label(&self, success: bool) -> Label {
+    pub fn label(&self, episode_id: &str, success: bool) -> Label {
         let faults: Vec<FaultLabel> = (0..self.marks.len()).map(|index| self.fault_label(index)).collect();
         Label {
+            episode_id: episode_id.to_owned(),
             task_id: self.task.task_id.clone(),
             seed: self.injection.seed,
             policy: self.info(),

@@ -8,6 +8,8 @@ use crate::{Class, FaultKind, Injection};
 /// What an episode of an [`crate::Injected`] policy should be classified as.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Label {
+    /// The episode.
+    pub episode_id: String,
     /// The task.
     pub task_id: String,
     /// The seed of the injection.

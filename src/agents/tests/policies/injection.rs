@@ -36,7 +36,7 @@ fn in_flat(task: Task, injection: &Injection) -> (Flat, Label) {
     let mut flat = Flat::new(task, flat::scene());
     let mut policy = Injected::new(&flat.task, &flat.scene, injection).unwrap();
     flat.play(&mut policy);
-    let label = policy.label(flat.success());
+    let label = policy.label("flat", flat.success());
     (flat, label)
 }
 

@@ -10,9 +10,7 @@ use std::{
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use reel_agents::{
-    EpisodeReport, RecordTo,
-    injection::{Class, FaultKind, Injection, Label, SampleOptions, cluttered, paper_mix, sample},
-    run_injected,
+    Class, EpisodeReport, FaultKind, Injection, Label, RecordTo, SampleOptions, cluttered, paper_mix, run_injected, sample,
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
@@ -106,7 +104,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         What::List { json } => {
             for kind in FaultKind::ALL {
                 if *json {
-                    println!("{}", json!({ "kind": kind, "class": kind.class(), "sub_class": kind.sub_class(), "says": kind.description() }));
+                    println!(
+                        "{}",
+                        json!({ "kind": kind, "class": kind.class(), "sub_class": kind.sub_class(), "says": kind.description() })
+                    );
                 } else {
                     println!("{:20} {:20} {}", kind.name(), kind.class().as_str(), kind.description());
                 }
@@ -119,7 +120,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 
 fn play(run: &Run) -> anyhow::Result<Answer> {
     let known = |name: &String| {
-        FaultKind::ALL.iter().copied().find(|kind| kind.name() == name).with_context(|| format!("no fault is called '{name}'; see `reel faults list`"))
+        FaultKind::ALL
+            .iter()
+            .copied()
+            .find(|kind| kind.name() == name)
+            .with_context(|| format!("no fault is called '{name}'; see `reel faults list`"))
     };
     let mut kinds = run.kinds.iter().map(known).collect::<Result<Vec<_>, _>>()?;
     if kinds.is_empty() {
@@ -134,7 +139,9 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
     let (tasks, broken) = inputs::tasks(&run.tasks, &scene, Listed::AsWritten)?;
     fs::create_dir_all(&run.out).with_context(|| format!("cannot make the folder {}", run.out.display()))?;
     let wanted: Vec<Wanted> = match run.paper {
-        true => (0..run.count).map(|number| paper_mix()[(number % 100) as usize].map_or(Wanted::Success, Wanted::Class)).collect(),
+        true => {
+            (0..run.count).map(|number| paper_mix()[(number % 100) as usize].map_or(Wanted::Success, Wanted::Class)).collect()
+        }
         false => vec![Wanted::Any; run.count as usize],
     };
     let maker = Maker { run, scene, tasks, kinds };
@@ -155,10 +162,14 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
         match result {
             Ok(Some((report, label))) => {
                 let primary = label.primary.as_ref();
-                let name = primary.map_or("no failure".to_owned(), |primary| format!("{} / {}", primary.class, primary.sub_class));
+                let name =
+                    primary.map_or("no failure".to_owned(), |primary| format!("{} / {}", primary.class, primary.sub_class));
                 *counts.entry(name).or_default() += 1;
                 if run.json {
-                    println!("{}", json!({ "episode_id": report.episode_id, "trace": report.trace, "success": report.success, "label": label }));
+                    println!(
+                        "{}",
+                        json!({ "episode_id": report.episode_id, "trace": report.trace, "success": report.success, "label": label })
+                    );
                 }
             }
             Ok(None) => *counts.entry("no task admits it".into()).or_default() += 1,
@@ -211,7 +222,9 @@ impl Maker<'_> {
             };
             let drawn = sample(&task, &self.scene, seed, &options);
             let injection = match wanted {
-                Wanted::Success => Some(Injection { faults: vec![], detours: drawn.map(|drawn| drawn.detours).unwrap_or_default(), seed }),
+                Wanted::Success => {
+                    Some(Injection { faults: vec![], detours: drawn.map(|drawn| drawn.detours).unwrap_or_default(), seed })
+                }
                 Wanted::Any | Wanted::Class(_) => drawn,
             };
             let Some(injection) = injection else { continue };

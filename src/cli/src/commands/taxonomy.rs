@@ -159,7 +159,7 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<Answer> {
     let verdicts = classify(&session, &set, arguments.condition.as_deref())?;
     if !arguments.dry_run && arguments.condition.is_none() {
         spinner.set_message(format!("keeping {} classes", verdicts.len()));
-        Store::open(&arguments.store)?.replace_classes(verdicts.classes())?;
+        Store::open(&arguments.store)?.replace_classes(|| verdicts.classes())?;
     }
     spinner.finish_and_clear();
     let mut counts: BTreeMap<(&str, &str), BTreeMap<&str, u64>> = BTreeMap::new();

@@ -112,7 +112,8 @@ fn endpoint() -> String {
             let whole = |request: &[u8]| {
                 let text = String::from_utf8_lossy(request).to_ascii_lowercase();
                 let Some((head, _)) = text.split_once("\r\n\r\n") else { return false };
-                let length = head.lines().find_map(|line| line.strip_prefix("content-length: ")).map_or(0, |n| n.parse().unwrap());
+                let length =
+                    head.lines().find_map(|line| line.strip_prefix("content-length: ")).map_or(0, |n| n.parse().unwrap());
                 request.len() >= head.len() + 4 + length
             };
             while !whole(&request) {
@@ -121,9 +122,16 @@ fn endpoint() -> String {
                     Ok(count) => request.extend(&buffer[..count]),
                 }
             }
-            let opinion = r#"{\"class\": \"Other\", \"sub_class\": null, \"step\": 0, \"comment\": \"it rained\", \"confidence\": 0.9}"#;
-            let body = format!(r#"{{"choices": [{{"message": {{"role": "assistant", "content": "{opinion}"}}}}], "usage": {{"prompt_tokens": 5, "completion_tokens": 7}}}}"#);
-            let _ = write!(stream, "HTTP/1.1 200 OK\r\ncontent-type: application/json\r\ncontent-length: {}\r\nconnection: close\r\n\r\n{body}", body.len());
+            let opinion =
+                r#"{\"class\": \"Other\", \"sub_class\": null, \"step\": 0, \"comment\": \"it rained\", \"confidence\": 0.9}"#;
+            let body = format!(
+                r#"{{"choices": [{{"message": {{"role": "assistant", "content": "{opinion}"}}}}], "usage": {{"prompt_tokens": 5, "completion_tokens": 7}}}}"#
+            );
+            let _ = write!(
+                stream,
+                "HTTP/1.1 200 OK\r\ncontent-type: application/json\r\ncontent-length: {}\r\nconnection: close\r\n\r\n{body}",
+                body.len()
+            );
         }
     });
     format!("http://{address}/v1")
@@ -135,7 +143,11 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
     let folder = folder.path();
     classified(folder, "6");
     let classes = |store: &str| {
-        expect(folder, 0, &["query", "--store", store, "--format", "csv", "SELECT episode_id, class, sub_class FROM classes ORDER BY 1"])
+        expect(
+            folder,
+            0,
+            &["query", "--store", store, "--format", "csv", "SELECT episode_id, class, sub_class FROM classes ORDER BY 1"],
+        )
     };
     let before = classes("store");
     let url = endpoint();
@@ -148,7 +160,8 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
     assert!(labels.contains("it rained"), "{labels}");
     assert_eq!(fs::read_to_string(folder.join("judge-calls.jsonl")).unwrap().lines().count(), 4);
     // asked again it answers from what was kept, without the endpoint
-    let gone = ["taxonomy", "judge", "--store", "store", "--endpoint", "http://127.0.0.1:9/v1", "--model", "scripted", "--max", "4"];
+    let gone =
+        ["taxonomy", "judge", "--store", "store", "--endpoint", "http://127.0.0.1:9/v1", "--model", "scripted", "--max", "4"];
     assert!(expect(folder, 0, &gone).starts_with("4 episodes judged"));
     let agreement = expect(folder, 0, &["taxonomy", "agreement", "--store", "store", "--with", "judge"]);
     assert!(agreement.contains("against 'judge': 4 episodes"), "{agreement}");

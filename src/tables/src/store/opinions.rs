@@ -83,12 +83,13 @@ pub struct Label {
 const ROWS_PER_BATCH: usize = 50_000;
 
 impl Store {
-    /// Puts these classes in the place of those that are there; earlier ones are in the store's earlier versions.
+    /// Puts these classes in the place of those that are there; earlier ones are in the store's earlier versions. `classes` is
+    /// asked again where somebody else was quicker.
     ///
     /// # Errors
     /// When the store cannot be written.
-    pub fn replace_classes<'a>(&mut self, classes: impl Iterator<Item = Class<'a>> + Clone) -> Result<(), StoreError> {
-        self.replace(Table::Classes, |_| Ok(Some(classes.clone())))
+    pub fn replace_classes<'a, I: Iterator<Item = Class<'a>>>(&mut self, classes: impl Fn() -> I) -> Result<(), StoreError> {
+        self.replace(Table::Classes, |_| Ok(Some(classes())))
     }
 
     /// Every label.

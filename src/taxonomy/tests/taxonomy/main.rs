@@ -1,6 +1,7 @@
 //! The rules on hand-made episodes, a case each, and the judge before a scripted endpoint.
 
 #[path = "../../../tables/tests/tables/play.rs"]
+#[expect(dead_code, reason = "the tests of several crates share it")]
 mod play;
 
 mod judge;

@@ -110,9 +110,10 @@ fn task(name: &str, instruction: &str, fuzzy: bool, dest: &str, objects: &[(&str
     let mut goal = initial.clone();
     goal.remove(&target.receptacle, &target.instance);
     goal.add(&dest.into(), &target.instance);
-    let like = |id: &ReceptacleId| scene.receptacle(id).map(|found| found.category.clone());
-    let alike = |of: &ReceptacleId| {
-        scene.receptacles.iter().filter(|other| other.id != *of && Some(&other.category) == like(of).as_ref()).map(|other| other.id.clone())
+    let category = |id: &ReceptacleId| scene.receptacle(id).map(|found| &found.category);
+    let alike = |of: &ReceptacleId| -> Vec<ReceptacleId> {
+        let others = scene.receptacles.iter().map(|other| &other.id).filter(|other| *other != of);
+        others.filter(|other| category(other) == category(of)).cloned().collect()
     };
     Task {
         task_id: format!("paper/{name}"),
@@ -123,9 +124,13 @@ fn task(name: &str, instruction: &str, fuzzy: bool, dest: &str, objects: &[(&str
         precise_instruction: instruction.into(),
         fuzzy,
         purpose: fuzzy.then(|| "timekeeping device".into()),
-        object_distractors: placed.iter().filter(|other| other.category == target.category && other.asset != target.asset).map(|other| other.asset.clone()).collect(),
-        src_distractors: alike(&target.receptacle).collect(),
-        dest_distractors: alike(&dest.into()).collect(),
+        object_distractors: placed
+            .iter()
+            .filter(|other| other.category == target.category && other.asset != target.asset)
+            .map(|other| other.asset.clone())
+            .collect(),
+        src_distractors: alike(&target.receptacle),
+        dest_distractors: alike(&dest.into()),
         src: target.receptacle.clone(),
         dest: dest.into(),
         target: target.instance,
@@ -171,19 +176,52 @@ fn the_worked_cases_are_what_the_paper_says() {
     let clocks = [("clock_white", "alarm clock", "white", "table_2"), ("clock_blue", "alarm clock", "blue", "table_2")];
     let white = "Retrieve the round, white alarm clock with a classic design, two bells on top, and smooth surface from the \
                  table much smaller than another one and deposit it at bed with matte white mattress cover.";
-    let blue = [Nav("table_2"), Show("clock"), Gaze("clock_blue"), PickStale, Show("clock"), Pick("clock_blue"), Nav("bed_1"), Receptacles, Place("bed_1"), Finish];
+    let blue = [
+        Nav("table_2"),
+        Show("clock"),
+        Gaze("clock_blue"),
+        PickStale,
+        Show("clock"),
+        Pick("clock_blue"),
+        Nav("bed_1"),
+        Receptacles,
+        Place("bed_1"),
+        Finish,
+    ];
     play(task("1-wrong-object", white, false, "bed_1", &clocks), &blue, false);
 
-    let bears = [("bear_brown", "teddy bear", "brown", "bed_1"), ("bear_white", "teddy bear", "white", "bed_1"), ("bear_pink", "teddy bear", "pink", "bed_1")];
+    let bears = [
+        ("bear_brown", "teddy bear", "brown", "bed_1"),
+        ("bear_white", "teddy bear", "white", "bed_1"),
+        ("bear_pink", "teddy bear", "pink", "bed_1"),
+    ];
     let snack = "Transport a teddy bear figure with a round body, outstretched arms, light brown color, and smooth texture from \
                  the bed with all-white bed sheets to the table for placing my snack while watching TV.";
-    let wrong_table = [Nav("bed_1"), Show("teddy bear"), Gaze("bear_brown"), Pick("bear_brown"), Nav("table_2"), Nav("table_1"), Receptacles, Place("table_1")];
+    let wrong_table = [
+        Nav("bed_1"),
+        Show("teddy bear"),
+        Gaze("bear_brown"),
+        Pick("bear_brown"),
+        Nav("table_2"),
+        Nav("table_1"),
+        Receptacles,
+        Place("table_1"),
+    ];
     play(task("2-similar-furniture", snack, false, "table_2", &bears), &wrong_table, false);
 
     let devices = [("clock_white", "alarm clock", "white", "desk_1"), ("clock_blue", "alarm clock", "blue", "desk_1")];
     let vague = "Get a timekeeping device from white desk with rectangular wooden handles and move it to the table much larger \
                  than another one.";
-    let hasty = [Nav("desk_1"), Show("clock"), Gaze("clock_blue"), Pick("clock_blue"), Nav("table_1"), Receptacles, Place("table_1"), Finish];
+    let hasty = [
+        Nav("desk_1"),
+        Show("clock"),
+        Gaze("clock_blue"),
+        Pick("clock_blue"),
+        Nav("table_1"),
+        Receptacles,
+        Place("table_1"),
+        Finish,
+    ];
     play(task("3-no-ask", vague, true, "table_1", &devices), &hasty, false);
 
     let dog = "Retrieve the small white dog figurine, seated, smooth surface, slight texturing, realistic proportions, upright \
@@ -192,17 +230,41 @@ fn the_worked_cases_are_what_the_paper_says() {
     endless.extend([Nav("desk_1"), Nav("desk_2")].repeat(13));
     play(task("4-lost-memory", dog, false, "desk_2", &[("dog", "figurine", "white", "table_2")]), &endless, false);
 
-    let remotes = [("remote_black", "remote control", "black", "table_1"), ("remote_white", "remote control", "white", "table_1"), ("remote_red", "remote control", "red", "table_1")];
+    let remotes = [
+        ("remote_black", "remote control", "black", "table_1"),
+        ("remote_white", "remote control", "white", "table_1"),
+        ("remote_red", "remote control", "red", "table_1"),
+    ];
     let sleek = "Get the sleek black remote control, curved design, glossy surface, colored buttons, ergonomic grip from the \
                  table where we have dinner and move it to cabinet with drawers with orange inner backing.";
-    let discovered = [Nav("table_1"), Show("remote control"), Walk, Gaze("remote_black"), Pick("remote_black"), Nav("cabinet_3"), Receptacles, Place("cabinet_3"), Finish];
+    let discovered = [
+        Nav("table_1"),
+        Show("remote control"),
+        Walk,
+        Gaze("remote_black"),
+        Pick("remote_black"),
+        Nav("cabinet_3"),
+        Receptacles,
+        Place("cabinet_3"),
+        Finish,
+    ];
     play(task("5-walk-around", sleek, false, "cabinet_3", &remotes), &discovered, true);
 
     let spiral = "Retrieve the spiral-bound notebook with a textured white cover, red edge, and lined pages with sketches from \
                   bed with plain white bedding and deposit it at whole-black cabinet with flat base.";
     let explored = [
-        Nav("bed_2"), Nav("bed_1"), Show("notebook"), Gaze("notebook"), Pick("notebook"), Nav("cabinet_1"), Nav("cabinet_2"),
-        Nav("cabinet_3"), Nav("cabinet_4"), Receptacles, Place("cabinet_4"), Finish,
+        Nav("bed_2"),
+        Nav("bed_1"),
+        Show("notebook"),
+        Gaze("notebook"),
+        Pick("notebook"),
+        Nav("cabinet_1"),
+        Nav("cabinet_2"),
+        Nav("cabinet_3"),
+        Nav("cabinet_4"),
+        Receptacles,
+        Place("cabinet_4"),
+        Finish,
     ];
     play(task("6-exploration", spiral, false, "cabinet_4", &[("notebook", "notebook", "white", "bed_1")]), &explored, true);
 
@@ -215,8 +277,7 @@ fn the_worked_cases_are_what_the_paper_says() {
         let text = reel_query::format(&session.run(&sql).unwrap(), reel_query::Format::Csv).unwrap();
         text.lines().nth(1).unwrap().to_owned()
     };
-    let mut classes: Vec<_> =
-        found(&session, &RuleSet::built_in()).into_iter().map(|found| (by_task(&found), found)).collect();
+    let mut classes: Vec<_> = found(&session, &RuleSet::built_in()).into_iter().map(|found| (by_task(&found), found)).collect();
     classes.sort_by(|one, other| one.0.cmp(&other.0));
     let classes: Vec<_> = classes
         .iter()
