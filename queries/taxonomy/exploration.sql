@@ -10,4 +10,4 @@ SELECT sequence_find(steps, '(nav_to | show_object_by_category | walk_around | g
 FROM episodes
 WHERE end_reason = 'horizon'
   AND NOT sequence_match(steps, 'pick[ok]')
-  AND sequence_count(steps, 'nav_to[ok and argument <> argument@-1] | nav_to[ok]') >= 5
+  AND sequence_count(steps, 'nav_to[ok]') >= 8

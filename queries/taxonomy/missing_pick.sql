@@ -6,10 +6,19 @@
 -- Class: Key Action Missing
 -- Sub-class: missing_pick
 -- Priority: 30
-SELECT coalesce(
-  sequence_find(steps, 'nav_to[receptacle_like = ''dest''] !nav_to* (place | finish)'),
-  sequence_find(steps, 'place[error_code = ''nothing_held'']')
-) AS found
+SELECT CASE
+  WHEN sequence_match(steps, 'gaze_at[object_like = ''target''] .. nav_to[receptacle_like = ''dest'']') THEN named_struct(
+    'first',
+    sequence_find(steps, 'gaze_at[object_like = ''target''] !(gaze_at[object_like = ''target''] | nav_to[receptacle_like = ''dest''])* nav_to[receptacle_like = ''dest'']')['last'],
+    'last',
+    CAST(length - 1 AS INT)
+  )
+  ELSE coalesce(
+    sequence_find(steps, 'nav_to[receptacle_like = ''dest''] !nav_to* (place | finish)'),
+    sequence_find(steps, 'place[error_code = ''nothing_held'']')
+  )
+END AS found
 FROM episodes
-WHERE NOT sequence_match(steps, 'pick')
+WHERE NOT sequence_match(steps, 'pick[ok]')
+  AND NOT sequence_match(steps, 'pick[error_code in (''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]')
   AND sequence_match(steps, 'show_object_by_category | gaze_at | walk_around')

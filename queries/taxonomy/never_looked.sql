@@ -7,9 +7,13 @@
 -- Sub-class: never_looked
 -- Priority: 30
 SELECT coalesce(
-  sequence_find(steps, '(pick | place | finish | open | close)'),
-  named_struct('first', CAST(length - 1 AS INT), 'last', CAST(length - 1 AS INT))
+  sequence_find(steps, 'place[failed] | pick[failed]'),
+  sequence_find(steps, 'finish')
 ) AS found
 FROM episodes
-WHERE NOT sequence_match(steps, 'show_object_by_category | gaze_at | walk_around | pick[ok]')
+WHERE NOT sequence_match(steps, 'pick[ok]')
+  AND NOT sequence_match(
+    steps,
+    '_[tool in (''show_object_by_category'', ''gaze_at'', ''walk_around'') and (error_code is null or error_code = ''nothing_found'')]'
+  )
   AND NOT sequence_match(steps, '(nav_to nav_to){4,}')

@@ -9,11 +9,11 @@
 SELECT coalesce(
   sequence_find(
     steps,
-    'nav_to nav_to[argument <> argument@-1] nav_to[argument = argument@-2]{2,} !(pick[ok] | place[ok])* $'
+    'nav_to nav_to[argument <> argument@-1] nav_to[argument = argument@-2]{2,} !_[ok and tool in (''pick'', ''place'', ''gaze_at'', ''show_object_by_category'', ''ask'', ''open'')]* $'
   ),
   sequence_find(
     steps,
-    'nav_to nav_to[argument <> argument@-1] nav_to[argument <> argument@-1 and argument <> argument@-2] nav_to[argument = argument@-3]{3,} !(pick[ok] | place[ok])* $'
+    'nav_to nav_to[argument <> argument@-1] nav_to[argument <> argument@-1 and argument <> argument@-2] nav_to[argument = argument@-3]{3,} !_[ok and tool in (''pick'', ''place'', ''gaze_at'', ''show_object_by_category'', ''ask'', ''open'')]* $'
   )
 ) AS found
 FROM episodes

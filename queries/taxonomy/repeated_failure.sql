@@ -8,6 +8,6 @@
 -- Priority: 21
 SELECT sequence_find(
   steps,
-  '_[failed and tool = tool@-1 and arguments = arguments@-1 and error_code = error_code@-1 and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''door_closed'')]{2,} !(pick[ok] | place[ok])* $'
+  '_[failed and tool = tool@-1 and arguments = arguments@-1 and error_code = error_code@-1 and error_code not in (''unknown_tool'', ''bad_arguments'', ''unparsable_output'', ''backend_error'', ''door_closed'', ''nothing_held'', ''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]{2,} !_[ok and tool in (''pick'', ''place'', ''gaze_at'', ''show_object_by_category'', ''ask'', ''open'')]* $'
 ) AS found
 FROM episodes

@@ -5,5 +5,6 @@
 -- Class: Other
 -- Sub-class: unexplained
 -- Priority: 90
+-- Secondary: never
 SELECT named_struct('first', CAST(length - 1 AS INT), 'last', CAST(length - 1 AS INT)) AS found
 FROM episodes

@@ -43,7 +43,7 @@ EPISODE_COLUMNS = (
 STEP_COLUMNS = (
     "step", "tool", "call_name", "arguments", "argument",
     "text", "error_code", "error_class", "object", "receptacle", "held",
-    "goal_object", "goal_receptacle", "object_like", "receptacle_like", "fell", "markers", "visible", "candidates", "reward",
+    "goal_object", "goal_receptacle", "object_like", "receptacle_like", "put_back", "fell", "markers", "visible", "candidates", "reward",
     "sim_step", "robot_x_m", "robot_y_m", "robot_yaw_rad", "path_length_m", "latency_ns",
     "reasoning", "history", "plan", "raw", "question", "reply", "reply_source", "tokens_read", "tokens_written",
     "state_digest", "chain_digest", "trace_offset",
@@ -180,6 +180,9 @@ class Rows:
                     (object_, receptacle) in goal_places if object_ and receptacle else None,
                     task.object_like(object_) if object_ else None,
                     task.receptacle_like(receptacle, categories) if receptacle else None,
+                    object_ in task.initial.get(receptacle, ("", {}))[1]
+                    if tool == "place" and not error and object_ and receptacle
+                    else None,
                     ("target" if task.fields["target"] in fallen else "other") if fallen else None,
                     len(markers), len(visible), candidates, total,
                     moment.sim_step, x, y, robot.yaw, robot.path_length_m, latency_ns,

@@ -199,6 +199,7 @@ pub(crate) struct Step<'a> {
     pub(crate) goal_receptacle: Option<bool>,
     pub(crate) object_like: Option<&'static str>,
     pub(crate) receptacle_like: Option<&'static str>,
+    pub(crate) put_back: Option<bool>,
     pub(crate) fell: Option<&'static str>,
     pub(crate) held: Option<&'a str>,
     pub(crate) markers: usize,
@@ -257,6 +258,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             goal_receptacle: goal_receptacle(record, &goal),
             object_like: record.object.as_ref().map(|object| object_like(&trace.task, object)),
             receptacle_like: record.receptacle.as_ref().map(|id| receptacle_like(&trace.task, &trace.scene, id)),
+            put_back: put_back(&trace.task, record),
             fell: fell(&trace.task, record),
             held: record.held.as_ref().map(InstanceId::as_str),
             markers: record.markers.len(),
@@ -340,6 +342,13 @@ pub(crate) fn receptacle_like(task: &Task, scene: &Scene, receptacle: &Receptacl
         id if category(id).is_some() && category(id) == category(&task.dest) => "similar",
         _ => "other",
     }
+}
+
+/// Of a successful `place`: whether the object is where the task began with it.
+fn put_back(task: &Task, record: &StepRecord) -> Option<bool> {
+    let (object, receptacle) = (record.object.as_ref()?, record.receptacle.as_ref()?);
+    let placed = record.tool_name() == "place" && record.outcome.is_ok();
+    placed.then(|| task.initial.place_of(object) == Some(receptacle))
 }
 
 /// What a step let fall.

@@ -131,6 +131,7 @@ pub const STEP: &[Column] = &[
         Text,
         "that receptacle beside the destination: `dest`, `src`, `similar` (of its category, or named as its distractor), `other`",
     ),
+    may("put_back", Flag, "of a successful `place`: whether the object is again where it stood at the start"),
     may("fell", Text, "what came to lie on the floor by this call: `target`, else `other`"),
     may("held", Text, "instance in the gripper after the call"),
     must("markers", Int, "numbers in the marker map after the call"),

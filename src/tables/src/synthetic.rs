@@ -314,7 +314,7 @@ impl<'a> Play<'a, '_> {
         self.call("place", Some("2".into()));
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(place));
-        (step.goal_object, step.goal_receptacle) = (Some(goal), Some(right));
+        (step.goal_object, step.goal_receptacle, step.put_back) = (Some(goal), Some(right), Some(false));
         (step.object_like, step.receptacle_like) = (Some(like.0), Some(like.1));
         step.changes = both("add", object, place);
         let value = if right { 3.5 } else { -2.0 };
@@ -365,6 +365,7 @@ impl<'a> Play<'a, '_> {
             goal_receptacle: None,
             object_like: None,
             receptacle_like: None,
+            put_back: None,
             fell: None,
             held: self.held,
             markers: 0,

@@ -13,8 +13,6 @@ use reel_tables::{Class, Finding};
 
 use crate::{RuleSet, TaxonomyError, rules::Rule};
 
-/// From this priority on a rule says what is left when nothing else was found; it is never a secondary finding.
-const LAST_RESORT: u32 = 50;
 /// Columns that name an episode.
 const KEEP: [&str; 5] = ["episode_id", "trace_digest", "backend", "family", "policy"];
 
@@ -128,7 +126,7 @@ impl Verdicts {
             for finding in rest {
                 let other = self.rule(*finding);
                 let said = other.sub_class == rule.sub_class || secondary.iter().any(|known| known.sub_class == other.sub_class);
-                if other.priority < LAST_RESORT && !said {
+                if other.secondary && !said {
                     let (_, step, last_step) = *finding;
                     secondary.push(Finding {
                         rule: &other.name,

@@ -26,6 +26,8 @@ pub struct Rule {
     pub sub_class: String,
     /// Of several rules that hold the one with the lowest number decides; of equal ones that whose evidence comes first.
     pub priority: u32,
+    /// Whether it is told beside what decides; what is left when nothing else was found is not.
+    pub secondary: bool,
     /// What it says, in prose.
     pub prose: String,
     /// The whole file.
@@ -113,13 +115,19 @@ impl Rule {
             return Err(wrong(format!("its sub-class '{sub_class}' has other characters than a-z, 0-9 and _")));
         }
         let priority = field("Priority")?.parse().map_err(|_| wrong("its priority is no whole number".into()))?;
-        let is_prose = |line: &&&str| !["Class:", "Sub-class:", "Priority:"].iter().any(|key| line.starts_with(key));
+        let secondary = match field("Secondary") {
+            Ok("never") => false,
+            Ok(other) => return Err(wrong(format!("`-- Secondary: {other}` has to be `never`, or to be left out"))),
+            Err(_) => true,
+        };
+        let is_prose =
+            |line: &&&str| !["Class:", "Sub-class:", "Priority:", "Secondary:"].iter().any(|key| line.starts_with(key));
         let prose = header.iter().skip(1).filter(is_prose).copied().collect::<Vec<_>>().join(" ").trim().to_owned();
         if prose.is_empty() {
             return Err(wrong("its header does not say in words what it finds".into()));
         }
         let question = RowQuestion::parse(&sql).map_err(wrong)?;
-        Ok(Self { class, sub_class, priority, prose, question, name, sql })
+        Ok(Self { class, sub_class, priority, secondary, prose, question, name, sql })
     }
 }
 

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use reel_episode::Privileged;
 use reel_plan::Intent;
 use reel_world::{
-    InstanceId, Scene, Task, Tool, ToolCall,
+    InstanceId, ReceptacleId, Scene, Task, Tool, ToolCall,
     record::{Marker, MarkerTarget, PolicyInfo, StepInput},
 };
 
@@ -50,6 +50,9 @@ pub struct Injected {
     /// What it takes for the target since it took it by an old number, and what it ever took so.
     adopted: Option<InstanceId>,
     taken: Option<InstanceId>,
+    /// At its last decision: what it held, and where the target was.
+    held: Option<InstanceId>,
+    target_at: Option<ReceptacleId>,
     gave_up: Option<String>,
 }
 
@@ -86,6 +89,8 @@ impl Injected {
             marks: vec![Mark::default(); injection.faults.len()],
             adopted: None,
             taken: None,
+            held: None,
+            target_at: None,
             gave_up: None,
         })
     }
@@ -106,6 +111,12 @@ impl Injected {
 
     fn fault_label(&self, index: usize) -> FaultLabel {
         let (kind, mark) = (self.injection.faults[index].kind, &self.marks[index]);
+        // to notice it is not yet to repair it: what was taken has to be out of the hand, and the target off the wrong place
+        let stands = self.watches.iter().any(|watch| match watch {
+            Watch::Picks(other, object) => *other == index && self.held.as_ref() == Some(object),
+            Watch::PicksOther(other, _) => *other == index && self.held.is_some() && self.held == self.taken,
+            Watch::PlacesOn(other, place) => *other == index && self.target_at.as_ref() == Some(place),
+        });
         let taken = || self.taken.as_ref().and_then(|id| self.task.object(id));
         let sub_class = kind.sub_class().or_else(|| choices::mistake(&self.task, taken()?).sub_class());
         FaultLabel {
@@ -113,7 +124,7 @@ impl Injected {
             class: kind.class(),
             sub_class: sub_class.unwrap_or("wrong_attribute").to_owned(),
             step: mark.began,
-            repaired: mark.repaired,
+            repaired: mark.repaired && !stands,
         }
     }
 
@@ -262,6 +273,8 @@ impl Policy for Injected {
         let Some(truth) = context.truth else {
             return StepInput { call: Tool::Finish.to_call(), policy: None, user_reply: None };
         };
+        self.held = truth.held.cloned();
+        self.target_at = truth.graph.place_of(&self.task.target).cloned();
         let call = self.decide(context, truth);
         self.note(&call, context, truth);
         let thought = self.thought.take();

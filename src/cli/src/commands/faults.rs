@@ -60,7 +60,7 @@ struct Run {
     /// Folder for the traces and labels
     #[arg(long, value_name = "DIR", default_value = "faulty")]
     out: PathBuf,
-    /// How many episodes; they take the tasks in turn
+    /// How many episodes; they are spread over the tasks
     #[arg(long, value_name = "N", default_value_t = 100)]
     count: u64,
     /// The first seed; each episode has the next
@@ -207,7 +207,9 @@ impl Maker<'_> {
         let mut last = None;
         for attempt in 0..TRIES_MAX {
             let seed = self.run.seed + number + attempt * TRY;
-            let task = &self.tasks[((number + attempt) % self.tasks.len() as u64) as usize];
+            // consecutive episodes play tasks that lie far apart in their folder: of other families
+            let spread = (number + attempt).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
+            let task = &self.tasks[(spread % self.tasks.len() as u64) as usize];
             // something of another kind has to stand about, to be taken for the target
             let task = cluttered(task, &self.scene, &self.tasks, seed).map_or_else(|| task.clone(), Arc::new);
             let kinds = match wanted {

@@ -1,0 +1,13 @@
+-- stale_marker_slip
+--
+-- A number was used that is not on the current map. That alone explains nothing, and is told beside what does (SPEC section
+-- 7: a stale marker is secondary). The decisive step is its first use.
+--
+-- Class: Lost Memory
+-- Sub-class: stale_marker
+-- Priority: 60
+SELECT sequence_find(
+  steps,
+  '_[error_code in (''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')]'
+) AS found
+FROM episodes
