@@ -102,7 +102,7 @@ fn cases() -> Vec<Case> {
             (
                 (0..4).fold(play, |play, _| play.fails("pick", ErrorCode::OutOfReach)).finish(),
                 "repeated_failure",
-                3,
+                2,
                 &[("premature_finish", 6)],
             )
         }),
@@ -157,7 +157,8 @@ fn cases() -> Vec<Case> {
         }),
         Box::new(|n| {
             let look = |play: Play, place: &str| play.nav(place).find("alarm clock");
-            (horizon(["table_2", "desk_1", "desk_2", "cabinet_1"].into_iter().fold(begin(n, FDP), look)), "exploration", 0, &[])
+            let places = ["table_2", "desk_1", "desk_2", "cabinet_1"].repeat(2);
+            (horizon(places.into_iter().fold(begin(n, FDP), look)), "exploration", 0, &[])
         }),
         Box::new(|n| {
             let nonsense = [ErrorCode::UnparsableOutput, ErrorCode::UnknownTool, ErrorCode::BadArguments];
@@ -167,7 +168,7 @@ fn cases() -> Vec<Case> {
         Box::new(|n| {
             (begin(n, FDP).fails("pick", ErrorCode::BackendError).finish(), "primitive_failure", 2, &[("premature_finish", 3)])
         }),
-        Box::new(|n| (horizon((0..6).fold(begin(n, FDP).pick(TARGET), |play, _| play.find("alarm clock"))), "timeout", 8, &[])),
+        Box::new(|n| (horizon((0..6).fold(begin(n, FDP).pick(TARGET), |play, _| play.find("alarm clock"))), "timeout", 3, &[])),
         Box::new(|n| (begin(n, FDP).pick(TARGET).ended(EndReason::Fault), "unexplained", 2, &[])),
     ];
     cases.iter().enumerate().map(|(number, case)| case(number)).collect()
