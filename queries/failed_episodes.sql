@@ -1,6 +1,7 @@
 -- failed_episodes
 --
--- Every failed episode with its class (paper, Failure Analysis) and the evidence. The first rule that holds decides:
+-- Every failed episode with its class (paper, Failure Analysis) and the evidence: a first look by ten rules. `reel taxonomy`
+-- has the full set, and keeps its result in table `classes`. The first rule that holds decides:
 --   1. Key Action Missing, no question: a fuzzy instruction, no `ask`, and the wrong thing picked or the wrong place
 --      used; outranks Object Confusion although the wrong object was picked
 --   2. Object Confusion, wrong object: the last pick took an object that the goal does not move

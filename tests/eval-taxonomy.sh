@@ -1,15 +1,15 @@
 #!/usr/bin/env bash
 # `make eval-taxonomy`: how often the failure taxonomy is right, on faults that were injected on purpose and labelled by who
 # injected them; beside it a naive baseline. Then the paper's hundred episodes. FAILURES (default 2000) of single faults, half
-# as many episodes with combinations and repaired faults.
+# as many episodes with combinations and repaired faults. REEL: a binary that is built already.
 #
 # The seeds of the report: tasks 9001, faults from 9000000 on. Rules were tuned on tasks 1001, faults from 1000000 on, and on
 # nothing else; SEEDS=tuning takes those.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
-cargo build --locked --workspace --all-targets
-reel="$CARGO_TARGET_DIR/debug/reel"
+[[ -n ${REEL:-} ]] || cargo build --locked --workspace --all-targets
+reel="${REEL:-$CARGO_TARGET_DIR/debug/reel}"
 work="${EVAL_DIR:-$(mktemp -d)}"
 count="${FAILURES:-2000}"
 if [[ ${SEEDS:-report} == tuning ]]; then task_seed=1001 seed=1000000; else task_seed=9001 seed=9000000; fi

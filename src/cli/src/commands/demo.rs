@@ -15,14 +15,14 @@ use reel_world::{Family, Profile, Task};
 
 use crate::{
     Answer,
-    commands::{ingest, query, run},
+    commands::{ingest, query, run, taxonomy},
     inputs, progress,
 };
 
 const POLICIES: [&str; 7] = ["oracle", "planner", "wrong-object", "wrong-receptacle", "no-ask", "oscillating", "forgets-door"];
 
 /// The whole loop on embedded defaults: make tasks, play them with the oracle and with policies that make mistakes,
-/// replay every episode bit for bit, read them into tables, ask for the benchmark and the failures, draw one episode.
+/// replay every episode bit for bit, read them into tables, ask for the benchmark, say why the others failed, draw one episode.
 ///
 /// Example:
 ///   reel demo --out demo-out
@@ -90,12 +90,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let store = store.to_string_lossy();
     let report = ingest::ingest(&recorded, &store)?;
     println!("4. {} episodes in tables\n", report.added);
-    for name in ["main_results", "failures"] {
-        let named = named::by_name(name).with_context(|| format!("no query is called '{name}'"))?;
-        println!("{} (reel query --store {} --named {name})", named.summary(), store);
-        query::print(&store, named.sql, Format::Table)?;
-        println!();
-    }
+    let name = "main_results";
+    let named = named::by_name(name).with_context(|| format!("no query is called '{name}'"))?;
+    println!("{} (reel query --store {} --named {name})", named.summary(), store);
+    query::print(&store, named.sql, Format::Table)?;
+    let why = out.join("why.png");
+    println!("\nWhy the others failed (reel taxonomy --store {store})");
+    taxonomy::tell(&store, why.clone())?;
+    println!();
 
     let sheet = out.join("contact_sheet.png");
     let episode = pictured(&recorded)?;
@@ -106,6 +108,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         begun.elapsed().as_secs_f64()
     );
     println!("  {}", sheet.display());
+    println!("  {}", why.display());
     println!("  reel show {}", episode.display());
     println!("  reel query --store {} \"SELECT task_id, policy, length FROM episodes WHERE NOT success\"", store);
     println!("  reel export sft {} --out sft.parquet", traces.display());

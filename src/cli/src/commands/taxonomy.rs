@@ -8,7 +8,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_query::{Format, Session, format};
-use reel_tables::Store;
+use reel_tables::{Label, Store};
 use reel_taxonomy::{
     Agreement, CLASSES, RuleSet, Stored, agreement, baseline, classify, disputed, drift, label_set,
     sankey::{Flow, Sankey},
@@ -89,6 +89,9 @@ struct WithLabels {
     /// Which labels: an author, a kind (human, judge, injected), or `agreed`
     #[arg(long = "with", value_name = "SET", default_value = "agreed")]
     set: String,
+    /// What is compared: `rules`, or labels of another set, e.g. `judge`
+    #[arg(long, value_name = "SET", default_value = "rules")]
+    of: String,
     /// Compare what a naive classifier says, too: the class that the last failed call suggests
     #[arg(long)]
     baseline: bool,
@@ -125,6 +128,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         Some(What::Drift(sets)) => compare_sets(sets),
         Some(What::Judge(arguments)) => judge::run(arguments),
     }
+}
+
+/// Classifies the failed episodes of a store, keeps and prints the classes, and draws them.
+///
+/// # Errors
+/// When the store cannot be read or written, or the picture cannot be written.
+pub fn tell(store: &str, sankey: PathBuf) -> anyhow::Result<()> {
+    let sankey = vec![sankey];
+    let classify = Classify { store: store.to_owned(), rules: None, condition: None, dry_run: false, sankey, json: false };
+    run_classify(&classify).map(drop)
 }
 
 /// The rules that come with Reel, and those of a folder.
@@ -254,8 +267,11 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
     let session = Session::new(Store::open(&arguments.store)?)?;
     let labels = session.store().labels()?;
     let truth = label_set(&labels, &arguments.set);
-    let found = classes_of(&session, &arguments.store)?;
-    let mut reports = vec![("rules", found)];
+    let found = match arguments.of.as_str() {
+        "rules" => classes_of(&session, &arguments.store)?,
+        set => label_set(&labels, set).into_values().map(as_found).collect(),
+    };
+    let mut reports = vec![(arguments.of.as_str(), found)];
     if arguments.baseline {
         reports.push(("baseline", baseline(&session)?));
     }
@@ -265,10 +281,11 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
         if both.is_empty() {
             let sets: BTreeSet<&str> = labels.iter().flat_map(|label| [label.author.as_str(), label.kind.as_str()]).collect();
             let sets: Vec<&str> = sets.into_iter().collect();
-            bail!("no failed episode has a label of '{}'; there are labels of: {}", arguments.set, sets.join(", "));
+            bail!("no episode of '{name}' has a label of '{}'; there are labels of: {}", arguments.set, sets.join(", "));
         }
         let by_class = agreement(both.iter().map(|(label, found)| (label.class.as_str(), found.class.as_str())), &CLASSES);
         let with_sub = both.iter().filter_map(|(label, found)| Some((label.sub_class.as_deref()?, found.sub_class.as_str())));
+        let with_sub = with_sub.filter(|(_, found)| !found.is_empty());
         let by_sub_class = agreement(with_sub, &[]);
         let with_step = both.iter().filter_map(|(label, found)| label.step.map(|step| (step - found.step).abs()));
         let distances: Vec<i32> = with_step.collect();
@@ -328,6 +345,19 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
         println!("{} episodes are disputed: `reel label disputed` lists them", open.len());
     }
     Ok(Answer::Yes)
+}
+
+/// A label in the place of what the rules found.
+fn as_found(label: Label) -> Stored {
+    Stored {
+        episode_id: label.episode_id,
+        family: String::new(),
+        policy: String::new(),
+        trace: String::new(),
+        class: label.class,
+        sub_class: label.sub_class.unwrap_or_default(),
+        step: label.step.unwrap_or(-1),
+    }
 }
 
 fn report(agreement: &Agreement) -> String {

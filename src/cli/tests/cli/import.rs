@@ -61,6 +61,14 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     let pictures = expect(folder, 0, &["frames", trace, "--out", "pictures"]);
     assert!(pictures.contains("call_000.png") && pictures.contains("contact_sheet.png"), "{pictures}");
 
+    #[cfg(feature = "analytics")]
+    {
+        expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+        let class: Value = serde_json::from_str(&expect(folder, 0, &["taxonomy", "--store", "store", "--json"])).unwrap();
+        let found = (&class["sub_class"], &class["step"], &class["evidence"]);
+        assert_eq!(found, (&json!("never_looked"), &json!(1), &json!("reduced")), "{class}");
+    }
+
     // A torn episode beside it: named, and the rest goes on.
     episode(&folder.join("eval_output"), "m2");
     fs::write(folder.join("eval_output/flat/FDP_t_1/m2/step_001/debug_info.json"), "{\"world").unwrap();

@@ -31,7 +31,7 @@ fn the_rules_find_what_was_injected() {
 
     // without labels there is nothing to compare with, and it says what to do
     let refused = complaint(folder, 2, &["taxonomy", "agreement", "--store", "store", "--with", "injected"]);
-    assert!(refused.contains("no failed episode has a label"), "{refused}");
+    assert!(refused.contains("no episode of 'rules' has a label"), "{refused}");
     expect(folder, 0, &["label", "import", "faulty", "--store", "store"]);
     let report = expect(folder, 0, &["taxonomy", "agreement", "--store", "store", "--with", "injected", "--baseline", "--json"]);
     let report: Value = serde_json::from_str(&report).unwrap();
@@ -164,5 +164,10 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         ["taxonomy", "judge", "--store", "store", "--endpoint", "http://127.0.0.1:9/v1", "--model", "scripted", "--max", "4"];
     assert!(expect(folder, 0, &gone).starts_with("4 episodes judged"));
     let agreement = expect(folder, 0, &["taxonomy", "agreement", "--store", "store", "--with", "judge"]);
-    assert!(agreement.contains("against 'judge': 4 episodes"), "{agreement}");
+    assert!(agreement.contains("rules against 'judge': 4 episodes"), "{agreement}");
+    // and the judge beside people
+    let judged = labels.lines().next().unwrap().split_whitespace().next().unwrap();
+    expect(folder, 0, &["label", "set", judged, "--class", "Other", "--author", "ann", "--store", "store"]);
+    let agreement = expect(folder, 0, &["taxonomy", "agreement", "--store", "store", "--of", "judge", "--with", "ann"]);
+    assert!(agreement.contains("judge against 'ann': 1 episodes") && agreement.contains("accuracy 1.000"), "{agreement}");
 }
