@@ -173,6 +173,8 @@ fn every_file_of_queries_is_built_in_and_documented() {
     let mut files: Vec<String> =
         fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     let mut built_in: Vec<String> = named::ALL.iter().map(|query| format!("{}.sql", query.name)).collect();
+    // the folder of the failure rules
+    files.retain(|name| name != "taxonomy");
     files.sort();
     built_in.sort();
     assert_eq!(files, built_in);
