@@ -20,7 +20,7 @@ WITH counts AS (
   JOIN episodes e ON e.episode_id = f.episode_id
   GROUP BY e.task_digest, f.class
 ),
-classes AS (
+usual AS (
   SELECT task_digest, first_value(class ORDER BY failures DESC, class) AS failure FROM counts GROUP BY task_digest
 )
 SELECT
@@ -34,7 +34,7 @@ SELECT
   min(c.failure) AS failure,
   min(e.instruction) AS instruction
 FROM episodes e
-LEFT JOIN classes c ON c.task_digest = e.task_digest
+LEFT JOIN usual c ON c.task_digest = e.task_digest
 WHERE e.end_reason IS NOT NULL
 GROUP BY e.family, e.task_id, e.task_digest
 ORDER BY success, round(done, 6), e.family, e.task_id, e.task_digest

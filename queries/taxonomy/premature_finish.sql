@@ -1,12 +1,12 @@
 -- premature_finish
 --
--- `finish` in the middle of the work: nothing picked yet, or the target in the hand but not yet at the destination. The
--- decisive step is `finish`.
+-- `finish` in the middle of the work: nothing picked yet, or put back where it was, or the target in the hand but not yet at
+-- the destination. The decisive step is `finish`.
 --
 -- Class: Key Action Missing
 -- Sub-class: premature_finish
 -- Priority: 35
 SELECT sequence_find(steps, 'finish $') AS found
 FROM episodes
-WHERE sequence_match(steps, '^ !(pick[ok] | place)* finish $ | pick[ok and goal_object] !(pick[ok] | place | nav_to[receptacle_like = ''dest''])* finish[held is not null] $')
+WHERE sequence_match(steps, '(^ | place[put_back]) !(pick[ok] | place)* finish $ | pick[ok and goal_object] !(pick[ok] | place | nav_to[receptacle_like = ''dest''])* finish[held is not null] $')
   AND NOT sequence_match(steps, '_[error_code in (''unknown_marker'', ''marker_not_in_view'', ''no_marker_map'')] !(pick[ok] | place[ok])* finish $')

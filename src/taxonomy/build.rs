@@ -3,7 +3,9 @@
 use std::{env, fmt::Write as _, fs, path::Path};
 
 fn main() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../queries/taxonomy");
+    // asked when it runs: clones that share a target folder share this program
+    let crate_folder = env::var("CARGO_MANIFEST_DIR").expect("cargo names the crate's folder");
+    let folder = Path::new(&crate_folder).join("../../queries/taxonomy");
     println!("cargo::rerun-if-changed={}", folder.display());
     let entries = fs::read_dir(&folder).expect("the rules lie in queries/taxonomy");
     let mut files: Vec<_> = entries.map(|entry| entry.expect("the folder can be read").path()).collect();

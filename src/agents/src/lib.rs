@@ -22,7 +22,7 @@ use std::path::PathBuf;
 pub use explorer::Explorer;
 pub use faults::{Gibberish, Oscillating, mistaken_task};
 pub use injection::{
-    Class, Detour, Fault, FaultKind, FaultLabel, Injected, Injection, Label, Primary, SampleOptions, Unfit, admitted, cluttered,
+    Detour, Fault, FaultKind, FaultLabel, Injected, Injection, Label, Primary, SampleOptions, Unfit, admitted, cluttered,
     paper_mix, sample,
 };
 pub use oracle::{Habits, Oracle};

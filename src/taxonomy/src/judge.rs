@@ -17,7 +17,7 @@ use std::sync::{
 
 use rayon::prelude::*;
 use reel_model::{Client, Message, ModelError, Reply, Request, Role};
-use reel_world::Digest;
+use reel_world::{Digest, FailureClass};
 use serde::{Deserialize, Serialize};
 
 pub use error::JudgeError;
@@ -99,7 +99,7 @@ impl Proven {
     /// Whether it says why. `Other` does so only where something was seen to happen: that the budget ended does not.
     pub fn explains(&self) -> bool {
         let seen = ["invalid_output", "physical_failure", "primitive_failure"];
-        self.class != vocabulary::OTHER || self.sub_class.as_deref().is_some_and(|sub_class| seen.contains(&sub_class))
+        self.class != FailureClass::Other.as_str() || self.sub_class.as_deref().is_some_and(|sub_class| seen.contains(&sub_class))
     }
 }
 

@@ -4,13 +4,13 @@
 use std::{fs, path::Path};
 
 use reel_query::RowQuestion;
-use reel_world::Digest;
+use reel_world::{Digest, FailureClass};
 use serde::Serialize;
 
 use crate::TaxonomyError;
 
 /// The paper's classes, in its order (Failure Mode Taxonomy).
-pub const CLASSES: [&str; 4] = ["Object Confusion", "Key Action Missing", "Lost Memory", "Other"];
+pub const CLASSES: [&str; 4] = FailureClass::NAMES;
 
 /// The rules that come with Reel: name and text.
 const BUILT_IN: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/rules.rs"));

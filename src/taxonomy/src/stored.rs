@@ -5,6 +5,7 @@ use arrow::{
     datatypes::Int32Type,
 };
 use reel_query::{QueryError, Session};
+use reel_world::FailureClass;
 use serde::Serialize;
 
 /// A classified episode.
@@ -48,8 +49,8 @@ pub fn baseline(session: &Session) -> Result<Vec<Stored>, QueryError> {
         "CASE {0} ELSE CASE WHEN place IS NULL THEN 'Other' ELSE 'Object Confusion' END END AS class, \
          CASE {1} ELSE CASE WHEN place IS NULL THEN 'timeout' ELSE 'wrong_attribute' END END AS sub_class, \
          CAST(coalesce(failed, place, 0) AS INT) AS step",
-        cases(|(_, class, _)| class),
-        cases(|(_, _, sub_class)| sub_class),
+        cases(|class, _| class.as_str()),
+        cases(|_, sub_class| sub_class),
     );
     let last = "JOIN (SELECT episode_id AS id, max(step) FILTER (WHERE error_code IS NOT NULL) AS failed, \
                 last_value(error_code ORDER BY step) FILTER (WHERE error_code IS NOT NULL) AS code, \
@@ -59,15 +60,18 @@ pub fn baseline(session: &Session) -> Result<Vec<Stored>, QueryError> {
 }
 
 /// Codes of errors with the class and sub-class that they suggest.
-const BY_ERROR: [(&str, &str, &str); 4] = [
-    ("'door_closed', 'no_door', 'hand_not_free'", "Key Action Missing", "missing_open"),
-    ("'nothing_held', 'no_landmark', 'nothing_found', 'no_viewpoint'", "Key Action Missing", "missing_pick"),
-    ("'unknown_marker', 'marker_not_in_view', 'no_marker_map'", "Lost Memory", "stale_marker"),
-    ("'unknown_tool', 'bad_arguments', 'unparsable_output'", "Other", "invalid_output"),
+const BY_ERROR: [(&str, FailureClass, &str); 4] = [
+    ("'door_closed', 'no_door', 'hand_not_free'", FailureClass::KeyActionMissing, "missing_open"),
+    ("'nothing_held', 'no_landmark', 'nothing_found', 'no_viewpoint'", FailureClass::KeyActionMissing, "missing_pick"),
+    ("'unknown_marker', 'marker_not_in_view', 'no_marker_map'", FailureClass::LostMemory, "stale_marker"),
+    ("'unknown_tool', 'bad_arguments', 'unparsable_output'", FailureClass::Other, "invalid_output"),
 ];
 
-fn cases(value: impl Fn((&'static str, &'static str, &'static str)) -> &'static str) -> String {
-    BY_ERROR.iter().map(|case| format!("WHEN code IN ({}) THEN '{}' ", case.0, value(*case))).collect()
+fn cases(value: impl Fn(FailureClass, &'static str) -> &'static str) -> String {
+    BY_ERROR
+        .iter()
+        .map(|(codes, class, sub_class)| format!("WHEN code IN ({codes}) THEN '{}' ", value(*class, sub_class)))
+        .collect()
 }
 
 fn read(session: &Session, columns: &str, join: &str) -> Result<Vec<Stored>, QueryError> {

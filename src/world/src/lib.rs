@@ -6,6 +6,7 @@
 mod canonical;
 pub mod chain;
 mod digest;
+mod failure;
 mod frame;
 mod graph;
 mod id;
@@ -20,6 +21,7 @@ pub mod record;
 
 pub use canonical::canonical_json;
 pub use digest::Digest;
+pub use failure::FailureClass;
 pub use frame::{FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests};
 pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
 pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};

@@ -2,45 +2,8 @@
 
 use std::fmt;
 
+use reel_world::FailureClass;
 use serde::{Deserialize, Serialize};
-
-/// The four classes of failure (paper, failure analysis; SPEC section 7).
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
-pub enum Class {
-    /// The wrong object, or the wrong furniture.
-    #[serde(rename = "Object Confusion")]
-    ObjectConfusion,
-    /// Something that had to be done never was.
-    #[serde(rename = "Key Action Missing")]
-    KeyActionMissing,
-    /// What was done or seen is forgotten or made up.
-    #[serde(rename = "Lost Memory")]
-    LostMemory,
-    /// None of these.
-    #[serde(rename = "Other")]
-    Other,
-}
-
-impl Class {
-    /// All four, in the order of the paper's figure.
-    pub const ALL: [Class; 4] = [Class::ObjectConfusion, Class::KeyActionMissing, Class::LostMemory, Class::Other];
-
-    /// Its name in the taxonomy.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Class::ObjectConfusion => "Object Confusion",
-            Class::KeyActionMissing => "Key Action Missing",
-            Class::LostMemory => "Lost Memory",
-            Class::Other => "Other",
-        }
-    }
-}
-
-impl fmt::Display for Class {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
-    }
-}
 
 macro_rules! fault_kinds {
     ($($name:ident = $text:literal, $class:ident, $sub:literal, $about:literal;)*) => {
@@ -64,8 +27,8 @@ macro_rules! fault_kinds {
             }
 
             /// Its class.
-            pub fn class(self) -> Class {
-                match self { $(FaultKind::$name => Class::$class,)* }
+            pub fn class(self) -> FailureClass {
+                match self { $(FaultKind::$name => FailureClass::$class,)* }
             }
 
             /// Its sub-class; none where that depends on the object that was taken.
@@ -130,7 +93,7 @@ fault_kinds! {
 
 impl FaultKind {
     /// The kinds of a class.
-    pub fn of_class(class: Class) -> Vec<FaultKind> {
+    pub fn of_class(class: FailureClass) -> Vec<FaultKind> {
         Self::ALL.iter().copied().filter(|kind| kind.class() == class).collect()
     }
 }

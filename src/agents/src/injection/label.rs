@@ -1,9 +1,9 @@
 //! What was done wrong on purpose in an episode, and which of it decided. Never read by what classifies.
 
-use reel_world::record::PolicyInfo;
+use reel_world::{FailureClass, record::PolicyInfo};
 use serde::{Deserialize, Serialize};
 
-use crate::{Class, FaultKind, Injection};
+use crate::{FaultKind, Injection};
 
 /// What an episode of an [`crate::Injected`] policy should be classified as.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -30,7 +30,7 @@ pub struct FaultLabel {
     /// Its kind.
     pub kind: FaultKind,
     /// Its class.
-    pub class: Class,
+    pub class: FailureClass,
     /// Its sub-class.
     pub sub_class: String,
     /// The decision at which it began, from 0; none: it never came about.
@@ -43,7 +43,7 @@ pub struct FaultLabel {
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Primary {
     /// Its class.
-    pub class: Class,
+    pub class: FailureClass,
     /// Its sub-class.
     pub sub_class: String,
     /// The decision at which it began.

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 pub use clutter::cluttered;
 pub use injected::Injected;
-pub use kind::{Class, Detour, FaultKind};
+pub use kind::{Detour, FaultKind};
 pub use label::{FaultLabel, Label, Primary};
 pub use sample::{SampleOptions, admitted, paper_mix, sample};
 

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use rand_chacha::ChaCha8Rng;
-use reel_world::{Scene, Task};
+use reel_world::{FailureClass, Scene, Task};
 
-use super::{Class, Detour, Fault, FaultKind, Injected, Injection};
+use super::{Detour, Fault, FaultKind, Injected, Injection};
 use crate::random;
 
 /// Draws of a second fault before the first stays alone.
@@ -68,13 +68,13 @@ pub fn sample(task: &Arc<Task>, scene: &Scene, seed: u64, options: &SampleOption
 }
 
 /// A hundred episodes in the proportions of the paper's analysis: the class wanted of each, none for a success.
-pub fn paper_mix() -> Vec<Option<Class>> {
+pub fn paper_mix() -> Vec<Option<FailureClass>> {
     let counts = [
         (None, 47),
-        (Some(Class::ObjectConfusion), 25),
-        (Some(Class::KeyActionMissing), 17),
-        (Some(Class::LostMemory), 9),
-        (Some(Class::Other), 2),
+        (Some(FailureClass::ObjectConfusion), 25),
+        (Some(FailureClass::KeyActionMissing), 17),
+        (Some(FailureClass::LostMemory), 9),
+        (Some(FailureClass::Other), 2),
     ];
     counts.into_iter().flat_map(|(class, count)| std::iter::repeat_n(class, count)).collect()
 }

@@ -4,14 +4,14 @@
 use std::{collections::BTreeMap, fs, sync::Arc};
 
 use reel_agents::{
-    Class, Detour, EpisodeReport, Fault, FaultKind, Injected, Injection, Label, Policy, RecordTo, SampleOptions, Unfit, admitted,
+    Detour, EpisodeReport, Fault, FaultKind, Injected, Injection, Label, Policy, RecordTo, SampleOptions, Unfit, admitted,
     cluttered, paper_mix, run_injected, sample,
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::{GenerateOptions, generate, home};
 use reel_trace::Trace;
-use reel_world::{ErrorCode, Family, HORIZON, Profile, Scene, Task, record::PolicyInfo};
+use reel_world::{ErrorCode, FailureClass, Family, HORIZON, Profile, Scene, Task, record::PolicyInfo};
 
 use crate::{
     flat::{self, Flat},
@@ -76,6 +76,23 @@ fn a_label_names_the_decision_at_which_the_fault_began() {
     let (flat, label) = in_flat(fuzzy(), &one(FaultKind::IgnoredAnswer, 3));
     let asked = flat.names().iter().position(|name| *name == "ask").unwrap();
     assert!(asked < label.primary.unwrap().step as usize);
+}
+
+#[test]
+fn what_is_noticed_but_not_undone_is_not_repaired() {
+    let (mut held_on, mut undone) = (0, 0);
+    for seed in 0..40 {
+        let wrong = Fault { repaired: true, ..Fault::new(FaultKind::WrongAttribute) };
+        let end = Fault { position: 0.9, ..Fault::new(FaultKind::PrematureFinish) };
+        let injection = Injection { faults: vec![wrong, end], detours: Vec::new(), seed };
+        let (flat, label) = in_flat(tables(), &injection);
+        let in_hand = flat.held.as_ref().is_some_and(|held| *held != flat.task.target);
+        assert_eq!(label.faults[0].repaired, !in_hand, "seed {seed}: {label:?}");
+        let primary = label.primary.map(|primary| primary.sub_class);
+        assert_eq!(primary.as_deref(), Some(if in_hand { "wrong_attribute" } else { "premature_finish" }), "seed {seed}");
+        if in_hand { held_on += 1 } else { undone += 1 }
+    }
+    assert!(held_on > 0, "{held_on} and {undone}");
 }
 
 #[test]
@@ -144,8 +161,8 @@ fn samples_fit_repeat_and_spread_over_the_kinds() {
     assert_eq!(sample(&task, &scene, 1, &none), None);
     let mix = paper_mix();
     let of = |class| mix.iter().filter(|wanted| **wanted == class).count();
-    assert_eq!((mix.len(), of(None), of(Some(Class::ObjectConfusion)), of(Some(Class::Other))), (100, 47, 25, 2));
-    assert!(Class::ALL.iter().all(|class| !FaultKind::of_class(*class).is_empty()));
+    assert_eq!((mix.len(), of(None), of(Some(FailureClass::ObjectConfusion)), of(Some(FailureClass::Other))), (100, 47, 25, 2));
+    assert!(FailureClass::ALL.iter().all(|class| !FaultKind::of_class(*class).is_empty()));
 }
 
 /// Generated tasks of all families, and as many with a thing more.

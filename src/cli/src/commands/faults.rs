@@ -10,13 +10,13 @@ use std::{
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use reel_agents::{
-    Class, EpisodeReport, FaultKind, Injection, Label, RecordTo, SampleOptions, cluttered, paper_mix, run_injected, sample,
+    EpisodeReport, FaultKind, Injection, Label, RecordTo, SampleOptions, cluttered, paper_mix, run_injected, sample,
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions};
-use reel_world::{Profile, Scene, Task, record::PolicyInfo};
+use reel_world::{FailureClass, Profile, Scene, Task, record::PolicyInfo};
 use serde_json::json;
 
 use crate::{Answer, inputs, progress};
@@ -191,7 +191,7 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
 enum Wanted {
     Any,
     Success,
-    Class(Class),
+    Class(FailureClass),
 }
 
 struct Maker<'a> {

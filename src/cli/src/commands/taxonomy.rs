@@ -175,34 +175,21 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<Answer> {
         Store::open(&arguments.store)?.replace_classes(|| verdicts.classes())?;
     }
     spinner.finish_and_clear();
-    let mut counts: BTreeMap<(&str, &str), BTreeMap<&str, u64>> = BTreeMap::new();
-    let (mut flows, mut policies, mut families): (BTreeMap<_, u64>, BTreeSet<&str>, BTreeSet<&str>) = Default::default();
+    let mut table = Table::default();
     for (class, (family, policy)) in verdicts.classes().zip(verdicts.groups()) {
         if arguments.json {
             println!("{}", serde_json::to_string(&class)?);
         }
-        let counts = counts.entry((class.class, class.sub_class)).or_default();
-        *counts.entry(policy).or_default() += 1;
-        *counts.entry(family).or_default() += 1;
-        *flows.entry((family, class.class, class.sub_class)).or_default() += 1;
-        policies.insert(policy);
-        families.insert(family);
+        table.count((class.class, class.sub_class), family, policy);
     }
     let condition = arguments.condition.as_deref().unwrap_or("true");
     let (episodes, successes) = how_many(&session, condition)?;
     if !arguments.json {
-        let columns: Vec<&str> = families.iter().chain(&policies).copied().collect();
-        print!("{}", table(&counts, &columns, verdicts.len()));
+        print!("{}", table.text());
         println!("{} failures of {episodes} episodes; rules version {}", verdicts.len(), set.version().short());
     }
     if !arguments.sankey.is_empty() {
-        let flow = |((family, class, sub_class), episodes): (&(&str, &str, &str), &u64)| Flow {
-            family: (*family).to_owned(),
-            class: (*class).to_owned(),
-            sub_class: (*sub_class).to_owned(),
-            episodes: *episodes,
-        };
-        let flows: Vec<Flow> = flows.iter().map(flow).collect();
+        let flows = table.flows();
         let subtitle = format!("{} | rules version {}", arguments.store, set.version().short());
         let picture = Sankey::new("Why do they fail?", &subtitle, &flows, episodes, successes);
         arguments.sankey.iter().try_for_each(|file| draw(&picture, file))?;
@@ -228,30 +215,63 @@ fn draw(picture: &Sankey, file: &Path) -> anyhow::Result<()> {
     fs::write(file, bytes).with_context(|| format!("cannot write {}", file.display()))
 }
 
-/// Classes and sub-classes by family and by policy.
-fn table(counts: &BTreeMap<(&str, &str), BTreeMap<&str, u64>>, columns: &[&str], failures: usize) -> String {
-    let width = |name: &str| name.len().max(5);
-    let line = |name: &str, of: &dyn Fn(&str) -> u64, families: u64| {
-        let mut line = format!("{name:24} {families:8} {:6.1}%", 100.0 * families as f64 / failures.max(1) as f64);
-        columns.iter().for_each(|column| line += &format!(" {:>1$}", of(column), width(column)));
-        line + "\n"
-    };
-    let mut text = format!("{:24} episodes   share", "");
-    columns.iter().for_each(|column| text += &format!(" {column:>0$}", width(column)));
-    text.push('\n');
-    for class in CLASSES {
-        let of_class: Vec<_> = counts.iter().filter(|((name, _), _)| *name == class).collect();
-        let sum = |column: &str| of_class.iter().filter_map(|(_, counts)| counts.get(column)).sum::<u64>();
-        // every episode has one family, and one policy
-        let total = |counts: &BTreeMap<&str, u64>| counts.values().sum::<u64>() / 2;
-        text += &line(class, &sum, of_class.iter().map(|(_, counts)| total(counts)).sum());
-        let mut rows: Vec<_> = of_class.iter().map(|((_, sub_class), counts)| (total(counts), *sub_class, counts)).collect();
-        rows.sort_by(|one, other| other.0.cmp(&one.0).then(one.1.cmp(other.1)));
-        for (episodes, sub_class, counts) in rows {
-            text += &line(&format!("  {sub_class}"), &|column| counts.get(column).copied().unwrap_or(0), episodes);
-        }
+/// Episodes by class and sub-class, and within these by something else.
+type Counts<'a> = BTreeMap<(&'a str, &'a str), BTreeMap<&'a str, u64>>;
+
+/// How often each class and sub-class was found, by family and by policy.
+#[derive(Default)]
+struct Table<'a> {
+    by_family: Counts<'a>,
+    by_policy: Counts<'a>,
+}
+
+impl<'a> Table<'a> {
+    fn count(&mut self, class: (&'a str, &'a str), family: &'a str, policy: &'a str) {
+        *self.by_family.entry(class).or_default().entry(family).or_default() += 1;
+        *self.by_policy.entry(class).or_default().entry(policy).or_default() += 1;
     }
-    text
+
+    fn flows(&self) -> Vec<Flow> {
+        let of_class = |((class, sub_class), families): (&(&str, &str), &BTreeMap<&str, u64>)| {
+            let flow = |(family, episodes): (&&str, &u64)| Flow {
+                family: (*family).to_owned(),
+                class: (*class).to_owned(),
+                sub_class: (*sub_class).to_owned(),
+                episodes: *episodes,
+            };
+            families.iter().map(flow).collect::<Vec<_>>()
+        };
+        self.by_family.iter().flat_map(of_class).collect()
+    }
+
+    /// A line a class and sub-class, the families' columns first.
+    fn text(&self) -> String {
+        let sum = |counts: &BTreeMap<&str, u64>| counts.values().sum::<u64>();
+        let failures: u64 = self.by_family.values().map(sum).sum();
+        let columns = |of: &Counts<'a>| -> BTreeSet<&'a str> { of.values().flat_map(|counts| counts.keys().copied()).collect() };
+        let (families, policies) = (columns(&self.by_family), columns(&self.by_policy));
+        let width = |name: &str| name.len().max(5);
+        // `classes` are those that the line adds up
+        let line = |name: &str, classes: &[(&str, &str)]| {
+            let cell = |of: &Counts<'_>, column: &str| {
+                let counted = classes.iter().filter_map(|class| of.get(class)?.get(column)).sum::<u64>();
+                format!(" {counted:>0$}", width(column))
+            };
+            let episodes: u64 = classes.iter().filter_map(|class| self.by_family.get(class)).map(sum).sum();
+            let cells = families.iter().map(|column| cell(&self.by_family, column));
+            let cells: String = cells.chain(policies.iter().map(|column| cell(&self.by_policy, column))).collect();
+            format!("{name:24} {episodes:8} {:6.1}%{cells}\n", 100.0 * episodes as f64 / failures.max(1) as f64)
+        };
+        let heads: String = families.iter().chain(&policies).map(|column| format!(" {column:>0$}", width(column))).collect();
+        let mut text = format!("{:24} episodes   share{heads}\n", "");
+        for class in CLASSES {
+            let mut within: Vec<(&str, &str)> = self.by_family.keys().filter(|(name, _)| *name == class).copied().collect();
+            within.sort_by_key(|key| (std::cmp::Reverse(sum(&self.by_family[key])), key.1));
+            text += &line(class, &within);
+            within.iter().for_each(|key| text += &line(&format!("  {}", key.1), &[*key]));
+        }
+        text
+    }
 }
 
 /// The classes that the store holds.

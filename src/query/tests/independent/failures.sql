@@ -25,67 +25,25 @@ FROM swings s JOIN episodes USING (episode_id)
 QUALIFY row_number() OVER (PARTITION BY episode_id ORDER BY s.length DESC, first_step) = 1
 ORDER BY s.length DESC, policy, task_id, episode_id;
 
--- The first rule that holds, with its evidence; the header of `queries/failed_episodes.sql` has the rules.
+-- What table `classes` says of each failed episode, if it speaks of the same trace.
 CREATE TABLE judged AS
-WITH facts AS (
-  SELECT
-    e.*, t.src_door, t.dest_door, swing,
-    [call FOR call IN e.steps IF call.error_code IS NULL] AS done,
-    [call FOR call IN done IF call.tool = 'pick'][-1] AS pick,
-    [call FOR call IN done IF call.tool = 'place' AND call.goal_object][-1] AS place,
-    [call.receptacle FOR call IN done IF call.tool = 'open'] AS opened,
-    [call.step FOR call IN e.steps IF call.error_code = 'door_closed'][1] AS door,
-    list_max([call.candidates FOR call IN e.steps]) AS candidates
-  FROM told e JOIN tasks t USING (task_digest) LEFT JOIN answer.oscillations swing ON swing.episode_id = e.episode_id
-  WHERE NOT e.success
-),
-findings AS (
-  SELECT
-    *, fuzzy AND asks = 0 AS unasked, NOT pick.goal_object AS wrong_object,
-    pick.goal_object AND NOT place.goal_receptacle AS wrong_place
-  FROM facts
-),
-judgements AS (
-  SELECT *, [
-    {'rule': 1, 'class': 'Key Action Missing', 'cause': 'no question', 'holds': unasked AND wrong_object,
-     'evidence': concat('no ask, ', candidates, ' candidates seen; step ', pick.step, ' picked ', pick.object)},
-    {'rule': 1, 'class': 'Key Action Missing', 'cause': 'no question', 'holds': unasked AND wrong_place,
-     'evidence': concat('no ask; step ', place.step, ' placed on ', place.receptacle, ', not ', dest)},
-    {'rule': 2, 'class': 'Object Confusion', 'cause': 'wrong object', 'holds': wrong_object,
-     'evidence': concat('step ', pick.step, ' picked ', pick.object, ', not ', target)},
-    {'rule': 3, 'class': 'Object Confusion', 'cause': 'similar furniture', 'holds': wrong_place,
-     'evidence': concat('step ', place.step, ' placed on ', place.receptacle, ', not ', dest)},
-    {'rule': 4, 'class': 'Key Action Missing', 'cause': 'closed door', 'holds': door IS NOT NULL AND len(opened) = 0,
-     'evidence': concat('step ', door, ' met a closed door, none was opened')},
-    {'rule': 5, 'class': 'Lost Memory', 'cause': 'oscillation', 'holds': swing.length >= 4,
-     'evidence': concat(swing.length, ' nav_to between ', swing.one, ' and ', swing.other, ' from step ', swing.first_step)},
-    {'rule': 6, 'class': 'Key Action Missing', 'cause': 'closed door',
-     'holds': src_door = 'closed' AND NOT list_contains(opened, src)
-       OR dest_door = 'closed' AND pick.goal_object AND NOT list_contains(opened, dest),
-     'evidence': concat('door of ', src, ' or ', dest, ' never opened')},
-    {'rule': 7, 'class': 'Key Action Missing', 'cause': 'no question', 'holds': unasked AND pick IS NULL AND candidates > 1,
-     'evidence': concat('no ask, ', candidates, ' candidates seen, none picked')},
-    {'rule': 8, 'class': 'Key Action Missing', 'cause': if(pick IS NULL, 'never picked', 'never placed'),
-     'holds': end_reason = 'finished' AND (pick IS NULL OR NOT regexp_matches(word, '[lm]')),
-     'evidence': concat('finish after ', length, ' decisions')},
-    {'rule': 9, 'class': 'Lost Memory', 'cause': 'no progress', 'holds': end_reason = 'horizon',
-     'evidence': concat(length, ' decisions')},
-    {'rule': 10, 'class': 'Other', 'cause': 'other', 'holds': true,
-     'evidence': concat('last pick ', pick.object, ', last place ', place.receptacle)}
-  ] AS rules
-  FROM findings
-)
-SELECT *, unnest([rule FOR rule IN rules IF rule.holds][1]) FROM judgements;
+WITH opinions AS (SELECT episode_id || trace_digest AS what, list(classes)[1] AS said FROM classes GROUP BY what)
+SELECT
+  e.*, said.sub_class AS sub_class, said.rule AS rule, said.step AS step, said.last_step AS last_step, said.evidence AS evidence,
+  ifnull(said.class, 'not classified') AS name, e.steps[said.step + 1].tool AS call
+FROM told e LEFT JOIN opinions ON what = e.episode_id || e.trace_digest WHERE e.success = false;
 
 CREATE TABLE answer.failed_episodes AS
-SELECT class, cause, evidence, completion AS done, length, end_reason, policy, family, task_id, episode_id, trace
-FROM judged ORDER BY rule, policy, task_id, episode_id;
+SELECT
+  name AS class, sub_class, rule, step, last_step, call, evidence, completion AS done, length, end_reason, policy, family,
+  task_id, episode_id, trace
+FROM judged ORDER BY name, sub_class, policy, task_id, episode_id;
 
 CREATE TABLE answer.failures AS
 SELECT
-  policy, class, cause, count(*) AS episodes,
+  policy, name AS class, sub_class, count(*) AS episodes,
   count(*) / (SELECT count(*) FROM judged every WHERE every.policy = judged.policy) AS share, min(trace) AS example
-FROM judged GROUP BY policy, class, cause ORDER BY policy, episodes DESC, class, cause;
+FROM judged GROUP BY policy, name, sub_class ORDER BY policy, episodes DESC, name, sub_class;
 
 CREATE TABLE answer.errors AS
 WITH totals AS (SELECT policy, call.tool AS tool, count(*) AS total FROM calls GROUP BY ALL)

@@ -36,13 +36,13 @@ ORDER BY a.policy, b.policy, a.family, a.task_id, a.task_digest;
 
 CREATE TABLE answer.hardest_tasks AS
 WITH causes AS (
-  SELECT task_digest, class FROM judged GROUP BY task_digest, class
-  QUALIFY row_number() OVER (PARTITION BY task_digest ORDER BY count(*) DESC, class) = 1
+  SELECT task_digest, name FROM judged GROUP BY task_digest, name
+  QUALIFY row_number() OVER (PARTITION BY task_digest ORDER BY count(*) DESC, name) = 1
 )
 SELECT
   any_value(family) AS family, any_value(task_id) AS task_id, count(DISTINCT policy) AS policies,
   count(DISTINCT policy) FILTER (success) AS solved_by, count(*) AS episodes, share(success) AS success,
-  avg(completion) AS done, avg(length) AS length, any_value(class) AS failure, min(instruction) AS instruction
+  avg(completion) AS done, avg(length) AS length, any_value(name) AS failure, min(instruction) AS instruction
 FROM played LEFT JOIN causes USING (task_digest)
 GROUP BY task_digest ORDER BY success, round(done, 6), family, task_id, task_digest;
 

@@ -10,6 +10,7 @@ use std::{
 use reel_query::{Format, Parameters, Session, format, named};
 use reel_reward::Preset;
 use reel_tables::Store;
+use reel_taxonomy::{RuleSet, classify};
 use reel_trace::Images;
 use reel_world::{
     ErrorCode, Family,
@@ -125,6 +126,10 @@ fn rich_store(dir: &Path) -> Store {
     let report = store.ingest(&traces, &|_, _| ()).unwrap();
     assert_eq!((report.added, report.quarantined.len()), (traces.len() - 1, 1));
     store.rescore(&Preset::real_repo(), |_| ()).unwrap();
+    // all but one policy's failures are classified
+    let session = Session::new(Store::open(dir.join("store")).unwrap()).unwrap();
+    let verdicts = classify(&session, &RuleSet::built_in(), Some("policy <> 'student'")).unwrap();
+    store.replace_classes(|| verdicts.classes()).unwrap();
     store
 }
 

@@ -61,7 +61,7 @@ fn the_benchmark_counts_by_policy_and_family() {
 }
 
 #[test]
-fn every_failure_has_its_class_and_evidence() {
+fn failures_are_counted_by_what_went_wrong() {
     let dir = TempDir::new().unwrap();
     let new = |policy: &str, family| Play::new(policy, family, 1);
     let swing = |play: Play| play.nav("desk_1").nav("desk_2").nav("desk_1").nav("desk_2").nav("desk_1");
@@ -87,23 +87,9 @@ fn every_failure_has_its_class_and_evidence() {
         success("12", Family::FDP, 1),
     ];
     let session = Session::new(store(dir.path(), &plays)).unwrap();
-    let rows = ask(&session, "SELECT policy, class, cause, evidence FROM failed_episodes ORDER BY policy");
-    assert_eq!(
-        rows,
-        [
-            format!("01,Key Action Missing,no question,\"no ask, 2 candidates seen; step 2 picked {DISTRACTOR}\""),
-            format!("02,Object Confusion,wrong object,\"step 2 picked {DISTRACTOR}, not {TARGET}\""),
-            "03,Object Confusion,similar furniture,\"step 3 placed on desk_2, not desk_1\"".into(),
-            "04,Key Action Missing,closed door,\"step 3 met a closed door, none was opened\"".into(),
-            "05,Lost Memory,oscillation,5 nav_to between desk_1 and desk_2 from step 2".into(),
-            "06,Key Action Missing,closed door,door of table_1 or cabinet_1 never opened".into(),
-            "07,Key Action Missing,no question,\"no ask, 2 candidates seen, none picked\"".into(),
-            "08,Key Action Missing,never placed,finish after 3 decisions".into(),
-            "09,Lost Memory,no progress,3 decisions".into(),
-            format!("10,Other,other,\"last pick {TARGET}, last place \""),
-            "11,Object Confusion,similar furniture,\"step 4 placed on desk_2, not desk_1\"".into(),
-        ]
-    );
+    // nobody has classified them yet, and it says so
+    let rows = ask(&session, "SELECT class, count(*), count(sub_class) FROM failed_episodes GROUP BY class");
+    assert_eq!(rows, ["not classified,11,0"]);
     assert_eq!(ask(&session, "SELECT sum(episodes), sum(share) FROM failures"), ["11,11.0"]);
     let rows = ask(&session, "SELECT length, first_step, one, other, policy FROM oscillations ORDER BY length DESC");
     assert_eq!(rows, ["5,2,desk_1,desk_2,05", "3,0,desk_1,table_1,09"]);

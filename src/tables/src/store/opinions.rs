@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use deltalake::kernel::Action;
+use deltalake::{DeltaTable, kernel::Action};
 use serde::{Deserialize, Serialize};
 
 use super::{Refused, Store, StoreError, TRIES_MAX, parts::parts};
@@ -106,7 +106,7 @@ impl Store {
     /// When the store cannot be read or written.
     pub fn change_labels(&mut self, change: impl Fn(Vec<Label>) -> Vec<Label>) -> Result<(), StoreError> {
         self.replace(Table::Labels, |store| {
-            let before = store.rows_of(&store.newest(Table::Labels)?)?;
+            let before = store.labels()?;
             let after = change(before.clone());
             Ok((after != before).then_some(after))
         })
@@ -130,6 +130,7 @@ impl Store {
         Err(StoreError::Busy { tries: TRIES_MAX, location: self.location.to_string() })
     }
 
+    /// What a commit of `episodes` does not name yet goes too: whoever wrote it will be refused there, and try again.
     fn try_replace<R: Serialize>(&self, table: Table, rows: impl IntoIterator<Item = R>) -> Result<(), Refused> {
         let newest = self.newest(table)?;
         let mut actions: Vec<Action> = parts(&newest).into_iter().map(|part| Action::Remove(part.remove)).collect();
@@ -151,7 +152,7 @@ impl Store {
         self.commit_episodes(Vec::new(), &BTreeMap::from([(table, version)])).map(drop)
     }
 
-    fn rows_of<R: for<'a> Deserialize<'a>>(&self, table: &deltalake::DeltaTable) -> Result<Vec<R>, StoreError> {
+    fn rows_of<R: for<'a> Deserialize<'a>>(&self, table: &DeltaTable) -> Result<Vec<R>, StoreError> {
         let mut rows: Vec<R> = Vec::new();
         self.read_parts(table, &parts(table), None, |_, batch| {
             rows.extend(serde_arrow::from_record_batch::<Vec<R>>(&batch).map_err(crate::RowsError::from)?);

@@ -12,7 +12,7 @@ use arrow::{
 };
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use play::{DISTRACTOR, Play, TARGET, success};
-use reel_tables::{Store, StoreError, Table, episode_batch};
+use reel_tables::{Label, Store, StoreError, Table, episode_batch};
 use reel_trace::Images;
 use reel_world::{ErrorCode, Family, record::EndReason};
 use tempfile::TempDir;
@@ -279,4 +279,46 @@ fn two_ingests_at_a_time_lose_nothing_and_double_nothing() {
     let store = Store::open(folder).unwrap();
     assert_eq!((rows(&store, Table::Episodes), traces(&store).len()), (24, 24));
     assert_eq!((rows(&store, Table::Tasks), rows(&store, Table::Scenes)), (1, 1));
+}
+
+#[test]
+fn labels_of_two_at_a_time_stay() {
+    let dir = TempDir::new().unwrap();
+    let folder = &dir.path().join("store");
+    Store::open_or_create(folder).unwrap();
+    let label = |author: &str, episode: usize| Label {
+        episode_id: format!("e{episode}"),
+        author: author.into(),
+        kind: "human".into(),
+        class: "Other".into(),
+        sub_class: None,
+        step: None,
+        confidence: None,
+        note: None,
+        at_ms: 1,
+    };
+    std::thread::scope(|scope| {
+        for author in ["ann", "bob", "cem"] {
+            scope.spawn(move || {
+                let mut store = Store::open(folder).unwrap();
+                for episode in 0..4 {
+                    let said = |mut before: Vec<Label>| {
+                        before.push(label(author, episode));
+                        before
+                    };
+                    store.change_labels(said).unwrap();
+                }
+            });
+        }
+    });
+    let store = Store::open(folder).unwrap();
+    let mut said: Vec<(String, String)> =
+        store.labels().unwrap().into_iter().map(|label| (label.author, label.episode_id)).collect();
+    assert_eq!(said.len(), 12);
+    said.sort();
+    said.dedup();
+    assert_eq!(said.len(), 12);
+    // the labels of an earlier version are still those of that version
+    let before = Store::open_at(folder, store.version() - 1).unwrap();
+    assert_eq!(before.labels().unwrap().len(), 11);
 }

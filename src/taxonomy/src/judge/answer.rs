@@ -4,6 +4,7 @@
 use serde_json::{Deserializer, Map, Value};
 
 use super::{Case, Opinion, vocabulary};
+use crate::CLASSES;
 
 /// Places in a text that are tried as the beginning of a JSON object.
 const TRIES_MAX: usize = 1000;
@@ -20,9 +21,8 @@ pub(super) fn parse(text: &str, case: &Case) -> Result<Opinion, String> {
     let field = |name: &str| fields.iter().find(|(key, _)| vocabulary::letters(key) == name).map(|(_, value)| value);
 
     let named = words(field("class")).unwrap_or_default();
-    let (class, sub_classes) = vocabulary::class(&named).ok_or_else(|| {
-        let names: Vec<&str> = vocabulary::CLASSES.iter().map(|(class, _)| *class).collect();
-        format!("`class` is {:?}, and has to be one of {}", one_line(&named, NAME_CHARACTERS), names.join(", "))
+    let class = vocabulary::class(&named).ok_or_else(|| {
+        format!("`class` is {:?}, and has to be one of {}", one_line(&named, NAME_CHARACTERS), CLASSES.join(", "))
     })?;
     let (mut sub_class, mut proposed_sub_class) = (None, None);
     for name in [words(field("proposedsubclass")), words(field("subclass"))].into_iter().flatten() {
@@ -31,7 +31,7 @@ pub(super) fn parse(text: &str, case: &Case) -> Result<Opinion, String> {
             Some((of, known)) => {
                 return Err(format!(
                     "`sub_class` {known} belongs to {of}; the sub-classes of {class} are {}",
-                    sub_classes.join(", ")
+                    vocabulary::sub_classes(class).join(", ")
                 ));
             }
             None => proposed_sub_class = Some(one_line(&name, NAME_CHARACTERS)),

@@ -8,7 +8,8 @@ use serde_json::json;
 
 use super::{Case, Options, Picture, Turn};
 
-const PROMPT: &str = include_str!("../../prompts/judge.md");
+/// What the judge is told before it gets a record.
+pub(super) const PROMPT: &str = include_str!("../../prompts/judge.md");
 
 /// Most bytes of one text of a step.
 const TEXT_BYTES_MAX: usize = 2_000;
@@ -131,21 +132,11 @@ fn spread(pictures: &[Picture], count: usize) -> impl Iterator<Item = &Picture> 
 
 #[cfg(test)]
 mod tests {
-    use super::{super::vocabulary::CLASSES, *};
+    use super::*;
 
     fn case(steps: u32, words: &str) -> Case {
         let turn = |step| Turn { step, call: "finish()".to_owned(), reasoning: words.to_owned(), ..Turn::default() };
         Case { instruction: format!("bring me the mug {words}"), transcript: (0..steps).map(turn).collect(), ..Case::default() }
-    }
-
-    #[test]
-    fn the_prompt_explains_every_name() {
-        for (class, sub_classes) in CLASSES {
-            assert!(PROMPT.contains(&format!("\n{class}: ")), "{class}");
-            for sub_class in *sub_classes {
-                assert!(PROMPT.contains(&format!("\n- {sub_class}: ")), "{sub_class}");
-            }
-        }
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! Owns the colours of the diagram: four hues of Okabe and Ito's colour-blind-safe set for the classes, their tints for
 //! sub-classes, greys for the rest.
 
+use reel_world::FailureClass;
+
 /// Red, green, blue.
 pub type Color = [u8; 3];
 
@@ -20,10 +22,10 @@ pub const GOOD: Color = [0, 158, 115];
 
 /// The classes of the taxonomy in their order, with their hues.
 pub const CLASSES: [(&str, Color); 4] = [
-    ("Object Confusion", [0, 114, 178]),
-    ("Key Action Missing", [230, 159, 0]),
-    ("Lost Memory", [0, 158, 115]),
-    ("Other", [204, 121, 167]),
+    (FailureClass::ObjectConfusion.as_str(), [0, 114, 178]),
+    (FailureClass::KeyActionMissing.as_str(), [230, 159, 0]),
+    (FailureClass::LostMemory.as_str(), [0, 158, 115]),
+    (FailureClass::Other.as_str(), [204, 121, 167]),
 ];
 
 /// The hue of a class.

@@ -82,6 +82,11 @@ fn cases() -> Vec<Case> {
             (begin(n, FDP).pick(TARGET).nav("desk_1").nav("desk_2").place("desk_2").finish(), "similar_furniture", 5, &[])
         }),
         Box::new(|n| (begin(n, FDP).pick(TARGET).nav("table_2").place("table_2").finish(), "wrong_receptacle", 4, &[])),
+        // put back and nothing taken instead: what is missing is the rest of the work
+        Box::new(|n| (begin(n, FDP).pick(DISTRACTOR).place("table_1").finish(), "premature_finish", 4, &[])),
+        Box::new(|n| (horizon(begin(n, FDP).pick(DISTRACTOR).place("table_1").find("alarm clock")), "timeout", 4, &[])),
+        // put down elsewhere it is still the wrong one
+        Box::new(|n| (horizon(begin(n, FDP).pick(DISTRACTOR).place("table_2").find("alarm clock")), "wrong_attribute", 2, &[])),
         // mended: the wrong object was put back, the wrong place is what is left
         Box::new(|n| {
             (begin(n, FDP).pick(DISTRACTOR).place("table_1").pick(TARGET).place("desk_2").finish(), "similar_furniture", 5, &[])
