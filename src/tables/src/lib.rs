@@ -17,7 +17,7 @@ pub use rows::RowsError;
 pub use schema::{Table, View, views};
 pub use store::{
     Class, Commit, CompactReport, Finding, IngestReport, Label, Location, Progress, RescoreReport, STACK_BYTES, Store,
-    StoreError, VacuumReport,
+    StoreError, TraceVerdict, VacuumReport,
 };
 pub use synthetic::synthesize;
 
@@ -29,4 +29,12 @@ pub fn episode_batch(traces: &[Trace]) -> Result<RecordBatch, RowsError> {
     let mut rows = rows::Rows::new(Table::Episodes)?;
     traces.iter().try_for_each(|trace| rows.push_episode(trace, 0))?;
     rows.finish()
+}
+
+/// The rows of a batch as structs; fields are found by name, and those that the struct lacks are left out.
+///
+/// # Errors
+/// When a column is missing, or does not fit its field.
+pub fn rows_from<'a, R: serde::Deserialize<'a>>(batch: &'a RecordBatch) -> Result<Vec<R>, RowsError> {
+    Ok(serde_arrow::from_record_batch(batch)?)
 }

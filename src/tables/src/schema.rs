@@ -25,6 +25,8 @@ pub enum Table {
     Classes,
     /// Why they failed, by people, judges and those who injected the fault. The rules never read it.
     Labels,
+    /// What replaying trace files found. Bound to no version of the store.
+    Verdicts,
 }
 
 /// A column: its name, type, whether it may be null, and what it says.
@@ -330,10 +332,27 @@ const LABELS: &[Column] = &[
     must("at_ms", Long, "when it was said, milliseconds since 1970"),
 ];
 
+const VERDICTS: &[Column] = &[
+    must("file_digest", Text, "BLAKE3 of the trace file's bytes"),
+    must("trace_digest", Text, "the trace's chain digest; empty where the file could not be read"),
+    must("sim_version", Int, "version of the simulator that replayed it"),
+    must("build", Text, "version of Reel that replayed it"),
+    must("verdict", Text, "`exact`, `diverged`, `other_simulator`, `not_replayable` or `refused`"),
+    must("reason", Text, "what was found, in words"),
+];
+
 impl Table {
     /// Every table, in the order of the documents.
-    pub const ALL: [Table; 7] =
-        [Table::Episodes, Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine, Table::Classes, Table::Labels];
+    pub const ALL: [Table; 8] = [
+        Table::Episodes,
+        Table::Tasks,
+        Table::Scenes,
+        Table::Rescored,
+        Table::Quarantine,
+        Table::Classes,
+        Table::Labels,
+        Table::Verdicts,
+    ];
 
     /// Its name in SQL and as a folder.
     pub fn name(self) -> &'static str {
@@ -345,6 +364,7 @@ impl Table {
             Table::Quarantine => "quarantine",
             Table::Classes => "classes",
             Table::Labels => "labels",
+            Table::Verdicts => "verdicts",
         }
     }
 
@@ -360,6 +380,9 @@ impl Table {
             Table::Labels => {
                 "One row an episode and author: why it failed, by people, judges and injected faults; written by `reel label`."
             }
+            Table::Verdicts => {
+                "One row a trace file that was replayed for an export, and what was found; the same in every version of the store."
+            }
         }
     }
 
@@ -373,6 +396,7 @@ impl Table {
             Table::Quarantine => QUARANTINE,
             Table::Classes => CLASSES,
             Table::Labels => LABELS,
+            Table::Verdicts => VERDICTS,
         }
     }
 

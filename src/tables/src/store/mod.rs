@@ -4,7 +4,7 @@
 //! `episodes`: each of its commits names, as Delta application transactions, the version of every other table that belongs
 //! to it. A reader opens `episodes` at a version and the others at the versions named there, so that it never sees half of
 //! an ingest; two writers that commit at a time conflict on those names, and the later one looks again and repeats.
-//! Nobody outside this folder knows how the tables lie.
+//! Only `verdicts` hangs on no version. Nobody outside this folder knows how the tables lie.
 
 mod ingest;
 mod location;
@@ -12,6 +12,7 @@ mod maintenance;
 mod opinions;
 mod parts;
 mod rescored;
+mod verdicts;
 
 use std::{collections::BTreeMap, ffi::OsStr, io, path::PathBuf, sync::Arc};
 
@@ -34,6 +35,7 @@ pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
 pub use opinions::{Class, Finding, Label};
 pub use rescored::RescoreReport;
+pub use verdicts::TraceVerdict;
 
 use crate::Table;
 
@@ -372,7 +374,7 @@ fn runtime() -> Result<Arc<Runtime>, StoreError> {
 }
 
 async fn create(location: &Location) -> Result<(), StoreError> {
-    for table in SIDE.into_iter().chain([Table::Episodes]) {
+    for table in SIDE.into_iter().chain([Table::Verdicts, Table::Episodes]) {
         if location.has(table.name()).await? {
             continue;
         }
@@ -417,6 +419,7 @@ async fn load(location: &Location, version: Option<u64>) -> Result<BTreeMap<Tabl
         let version = named.and_then(|version| u64::try_from(version).ok()).unwrap_or(0);
         tables.insert(table, open(location, table, Some(version)).await?);
     }
+    tables.insert(Table::Verdicts, open(location, Table::Verdicts, None).await?);
     tables.insert(Table::Episodes, episodes);
     Ok(tables)
 }

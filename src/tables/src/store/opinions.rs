@@ -152,7 +152,7 @@ impl Store {
         self.commit_episodes(Vec::new(), &BTreeMap::from([(table, version)])).map(drop)
     }
 
-    fn rows_of<R: for<'a> Deserialize<'a>>(&self, table: &DeltaTable) -> Result<Vec<R>, StoreError> {
+    pub(super) fn rows_of<R: for<'a> Deserialize<'a>>(&self, table: &DeltaTable) -> Result<Vec<R>, StoreError> {
         let mut rows: Vec<R> = Vec::new();
         self.read_parts(table, &parts(table), None, |_, batch| {
             rows.extend(serde_arrow::from_record_batch::<Vec<R>>(&batch).map_err(crate::RowsError::from)?);

@@ -61,8 +61,11 @@ impl Store {
         parts(&self.tables[&table])
     }
 
-    /// Reads some columns of a table (nested ones by their Parquet paths), batch by batch.
-    pub(crate) fn read(
+    /// Reads some columns of a table (nested ones by their Parquet paths), batch by batch, in the order of its files.
+    ///
+    /// # Errors
+    /// When the store cannot be read, and what `take` says.
+    pub fn read(
         &self,
         table: Table,
         columns: &[&str],

@@ -12,7 +12,7 @@ use arrow::{
 };
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use play::{DISTRACTOR, Play, TARGET, success};
-use reel_tables::{Label, Store, StoreError, Table, episode_batch};
+use reel_tables::{Label, Store, StoreError, Table, TraceVerdict, episode_batch};
 use reel_trace::Images;
 use reel_world::{ErrorCode, Family, record::EndReason};
 use tempfile::TempDir;
@@ -321,4 +321,34 @@ fn labels_of_two_at_a_time_stay() {
     // the labels of an earlier version are still those of that version
     let before = Store::open_at(folder, store.version() - 1).unwrap();
     assert_eq!(before.labels().unwrap().len(), 11);
+}
+
+#[test]
+fn verdicts_belong_to_no_version() {
+    let dir = TempDir::new().unwrap();
+    let folder = &dir.path().join("store");
+    let store = Store::open_or_create(folder).unwrap();
+    let verdict = |file: usize| TraceVerdict {
+        file_digest: format!("file {file}"),
+        trace_digest: "a trace".into(),
+        sim_version: 1,
+        build: "0".into(),
+        verdict: "exact".into(),
+        reason: "it is".into(),
+    };
+    std::thread::scope(|scope| {
+        for writer in 0..3 {
+            let store = &store;
+            scope.spawn(move || (0..4).for_each(|file| store.keep_verdicts(&[verdict(4 * writer + file)]).unwrap()));
+        }
+    });
+    let mut kept = Store::open_at(folder, store.version()).unwrap().verdicts().unwrap();
+    kept.sort_by_key(|verdict| verdict.file_digest[5..].parse::<usize>().unwrap());
+    assert_eq!(kept, (0..12).map(verdict).collect::<Vec<_>>());
+    // merging their files keeps them, and moves no version either
+    let mut store = Store::open(folder).unwrap();
+    let version = store.version();
+    let report = store.compact().unwrap();
+    assert_eq!((report.files_before, report.files_after, report.version), (12, 1, version));
+    assert_eq!(store.verdicts().unwrap().len(), 12);
 }
