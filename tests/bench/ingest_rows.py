@@ -77,6 +77,7 @@ class Rows:
     def clear(self):
         self.episodes, self.steps, self.step_counts, self.quarantine = [], [], [], []
         self.start_objects, self.start_object_counts, self.start_changes, self.start_change_counts = [], [], [], []
+        self.listed, self.listed_counts = [], []
         self.new_objects, self.new_object_counts, self.changes, self.change_counts = [], [], [], []
         self.terms, self.term_counts, self.markers, self.marker_counts = [], [], [], []
         self.visible, self.visible_counts = [], []
@@ -136,6 +137,8 @@ class Rows:
             visible = [*map(VISIBLE, result.visible)]
             self.visible += visible
             self.visible_counts.append(len(visible))
+            self.listed += result.listed
+            self.listed_counts.append(len(result.listed))
             shown = chain([thing[0] for thing in visible], result.listed)
             new = [thing for thing in shown if thing not in seen and not see(thing)]
             if new:
@@ -203,6 +206,8 @@ class Rows:
         steps = columns_of(STEP_COLUMNS, self.steps)
         for name in ("error_code", "error_class", "object", "receptacle", "held", "reasoning", "history", "plan", "raw"):
             steps[name] = [value or None for value in steps[name]]
+        steps["listed"] = Nested(self.listed_counts, self.listed)
+        steps["contradictions"] = [0] * len(self.steps)
         steps["new_objects"] = Nested(self.new_object_counts, self.new_objects)
         steps["changes"] = Nested(self.change_counts, with_assets(columns_of(change, self.changes)))
         steps["terms"] = Nested(self.term_counts, columns_of(("component", "value", "reason"), self.terms))

@@ -27,8 +27,9 @@ pub use difference::{Divergence, Moment};
 pub use explain::{Explanation, FieldChange, PictureChange, body_changes, explain, state_at};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Differing, Replay};
+pub use reel_sim::SIM_VERSION;
 pub use repack::{RepackError, compact, expand};
-pub use seek::{SnapshotCache, picture_at, seek, verify_restored};
+pub use seek::{SnapshotCache, picture_at, pictures_at, seek, verify_restored};
 
 /// What a replay found.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -2,6 +2,7 @@
 //! The cache may be deleted at any time; what is damaged in it is passed over and made again.
 
 use std::{
+    collections::{BTreeMap, BTreeSet},
     fs, io,
     path::{Path, PathBuf},
 };
@@ -65,6 +66,44 @@ pub fn picture_at(trace: &Trace, call: Option<u32>, cache: Option<&SnapshotCache
     let output = replay.step()?.ok_or_else(|| no_call(trace, call as usize))?;
     let simulator = replay.episode().simulator();
     Ok(output.frame.unwrap_or_else(|| simulator.picture_from(&simulator.camera())).rgb)
+}
+
+/// The pictures (RGB) that the agent got at these moments (none: before the first call): those that the trace holds, or drawn
+/// again.
+///
+/// # Errors
+/// Why a picture cannot be had, or the first difference on the way.
+pub fn pictures_at(trace: &Trace, moments: &BTreeSet<Option<u32>>) -> Result<BTreeMap<Option<u32>, Vec<u8>>, Verdict> {
+    let none = |moment: &Option<u32>| Verdict::Refused {
+        reason: match moment {
+            Some(call) => format!("the agent got no picture from call {call}"),
+            None => "the agent got no picture before the first call".into(),
+        },
+    };
+    if trace.image_count() > 0 {
+        let frame = |moment: &Option<u32>| {
+            let pixels = trace.frame_rgb(*moment).map_err(|error| refused(&error))?;
+            Ok((*moment, pixels.ok_or_else(|| none(moment))?))
+        };
+        return moments.iter().map(frame).collect();
+    }
+    let Some(last) = moments.last() else { return Ok(BTreeMap::new()) };
+    let mut found = BTreeMap::new();
+    let (mut replay, start) = Replay::start(trace, Detail::Picture)?;
+    if moments.contains(&None) {
+        found.insert(None, start.rgb);
+    }
+    while found.keys().next_back() < Some(last) {
+        let output = replay.step()?.ok_or_else(|| none(last))?;
+        let moment = Some(output.record.step);
+        if let Some(frame) = output.frame.filter(|_| moments.contains(&moment)) {
+            found.insert(moment, frame.rgb);
+        }
+    }
+    match moments.iter().find(|moment| !found.contains_key(*moment)) {
+        Some(moment) => Err(none(moment)),
+        None => Ok(found),
+    }
 }
 
 fn no_call(trace: &Trace, call: usize) -> Verdict {

@@ -159,6 +159,8 @@ pub const STEP: &[Column] = &[
     may("raw", Text, "the policy's output as it came"),
     may("tokens_read", Int, "tokens that the model read"),
     may("tokens_written", Int, "tokens that it wrote"),
+    must("contradictions", Int, "claims of the policy's own summary that the record refutes"),
+    must("listed", List(&Text), "instances of whose existence the policy was told in words"),
     must("new_objects", List(&Text), "instances seen or listed for the first time"),
     must("changes", List(&Struct(CHANGE)), "changes of the world graphs; the view `world_diffs`"),
     must("terms", List(&Struct(TERM)), "reward terms under the episode's preset that are not zero; the view `rewards`"),

@@ -387,6 +387,8 @@ impl<'a> Play<'a, '_> {
             raw: None,
             tokens_read: Some(900 + self.chance.below(600) as u32),
             tokens_written: Some(60 + self.chance.below(200) as u32),
+            contradictions: 0,
+            listed: Vec::new(),
             new_objects: Vec::new(),
             changes: Vec::new(),
             terms: time.into_iter().collect(),

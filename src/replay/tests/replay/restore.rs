@@ -1,9 +1,9 @@
 //! From every call of an episode the future after a restore is that of the original, through bytes and through the cache.
 
-use std::fs;
+use std::{collections::BTreeSet, fs};
 
 use rayon::prelude::*;
-use reel_replay::{SnapshotCache, seek, verify_restored};
+use reel_replay::{SnapshotCache, pictures_at, seek, verify_restored};
 use reel_trace::{Images, Trace};
 
 use crate::episodes::{record, tasks};
@@ -55,4 +55,23 @@ fn seeking_gives_the_same_bits_from_the_start_from_the_cache_and_past_a_damaged_
     assert!(seek(&trace, last / 2, Some(&cache)).unwrap().finish(|_, _| {}).unwrap().is_exact());
     assert!(cache.get(&trace, last / 2).is_some(), "a damaged snapshot is not made again");
     assert!(seek(&trace, last + 1, None).is_err());
+}
+
+#[test]
+fn pictures_drawn_again_are_those_that_were_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let [full, lean] = [Images::Full, Images::None].map(|images| {
+        let path = record(&folder.path().join(format!("{images:?}.mcap")), &tasks()[0], "oracle", images);
+        Trace::read(&path).unwrap()
+    });
+    assert!(full.image_count() > 0 && lean.image_count() == 0);
+    let pictured = full.steps.iter().filter(|record| record.digests.frame.is_some()).map(|record| Some(record.step));
+    let moments: BTreeSet<Option<u32>> = pictured.step_by(2).chain([None]).collect();
+    let recorded = pictures_at(&full, &moments).unwrap();
+    assert_eq!(recorded.keys().collect::<Vec<_>>(), moments.iter().collect::<Vec<_>>());
+    assert!(recorded == pictures_at(&lean, &moments).unwrap());
+    for trace in [&full, &lean] {
+        let verdict = pictures_at(trace, &BTreeSet::from([Some(999)])).unwrap_err();
+        assert_eq!(verdict.to_string(), "REFUSED the agent got no picture from call 999");
+    }
 }

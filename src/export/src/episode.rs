@@ -1,0 +1,231 @@
+//! A row of the store as an episode in plain text: with the words of its policy, or with words written for it. Never looks
+//! at a file.
+
+use std::{borrow::Cow, collections::HashMap};
+
+use reel_annotate::{Marked, Note, PublicTask, Step as Decision, Thing};
+use reel_dataset::{Receptacle, Secrets, Step};
+use reel_history::{Checker, Deed, Setting, mend};
+use reel_trace::Trace;
+use reel_world::{ErrorCode, ObjectInstance, Scene, Task};
+use serde::Deserialize;
+
+/// Columns of `episodes` that a [`Row`] is made of.
+pub(crate) const COLUMNS: &[&str] = &[
+    "episode_id",
+    "task_id",
+    "task_digest",
+    "scene_digest",
+    "scene_id",
+    "family",
+    "policy",
+    "profile",
+    "preset",
+    "trace",
+    "trace_digest",
+    "steps.list.element.step",
+    "steps.list.element.tool",
+    "steps.list.element.call_name",
+    "steps.list.element.arguments",
+    "steps.list.element.argument",
+    "steps.list.element.text",
+    "steps.list.element.error_code",
+    "steps.list.element.error_class",
+    "steps.list.element.receptacle",
+    "steps.list.element.held",
+    "steps.list.element.reasoning",
+    "steps.list.element.history",
+    "steps.list.element.plan",
+    "steps.list.element.raw",
+    "steps.list.element.reply",
+    "steps.list.element.listed",
+    "steps.list.element.contradictions",
+    "steps.list.element.marker_map",
+    "steps.list.element.visible_objects.list.element.object",
+];
+
+/// An episode as the store has it.
+#[derive(Deserialize)]
+pub(crate) struct Row<'a> {
+    pub episode_id: &'a str,
+    pub task_id: &'a str,
+    pub task_digest: &'a str,
+    pub scene_digest: &'a str,
+    pub scene_id: &'a str,
+    pub family: &'a str,
+    pub policy: &'a str,
+    pub profile: &'a str,
+    pub preset: &'a str,
+    pub trace: &'a str,
+    pub trace_digest: &'a str,
+    pub steps: Vec<StepRow<'a>>,
+}
+
+#[derive(Deserialize)]
+pub(crate) struct StepRow<'a> {
+    pub step: u32,
+    tool: &'a str,
+    call_name: &'a str,
+    arguments: &'a str,
+    argument: Option<&'a str>,
+    text: &'a str,
+    error_code: Option<&'a str>,
+    error_class: Option<&'a str>,
+    receptacle: Option<&'a str>,
+    held: Option<&'a str>,
+    reasoning: Option<&'a str>,
+    history: Option<&'a str>,
+    plan: Option<&'a str>,
+    raw: Option<&'a str>,
+    reply: Option<&'a str>,
+    contradictions: u32,
+    listed: Vec<&'a str>,
+    marker_map: Vec<MarkerRow<'a>>,
+    visible_objects: Vec<VisibleRow<'a>>,
+}
+
+#[derive(Deserialize)]
+struct MarkerRow<'a> {
+    marker: u32,
+    kind: &'a str,
+    id: &'a str,
+}
+
+#[derive(Deserialize)]
+struct VisibleRow<'a> {
+    object: &'a str,
+}
+
+/// What the episodes of a task have in common.
+pub(crate) struct Known {
+    task: Task,
+    public: PublicTask,
+    /// Places of the objects in the task, by their instances.
+    objects: HashMap<String, usize>,
+    pub receptacles: Vec<Receptacle>,
+    pub secrets: Secrets,
+}
+
+impl Known {
+    /// From the documents of the task and its scene.
+    ///
+    /// # Errors
+    /// Which of them is none.
+    pub fn of(task: &str, scene: &str) -> Result<Self, String> {
+        let task: Task = serde_json::from_str(task).map_err(|error| format!("the task in the tables is damaged: {error}"))?;
+        let scene: Scene = serde_json::from_str(scene).map_err(|error| format!("the scene in the tables is damaged: {error}"))?;
+        let receptacle = |it: &reel_world::Receptacle| Receptacle {
+            id: it.id.to_string(),
+            category: it.category.clone(),
+            room: it.room.clone(),
+        };
+        Ok(Self {
+            public: PublicTask::of(&task, &scene),
+            objects: task.objects.iter().enumerate().map(|(index, object)| (object.instance.to_string(), index)).collect(),
+            receptacles: scene.receptacles.iter().map(receptacle).collect(),
+            secrets: Secrets::of_task(&task),
+            task,
+        })
+    }
+
+    /// What the agent is told to do.
+    pub fn instruction(&self) -> &str {
+        &self.task.instruction
+    }
+
+    fn object(&self, instance: &str) -> Option<&ObjectInstance> {
+        self.objects.get(instance).map(|index| &self.task.objects[*index])
+    }
+}
+
+impl Row<'_> {
+    /// Whether a model spoke for itself.
+    pub fn has_words(&self) -> bool {
+        self.steps.iter().any(|step| step.raw.is_some())
+    }
+
+    /// The decisions, without words, pictures, or anything to learn.
+    pub fn decisions(&self) -> Vec<Step> {
+        let decision = |step: &StepRow<'_>| Step {
+            call: step.step,
+            tool: step.tool.to_owned(),
+            call_name: step.call_name.to_owned(),
+            // what was called may be anything: as text, where it is no JSON
+            arguments: serde_json::from_str(step.arguments).unwrap_or_else(|_| step.arguments.into()),
+            outcome: step.text.to_owned(),
+            error: step.error_class.zip(step.error_code).map(|(class, code)| format!("{class}: {code}")),
+            ..Step::default()
+        };
+        self.steps.iter().map(decision).collect()
+    }
+
+    /// Words that the rules write.
+    pub fn written(&self, known: &Known, seed: u64) -> Vec<Note> {
+        let steps: Vec<Decision<'_>> = self.steps.iter().map(|step| step.decision(known)).collect();
+        reel_annotate::annotate(&known.public, &steps, seed)
+    }
+
+    /// The policy's own words.
+    pub fn recorded(&self) -> Vec<Note> {
+        let words = |step: &StepRow<'_>| {
+            let plan = step.plan.unwrap_or_default();
+            let (schedule, subtask) = plan.split_once(SUBTASK).unwrap_or((plan, ""));
+            let part = |text: &str| text.trim().trim_start_matches(SCHEDULE).trim().to_owned();
+            Note {
+                reasoning: step.reasoning.unwrap_or_default().to_owned(),
+                history: step.history.unwrap_or_default().to_owned(),
+                schedule: part(schedule),
+                subtask: part(subtask),
+            }
+        };
+        self.steps.iter().map(words).collect()
+    }
+
+    /// Whether a History of the policy says what the record refutes.
+    pub fn contradicts(&self) -> bool {
+        self.steps.iter().any(|step| step.contradictions > 0)
+    }
+}
+
+/// What stands before the parts of a plan.
+const SCHEDULE: &str = "New Schedule:";
+const SUBTASK: &str = "Current subtask:";
+
+impl<'a> StepRow<'a> {
+    fn decision(&'a self, known: &'a Known) -> Decision<'a> {
+        let thing = |instance: &str| known.object(instance).map(Thing::of);
+        let marked = |marker: &MarkerRow<'a>| match marker.kind {
+            "object" => thing(marker.id).map(Marked::Object),
+            _ => Some(Marked::Receptacle(marker.id)),
+        };
+        let mut seen: Vec<Thing<'_>> = Vec::new();
+        for instance in self.listed.iter().copied().chain(self.visible_objects.iter().map(|visible| visible.object)) {
+            seen.extend(thing(instance).filter(|thing| !seen.contains(thing)));
+        }
+        Decision {
+            tool: self.tool,
+            argument: self.argument.map(Cow::Borrowed),
+            error: self.error_code.and_then(ErrorCode::parse),
+            outcome: self.text,
+            reply: self.reply,
+            markers: self.marker_map.iter().filter_map(|marker| Some((marker.marker, marked(marker)?))).collect(),
+            seen,
+            receptacle: self.receptacle,
+            held: self.held.and_then(thing),
+        }
+    }
+}
+
+/// Takes out of each History what the record refutes; gives how many sentences were mended and dropped.
+pub(crate) fn mend_histories(notes: &mut [Note], trace: &Trace) -> (usize, usize) {
+    let mut checker = Checker::new(Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics));
+    let (mut mended, mut dropped) = (0, 0);
+    for (note, record) in notes.iter_mut().zip(&trace.steps) {
+        let result = mend(&mut checker, &note.history);
+        mended += result.mended;
+        dropped += result.dropped;
+        note.history = result.text;
+        checker.did(Deed::of(record));
+    }
+    (mended, dropped)
+}

@@ -1,0 +1,276 @@
+//! Which episodes of a store, and which of their decisions, make a training set. Reads columns and files' digests; never
+//! looks at a text, and never asks whether an episode is verified ([`crate::verify`]).
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use reel_tables::{Store, StoreError, Table};
+use reel_world::{Digest, Family, ToolSpec};
+use serde::Deserialize;
+
+/// Which episodes and decisions are wanted.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Selection {
+    /// Only these episodes, by id; none: all.
+    pub episodes: Option<HashSet<String>>,
+    /// Failed and broken-off episodes too.
+    pub failed: bool,
+    /// Episodes with a discounted return below this are left out.
+    pub return_min: Option<f64>,
+    /// At most so many episodes a task; which ones is drawn by `seed`.
+    pub per_task_max: Option<usize>,
+    /// Decisions that were mistakes are examples too: calls that failed, picks and places that the goal does not want. Their
+    /// place in the History of later decisions they keep in any case.
+    pub mistakes: bool,
+    /// Decisions that came right after a mistake are examples: what to do when something went wrong.
+    pub recoveries: bool,
+    /// Decisions of failed episodes from the decisive step on (table `classes`) are examples too.
+    pub after_decisive: bool,
+    /// Decisions whose own History contradicts the record are examples too.
+    pub contradictions: bool,
+    /// No family has more decisions than the median family.
+    pub balance_families: bool,
+    /// No tool has more decisions than the median tool.
+    pub balance_tools: bool,
+    /// Of every draw.
+    pub seed: u64,
+}
+
+impl Default for Selection {
+    fn default() -> Self {
+        Self {
+            episodes: None,
+            failed: false,
+            return_min: None,
+            per_task_max: None,
+            mistakes: false,
+            recoveries: true,
+            after_decisive: false,
+            contradictions: false,
+            balance_families: false,
+            balance_tools: false,
+            seed: 0,
+        }
+    }
+}
+
+/// An episode that may become rows.
+#[derive(Clone, Debug)]
+pub(crate) struct Candidate {
+    pub episode_id: String,
+    pub trace: String,
+    pub trace_digest: String,
+    pub task_digest: String,
+    pub scene_id: String,
+    pub family: Family,
+    /// The decisions that are examples.
+    pub decisions: Vec<Decision>,
+}
+
+/// A decision that is an example.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) struct Decision {
+    pub call: u32,
+    /// Index in [`ToolSpec::POLICY`].
+    tool: u8,
+}
+
+/// How many episodes and decisions were left out, by the reason.
+pub(crate) type LeftOut = BTreeMap<&'static str, u64>;
+
+#[derive(Deserialize)]
+struct Row<'a> {
+    episode_id: &'a str,
+    trace: &'a str,
+    trace_digest: &'a str,
+    task_digest: &'a str,
+    scene_id: &'a str,
+    family: &'a str,
+    success: Option<bool>,
+    discounted_return: Option<f64>,
+    steps: Vec<StepRow<'a>>,
+}
+
+#[derive(Deserialize)]
+struct StepRow<'a> {
+    step: u32,
+    tool: &'a str,
+    error_code: Option<&'a str>,
+    goal_object: Option<bool>,
+    goal_receptacle: Option<bool>,
+    contradictions: u32,
+}
+
+const COLUMNS: &[&str] = &[
+    "episode_id",
+    "trace",
+    "trace_digest",
+    "task_digest",
+    "scene_id",
+    "family",
+    "success",
+    "discounted_return",
+    "steps.list.element.step",
+    "steps.list.element.tool",
+    "steps.list.element.error_code",
+    "steps.list.element.goal_object",
+    "steps.list.element.goal_receptacle",
+    "steps.list.element.contradictions",
+];
+
+/// The episodes that are wanted, with all their decisions, in the order of the store's files.
+pub(crate) fn candidates(store: &Store, wanted: &Selection, left_out: &mut LeftOut) -> Result<Vec<Candidate>, StoreError> {
+    let decisive = if wanted.failed && !wanted.after_decisive { decisive_steps(store)? } else { HashMap::new() };
+    let mut found = Vec::new();
+    store.read(Table::Episodes, COLUMNS, |batch| {
+        let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
+        for row in rows {
+            match unwanted(&row, wanted) {
+                Some(reason) => *left_out.entry(reason).or_default() += 1,
+                None => found.extend(candidate(&row, wanted, decisive.get(row.episode_id).copied(), left_out)),
+            }
+        }
+        Ok(())
+    })?;
+    Ok(found)
+}
+
+fn unwanted(row: &Row<'_>, wanted: &Selection) -> Option<&'static str> {
+    if wanted.episodes.as_ref().is_some_and(|episodes| !episodes.contains(row.episode_id)) {
+        return Some("episodes outside the condition");
+    }
+    if !wanted.failed && row.success != Some(true) {
+        return Some("episodes that did not succeed");
+    }
+    let too_low = |least: f64| row.discounted_return.is_none_or(|it| it < least);
+    wanted.return_min.is_some_and(too_low).then_some("episodes of a lower return")
+}
+
+fn candidate(row: &Row<'_>, wanted: &Selection, decisive: Option<u32>, left_out: &mut LeftOut) -> Option<Candidate> {
+    let mut decisions = Vec::new();
+    let mut after_mistake = false;
+    for step in &row.steps {
+        let mistake = step.is_mistake();
+        let tool = ToolSpec::POLICY.iter().position(|spec| spec.paper_name == step.tool);
+        let reason = match tool {
+            _ if decisive.is_some_and(|decisive| step.step >= decisive) => "decisions from the decisive step of a failure on",
+            _ if mistake && !wanted.mistakes => "decisions that were mistakes",
+            _ if after_mistake && !wanted.recoveries => "decisions right after a mistake",
+            _ if step.contradictions > 0 && !wanted.contradictions => "decisions whose History contradicts the record",
+            None => "decisions that call no tool",
+            Some(_) => "",
+        };
+        after_mistake = mistake;
+        match tool {
+            Some(tool) if reason.is_empty() => decisions.push(Decision { call: step.step, tool: tool as u8 }),
+            _ => *left_out.entry(reason).or_default() += 1,
+        }
+    }
+    (!decisions.is_empty()).then(|| Candidate {
+        episode_id: row.episode_id.to_owned(),
+        trace: row.trace.to_owned(),
+        trace_digest: row.trace_digest.to_owned(),
+        task_digest: row.task_digest.to_owned(),
+        scene_id: row.scene_id.to_owned(),
+        family: Family::parse(row.family)?,
+        decisions,
+    })
+}
+
+impl StepRow<'_> {
+    /// A call that failed, a pick of what the goal leaves where it is, a place where the goal does not want it.
+    fn is_mistake(&self) -> bool {
+        match self.tool {
+            _ if self.error_code.is_some() => true,
+            "pick" => self.goal_object == Some(false),
+            "place" => self.goal_object == Some(true) && self.goal_receptacle == Some(false),
+            _ => false,
+        }
+    }
+}
+
+/// The decisive step of each failed episode that has one, by episode and trace.
+fn decisive_steps(store: &Store) -> Result<HashMap<String, u32>, StoreError> {
+    #[derive(Deserialize)]
+    struct Row<'a> {
+        episode_id: &'a str,
+        step: u32,
+    }
+    let mut steps = HashMap::new();
+    store.read(Table::Classes, &["episode_id", "step"], |batch| {
+        let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
+        steps.extend(rows.iter().map(|row| (row.episode_id.to_owned(), row.step)));
+        Ok(())
+    })?;
+    Ok(steps)
+}
+
+/// At most so many episodes a task; those that are kept are drawn by the seed and stay in their order.
+pub(crate) fn cap_tasks(found: &mut Vec<Candidate>, wanted: &Selection, left_out: &mut LeftOut) {
+    let Some(most) = wanted.per_task_max else { return };
+    let mut by_task: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for (index, candidate) in found.iter().enumerate() {
+        by_task.entry(&candidate.task_digest).or_default().push(index);
+    }
+    let mut kept = vec![false; found.len()];
+    for episodes in by_task.values_mut() {
+        episodes.sort_by_cached_key(|index| draw(wanted.seed, &found[*index].episode_id, None));
+        episodes.iter().take(most).for_each(|index| kept[*index] = true);
+    }
+    let before = found.len();
+    let mut kept = kept.into_iter();
+    found.retain(|_| kept.next().unwrap_or(false));
+    count(left_out, "episodes beyond the most of their task", before - found.len());
+}
+
+/// Cuts the decisions of families and tools to the median of the families' and tools' sizes.
+pub(crate) fn balance(found: &mut Vec<Candidate>, wanted: &Selection, left_out: &mut LeftOut) {
+    if wanted.balance_families {
+        let cut = cut_to_median(found, wanted.seed, |candidate, _| candidate.family as u8);
+        count(left_out, "decisions beyond the median family's", cut);
+    }
+    if wanted.balance_tools {
+        let cut = cut_to_median(found, wanted.seed, |_, decision| decision.tool);
+        count(left_out, "decisions beyond the median tool's", cut);
+    }
+    found.retain(|candidate| !candidate.decisions.is_empty());
+}
+
+/// Cuts every group of decisions to the median of their sizes: those of the smallest draws stay.
+fn cut_to_median(found: &mut [Candidate], seed: u64, group: impl Fn(&Candidate, Decision) -> u8) -> usize {
+    let mut groups: BTreeMap<u8, Vec<u64>> = BTreeMap::new();
+    let number = |candidate: &Candidate, decision: Decision| draw(seed, &candidate.episode_id, Some(decision.call));
+    for candidate in found.iter() {
+        for decision in &candidate.decisions {
+            groups.entry(group(candidate, *decision)).or_default().push(number(candidate, *decision));
+        }
+    }
+    let mut sizes: Vec<usize> = groups.values().map(Vec::len).collect();
+    sizes.sort_unstable();
+    let Some(median) = sizes.get(sizes.len() / 2).copied() else { return 0 };
+    let last_kept = |draws: &mut Vec<u64>| match draws.len() {
+        size if size <= median => u64::MAX,
+        _ => *draws.select_nth_unstable(median - 1).1,
+    };
+    let limits: BTreeMap<u8, u64> = groups.iter_mut().map(|(group, draws)| (*group, last_kept(draws))).collect();
+    let mut cut = 0;
+    for candidate in found.iter_mut() {
+        let mut decisions = std::mem::take(&mut candidate.decisions);
+        let before = decisions.len();
+        decisions.retain(|decision| number(candidate, *decision) <= limits[&group(candidate, *decision)]);
+        cut += before - decisions.len();
+        candidate.decisions = decisions;
+    }
+    cut
+}
+
+/// A number drawn for an episode, or one of its decisions: the same whatever else is in the set.
+fn draw(seed: u64, episode_id: &str, call: Option<u32>) -> u64 {
+    let digest = Digest::of(format!("{seed}/{episode_id}/{call:?}").as_bytes());
+    u64::from_le_bytes(digest.0[..8].try_into().expect("eight bytes"))
+}
+
+fn count(left_out: &mut LeftOut, reason: &'static str, number: usize) {
+    if number > 0 {
+        *left_out.entry(reason).or_default() += number as u64;
+    }
+}
