@@ -8,6 +8,7 @@ use std::{
 
 use arrow::array::RecordBatch;
 
+use reel_history::{Checker, Deed, Setting};
 use reel_trace::Trace;
 use reel_world::{
     Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, ToolSpec, WorldGraph, canonical_json,
@@ -237,6 +238,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
     let goal = trace.task.goal_changes();
     let candidates = candidates(&trace.task);
     let mut seen: BTreeSet<&InstanceId> = trace.start.visible.iter().map(|visible| &visible.object).collect();
+    let mut claims = Claims::of(trace);
     let mut rows = Vec::with_capacity(trace.steps.len());
     for record in &trace.steps {
         let shown = record.visible.iter().map(|visible| &visible.object).chain(&record.listed);
@@ -282,7 +284,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             raw: policy.and_then(|policy| said(&policy.raw)),
             tokens_read: policy.and_then(|policy| policy.tokens).map(|[read, _]| read),
             tokens_written: policy.and_then(|policy| policy.tokens).map(|[_, written]| written),
-            contradictions: contradictions.of(record),
+            contradictions: claims.refuted(record),
             listed: record.listed.iter().map(InstanceId::as_str).collect(),
             new_objects,
             changes: changes(&record.changes),
@@ -295,6 +297,26 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
         });
     }
     rows
+}
+
+/// What a policy claims to have done beside what it did; nothing is looked at where it claims nothing.
+struct Claims(Option<Checker>);
+
+impl Claims {
+    fn of(trace: &Trace) -> Self {
+        let policies = trace.steps.iter().filter_map(|record| record.input.policy.as_ref());
+        let claims = policies.into_iter().any(|policy| !policy.history.is_empty());
+        Self(claims.then(|| Checker::new(Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics))))
+    }
+
+    /// How many claims of a decision's History are refuted by what was done before it.
+    fn refuted(&mut self, record: &StepRecord) -> usize {
+        let Some(checker) = &mut self.0 else { return 0 };
+        let history = record.input.policy.as_ref().map_or("", |policy| &policy.history);
+        let refuted = checker.check(history).iter().filter(|claim| claim.is_false()).count();
+        checker.did(Deed::of(record));
+        refuted
+    }
 }
 
 fn said(text: &str) -> Option<&str> {
