@@ -158,7 +158,8 @@ fn window(told: &[Told], index: usize, now: usize) -> RangeInclusive<usize> {
     let after = told[index + 1..].iter().find_map(|other| other.deed);
     let present = told[index].predicate.present && told[index].predicate.link != Some(Link::Because);
     match (before, after) {
-        (Some(before), Some(after)) if before <= after => before..=after,
+        // what is told next may be told once more
+        (Some(before), Some(after)) if before <= after + 1 => before..=after + 1,
         (_, Some(_)) => 0..=now,
         (_, None) if present => now..=now,
         // `was closed`: at some time since what was told before
@@ -176,7 +177,9 @@ fn orders(facts: &Facts, told: &mut [Told]) {
         let same = |other: &usize| told[*other].sentence == told[index].sentence && eventful(&told[*other]);
         let subordinate = |other: &usize| matches!(told[*other].predicate.link, Some(Link::After | Link::Before));
         let before = (0..index).rev().find(same);
-        let main = before.filter(|other| !subordinate(other)).or_else(|| (index + 1..told.len()).find(|other| same(other) && !subordinate(other)));
+        let before_it = before.filter(|other| !subordinate(other));
+        let after_it = (index + 1..told.len()).find(|other| same(other) && !subordinate(other));
+        let main = if told[index].predicate.leading { after_it.or(before_it) } else { before_it.or(after_it) };
         let pair = match link {
             Link::Then => before.or_else(|| (0..index).rev().find(|other| eventful(&told[*other]))).map(|before| (before, index)),
             Link::After => main.map(|main| (index, main)),

@@ -66,6 +66,7 @@ impl Judge<'_> {
             Act::Say => return vec![self.said(predicate, until)],
             Act::Finish => return vec![self.finished(predicate, until)],
             Act::Call => return self.called(predicate),
+            Act::Fail | Act::Succeed | Act::Try | Act::Manage => return Vec::new(),
             Act::See => return self.sights(predicate, until, place, thing),
             _ => {}
         }
@@ -223,6 +224,9 @@ impl Judge<'_> {
     fn fit_place(&self, act: Act, arg: &Arg, fact: &Fact) -> Fit {
         if arg.marker.is_some() && !matches!(act, Act::Go | Act::Check) {
             return Fit::Yes;
+        }
+        if arg.referent.open {
+            return Fit::Maybe;
         }
         let at = |places: &[usize]| places.iter().map(|place| arg.referent.fits_place(Some(*place))).max().unwrap_or(Fit::No);
         let fit = match act {

@@ -167,7 +167,7 @@ impl Judge<'_> {
                 None if predicate.act == Act::Contain => Vec::new(),
                 None => match direct {
                     Some(thing) if thing.door || thing.referent.is_place() && !thing.referent.is_thing() || thing.marker.is_some() => Vec::new(),
-                    Some(thing) => vec![self.holding(Some(thing), Some(thing), negated != thing.no && !(negated && thing.no), &moments)],
+                    Some(thing) => vec![self.holding(Some(thing), Some(thing), negated, &moments)],
                     None => Vec::new(),
                 },
             },

@@ -10,6 +10,11 @@ use crate::{
 /// Most words of a name that are looked at.
 const LONGEST_NAME: usize = 14;
 
+/// Words behind a preposition that say when or how, not where.
+const TIMES: [&str; 14] = [
+    "start", "beginning", "end", "moment", "way", "total", "turn", "order", "sequence", "meantime", "row", "process", "result", "episode",
+];
+
 impl Reader<'_> {
     /// Reads one noun phrase, if there is one, and gives it to its verb or keeps it for the next.
     pub(super) fn phrase(&mut self) {
@@ -188,7 +193,10 @@ impl Reader<'_> {
     }
 
     /// Whether a word that is also a verb names something of this episode.
-    fn is_name_of_its_own(&mut self, word: &str) -> bool {
+    fn is_name_of_its_own(&self, word: &str) -> bool {
+        if verb(word).is_some_and(|verb| self.nominal(verb)) {
+            return false;
+        }
         let referent = self.names.phrase(&[word]);
         !referent.places.is_empty() || !referent.things.is_empty() || referent.any_place
     }
@@ -200,6 +208,13 @@ impl Reader<'_> {
 
     fn give(&mut self, arg: Arg) {
         self.prep = Prep::Direct;
+        if arg.user && self.fresh && arg.prep == Prep::Direct {
+            self.before.user = true;
+            return;
+        }
+        if arg.referent.open && TIMES.contains(&arg.referent.words.as_str()) {
+            return;
+        }
         if arg.prep == Prep::Of && self.merge(&arg) {
             return;
         }
