@@ -230,6 +230,7 @@ impl<'a> Reader<'a> {
                 Kind::Colon => self.skip(|reader| {
                     reader.reason_begins();
                     reader.boundary(None);
+                    reader.joins = reader.reason_from.is_none();
                 }),
                 Kind::Number | Kind::Quote => self.phrase(),
                 Kind::Word if self.is_call() => self.call(),
@@ -289,6 +290,10 @@ impl<'a> Reader<'a> {
                 if self.word_at(at) == "according" {
                     return self.says(at, Act::Say, true);
                 }
+                if self.calls_next() {
+                    self.at += 1;
+                    return;
+                }
                 return self.phrase();
             }
             Class::Not => self.before.not = true,
@@ -305,6 +310,10 @@ impl<'a> Reader<'a> {
             Class::Link(link) => self.link(link),
             Class::Agent => self.before.agent = true,
             Class::There => self.before.there = self.fresh,
+            // `once the door was open`
+            Class::Times(1) if matches!(self.class_at(at + 1), Some(Class::Determiner | Class::Agent | Class::It)) => {
+                self.link(Link::Sub);
+            }
             Class::Times(times) => self.times(times),
             Class::Able(able) => {
                 let able = able && !std::mem::take(&mut self.before.not);
@@ -457,7 +466,7 @@ impl<'a> Reader<'a> {
         if !self.joins || self.before.not {
             self.pending.clear();
         }
-        for mut arg in self.pending.drain(..) {
+        for mut arg in self.pending.drain(..).filter(|arg| !arg.no) {
             if arg.prep == Prep::Direct
                 && let Some(previous) = last.args.last()
             {
@@ -522,6 +531,7 @@ impl<'a> Reader<'a> {
                 return;
             }
             Act::Fail | Act::Succeed | Act::Manage if verb.form != Form::Gerund => return self.went_well_or_not(verb),
+            Act::Be => return self.be(verb.form == Form::Present || self.before.be == Some(true)),
             Act::Say => return self.says(at, Act::Say, false),
             Act::Ask => return self.says(at, Act::Ask, false),
             Act::Finish if next == Some(Class::Verb) => {
@@ -547,7 +557,7 @@ impl<'a> Reader<'a> {
     fn nominal(&self, verb: Verb) -> bool {
         let next = self.class_at(self.at + 1);
         let deed = matches!(next, Some(Class::Doing)) || self.word_at(self.at + 1).starts_with("fail");
-        deed || verb.act == Act::Pick || matches!(next, Some(Class::Prep(Prep::Of))) && verb.act != Act::Place
+        deed || self.last || verb.act == Act::Pick || matches!(next, Some(Class::Prep(Prep::Of))) && verb.act != Act::Place
     }
 
     fn went_well_or_not(&mut self, verb: Verb) {
@@ -579,7 +589,6 @@ impl<'a> Reader<'a> {
         let ahead = |wanted: &[&str]| self.tokens[self.at + 1..].iter().take(14).any(|token| wanted.contains(&token.word()));
         match (verb.base, verb.act) {
             ("walk", _) if next == "around" => Act::Explore,
-            ("look", _) if matches!(next, "at" | "into" | "closely") => Act::Gaze,
             ("look" | "search", _) if next != "for" && !ahead(&["for"]) => Act::Check,
             ("take" | "move" | "relocate" | "transfer" | "return", Act::Pick | Act::Go | Act::Carry) if !self.goes_itself(verb) => Act::Carry,
             ("carry", _) if ahead(&["to", "into", "onto"]) => Act::Carry,
@@ -661,6 +670,11 @@ impl<'a> Reader<'a> {
             _ => subjects,
         };
         predicate.args = modifiers;
+        // `X is the only receptacle I have visited`
+        if let Some(last) = self.found.last().filter(|last| last.act == Act::Be && last.only && !self.fresh && predicate.act == Act::Go) {
+            predicate.args.extend(last.subjects.iter().cloned());
+            predicate.only = true;
+        }
         if predicate.user && !matches!(predicate.act, Act::Say | Act::Ask) {
             predicate.mood = Mood::Intent;
         }
@@ -732,10 +746,17 @@ impl<'a> Reader<'a> {
         let word = &self.tokens[self.at];
         let next = self.tokens.get(self.at + 1);
         let opens = next.is_some_and(|open| open.kind == Kind::Open && word.span.end == open.span.start);
-        // `called finish`
-        let before = self.at.checked_sub(1).map_or("", |at| self.word_at(at));
-        let named = matches!(before, "called" | "used" | "executed" | "invoked" | "issued");
+        let named = self.at.checked_sub(1).is_some_and(|at| self.names_calls(at));
         (opens || named) && ToolSpec::by_name(word.word()).is_some()
+    }
+
+    /// `called finish`
+    fn calls_next(&self) -> bool {
+        self.names_calls(self.at) && ToolSpec::by_name(self.word_at(self.at + 1)).is_some()
+    }
+
+    fn names_calls(&self, at: usize) -> bool {
+        matches!(self.word_at(at), "called" | "used" | "executed" | "invoked" | "issued")
     }
 
     fn call(&mut self) {
@@ -767,6 +788,19 @@ impl<'a> Reader<'a> {
         let span = self.tokens[start].span.start..self.tokens[end - 1].span.end;
         self.pending.clear();
         self.push(Predicate { mood: Mood::Tried, content, ..Predicate::new(Act::Call, span) });
-        self.boundary(None);
+    }
+}
+#[cfg(test)]
+mod debug {
+    #[test]
+    fn debug() {
+        let names = crate::names::Names::new(crate::Setting::default());
+        for text in std::env::var("SAY").unwrap_or_default().split('|') {
+            println!("{text}");
+            for p in super::predicates(&names, text) {
+                println!("   {:?} {:?} neg={} user={} agent={} last={} link={:?} reasons={:?} subj={:?} args={:?}", p.act, p.mood, p.negated, p.user, p.agent, p.last, p.link, p.reasons,
+                    p.subjects.iter().map(|a| (a.prep, a.referent.words.clone(), a.marker)).collect::<Vec<_>>(), p.args.iter().map(|a| (a.prep, a.referent.words.clone(), a.marker, a.no)).collect::<Vec<_>>());
+            }
+        }
     }
 }

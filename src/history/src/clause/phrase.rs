@@ -1,7 +1,7 @@
 //! Reads the phrases that belong to a verb: articles, counts, markers, names. Never looks at verbs.
 
 use crate::{
-    clause::{Arg, Reader},
+    clause::{Arg, Predicate, Reader},
     grammar::{Act, Class, Form, Prep, class, verb},
     lex::Kind,
     names::Referent,
@@ -218,6 +218,9 @@ impl Reader<'_> {
         if arg.prep == Prep::Of && self.merge(&arg) {
             return;
         }
+        if arg.hand && arg.prep == Prep::At && self.in_hand() {
+            return;
+        }
         let arg = Arg { prep: if arg.prep == Prep::Of { Prep::Direct } else { arg.prep }, ..arg };
         match self.found.last_mut() {
             Some(last) if !self.fresh => {
@@ -227,6 +230,23 @@ impl Reader<'_> {
             }
             _ => self.pending.push(arg),
         }
+    }
+
+    /// `with the mug in hand`: the mug is held.
+    fn in_hand(&mut self) -> bool {
+        let fresh = self.fresh;
+        let list = match self.found.last_mut() {
+            Some(last) if !fresh => &mut last.args,
+            _ => &mut self.pending,
+        };
+        let Some(thing) = list.pop_if(|arg| arg.prep == Prep::With) else { return false };
+        let span = thing.span.start..self.tokens[self.at - 1].span.end;
+        let args = vec![Arg { prep: Prep::Direct, ..thing }];
+        let held = Predicate { args, ..Predicate::new(Act::Hold, span) };
+        // before the last verb, so that what follows still belongs to that
+        let at = if fresh { self.found.len() } else { self.found.len() - 1 };
+        self.found.insert(at, held);
+        true
     }
 
     /// `the door of the fridge`, `one of the mugs`, `the top of table_1`: the second name says what is meant.
