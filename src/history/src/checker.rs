@@ -1,7 +1,7 @@
 //! One episode: takes its deeds in their order and judges what a History says of them. Never keeps a verdict, as a later deed
 //! may change it; sentences that were read once are not read again.
 
-use std::{collections::BTreeMap, ops::RangeInclusive, rc::Rc};
+use std::{collections::BTreeMap, rc::Rc};
 
 use crate::{
     Deed, Setting,
@@ -148,21 +148,23 @@ fn states(judge: &Judge, told: &mut [Told]) {
     for index in 0..told.len() {
         let predicate = told[index].predicate;
         if predicate.is_state() {
-            told[index].rulings = judge.state(predicate, window(told, index, judge.facts.now()));
+            told[index].rulings = judge.state(predicate, &window(told, index, judge.facts.now()));
         }
     }
 }
 
-fn window(told: &[Told], index: usize, now: usize) -> RangeInclusive<usize> {
+/// The moments at which a state may be meant.
+fn window(told: &[Told], index: usize, now: usize) -> Vec<usize> {
     let before = told[..index].iter().rev().find_map(|other| other.deed).map(|deed| deed + 1);
     let after = told[index + 1..].iter().find_map(|other| other.deed);
     let present = told[index].predicate.present && told[index].predicate.link != Some(Link::Because);
     match (before, after) {
-        (Some(before), Some(after)) if before <= after => before..=after,
-        (_, Some(_)) => 0..=now,
-        (_, None) if present => now..=now,
-        // `was closed`: at some time since what was told before
-        (before, None) => before.unwrap_or(0).saturating_sub(1)..=now,
+        // `was closed`: at any time
+        _ if !present => (0..=now).collect(),
+        // what is told next may be told once more
+        (Some(before), Some(after)) if before <= after + 1 => (before..=after + 1).chain([now]).collect(),
+        (_, Some(_)) => (0..=now).collect(),
+        (_, None) => vec![now],
     }
 }
 
@@ -176,9 +178,11 @@ fn orders(facts: &Facts, told: &mut [Told]) {
         let same = |other: &usize| told[*other].sentence == told[index].sentence && eventful(&told[*other]);
         let subordinate = |other: &usize| matches!(told[*other].predicate.link, Some(Link::After | Link::Before));
         let before = (0..index).rev().find(same);
-        let main = before.filter(|other| !subordinate(other)).or_else(|| (index + 1..told.len()).find(|other| same(other) && !subordinate(other)));
+        let before_it = before.filter(|other| !subordinate(other));
+        let after_it = (index + 1..told.len()).find(|other| same(other) && !subordinate(other));
+        let main = if told[index].predicate.leading { after_it.or(before_it) } else { before_it.or(after_it) };
         let pair = match link {
-            Link::Then => before.or_else(|| (0..index).rev().find(|other| eventful(&told[*other]))).map(|before| (before, index)),
+            Link::Then => before.or_else(|| told_before(told, index)).map(|before| (before, index)),
             Link::After => main.map(|main| (index, main)),
             Link::Before => main.map(|main| (main, index)),
             _ => None,
@@ -195,6 +199,12 @@ fn orders(facts: &Facts, told: &mut [Told]) {
         };
         told[index].rulings.push(ruling);
     }
+}
+
+/// The deed told last in the sentences before, for a sentence that opens with `then`.
+fn told_before(told: &[Told], index: usize) -> Option<usize> {
+    let opens = index.checked_sub(1).is_none_or(|before| told[before].sentence != told[index].sentence);
+    (0..index).rev().find(|other| eventful(&told[*other])).filter(|_| opens)
 }
 
 /// Whether a claim speaks of a deed that was found.

@@ -92,6 +92,8 @@ pub(crate) struct Predicate {
     pub(crate) times: Option<(u32, Range<usize>)>,
     /// How it is joined to what stands before.
     pub(crate) link: Option<Link>,
+    /// Whether a subordinate clause stands before its main clause.
+    pub(crate) leading: bool,
     /// Error codes that the given reason may mean.
     pub(crate) reasons: Vec<&'static str>,
     /// What was asked or said.
@@ -121,6 +123,7 @@ impl Predicate {
             args: Vec::new(),
             times: None,
             link: None,
+            leading: false,
             reasons: Vec::new(),
             content: Content::default(),
             span: span.clone(),
@@ -182,6 +185,7 @@ struct Before {
     only: bool,
     by: bool,
     link: Option<Link>,
+    leading: bool,
 }
 
 struct Reader<'a> {
@@ -194,6 +198,8 @@ struct Reader<'a> {
     pending: Vec<Arg>,
     /// Whether a boundary was met since the last verb.
     fresh: bool,
+    /// Whether that boundary may continue a list.
+    joins: bool,
     prep: Prep,
     last: bool,
     /// Which predicate's reason begins where, in bytes.
@@ -210,6 +216,7 @@ impl<'a> Reader<'a> {
             before: Before::default(),
             pending: Vec::new(),
             fresh: true,
+            joins: true,
             prep: Prep::Direct,
             last: false,
             reason_from: None,
@@ -223,6 +230,7 @@ impl<'a> Reader<'a> {
                 Kind::Colon => self.skip(|reader| {
                     reader.reason_begins();
                     reader.boundary(None);
+                    reader.joins = reader.reason_from.is_none();
                 }),
                 Kind::Number | Kind::Quote => self.phrase(),
                 Kind::Word if self.is_call() => self.call(),
@@ -271,18 +279,21 @@ impl<'a> Reader<'a> {
         match class {
             Class::No if next == "longer" => {
                 self.at += 2;
-                self.before.not = true;
+                match self.found.last_mut() {
+                    Some(last) if !self.fresh && last.act == Act::Be => last.negated = true,
+                    _ => self.before.not = true,
+                }
                 return;
             }
-            Class::Determiner | Class::No | Class::All | Class::Other | Class::It | Class::Hand | Class::Number(_) | Class::Marker
+            Class::Determiner | Class::No | Class::All | Class::Other | Class::It | Class::User | Class::Hand | Class::Number(_) | Class::Marker
             | Class::Door | Class::Noun => {
                 if self.word_at(at) == "according" {
                     return self.says(at, Act::Say, true);
                 }
-                return self.phrase();
-            }
-            Class::User => {
-                self.before.user = self.fresh;
+                if self.calls_next() {
+                    self.at += 1;
+                    return;
+                }
                 return self.phrase();
             }
             Class::Not => self.before.not = true,
@@ -299,6 +310,10 @@ impl<'a> Reader<'a> {
             Class::Link(link) => self.link(link),
             Class::Agent => self.before.agent = true,
             Class::There => self.before.there = self.fresh,
+            // `once the door was open`
+            Class::Times(1) if matches!(self.class_at(at + 1), Some(Class::Determiner | Class::Agent | Class::It)) => {
+                self.link(Link::Sub);
+            }
             Class::Times(times) => self.times(times),
             Class::Able(able) => {
                 let able = able && !std::mem::take(&mut self.before.not);
@@ -415,7 +430,9 @@ impl<'a> Reader<'a> {
             return;
         }
         let previous = self.before.link;
+        let leading = self.before.start.is_none_or(|start| start == self.at);
         self.boundary(Some(link));
+        self.before.leading = leading;
         // `and then` is `then`
         if previous == Some(Link::Then) && link == Link::And || previous == Some(Link::And) && link == Link::Then {
             self.before.link = Some(Link::Then);
@@ -440,11 +457,16 @@ impl<'a> Reader<'a> {
         self.before = Before { link, ..Before::default() };
         self.prep = Prep::Direct;
         self.fresh = true;
+        self.joins = matches!(link, None | Some(Link::And | Link::Or | Link::Then));
     }
 
     fn flush(&mut self) {
         let Some(last) = self.found.last_mut() else { return };
-        for mut arg in self.pending.drain(..) {
+        // `because of a bad argument`, `not the pear`
+        if !self.joins || self.before.not {
+            self.pending.clear();
+        }
+        for mut arg in self.pending.drain(..).filter(|arg| !arg.no) {
             if arg.prep == Prep::Direct
                 && let Some(previous) = last.args.last()
             {
@@ -509,6 +531,7 @@ impl<'a> Reader<'a> {
                 return;
             }
             Act::Fail | Act::Succeed | Act::Manage if verb.form != Form::Gerund => return self.went_well_or_not(verb),
+            Act::Be => return self.be(verb.form == Form::Present || self.before.be == Some(true)),
             Act::Say => return self.says(at, Act::Say, false),
             Act::Ask => return self.says(at, Act::Ask, false),
             Act::Finish if next == Some(Class::Verb) => {
@@ -531,10 +554,10 @@ impl<'a> Reader<'a> {
     }
 
     /// Whether a base form behind a determiner is a deed (`the pick failed`) rather than a thing (`the place`).
-    fn nominal(&mut self, verb: Verb) -> bool {
+    fn nominal(&self, verb: Verb) -> bool {
         let next = self.class_at(self.at + 1);
         let deed = matches!(next, Some(Class::Doing)) || self.word_at(self.at + 1).starts_with("fail");
-        deed || verb.act == Act::Pick || matches!(next, Some(Class::Prep(Prep::Of))) && verb.act != Act::Place
+        deed || self.last || verb.act == Act::Pick || matches!(next, Some(Class::Prep(Prep::Of))) && verb.act != Act::Place
     }
 
     fn went_well_or_not(&mut self, verb: Verb) {
@@ -566,7 +589,6 @@ impl<'a> Reader<'a> {
         let ahead = |wanted: &[&str]| self.tokens[self.at + 1..].iter().take(14).any(|token| wanted.contains(&token.word()));
         match (verb.base, verb.act) {
             ("walk", _) if next == "around" => Act::Explore,
-            ("look", _) if matches!(next, "at" | "into" | "closely") => Act::Gaze,
             ("look" | "search", _) if next != "for" && !ahead(&["for"]) => Act::Check,
             ("take" | "move" | "relocate" | "transfer" | "return", Act::Pick | Act::Go | Act::Carry) if !self.goes_itself(verb) => Act::Carry,
             ("carry", _) if ahead(&["to", "into", "onto"]) => Act::Carry,
@@ -637,6 +659,7 @@ impl<'a> Reader<'a> {
         predicate.agent = !predicate.user && (before.agent || subjects.is_empty());
         predicate.only = before.only;
         predicate.link = before.link;
+        predicate.leading = before.leading;
         predicate.span.start = before.start.map_or(predicate.span.start, |start| self.tokens[start].span.start);
         // `was picked and placed`: the second has the first's subject
         predicate.subjects = match self.found.last() {
@@ -647,6 +670,11 @@ impl<'a> Reader<'a> {
             _ => subjects,
         };
         predicate.args = modifiers;
+        // `X is the only receptacle I have visited`
+        if let Some(last) = self.found.last().filter(|last| last.act == Act::Be && last.only && !self.fresh && predicate.act == Act::Go) {
+            predicate.args.extend(last.subjects.iter().cloned());
+            predicate.only = true;
+        }
         if predicate.user && !matches!(predicate.act, Act::Say | Act::Ask) {
             predicate.mood = Mood::Intent;
         }
@@ -661,6 +689,8 @@ impl<'a> Reader<'a> {
         let form = verb.map_or(Form::Past, |verb| verb.form);
         let before = self.before.clone();
         let mood = match form {
+            // `without asking again` does not deny the first time
+            Form::Gerund if before.without && self.word_at(at + 1) == "again" => Mood::Intent,
             Form::Gerund if matches!(before.link, Some(Link::After | Link::Before)) || before.without || before.be == Some(false) => Mood::Done,
             Form::Gerund => Mood::Mention,
             _ if before.governor.is_some() => before.governor.map_or(Mood::Done, |(mood, _)| mood),
@@ -686,6 +716,7 @@ impl<'a> Reader<'a> {
     }
 
     fn content_end(&self, from: usize) -> usize {
+        let subordinate = self.before.without || matches!(self.before.link, Some(Link::After | Link::Before));
         let starts = |at: usize| {
             let at = if self.class_at(at) == Some(Class::Determiner) { at + 1 } else { self.ahead(at) };
             match self.class_at(at) {
@@ -698,6 +729,7 @@ impl<'a> Reader<'a> {
         while at < self.tokens.len() {
             let divides = match self.tokens[at].kind {
                 Kind::Comma => starts(at + 1) || matches!(self.class_at(at + 1), Some(Class::Link(_))) && starts(at + 2),
+                Kind::Word if self.class_at(at) == Some(Class::Agent) => subordinate,
                 Kind::Word => matches!(self.class_at(at), Some(Class::Link(Link::And | Link::But | Link::Then | Link::Before | Link::After))) && starts(at + 1),
                 _ => false,
             };
@@ -711,13 +743,29 @@ impl<'a> Reader<'a> {
 
     /// `pick({"marker_id": 3})`, `nav_to(table_1)`
     fn is_call(&self) -> bool {
-        let [word, open, ..] = &self.tokens[self.at..] else { return false };
-        open.kind == Kind::Open && word.span.end == open.span.start && ToolSpec::by_name(word.word()).is_some()
+        let word = &self.tokens[self.at];
+        let next = self.tokens.get(self.at + 1);
+        let opens = next.is_some_and(|open| open.kind == Kind::Open && word.span.end == open.span.start);
+        let named = self.at.checked_sub(1).is_some_and(|at| self.names_calls(at));
+        (opens || named) && ToolSpec::by_name(word.word()).is_some()
+    }
+
+    /// `called finish`
+    fn calls_next(&self) -> bool {
+        self.names_calls(self.at) && ToolSpec::by_name(self.word_at(self.at + 1)).is_some()
+    }
+
+    fn names_calls(&self, at: usize) -> bool {
+        matches!(self.word_at(at), "called" | "used" | "executed" | "invoked" | "issued")
     }
 
     fn call(&mut self) {
         let start = self.at;
         let mut depth = 0;
+        if self.tokens.get(start + 1).is_none_or(|next| next.kind != Kind::Open) {
+            self.at += 1;
+            return self.call_of(start);
+        }
         loop {
             self.at += 1;
             match self.tokens.get(self.at).map(|token| token.kind) {
@@ -731,11 +779,28 @@ impl<'a> Reader<'a> {
                 break;
             }
         }
+        self.call_of(start);
+    }
+
+    fn call_of(&mut self, start: usize) {
         let end = self.at.min(self.tokens.len());
         let content = Content::of(&self.tokens[start..end]);
         let span = self.tokens[start].span.start..self.tokens[end - 1].span.end;
         self.pending.clear();
         self.push(Predicate { mood: Mood::Tried, content, ..Predicate::new(Act::Call, span) });
-        self.boundary(None);
+    }
+}
+#[cfg(test)]
+mod debug {
+    #[test]
+    fn debug() {
+        let names = crate::names::Names::new(crate::Setting::default());
+        for text in std::env::var("SAY").unwrap_or_default().split('|') {
+            println!("{text}");
+            for p in super::predicates(&names, text) {
+                println!("   {:?} {:?} neg={} user={} agent={} last={} link={:?} reasons={:?} subj={:?} args={:?}", p.act, p.mood, p.negated, p.user, p.agent, p.last, p.link, p.reasons,
+                    p.subjects.iter().map(|a| (a.prep, a.referent.words.clone(), a.marker)).collect::<Vec<_>>(), p.args.iter().map(|a| (a.prep, a.referent.words.clone(), a.marker, a.no)).collect::<Vec<_>>());
+            }
+        }
     }
 }

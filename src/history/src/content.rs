@@ -78,7 +78,8 @@ impl Content {
     /// How a quotation agrees with any of the texts.
     pub(crate) fn quotes<'t>(&self, texts: impl Iterator<Item = &'t str>) -> Agreement {
         let Some(quote) = &self.quote else { return Agreement::Unclear };
-        let said = lemmas(quote);
+        let says = |word: &String| !matches!(class(word), Class::Determiner | Class::Agent | Class::Be(_) | Class::It | Class::Prep(_) | Class::To);
+        let said: BTreeSet<String> = language::words(quote).iter().filter(|word| says(word)).map(|word| language::lemma(word)).collect();
         if said.is_empty() {
             return Agreement::Unclear;
         }

@@ -358,14 +358,14 @@ pub(crate) fn class(word: &str) -> Class {
         "free" => Class::Free,
         "visible" | "view" | "sight" => Class::Visible,
         "door" | "doors" => Class::Door,
-        "last" | "latest" | "previous" => Class::Last,
+        "last" | "latest" | "previous" | "recent" => Class::Last,
         "action" | "call" | "attempt" | "step" | "try" | "tries" | "attempts" | "calls" | "actions" => Class::Doing,
         "successfully" | "success" | "successful" => Class::Success(true),
         "unsuccessfully" | "unsuccessful" | "vain" => Class::Success(false),
         "now" | "again" | "also" | "yet" | "ever" | "already" | "still" | "currently" | "finally" | "first" | "second" | "third" | "next" | "later" | "earlier"
         | "back" | "far" | "up" | "down" | "away" | "out" | "over" | "together" | "too" | "very" | "even" | "instead" | "meanwhile"
         | "anymore" | "eventually" | "immediately" | "directly" | "longer" | "right" | "previously" | "initially"
-        | "recently" | "therefore" | "thus" | "along" | "straight" | "closely" | "carefully" | "simply" | "actually" => {
+        | "recently" | "therefore" | "thus" | "along" | "straight" | "closely" | "carefully" | "simply" | "actually" | "rather" | "most" => {
             Class::Adverb
         }
         _ if TABLE.contains_key(word) => Class::Verb,

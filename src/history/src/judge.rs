@@ -66,6 +66,7 @@ impl Judge<'_> {
             Act::Say => return vec![self.said(predicate, until)],
             Act::Finish => return vec![self.finished(predicate, until)],
             Act::Call => return self.called(predicate),
+            Act::Fail | Act::Succeed | Act::Try | Act::Manage => return Vec::new(),
             Act::See => return self.sights(predicate, until, place, thing),
             _ => {}
         }
@@ -196,12 +197,20 @@ impl Judge<'_> {
         }
         let place = slots.place.map_or(Fit::Yes, |arg| self.fit_place(predicate.act, arg, fact));
         let thing = slots.thing.map_or(Fit::Yes, |arg| self.fit_thing(predicate.act, &arg.referent, fact));
-        let marker = match (slots.marker, fact.marker) {
-            (Some(said), Some(given)) if said != given => Fit::No,
-            (Some(_), None) => Fit::No,
-            _ => Fit::Yes,
-        };
+        let marker = self.fit_marker(predicate, slots, fact);
         act.min(place).min(thing).min(marker)
+    }
+
+    fn fit_marker(&self, predicate: &Predicate, slots: &Slots, fact: &Fact) -> Fit {
+        if slots.marker.is_none() {
+            return Fit::Yes;
+        }
+        match fact.marker {
+            Some(given) if predicate.all_args().any(|arg| arg.marker == Some(given)) => Fit::Yes,
+            // a place that is named says it better than the number, which may be the object's
+            Some(_) if predicate.act == Act::Place && slots.place.is_some() => Fit::Maybe,
+            _ => Fit::No,
+        }
     }
 
     fn fit_act(&self, act: Act, slots: &Slots, fact: &Fact) -> Fit {
@@ -224,6 +233,9 @@ impl Judge<'_> {
         if arg.marker.is_some() && !matches!(act, Act::Go | Act::Check) {
             return Fit::Yes;
         }
+        if arg.referent.open {
+            return Fit::Maybe;
+        }
         let at = |places: &[usize]| places.iter().map(|place| arg.referent.fits_place(Some(*place))).max().unwrap_or(Fit::No);
         let fit = match act {
             Act::Go | Act::Carry if fact.place.is_none() && fact.act == Some(Act::Go) => {
@@ -239,6 +251,9 @@ impl Judge<'_> {
     }
 
     fn fit_thing(&self, act: Act, referent: &Referent, fact: &Fact) -> Fit {
+        if referent.open {
+            return Fit::Maybe;
+        }
         match act {
             Act::Search if fact.act == Some(Act::Search) => {
                 if referent.any_thing || self.names.same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words) {
@@ -414,7 +429,9 @@ impl Judge<'_> {
         let same = |fact: &Fact| {
             let argument = fact.deed.argument.as_deref().map(str::to_lowercase);
             let given = said.is_empty() && predicate.content.quote.is_none();
-            fact.deed.tool == tool && argument.is_none_or(|argument| given || predicate.content.holds(&argument))
+            let place = predicate.args.iter().find(|arg| arg.prep == Prep::At && arg.referent.is_place());
+            let there = place.is_none_or(|arg| fact.at.iter().any(|at| arg.referent.fits_place(Some(*at)) > Fit::No));
+            there && fact.deed.tool == tool && argument.is_none_or(|argument| given || predicate.content.holds(&argument))
         };
         let found: Vec<usize> = (0..self.facts.now()).filter(|index| same(&self.facts.all[*index])).collect();
         let step = found.first().and_then(|index| self.facts.step(*index));
@@ -451,7 +468,8 @@ pub(crate) fn kind_of(act: Act) -> ClaimKind {
 
 /// The readings of a predicate's arguments; lists give one each, and no argument gives one without.
 pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
-    let marker = predicate.args.iter().chain(&predicate.subjects).find_map(|arg| arg.marker);
+    let takes_marker = matches!(predicate.act, Act::Gaze | Act::Pick | Act::Place | Act::Open | Act::Close | Act::Check | Act::Get);
+    let marker = predicate.all_args().filter(|_| takes_marker).find_map(|arg| arg.marker);
     let (mut things, mut places): (Vec<&Arg>, Vec<&Arg>) = (Vec::new(), Vec::new());
     let for_follows = predicate.args.iter().any(|arg| arg.prep == Prep::For);
     let said = |arg: &&Arg| !arg.user && !arg.hand && (arg.marker.is_none() || arg.referent.is_place());

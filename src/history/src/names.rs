@@ -223,7 +223,7 @@ impl Names {
             }
         }
         // a known thing that is not here is none of what is here; other words may mean anything
-        let absent = self.setting.complete && words.len() <= 3 && language::names_object(&words.join(" "));
+        let absent = self.setting.complete && words.len() <= 3 && language::names_object(last);
         Referent { open: !absent, ..Referent::default() }
     }
 

@@ -1,7 +1,5 @@
 //! Claims of what was seen and of how things stand. Never of deeds.
 
-use std::ops::RangeInclusive;
-
 use reel_world::DoorState;
 
 use crate::{
@@ -124,20 +122,19 @@ impl Judge<'_> {
     }
 
     /// Judges how things stand at any of some moments.
-    pub(crate) fn state(&self, predicate: &Predicate, window: RangeInclusive<usize>) -> Vec<Ruling> {
+    pub(crate) fn state(&self, predicate: &Predicate, moments: &[usize]) -> Vec<Ruling> {
         if predicate.user || predicate.mood != crate::clause::Mood::Done {
             return Vec::new();
         }
-        let moments: Vec<usize> = window.collect();
         let subject = predicate.subjects.last();
         let direct = predicate.args.iter().find(|arg| arg.prep == Prep::Direct && !arg.user);
         let at = predicate.args.iter().find(|arg| arg.prep == Prep::At && (arg.hand || arg.referent.is_place()));
         let negated = predicate.negated;
         match predicate.act {
             Act::Be => match (predicate.state, subject) {
-                (Some(State::Open | State::Closed), _) => self.doors(predicate, &moments),
-                (Some(State::Empty | State::Free), Some(hand)) if hand.hand => vec![self.holding(None, None, !negated, &moments)],
-                (Some(State::Empty), _) => self.places_of(predicate).map(|place| self.located(None, place, !negated, &moments)).collect(),
+                (Some(State::Open | State::Closed), _) => self.doors(predicate, moments),
+                (Some(State::Empty | State::Free), Some(hand)) if hand.hand => vec![self.holding(None, None, !negated, moments)],
+                (Some(State::Empty), _) => self.places_of(predicate).map(|place| self.located(None, place, !negated, moments)).collect(),
                 (Some(State::Visible), Some(thing)) if thing.referent.is_thing() => {
                     let as_sight = Slots { thing: Some(thing), place: None, marker: None };
                     vec![self.sight(&Predicate { passive: true, ..predicate.clone() }, &as_sight, Some(thing), self.facts.now())]
@@ -147,32 +144,32 @@ impl Judge<'_> {
                     direct.map(|marker| self.marker(marker, thing)).into_iter().collect()
                 }
                 (None, _) if predicate.existential => match (direct, at) {
-                    (Some(thing), Some(place)) if !place.hand => vec![self.located(Some(thing), place, negated, &moments)],
+                    (Some(thing), Some(place)) if !place.hand => vec![self.located(Some(thing), place, negated, moments)],
                     _ => Vec::new(),
                 },
                 (None, Some(thing)) => match at {
-                    Some(place) if place.hand => vec![self.holding(Some(thing), Some(thing), negated, &moments)],
-                    Some(place) => vec![self.located(Some(thing), place, negated, &moments)],
+                    Some(place) if place.hand => vec![self.holding(Some(thing), Some(thing), negated, moments)],
+                    Some(place) => vec![self.located(Some(thing), place, negated, moments)],
                     None => Vec::new(),
                 },
-                (None, None) if predicate.agent => at.filter(|at| !at.hand).map(|place| self.standing(place, negated, &moments)).into_iter().collect(),
+                (None, None) if predicate.agent => at.filter(|at| !at.hand).map(|place| self.standing(place, negated, moments)).into_iter().collect(),
                 _ => Vec::new(),
             },
             Act::Hold | Act::Have | Act::Contain => match subject.filter(|arg| !arg.hand) {
                 Some(place) if place.referent.is_place() => match direct {
-                    Some(thing) if !thing.door => vec![self.located(Some(thing), place, negated, &moments)],
+                    Some(thing) if !thing.door => vec![self.located(Some(thing), place, negated, moments)],
                     _ => Vec::new(),
                 },
                 Some(_) => Vec::new(),
                 None if predicate.act == Act::Contain => Vec::new(),
                 None => match direct {
                     Some(thing) if thing.door || thing.referent.is_place() && !thing.referent.is_thing() || thing.marker.is_some() => Vec::new(),
-                    Some(thing) => vec![self.holding(Some(thing), Some(thing), negated != thing.no && !(negated && thing.no), &moments)],
+                    Some(thing) => vec![self.holding(Some(thing), Some(thing), negated, moments)],
                     None => Vec::new(),
                 },
             },
             Act::Leave => match (subject.filter(|_| predicate.passive).or(direct), at) {
-                (Some(thing), Some(place)) if thing.referent.is_thing() && !place.hand => vec![self.located(Some(thing), place, negated, &moments)],
+                (Some(thing), Some(place)) if thing.referent.is_thing() && !place.hand => vec![self.located(Some(thing), place, negated, moments)],
                 _ => Vec::new(),
             },
             _ => Vec::new(),

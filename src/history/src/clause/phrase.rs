@@ -1,7 +1,7 @@
 //! Reads the phrases that belong to a verb: articles, counts, markers, names. Never looks at verbs.
 
 use crate::{
-    clause::{Arg, Reader},
+    clause::{Arg, Predicate, Reader},
     grammar::{Act, Class, Form, Prep, class, verb},
     lex::Kind,
     names::Referent,
@@ -9,6 +9,11 @@ use crate::{
 
 /// Most words of a name that are looked at.
 const LONGEST_NAME: usize = 14;
+
+/// Words behind a preposition that say when or how, not where.
+const TIMES: [&str; 14] = [
+    "start", "beginning", "end", "moment", "way", "total", "turn", "order", "sequence", "meantime", "row", "process", "result", "episode",
+];
 
 impl Reader<'_> {
     /// Reads one noun phrase, if there is one, and gives it to its verb or keeps it for the next.
@@ -188,7 +193,10 @@ impl Reader<'_> {
     }
 
     /// Whether a word that is also a verb names something of this episode.
-    fn is_name_of_its_own(&mut self, word: &str) -> bool {
+    fn is_name_of_its_own(&self, word: &str) -> bool {
+        if verb(word).is_some_and(|verb| self.nominal(verb)) {
+            return false;
+        }
         let referent = self.names.phrase(&[word]);
         !referent.places.is_empty() || !referent.things.is_empty() || referent.any_place
     }
@@ -200,7 +208,17 @@ impl Reader<'_> {
 
     fn give(&mut self, arg: Arg) {
         self.prep = Prep::Direct;
+        if arg.user && self.fresh && arg.prep == Prep::Direct {
+            self.before.user = true;
+            return;
+        }
+        if arg.referent.open && TIMES.contains(&arg.referent.words.as_str()) {
+            return;
+        }
         if arg.prep == Prep::Of && self.merge(&arg) {
+            return;
+        }
+        if arg.hand && arg.prep == Prep::At && self.in_hand() {
             return;
         }
         let arg = Arg { prep: if arg.prep == Prep::Of { Prep::Direct } else { arg.prep }, ..arg };
@@ -212,6 +230,23 @@ impl Reader<'_> {
             }
             _ => self.pending.push(arg),
         }
+    }
+
+    /// `with the mug in hand`: the mug is held.
+    fn in_hand(&mut self) -> bool {
+        let fresh = self.fresh;
+        let list = match self.found.last_mut() {
+            Some(last) if !fresh => &mut last.args,
+            _ => &mut self.pending,
+        };
+        let Some(thing) = list.pop_if(|arg| arg.prep == Prep::With) else { return false };
+        let span = thing.span.start..self.tokens[self.at - 1].span.end;
+        let args = vec![Arg { prep: Prep::Direct, ..thing }];
+        let held = Predicate { args, ..Predicate::new(Act::Hold, span) };
+        // before the last verb, so that what follows still belongs to that
+        let at = if fresh { self.found.len() } else { self.found.len() - 1 };
+        self.found.insert(at, held);
+        true
     }
 
     /// `the door of the fridge`, `one of the mugs`, `the top of table_1`: the second name says what is meant.
