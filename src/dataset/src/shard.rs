@@ -7,12 +7,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{DatasetError, Format, Split};
 
 /// A file of rows.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Shard {
     /// From the dataset's folder, with `/`.
     pub path: String,
@@ -76,6 +76,16 @@ impl Shards {
         Ok(self.done)
     }
 
+    /// Takes over a file that an earlier run finished, in place of the next one.
+    pub fn keep(&mut self, shard: Shard) {
+        self.done.push(shard);
+    }
+
+    /// The files that are whole.
+    pub fn done(&self) -> &[Shard] {
+        &self.done
+    }
+
     fn start(&self) -> Result<Open, DatasetError> {
         let split = self.split.as_str();
         let stem = format!("{split}/{split}-{:05}", self.done.len());
@@ -98,7 +108,11 @@ impl Shards {
         Ok(Open { shard, rows, provenance })
     }
 
-    fn close(&mut self) -> Result<(), DatasetError> {
+    /// Closes the file before it is full; the next row begins another.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn close(&mut self) -> Result<(), DatasetError> {
         let Some(mut open) = self.open.take() else { return Ok(()) };
         if self.format == Format::QwenVl {
             open.rows.write_all(b"\n]\n").map_err(DatasetError::io(&open.shard.path))?;

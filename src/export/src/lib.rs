@@ -1,59 +1,137 @@
-//! Training sets from traces: one prompt-response pair a decision, as Hugging Face Parquet (SPEC sections 8 and 11).
+//! Training sets out of a store of tables: which episodes and decisions, verified how, in which words, order and part
+//! (SPEC sections 8 and 11).
 //!
-//! Only what a policy could see reaches a prompt, and a row that names an instance is refused. Never runs physics: whether
-//! a trace is verified is the caller's answer, and nothing that is not verified is exported.
+//! Owns the choice, the verification and the order of rows; what a row looks like is `reel-dataset`'s matter. Nothing that is
+//! not verified leaves the store, unless asked for, and then every row says so. Equal store versions and options give equal
+//! bytes, on any number of threads.
 
-mod dataset;
-mod prompt;
+mod episode;
+mod parquet;
+mod rows;
+mod select;
+mod verify;
 
 use std::{
+    collections::BTreeMap,
     fs, io,
     path::{Path, PathBuf},
 };
 
-use rayon::prelude::*;
-use reel_trace::{Trace, TraceError, encode_png};
-use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
-use serde::Serialize;
+use reel_dataset::{DatasetError, ExampleOptions, Format, PictureOptions, Ratios, Shard, Split, Splits, Style};
+use reel_tables::{Store, StoreError};
+use serde::{Deserialize, Serialize};
 
-pub use prompt::{SYSTEM_PROMPT, prompt_digest};
+pub use select::Selection;
 
-/// Traces held in memory at a time.
-const TRACES_PER_BATCH: usize = 32;
+/// Called with the number of episodes that are done, from several threads.
+pub type Progress<'a> = &'a (dyn Fn(usize) + Sync);
 
-/// Says whether a trace re-executes to the same digests; the reason where it does not.
-pub type Verify<'a> = &'a (dyn Fn(&Path) -> Result<(), String> + Sync);
-/// Called with (traces done, traces in all) from several threads.
-pub type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
+/// Whose reasoning, History, schedule and subtask an example has.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Words {
+    /// A model's own where one spoke, mended; else written by rules.
+    #[default]
+    Auto,
+    /// Written by rules.
+    Rules,
+    /// As recorded, mended.
+    Recorded,
+}
 
-/// Which episodes become rows.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+/// What is kept together in one part of a dataset.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SplitBy {
+    /// The episodes of a task.
+    #[default]
+    Task,
+    /// The episodes of a scene.
+    Scene,
+}
+
+/// A training set to be made.
+#[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct SftOptions {
-    /// Failed and broken-off episodes too.
-    pub all: bool,
+    /// Which episodes and decisions.
+    pub selection: Selection,
+    /// The files' format.
+    pub format: Format,
+    /// How a decision is put.
+    pub style: Style,
+    /// Whose words.
+    pub words: Words,
+    /// What a part keeps together.
+    pub split_by: SplitBy,
+    /// The parts' shares.
+    pub ratios: Ratios,
+    /// How pictures are made; none: no pictures.
+    pub pictures: Option<PictureOptions>,
+    /// Episodes that are not verified too; their rows say so.
+    pub allow_unverified: bool,
+    /// Replay what no verdict is kept of.
+    pub replay: bool,
+    /// About so many examples a file; an episode is never divided.
+    pub rows_per_file: usize,
 }
 
 /// What an export did.
-#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
+#[derive(Clone, PartialEq, Debug, Default, Serialize)]
 pub struct SftReport {
-    /// Episodes exported.
-    pub episodes: usize,
-    /// Rows: decisions with their prompts.
-    pub rows: usize,
-    /// Failed or broken-off episodes left out.
-    pub unsuccessful: usize,
-    /// Decisions of exported episodes left out, because their call failed: nothing to imitate.
-    pub failed_calls: usize,
-    /// Traces refused: unreadable, not verified, or naming what a policy must not know.
-    pub refused: Vec<(PathBuf, String)>,
-    /// Size of the file.
-    pub bytes: u64,
+    /// Examples by part.
+    pub examples: BTreeMap<&'static str, u64>,
+    /// Episodes that gave some.
+    pub episodes: u64,
+    /// Version of the store that was read.
+    pub table_version: u64,
+    /// Episodes and decisions that were left out, by the reason.
+    pub left_out: BTreeMap<&'static str, u64>,
+    /// Episodes that were refused, with the trace and the reason.
+    pub refused: Vec<Refusal>,
+    /// Rows of episodes that are not verified.
+    pub unverified: u64,
+    /// Sentences of recorded Histories that were mended, and dropped.
+    pub history: Mending,
+    /// Different pictures.
+    pub pictures: usize,
+    /// Files that an earlier run had finished.
+    pub files_kept: usize,
+    /// The files of rows.
+    pub files: Vec<Shard>,
+}
+
+/// Sentences of Histories that contradicted the record.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+pub struct Mending {
+    /// Set right.
+    pub mended: u64,
+    /// Dropped.
+    pub dropped: u64,
+}
+
+/// An episode, or one of its decisions, that was refused.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Refusal {
+    /// The episode.
+    pub episode_id: String,
+    /// Its trace.
+    pub trace: String,
+    /// The decision; none: the whole episode.
+    pub call: Option<u32>,
+    /// Why.
+    pub reason: String,
 }
 
 /// Why nothing was exported.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// A file cannot be written.
+    /// The store cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The dataset cannot be written.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// A file cannot be read or written.
     #[error("cannot write the dataset: {source}: {path}", path = path.display())]
     Io {
         /// The system's reason.
@@ -61,108 +139,71 @@ pub enum ExportError {
         /// Which file.
         path: PathBuf,
     },
-    /// The columns cannot be built.
+    /// The folder holds something else.
+    #[error("this folder holds a dataset of other options or another store version; choose another, or delete it: {path}", path = path.display())]
+    OtherDataset {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The columns of the Parquet file cannot be built.
     #[error("columns of the dataset: {0}")]
     Columns(#[from] polars_core::error::PolarsError),
+    /// A task or scene in the tables is none.
+    #[error("episode {episode_id}: {reason}; ingest the traces anew into another folder")]
+    Document {
+        /// An episode of it.
+        episode_id: String,
+        /// What is wrong.
+        reason: String,
+    },
 }
 
-/// One row: one decision.
-pub(crate) struct Row {
-    pub episode_id: String,
-    pub task_id: String,
-    pub step: u32,
-    pub trace_uri: String,
-    pub trace_digest: String,
-    pub preset: String,
-    /// (role, content)
-    pub messages: Vec<(&'static str, String)>,
-    /// (name, PNG)
-    pub images: Vec<(String, Vec<u8>)>,
-}
-
-/// Exports traces as one Parquet file, in the order given; the file appears only when it is whole.
+/// Exports a training set from a store into a folder. Broken off, the same call goes on with the first file that is not whole.
 ///
 /// # Errors
-/// When the file cannot be written. A trace that cannot be used is refused in the report, and the rest goes on.
+/// When the store cannot be read, the folder cannot be written, or holds another dataset. What cannot be used of the store is
+/// refused in the report, and the rest goes on.
 pub fn sft(
-    traces: &[PathBuf],
+    store: &Store,
     out: &Path,
-    options: SftOptions,
-    verify: Verify<'_>,
-    progress: Progress<'_>,
+    options: &SftOptions,
+    verifying: Progress<'_>,
+    writing: Progress<'_>,
 ) -> Result<SftReport, ExportError> {
-    let io_error = |source| ExportError::Io { source, path: out.to_path_buf() };
-    let unfinished = out.with_added_extension("part");
-    let mut report = SftReport::default();
-    let mut file = dataset::Writer::create(&unfinished)?;
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    for paths in traces.chunks(TRACES_PER_BATCH) {
-        let read = |path: &PathBuf| {
-            let rows = rows(path, options, verify);
-            progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, traces.len());
-            rows
-        };
-        let results: Vec<_> = paths.par_iter().map(read).collect();
-        let mut batch = Vec::new();
-        for (path, result) in paths.iter().zip(results) {
-            match result {
-                Ok(Some((rows, failed_calls))) => {
-                    report.episodes += 1;
-                    report.failed_calls += failed_calls;
-                    batch.extend(rows);
-                }
-                Ok(None) => report.unsuccessful += 1,
-                Err(reason) => report.refused.push((path.clone(), reason)),
-            }
+    let mut report = SftReport { table_version: store.version(), ..SftReport::default() };
+    let mut chosen = select::candidates(store, &options.selection, &mut report.left_out)?;
+    let verified = verify::verify(store, &chosen, options.replay, verifying)?;
+    let mut verdicts = verified.iter();
+    chosen.retain_mut(|candidate| match verdicts.next() {
+        Some(Err(reason)) if !options.allow_unverified => {
+            report.refused.push(Refusal {
+                episode_id: candidate.episode_id.clone(),
+                trace: candidate.trace.clone(),
+                call: None,
+                reason: reason.clone(),
+            });
+            false
         }
-        report.rows += batch.len();
-        file.write(&batch)?;
-    }
-    file.finish()?;
-    fs::rename(&unfinished, out).map_err(io_error)?;
-    report.bytes = fs::metadata(out).map_err(io_error)?.len();
+        Some(Err(_)) => {
+            candidate.verified = false;
+            true
+        }
+        _ => true,
+    });
+    select::cap_tasks(&mut chosen, &options.selection, &mut report.left_out);
+    select::balance(&mut chosen, &options.selection, &mut report.left_out);
+    let group = |candidate: &select::Candidate| match options.split_by {
+        SplitBy::Task => candidate.task_digest.clone(),
+        SplitBy::Scene => candidate.scene_id.clone(),
+    };
+    let groups: Vec<(String, &str)> = chosen.iter().map(|candidate| (group(candidate), candidate.family.as_str())).collect();
+    let named = groups.iter().map(|(group, family)| (group.as_str(), *family));
+    let splits = Splits::stratified(named, options.selection.seed, options.ratios);
+    let split_of = |candidate: &select::Candidate| splits.of(&group(candidate)).unwrap_or(Split::Train);
+    rows::write(store, out, options, &chosen, split_of, writing, &mut report)?;
     Ok(report)
 }
 
-/// The rows of one trace and how many calls were left out; none where the episode failed.
-fn rows(path: &Path, options: SftOptions, verify: Verify<'_>) -> Result<Option<(Vec<Row>, usize)>, String> {
-    let trace = Trace::read(path).map_err(|error| error.to_string())?;
-    if !options.all && !trace.end.as_ref().is_some_and(|end| end.metrics.success) {
-        return Ok(None);
-    }
-    verify(path).map_err(|reason| format!("not verified: {reason}"))?;
-    let mut rows = Vec::new();
-    for (index, record) in trace.steps.iter().enumerate().filter(|(_, record)| record.outcome.is_ok()) {
-        let messages = prompt::messages(&trace, index);
-        if let Some(secret) = prompt::secret(&trace, &messages) {
-            return Err(format!("step {}: the text names {secret}, which a policy must not know", record.step));
-        }
-        rows.push(Row {
-            episode_id: trace.header.episode_id.clone(),
-            task_id: trace.header.task_id.clone(),
-            step: record.step,
-            trace_uri: path.display().to_string(),
-            trace_digest: trace.chain().to_string(),
-            preset: trace.header.reward_preset.clone(),
-            messages,
-            images: latest_image(&trace, index).map_err(|error| error.to_string())?.into_iter().collect(),
-        });
-    }
-    let failed_calls = trace.steps.len() - rows.len();
-    Ok(Some((rows, failed_calls)))
-}
-
-/// The picture that the policy saw last before a decision.
-fn latest_image(trace: &Trace, index: usize) -> Result<Option<(String, Vec<u8>)>, TraceError> {
-    let earlier = trace.steps[..index].iter().rev().map(|record| Some(record.step));
-    for step in earlier.chain([None]) {
-        if let Some(rgb) = trace.frame_rgb(step)? {
-            let moment = step.map_or("start".to_owned(), |step| format!("step-{step:03}"));
-            return Ok(Some((
-                format!("{}-{moment}.png", trace.header.episode_id),
-                encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32),
-            )));
-        }
-    }
-    Ok(None)
+pub(crate) fn example_options(options: &SftOptions) -> ExampleOptions {
+    ExampleOptions { style: options.style, failed_calls: options.selection.mistakes }
 }

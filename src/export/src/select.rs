@@ -1,17 +1,20 @@
 //! Which episodes of a store, and which of their decisions, make a training set. Reads columns and files' digests; never
 //! looks at a text, and never asks whether an episode is verified ([`crate::verify`]).
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::{
+    collections::{BTreeMap, BTreeSet, HashMap},
+    sync::Arc,
+};
 
 use reel_tables::{Store, StoreError, Table};
 use reel_world::{Digest, Family, ToolSpec};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Which episodes and decisions are wanted.
-#[derive(Clone, PartialEq, Debug)]
+#[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Selection {
     /// Only these episodes, by id; none: all.
-    pub episodes: Option<HashSet<String>>,
+    pub episodes: Option<BTreeSet<String>>,
     /// Failed and broken-off episodes too.
     pub failed: bool,
     /// Episodes with a discounted return below this are left out.
@@ -64,6 +67,10 @@ pub(crate) struct Candidate {
     pub family: Family,
     /// The decisions that are examples.
     pub decisions: Vec<Decision>,
+    /// Whether its trace was replayed to the same bits.
+    pub verified: bool,
+    /// The rules that said how it failed, where they did.
+    pub rules_version: Option<Arc<str>>,
 }
 
 /// A decision that is an example.
@@ -119,14 +126,14 @@ const COLUMNS: &[&str] = &[
 
 /// The episodes that are wanted, with all their decisions, in the order of the store's files.
 pub(crate) fn candidates(store: &Store, wanted: &Selection, left_out: &mut LeftOut) -> Result<Vec<Candidate>, StoreError> {
-    let decisive = if wanted.failed && !wanted.after_decisive { decisive_steps(store)? } else { HashMap::new() };
+    let classes = if wanted.failed { classes(store)? } else { HashMap::new() };
     let mut found = Vec::new();
     store.read(Table::Episodes, COLUMNS, |batch| {
         let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
         for row in rows {
             match unwanted(&row, wanted) {
                 Some(reason) => *left_out.entry(reason).or_default() += 1,
-                None => found.extend(candidate(&row, wanted, decisive.get(row.episode_id).copied(), left_out)),
+                None => found.extend(candidate(&row, wanted, classes.get(row.episode_id), left_out)),
             }
         }
         Ok(())
@@ -145,9 +152,10 @@ fn unwanted(row: &Row<'_>, wanted: &Selection) -> Option<&'static str> {
     wanted.return_min.is_some_and(too_low).then_some("episodes of a lower return")
 }
 
-fn candidate(row: &Row<'_>, wanted: &Selection, decisive: Option<u32>, left_out: &mut LeftOut) -> Option<Candidate> {
+fn candidate(row: &Row<'_>, wanted: &Selection, class: Option<&Class>, left_out: &mut LeftOut) -> Option<Candidate> {
     let mut decisions = Vec::new();
     let mut after_mistake = false;
+    let decisive = class.map(|class| class.step).filter(|_| !wanted.after_decisive);
     for step in &row.steps {
         let mistake = step.is_mistake();
         let tool = ToolSpec::POLICY.iter().position(|spec| spec.paper_name == step.tool);
@@ -173,6 +181,8 @@ fn candidate(row: &Row<'_>, wanted: &Selection, decisive: Option<u32>, left_out:
         scene_id: row.scene_id.to_owned(),
         family: Family::parse(row.family)?,
         decisions,
+        verified: true,
+        rules_version: class.map(|class| Arc::clone(&class.rules_version)),
     })
 }
 
@@ -188,20 +198,31 @@ impl StepRow<'_> {
     }
 }
 
-/// The decisive step of each failed episode that has one, by episode and trace.
-fn decisive_steps(store: &Store) -> Result<HashMap<String, u32>, StoreError> {
+/// What the rules said of a failed episode.
+struct Class {
+    step: u32,
+    rules_version: Arc<str>,
+}
+
+fn classes(store: &Store) -> Result<HashMap<String, Class>, StoreError> {
     #[derive(Deserialize)]
     struct Row<'a> {
         episode_id: &'a str,
+        rules_version: &'a str,
         step: u32,
     }
-    let mut steps = HashMap::new();
-    store.read(Table::Classes, &["episode_id", "step"], |batch| {
-        let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
-        steps.extend(rows.iter().map(|row| (row.episode_id.to_owned(), row.step)));
+    let mut classes = HashMap::new();
+    let mut version: Arc<str> = Arc::from("");
+    store.read(Table::Classes, &["episode_id", "rules_version", "step"], |batch| {
+        for row in reel_tables::rows_from::<Row<'_>>(&batch)? {
+            if row.rules_version != &*version {
+                version = Arc::from(row.rules_version);
+            }
+            classes.insert(row.episode_id.to_owned(), Class { step: row.step, rules_version: Arc::clone(&version) });
+        }
         Ok(())
     })?;
-    Ok(steps)
+    Ok(classes)
 }
 
 /// At most so many episodes a task; those that are kept are drawn by the seed and stay in their order.

@@ -126,8 +126,11 @@ impl Store {
         })
     }
 
-    /// JSON documents of a table by their digest.
-    fn documents(&self, table: Table, column: &str) -> Result<HashMap<String, String>, StoreError> {
+    /// The JSON documents of `tasks` (column `task`) or `scenes` (`scene`), by their digests.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn documents(&self, table: Table, column: &str) -> Result<HashMap<String, String>, StoreError> {
         let key = format!("{column}_digest");
         let mut documents = HashMap::new();
         self.read(table, &[&key, column], |batch| {

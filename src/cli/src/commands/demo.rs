@@ -111,7 +111,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     println!("  {}", why.display());
     println!("  reel show {}", episode.display());
     println!("  reel query --store {} \"SELECT task_id, policy, length FROM episodes WHERE NOT success\"", store);
-    println!("  reel export sft {} --out sft.parquet", traces.display());
+    println!("  reel export sft --store {store} --out sft");
     println!("  reel export rrd {} --out episode.rrd", episode.display());
     Ok(Answer::Yes)
 }

@@ -23,7 +23,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("annotate", &["world", "trace", "history", "model"]),
     ("dataset", &["world"]),
     ("lint", &["world", "history"]),
-    ("export", &["world", "trace", "tables", "replay", "annotate", "dataset"]),
+    ("export", &["world", "reward", "trace", "tables", "replay", "history", "annotate", "dataset"]),
     ("view", &["world", "trace", "replay"]),
     ("import", &["world", "reward", "trace"]),
     ("taxonomy", &["world", "tables", "query", "model"]),

@@ -1,0 +1,183 @@
+//! Rows as Hugging Face Parquet (SPEC section 11, format vi): columns by Polars, pictures inside, and the metadata by which
+//! `datasets` decodes them by itself. Owns the columns; knows no store.
+
+use std::{
+    collections::HashMap,
+    fs::{self, File},
+    path::{Path, PathBuf},
+};
+
+use arrow::datatypes::{DataType, Field, Fields, Schema};
+use parquet::arrow::{ARROW_SCHEMA_META_KEY, encode_arrow_schema};
+use polars_core::prelude::{BinaryChunked, Column, DataFrame, IntoSeries, NamedFrom, NewChunkedArray, Series, StructChunked};
+use polars_io::parquet::write::{BatchedWriter, KeyValueMetadata, ParquetCompression, ParquetWriter};
+use reel_dataset::{Example, Pictures, Shard, Split, prompt_digest};
+use serde_json::{Map, Value, json};
+
+use crate::ExportError;
+
+/// The key under which `datasets` looks for the types.
+const FEATURES_KEY: &str = "huggingface";
+
+/// Columns of text, in order; numbers stand after them, messages and images at the end.
+const TEXT_COLUMNS: [(&str, fn(&Example) -> &str); 16] = [
+    ("example", |example| &example.id),
+    ("episode_id", |example| &example.about.episode_id),
+    ("task_id", |example| &example.about.task_id),
+    ("family", |example| &example.about.family),
+    ("scene_id", |example| &example.about.scene_id),
+    ("policy", |example| &example.about.policy),
+    ("tool", |example| &example.tool),
+    ("trace_uri", |example| &example.about.source.trace_uri),
+    ("trace_digest", |example| &example.about.source.trace_digest),
+    ("verdict", |example| &example.about.source.verdict),
+    ("verdict_sim_version", |example| &example.about.source.verdict_sim_version),
+    ("preset", |example| &example.about.source.preset),
+    ("preset_digest", |example| &example.about.source.preset_digest),
+    ("rules_version", |example| &example.about.source.rules_version),
+    ("annotator", |example| &example.about.source.annotator),
+    ("tools", |example| example.tools.as_ref().map_or("", |tools| tools.as_str())),
+];
+const NUMBER_COLUMNS: [(&str, fn(&Example) -> i64); 2] =
+    [("call", |example| example.call.into()), ("table_version", |example| example.about.source.table_version as i64)];
+/// Names the wording of the prompts.
+const PROMPT_COLUMN: &str = "prompt_digest";
+
+/// Writes the rows of one part into files that the caller closes.
+pub(crate) struct Shards {
+    root: PathBuf,
+    split: Split,
+    open: Option<(BatchedWriter<File>, Shard)>,
+    done: Vec<Shard>,
+}
+
+impl Shards {
+    /// Files under `<root>/<split>/`.
+    pub fn new(root: &Path, split: Split) -> Self {
+        Self { root: root.to_owned(), split, open: None, done: Vec::new() }
+    }
+
+    /// Takes over a file that an earlier run finished.
+    pub fn keep(&mut self, shard: Shard) {
+        self.done.push(shard);
+    }
+
+    /// The files that are whole.
+    pub fn done(&self) -> &[Shard] {
+        &self.done
+    }
+
+    /// Appends examples; their pictures have to be in the store.
+    pub fn push(&mut self, examples: &[Example], pictures: &Pictures) -> Result<(), ExportError> {
+        if examples.is_empty() {
+            return Ok(());
+        }
+        if self.open.is_none() {
+            self.open = Some(self.start()?);
+        }
+        if let Some((writer, shard)) = &mut self.open {
+            writer.write_batch(&frame(examples, Some(pictures))?)?;
+            shard.rows += examples.len() as u64;
+        }
+        Ok(())
+    }
+
+    /// Closes the open file.
+    pub fn close(&mut self) -> Result<(), ExportError> {
+        let Some((writer, shard)) = self.open.take() else { return Ok(()) };
+        writer.finish()?;
+        drop(writer);
+        let path = self.root.join(&shard.path);
+        fs::rename(path.with_added_extension("part"), &path).map_err(|source| ExportError::Io { source, path })?;
+        self.done.push(shard);
+        Ok(())
+    }
+
+    fn start(&self) -> Result<(BatchedWriter<File>, Shard), ExportError> {
+        let split = self.split.as_str();
+        let shard = Shard { path: format!("{split}/{split}-{:05}.parquet", self.done.len()), provenance: None, rows: 0 };
+        let path = self.root.join(&shard.path).with_added_extension("part");
+        let folder = path.parent().unwrap_or(&self.root);
+        let file = fs::create_dir_all(folder)
+            .and_then(|()| File::create(&path))
+            .map_err(|source| ExportError::Io { source, path: path.clone() })?;
+        let metadata = KeyValueMetadata::from_static(metadata());
+        let writer =
+            ParquetWriter::new(file).with_compression(ParquetCompression::Zstd(None)).with_key_value_metadata(Some(metadata));
+        // a frame without rows tells the types
+        Ok((writer.batched(frame(&[], None)?.schema())?, shard))
+    }
+}
+
+fn frame(examples: &[Example], pictures: Option<&Pictures>) -> Result<DataFrame, ExportError> {
+    let mut columns: Vec<Column> = Vec::new();
+    for (name, value) in TEXT_COLUMNS {
+        columns.push(Column::new(name.into(), examples.iter().map(value).collect::<Vec<&str>>()));
+    }
+    for (name, value) in NUMBER_COLUMNS {
+        columns.push(Column::new(name.into(), examples.iter().map(value).collect::<Vec<i64>>()));
+    }
+    let digest = prompt_digest().to_string();
+    columns.push(Column::new(PROMPT_COLUMN.into(), vec![digest.as_str(); examples.len()]));
+    let messages = |example: &Example| {
+        let (roles, contents): (Vec<&str>, Vec<String>) = example.messages().into_iter().unzip();
+        fields(roles.len(), &[Series::new("role".into(), roles), Series::new("content".into(), contents)])
+    };
+    let images = |example: &Example| {
+        let (mut bytes, mut names): (Vec<Vec<u8>>, Vec<String>) = Default::default();
+        for image in example.images() {
+            let Some((pictures, picture)) = pictures.and_then(|pictures| Some((pictures, pictures.get(image)?))) else {
+                return Err(reel_dataset::DatasetError::Picture { example: example.id.clone(), image: *image }.into());
+            };
+            bytes.push(pictures.bytes(&picture)?);
+            names.push(picture.path);
+        }
+        let bytes = BinaryChunked::from_slice("bytes".into(), &bytes.iter().map(Vec::as_slice).collect::<Vec<_>>());
+        fields(names.len(), &[bytes.into_series(), Series::new("path".into(), names)])
+    };
+    // a list of lists of structs knows its type by its first element
+    let nested = |name: &str, lists: Vec<Series>, empty: Series| {
+        let column = if lists.is_empty() { Column::new(name.into(), [empty]).clear() } else { Column::new(name.into(), lists) };
+        column
+    };
+    let no_messages =
+        fields(0, &[Series::new("role".into(), Vec::<&str>::new()), Series::new("content".into(), Vec::<&str>::new())])?;
+    let no_bytes = BinaryChunked::from_slice("bytes".into(), &[] as &[&[u8]]);
+    let no_images = fields(0, &[no_bytes.into_series(), Series::new("path".into(), Vec::<&str>::new())])?;
+    columns.push(nested("messages", examples.iter().map(messages).collect::<Result<_, _>>()?, no_messages));
+    columns.push(nested("images", examples.iter().map(images).collect::<Result<_, ExportError>>()?, no_images));
+    Ok(DataFrame::new(examples.len(), columns)?)
+}
+
+fn fields(length: usize, fields: &[Series]) -> Result<Series, ExportError> {
+    Ok(StructChunked::from_series("".into(), length, fields.iter())?.into_series())
+}
+
+/// What the file says of itself. Readers through Arrow take the types and the metadata from the schema that is stored in the
+/// file, so it must hold the features too; Polars' own would say `string_view`, which older readers do not know.
+fn metadata() -> Vec<(String, String)> {
+    let features = features().to_string();
+    let text = |name: &str| Field::new(name, DataType::Utf8, true);
+    let list = |name: &str, fields: Vec<Field>| {
+        Field::new_list(name, Field::new("element", DataType::Struct(Fields::from(fields)), true), true)
+    };
+    let mut columns: Vec<Field> = TEXT_COLUMNS.iter().map(|(name, _)| text(name)).collect();
+    columns.extend(NUMBER_COLUMNS.iter().map(|(name, _)| Field::new(*name, DataType::Int64, true)));
+    columns.push(text(PROMPT_COLUMN));
+    columns.push(list("messages", vec![text("role"), text("content")]));
+    columns.push(list("images", vec![Field::new("bytes", DataType::Binary, true), text("path")]));
+    let schema = Schema::new(columns).with_metadata(HashMap::from([(FEATURES_KEY.to_owned(), features.clone())]));
+    vec![(FEATURES_KEY.to_owned(), features), (ARROW_SCHEMA_META_KEY.to_owned(), encode_arrow_schema(&schema))]
+}
+
+/// Types of every column for `datasets`; lists in the plain form, which its older versions read too.
+fn features() -> Value {
+    let value = |dtype: &str| json!({ "dtype": dtype, "_type": "Value" });
+    let mut features: Map<String, Value> =
+        TEXT_COLUMNS.iter().map(|(name, _)| ((*name).to_owned(), value("string"))).collect();
+    features.extend(NUMBER_COLUMNS.iter().map(|(name, _)| ((*name).to_owned(), value("int64"))));
+    features.insert(PROMPT_COLUMN.into(), value("string"));
+    features.insert("messages".into(), json!([{ "role": value("string"), "content": value("string") }]));
+    features.insert("images".into(), json!([{ "_type": "Image" }]));
+    json!({ "info": { "features": features } })
+}
