@@ -587,7 +587,11 @@ impl<'a> Reader<'a> {
     fn sense(&self, verb: Verb) -> Act {
         let next = self.word_at(self.at + 1);
         let ahead = |wanted: &[&str]| self.tokens[self.at + 1..].iter().take(14).any(|token| wanted.contains(&token.word()));
+        let soon = |wanted: &[&str]| self.tokens[self.at + 1..].iter().take(4).any(|token| wanted.contains(&token.word()));
         match (verb.base, verb.act) {
+            ("take", _) if soon(&["look", "glance", "stock", "picture"]) => Act::Check,
+            ("put" | "place" | "set", _) if soon(&["markers", "numbers", "labels"]) => Act::Mark,
+            ("get", _) if soon(&["candidate", "candidates", "match", "matches", "result", "results", "hit", "hits"]) => Act::See,
             ("walk", _) if next == "around" => Act::Explore,
             ("look" | "search", _) if next != "for" && !ahead(&["for"]) => Act::Check,
             ("take" | "move" | "relocate" | "transfer" | "return", Act::Pick | Act::Go | Act::Carry) if !self.goes_itself(verb) => Act::Carry,

@@ -99,6 +99,8 @@ impl Judge<'_> {
         let step = chosen.and_then(|index| self.facts.step(index));
         let ruling = match (predicate.negated, chosen, maybe) {
             (false, Some(_), _) => self.in_detail(predicate, &yes, kind).unwrap_or_else(|| Ruling::supported(kind, step)),
+            // a verb of taking without what was taken is an idiom
+            (false, None, false) if bare(predicate, slots) => Ruling::unknown(kind),
             (false, None, false) => self.refute(predicate, slots, kind),
             (true, Some(_), _) => Ruling::contradicted(kind, "it was done", step),
             (true, None, false) => Ruling::supported(kind, None),
@@ -442,6 +444,12 @@ impl Judge<'_> {
             (true, true) => Ruling::supported(kind, None),
         }]
     }
+}
+
+/// Whether a verb that needs an object has none.
+fn bare(predicate: &Predicate, slots: &Slots) -> bool {
+    let needs = matches!(predicate.act, Act::Pick | Act::Place | Act::Get | Act::Carry | Act::Gaze | Act::Check);
+    needs && slots.thing.is_none() && slots.place.is_none() && slots.marker.is_none()
 }
 
 /// The claim that an act makes.

@@ -15,6 +15,12 @@ const TIMES: [&str; 14] = [
     "start", "beginning", "end", "moment", "way", "total", "turn", "order", "sequence", "meantime", "row", "process", "result", "episode",
 ];
 
+/// Parts of things: `the top of the table` is the table.
+const PARTS: [&str; 17] = [
+    "top", "front", "side", "middle", "edge", "corner", "centre", "center", "left", "right", "inside", "contents", "pair", "kind", "type",
+    "vicinity", "pick",
+];
+
 impl Reader<'_> {
     /// Reads one noun phrase, if there is one, and gives it to its verb or keeps it for the next.
     pub(super) fn phrase(&mut self) {
@@ -257,7 +263,8 @@ impl Reader<'_> {
             _ => self.pending.last_mut(),
         };
         let Some(whole) = whole else { return false };
-        if whole.door || whole.referent.any_thing || whole.referent.any_place || whole.referent.open {
+        let last = whole.referent.words.rsplit(' ').next().unwrap_or("");
+        if whole.door || whole.referent.any_thing || whole.referent.any_place || whole.referent.open && PARTS.contains(&last) {
             whole.referent = arg.referent.clone();
         }
         whole.marker = whole.marker.or(arg.marker);
