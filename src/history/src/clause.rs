@@ -794,17 +794,3 @@ impl<'a> Reader<'a> {
         self.push(Predicate { mood: Mood::Tried, content, ..Predicate::new(Act::Call, span) });
     }
 }
-#[cfg(test)]
-mod debug {
-    #[test]
-    fn debug() {
-        let names = crate::names::Names::new(crate::Setting::default());
-        for text in std::env::var("SAY").unwrap_or_default().split('|') {
-            println!("{text}");
-            for p in super::predicates(&names, text) {
-                println!("   {:?} {:?} neg={} user={} agent={} last={} link={:?} reasons={:?} subj={:?} args={:?}", p.act, p.mood, p.negated, p.user, p.agent, p.last, p.link, p.reasons,
-                    p.subjects.iter().map(|a| (a.prep, a.referent.words.clone(), a.marker)).collect::<Vec<_>>(), p.args.iter().map(|a| (a.prep, a.referent.words.clone(), a.marker, a.no)).collect::<Vec<_>>());
-            }
-        }
-    }
-}

@@ -245,7 +245,9 @@ impl Judge<'_> {
                 return if same { Fit::Yes } else { Fit::No };
             }
             Act::Go if fact.act == Some(Act::Gaze) => at(&fact.at),
-            Act::Check | Act::Search | Act::Mark | Act::Explore => at(&fact.at),
+            _ if arg.referent.any_place => Fit::Yes,
+            Act::Mark => at(&fact.at).max(at(&fact.marked_places)),
+            Act::Check | Act::Search | Act::Explore => at(&fact.at),
             _ => arg.referent.fits_place(fact.place),
         };
         // a room, or a word that is not known
@@ -316,7 +318,7 @@ impl Judge<'_> {
                 let sizes: Vec<usize> = facts.iter().map(|fact| fact.deed.markers.len()).collect();
                 if sizes.contains(&count) { (count, count) } else { sizes.last().map_or((0, 0), |size| (*size, *size)) }
             }
-            Act::Pick | Act::Place => {
+            Act::Pick | Act::Place if self.names.setting().complete => {
                 let number = distinct(&mut facts.iter().filter_map(|fact| fact.thing));
                 (number, number)
             }

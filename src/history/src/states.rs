@@ -32,9 +32,9 @@ impl Judge<'_> {
         if said.is_some_and(|arg| arg.other) || referent.is_place() && !referent.is_thing() || said.is_none() && !predicate.passive {
             return Ruling::unknown(kind);
         }
-        let seen_by = |fact: &Fact| -> Fit { self.seen(fact, referent, slots.place) };
+        let seen_by = |index: usize, fact: &Fact| -> Fit { self.seen(index, fact, referent, slots.place) };
         let facts = &self.facts.all[..until.min(self.facts.now())];
-        let seen: Vec<(usize, Fit)> = facts.iter().enumerate().map(|(index, fact)| (index, seen_by(fact))).collect();
+        let seen: Vec<(usize, Fit)> = facts.iter().enumerate().map(|(index, fact)| (index, seen_by(index, fact))).collect();
         let yes: Vec<usize> = seen.iter().filter(|(_, fit)| *fit == Fit::Yes).map(|(index, _)| *index).collect();
         let maybe = seen.iter().any(|(_, fit)| *fit == Fit::Maybe);
         let step = yes.first().and_then(|index| self.facts.step(*index));
@@ -53,12 +53,10 @@ impl Judge<'_> {
     }
 
     /// Whether a deed showed what a phrase means, there.
-    fn seen(&self, fact: &Fact, referent: &Referent, place: Option<&Arg>) -> Fit {
-        let moment = fact.deed.step as usize;
-        let index = self.facts.all.iter().position(|other| other.deed.step == fact.deed.step).map_or(moment, |index| index + 1);
+    fn seen(&self, index: usize, fact: &Fact, referent: &Referent, place: Option<&Arg>) -> Fit {
         let there = |thing: usize| {
             let Some(arg) = place else { return Fit::Yes };
-            let located = self.facts.place_of(thing, index).or_else(|| self.facts.place_of(thing, index - 1));
+            let located = self.facts.place_of(thing, index + 1).or_else(|| self.facts.place_of(thing, index));
             located.map_or(Fit::Maybe, |place| arg.referent.fits_place(Some(place)))
         };
         let all = fact.seen.iter().chain(&fact.marked);
@@ -296,7 +294,7 @@ impl Judge<'_> {
         let fits: Vec<Fit> = self.facts.all.iter().filter_map(fit).collect();
         if fits.contains(&Fit::Yes) {
             Ruling::supported(kind, None)
-        } else if fits.contains(&Fit::Maybe) || what.referent.open || what.pronoun {
+        } else if fits.contains(&Fit::Maybe) || what.referent.open || what.pronoun || !self.names.setting().complete {
             Ruling::unknown(kind)
         } else {
             Ruling::contradicted(kind, "the marker stood for something else", None)
