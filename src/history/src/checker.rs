@@ -139,7 +139,10 @@ fn denials(judge: &Judge, told: &mut [Told]) {
         if predicate.is_state() || !denies(predicate) {
             continue;
         }
-        let later = told[index + 1..].iter().take(REACH).filter(|other| other.predicate.act == predicate.act && other.predicate.mood == Mood::Done);
+        let later = told[index + 1..]
+            .iter()
+            .take(REACH)
+            .filter(|other| other.predicate.act == predicate.act && other.predicate.mood == Mood::Done);
         let until = later.filter_map(|other| other.deed).min().unwrap_or(judge.facts.now());
         let (place, thing) = unnamed(told, index);
         told[index].rulings = judge.deed(predicate, 0, until, place, thing);
@@ -212,7 +215,9 @@ fn told_before(told: &[Told], index: usize) -> Option<usize> {
 
 /// Whether a claim speaks of a deed that was found.
 fn eventful(told: &Told) -> bool {
-    !told.predicate.negated && !told.predicate.is_state() && told.deed.is_some()
+    !told.predicate.negated
+        && !told.predicate.is_state()
+        && told.deed.is_some()
         && told.rulings.iter().all(|ruling| !matches!(ruling.verdict, Verdict::Contradicted { .. }))
 }
 
@@ -221,7 +226,12 @@ fn last_action(judge: &Judge, told: &mut [Told]) {
     let Some(fact) = judge.facts.all.last() else { return };
     for index in 0..told.len() {
         let predicate = told[index].predicate;
-        let first = told[..index].iter().rev().take(REACH).take_while(|other| other.sentence == told[index].sentence).all(|other| other.predicate.act == Act::Be);
+        let first = told[..index]
+            .iter()
+            .rev()
+            .take(REACH)
+            .take_while(|other| other.sentence == told[index].sentence)
+            .all(|other| other.predicate.act == Act::Be);
         if !predicate.last || !first || matches!(predicate.act, Act::Be | Act::Have) || predicate.negated || predicate.user {
             continue;
         }
@@ -239,7 +249,9 @@ fn last_action(judge: &Judge, told: &mut [Told]) {
             let fits = slots(predicate).iter().map(|slots| judge.fit(predicate, mood, slots, fact)).max().unwrap_or(Fit::Maybe);
             match fits {
                 Fit::Yes => Ruling::supported(ClaimKind::Last, step),
-                Fit::No if kind_of(predicate.act) != ClaimKind::Outcome && predicate.act != Act::See => Ruling::contradicted(ClaimKind::Last, last, step),
+                Fit::No if kind_of(predicate.act) != ClaimKind::Outcome && predicate.act != Act::See => {
+                    Ruling::contradicted(ClaimKind::Last, last, step)
+                }
                 _ => Ruling::unknown(ClaimKind::Last),
             }
         }];

@@ -136,9 +136,7 @@ impl Deed {
         seen.dedup();
         let markers = record.markers.iter().map(|marker| match &marker.target {
             MarkerTarget::Object(id) => Mark { number: marker.id, object: Some(key(id)), receptacle: None },
-            MarkerTarget::Receptacle(id) => {
-                Mark { number: marker.id, object: None, receptacle: Some(id.as_str().to_owned()) }
-            }
+            MarkerTarget::Receptacle(id) => Mark { number: marker.id, object: None, receptacle: Some(id.as_str().to_owned()) },
         });
         Self {
             error: record.outcome.error.map(|code| code.as_str().to_owned()),

@@ -130,7 +130,7 @@ impl Facts {
         if deed.error.is_none() {
             self.landmark = match act {
                 Some(Act::Go) => receptacle,
-                Some(Act::Gaze) => place(&deed.receptacle).or(self.landmark),
+                Some(Act::Gaze) => receptacle.or(self.landmark),
                 _ => self.landmark,
             };
         }

@@ -46,7 +46,8 @@ pub fn mend(checker: &mut Checker, history: &str) -> Mended {
 /// The text with every replacement made, and the sentences (by number) that it touched.
 fn replaced(text: &str, claims: &[Claim]) -> (String, BTreeSet<usize>) {
     let ranges = sentences(text);
-    let mut fixes: Vec<&(Range<usize>, String)> = claims.iter().filter(|claim| claim.is_false()).flat_map(|claim| &claim.fix).collect();
+    let mut fixes: Vec<&(Range<usize>, String)> =
+        claims.iter().filter(|claim| claim.is_false()).flat_map(|claim| &claim.fix).collect();
     fixes.sort_by_key(|(range, _)| (range.start, range.end));
     let mut result = String::with_capacity(text.len());
     let mut touched = BTreeSet::new();

@@ -29,7 +29,10 @@ impl Judge<'_> {
         let anything = Referent::anything();
         let referent = meant.map_or(&anything, |arg| &arg.referent);
         let said = slots.thing;
-        if said.is_some_and(|arg| arg.other) || referent.is_place() && !referent.is_thing() || said.is_none() && !predicate.passive {
+        if said.is_some_and(|arg| arg.other)
+            || referent.is_place() && !referent.is_thing()
+            || said.is_none() && !predicate.passive
+        {
             return Ruling::unknown(kind);
         }
         let seen_by = |index: usize, fact: &Fact| -> Fit { self.seen(index, fact, referent, slots.place) };
@@ -67,7 +70,9 @@ impl Judge<'_> {
         let kind = ClaimKind::Sight;
         let here = |fact: &&Fact| place.is_none_or(|arg| fact.at.iter().any(|at| arg.referent.fits_place(Some(*at)) > Fit::No));
         let in_vain = facts.iter().filter(here).filter(|fact| fact.found_nothing()).find(|fact| {
-            fact.act == Some(Act::Explore) || referent.any_thing || self.names.same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words)
+            fact.act == Some(Act::Explore)
+                || referent.any_thing
+                || self.names.same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words)
         });
         if let Some(fact) = in_vain {
             return Ruling::supported(kind, Some(fact.deed.step));
@@ -83,7 +88,13 @@ impl Judge<'_> {
         }
     }
 
-    fn counted_sight(&self, referent: &Referent, place: Option<&Arg>, facts: &[Fact], (count, span): (u32, std::ops::Range<usize>)) -> Ruling {
+    fn counted_sight(
+        &self,
+        referent: &Referent,
+        place: Option<&Arg>,
+        facts: &[Fact],
+        (count, span): (u32, std::ops::Range<usize>),
+    ) -> Ruling {
         let kind = ClaimKind::Sight;
         let count = count as usize;
         let mut last = None;
@@ -105,8 +116,12 @@ impl Judge<'_> {
             }
         }
         // counted in two looks: each of several is one
-        let all: std::collections::BTreeSet<usize> =
-            facts.iter().flat_map(|fact| fact.seen.iter().chain(&fact.marked)).copied().filter(|thing| referent.fits_thing(Some(*thing)) > Fit::No).collect();
+        let all: std::collections::BTreeSet<usize> = facts
+            .iter()
+            .flat_map(|fact| fact.seen.iter().chain(&fact.marked))
+            .copied()
+            .filter(|thing| referent.fits_thing(Some(*thing)) > Fit::No)
+            .collect();
         if !self.names.setting().complete || referent.open || all.len() == count {
             return Ruling::unknown(kind);
         }
@@ -132,12 +147,16 @@ impl Judge<'_> {
             Act::Be => match (predicate.state, subject) {
                 (Some(State::Open | State::Closed), _) => self.doors(predicate, moments),
                 (Some(State::Empty | State::Free), Some(hand)) if hand.hand => vec![self.holding(None, None, !negated, moments)],
-                (Some(State::Empty), _) => self.places_of(predicate).map(|place| self.located(None, place, !negated, moments)).collect(),
+                (Some(State::Empty), _) => {
+                    self.places_of(predicate).map(|place| self.located(None, place, !negated, moments)).collect()
+                }
                 (Some(State::Visible), Some(thing)) if thing.referent.is_thing() => {
                     let as_sight = Slots { thing: Some(thing), place: None, marker: None };
                     vec![self.sight(&Predicate { passive: true, ..predicate.clone() }, &as_sight, Some(thing), self.facts.now())]
                 }
-                (None, Some(marker)) if marker.marker.is_some() && !negated => direct.map(|what| self.marker(marker, what)).into_iter().collect(),
+                (None, Some(marker)) if marker.marker.is_some() && !negated => {
+                    direct.map(|what| self.marker(marker, what)).into_iter().collect()
+                }
                 (None, Some(thing)) if direct.is_some_and(|arg| arg.marker.is_some()) && !negated => {
                     direct.map(|marker| self.marker(marker, thing)).into_iter().collect()
                 }
@@ -150,7 +169,9 @@ impl Judge<'_> {
                     Some(place) => vec![self.located(Some(thing), place, negated, moments)],
                     None => Vec::new(),
                 },
-                (None, None) if predicate.agent => at.filter(|at| !at.hand).map(|place| self.standing(place, negated, moments)).into_iter().collect(),
+                (None, None) if predicate.agent => {
+                    at.filter(|at| !at.hand).map(|place| self.standing(place, negated, moments)).into_iter().collect()
+                }
                 _ => Vec::new(),
             },
             Act::Hold | Act::Have | Act::Contain => match subject.filter(|arg| !arg.hand) {
@@ -161,13 +182,19 @@ impl Judge<'_> {
                 Some(_) => Vec::new(),
                 None if predicate.act == Act::Contain => Vec::new(),
                 None => match direct {
-                    Some(thing) if thing.door || thing.referent.is_place() && !thing.referent.is_thing() || thing.marker.is_some() => Vec::new(),
+                    Some(thing)
+                        if thing.door || thing.referent.is_place() && !thing.referent.is_thing() || thing.marker.is_some() =>
+                    {
+                        Vec::new()
+                    }
                     Some(thing) => vec![self.holding(Some(thing), Some(thing), negated, moments)],
                     None => Vec::new(),
                 },
             },
             Act::Leave => match (subject.filter(|_| predicate.passive).or(direct), at) {
-                (Some(thing), Some(place)) if thing.referent.is_thing() && !place.hand => vec![self.located(Some(thing), place, negated, moments)],
+                (Some(thing), Some(place)) if thing.referent.is_thing() && !place.hand => {
+                    vec![self.located(Some(thing), place, negated, moments)]
+                }
                 _ => Vec::new(),
             },
             _ => Vec::new(),
@@ -180,7 +207,8 @@ impl Judge<'_> {
 
     fn doors(&self, predicate: &Predicate, moments: &[usize]) -> Vec<Ruling> {
         let kind = ClaimKind::DoorState;
-        let wanted = if (predicate.state == Some(State::Open)) != predicate.negated { DoorState::Open } else { DoorState::Closed };
+        let wanted =
+            if (predicate.state == Some(State::Open)) != predicate.negated { DoorState::Open } else { DoorState::Closed };
         let named = predicate.subjects.iter().chain(predicate.args.iter().filter(|arg| arg.prep == Prep::Of));
         let judge = |arg: &Arg| {
             let (places, sure): (Vec<usize>, bool) = if arg.pronoun || arg.referent.any_place {
@@ -239,8 +267,12 @@ impl Judge<'_> {
             at => place.referent.fits_place(at),
         };
         let things = 0..self.names.setting().things.len();
-        let fit = |moment: usize| things.clone().map(|thing| referent.fits_thing(Some(thing)).min(there(thing, moment))).max().unwrap_or(Fit::No);
-        let number = |moment: usize| things.clone().filter(|thing| referent.fits_thing(Some(*thing)).min(there(*thing, moment)) > Fit::No).count();
+        let fit = |moment: usize| {
+            things.clone().map(|thing| referent.fits_thing(Some(thing)).min(there(thing, moment))).max().unwrap_or(Fit::No)
+        };
+        let number = |moment: usize| {
+            things.clone().filter(|thing| referent.fits_thing(Some(*thing)).min(there(*thing, moment)) > Fit::No).count()
+        };
         let fits: Vec<Fit> = moments.iter().map(|moment| fit(*moment)).collect();
         if let (Some((count, _)), false) = (thing.and_then(|arg| arg.count.as_ref()), negated) {
             let numbers: Vec<usize> = moments.iter().map(|moment| number(*moment)).collect();

@@ -120,19 +120,25 @@ fn a_mended_history_is_true_and_keeps_what_was() {
     }
 }
 
+/// Batches that were written when the reader was done; what they taught was mended afterwards.
 #[test]
 fn fresh_false_claims_are_found() {
-    let missed = overlooked(include_str!("false_fresh.txt"));
-    assert!(missed.is_empty(), "{} overlooked:\n{}", missed.len(), missed.join("\n"));
+    for file in [include_str!("false_fresh.txt"), include_str!("false_last.txt")] {
+        let missed = overlooked(file);
+        assert!(missed.is_empty(), "{} overlooked:\n{}", missed.len(), missed.join("\n"));
+    }
 }
 
 #[test]
 fn fresh_true_sentences_raise_no_alarm() {
-    let (alarms, supported, all) = alarms(include_str!("true_fresh.txt"));
-    assert!(alarms.is_empty(), "{} false alarms ({supported} of {all} understood):\n{}", alarms.len(), alarms.join("\n"));
-    assert!(supported * 100 >= all * 60, "only {supported} of {all} are understood");
+    for file in [include_str!("true_fresh.txt"), include_str!("true_last.txt")] {
+        let (alarms, supported, all) = alarms(file);
+        assert!(alarms.is_empty(), "{} false alarms ({supported} of {all} understood):\n{}", alarms.len(), alarms.join("\n"));
+        assert!(supported * 100 >= all * 65, "only {supported} of {all} are understood");
+    }
 }
 
+/// Every deed of the episodes in every wording of a rule-based annotator, alone and as whole stories.
 #[test]
 fn told_deeds_raise_no_alarm() {
     for file in [include_str!("wordings.txt"), include_str!("stories.txt")] {
