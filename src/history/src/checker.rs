@@ -17,6 +17,9 @@ use crate::{
 /// Sentences that are remembered.
 const REMEMBERED: usize = 4096;
 
+/// How many claims before or after one are looked at for what it hangs on.
+const REACH: usize = 256;
+
 /// Judges the Histories of one episode.
 pub struct Checker {
     names: Names,
@@ -119,7 +122,7 @@ fn denies(predicate: &Predicate) -> bool {
 
 /// The place and the thing that stand in the clause before, for `found nothing` and `found one`.
 fn unnamed<'p>(told: &[Told<'p>], index: usize) -> (Option<&'p Arg>, Option<&'p Arg>) {
-    let before = told[..index].iter().rev().take_while(|other| other.sentence == told[index].sentence);
+    let before = told[..index].iter().rev().take(REACH).take_while(|other| other.sentence == told[index].sentence);
     let mut looks = before.map(|other| other.predicate).filter(|other| {
         matches!(other.act, Act::Search | Act::Explore | Act::Check | Act::Go | Act::Gaze | Act::See) && other.mood == Mood::Done
     });
@@ -136,7 +139,10 @@ fn denials(judge: &Judge, told: &mut [Told]) {
         if predicate.is_state() || !denies(predicate) {
             continue;
         }
-        let later = told[index + 1..].iter().filter(|other| other.predicate.act == predicate.act && other.predicate.mood == Mood::Done);
+        let later = told[index + 1..]
+            .iter()
+            .take(REACH)
+            .filter(|other| other.predicate.act == predicate.act && other.predicate.mood == Mood::Done);
         let until = later.filter_map(|other| other.deed).min().unwrap_or(judge.facts.now());
         let (place, thing) = unnamed(told, index);
         told[index].rulings = judge.deed(predicate, 0, until, place, thing);
@@ -155,8 +161,8 @@ fn states(judge: &Judge, told: &mut [Told]) {
 
 /// The moments at which a state may be meant.
 fn window(told: &[Told], index: usize, now: usize) -> Vec<usize> {
-    let before = told[..index].iter().rev().find_map(|other| other.deed).map(|deed| deed + 1);
-    let after = told[index + 1..].iter().find_map(|other| other.deed);
+    let before = told[..index].iter().rev().take(REACH).find_map(|other| other.deed).map(|deed| deed + 1);
+    let after = told[index + 1..].iter().take(REACH).find_map(|other| other.deed);
     let present = told[index].predicate.present && told[index].predicate.link != Some(Link::Because);
     match (before, after) {
         // `was closed`: at any time
@@ -177,9 +183,9 @@ fn orders(facts: &Facts, told: &mut [Told]) {
         }
         let same = |other: &usize| told[*other].sentence == told[index].sentence && eventful(&told[*other]);
         let subordinate = |other: &usize| matches!(told[*other].predicate.link, Some(Link::After | Link::Before));
-        let before = (0..index).rev().find(same);
+        let before = (0..index).rev().take(REACH).find(same);
         let before_it = before.filter(|other| !subordinate(other));
-        let after_it = (index + 1..told.len()).find(|other| same(other) && !subordinate(other));
+        let after_it = (index + 1..told.len()).take(REACH).find(|other| same(other) && !subordinate(other));
         let main = if told[index].predicate.leading { after_it.or(before_it) } else { before_it.or(after_it) };
         let pair = match link {
             Link::Then => before.or_else(|| told_before(told, index)).map(|before| (before, index)),
@@ -204,12 +210,14 @@ fn orders(facts: &Facts, told: &mut [Told]) {
 /// The deed told last in the sentences before, for a sentence that opens with `then`.
 fn told_before(told: &[Told], index: usize) -> Option<usize> {
     let opens = index.checked_sub(1).is_none_or(|before| told[before].sentence != told[index].sentence);
-    (0..index).rev().find(|other| eventful(&told[*other])).filter(|_| opens)
+    (0..index).rev().take(REACH).find(|other| eventful(&told[*other])).filter(|_| opens)
 }
 
 /// Whether a claim speaks of a deed that was found.
 fn eventful(told: &Told) -> bool {
-    !told.predicate.negated && !told.predicate.is_state() && told.deed.is_some()
+    !told.predicate.negated
+        && !told.predicate.is_state()
+        && told.deed.is_some()
         && told.rulings.iter().all(|ruling| !matches!(ruling.verdict, Verdict::Contradicted { .. }))
 }
 
@@ -218,7 +226,12 @@ fn last_action(judge: &Judge, told: &mut [Told]) {
     let Some(fact) = judge.facts.all.last() else { return };
     for index in 0..told.len() {
         let predicate = told[index].predicate;
-        let first = told[..index].iter().rev().take_while(|other| other.sentence == told[index].sentence).all(|other| other.predicate.act == Act::Be);
+        let first = told[..index]
+            .iter()
+            .rev()
+            .take(REACH)
+            .take_while(|other| other.sentence == told[index].sentence)
+            .all(|other| other.predicate.act == Act::Be);
         if !predicate.last || !first || matches!(predicate.act, Act::Be | Act::Have) || predicate.negated || predicate.user {
             continue;
         }
@@ -236,7 +249,9 @@ fn last_action(judge: &Judge, told: &mut [Told]) {
             let fits = slots(predicate).iter().map(|slots| judge.fit(predicate, mood, slots, fact)).max().unwrap_or(Fit::Maybe);
             match fits {
                 Fit::Yes => Ruling::supported(ClaimKind::Last, step),
-                Fit::No if kind_of(predicate.act) != ClaimKind::Outcome && predicate.act != Act::See => Ruling::contradicted(ClaimKind::Last, last, step),
+                Fit::No if kind_of(predicate.act) != ClaimKind::Outcome && predicate.act != Act::See => {
+                    Ruling::contradicted(ClaimKind::Last, last, step)
+                }
                 _ => Ruling::unknown(ClaimKind::Last),
             }
         }];

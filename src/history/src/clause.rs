@@ -246,7 +246,8 @@ impl<'a> Reader<'a> {
         let end_of = |predicate: &Predicate| predicate.all_args().map(|arg| arg.span.end).max().unwrap_or(0);
         for predicate in &mut self.found {
             predicate.span.end = predicate.span.end.max(end_of(predicate));
-            predicate.span.start = predicate.subjects.iter().map(|arg| arg.span.start).min().unwrap_or(usize::MAX).min(predicate.span.start);
+            predicate.span.start =
+                predicate.subjects.iter().map(|arg| arg.span.start).min().unwrap_or(usize::MAX).min(predicate.span.start);
             predicate.last = self.last;
         }
     }
@@ -285,8 +286,17 @@ impl<'a> Reader<'a> {
                 }
                 return;
             }
-            Class::Determiner | Class::No | Class::All | Class::Other | Class::It | Class::User | Class::Hand | Class::Number(_) | Class::Marker
-            | Class::Door | Class::Noun => {
+            Class::Determiner
+            | Class::No
+            | Class::All
+            | Class::Other
+            | Class::It
+            | Class::User
+            | Class::Hand
+            | Class::Number(_)
+            | Class::Marker
+            | Class::Door
+            | Class::Noun => {
                 if self.word_at(at) == "according" {
                     return self.says(at, Act::Say, true);
                 }
@@ -344,14 +354,17 @@ impl<'a> Reader<'a> {
 
     fn have(&mut self) {
         let ahead = self.ahead(self.at + 1);
-        let verb_follows = verb(self.word_at(ahead)).is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Gerund | Form::Present));
+        let verb_follows =
+            verb(self.word_at(ahead)).is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Gerund | Form::Present));
         match self.class_at(ahead) {
             Some(Class::To) if self.tokens[self.at + 1..ahead].iter().any(|token| token.word() == "yet") => {
                 self.before.not = true;
                 self.before.governor = Some((Mood::Done, self.at));
             }
             Some(Class::To) => self.before.will = true,
-            _ if verb_follows || matches!(self.class_at(ahead), Some(Class::Been | Class::Link(_) | Class::Prep(_) | Class::Agent) | None) => {
+            _ if verb_follows
+                || matches!(self.class_at(ahead), Some(Class::Been | Class::Link(_) | Class::Prep(_) | Class::Agent) | None) =>
+            {
                 self.before.have = true;
             }
             _ => {
@@ -412,7 +425,9 @@ impl<'a> Reader<'a> {
         };
         self.before.by = self.word_at(self.at) == "by";
         // `as it has no door`
-        if self.word_at(self.at) == "as" && matches!(self.class_at(self.at + 1), Some(Class::It | Class::Determiner | Class::Agent)) {
+        if self.word_at(self.at) == "as"
+            && matches!(self.class_at(self.at + 1), Some(Class::It | Class::Determiner | Class::Agent))
+        {
             self.reason_begins();
             self.boundary(Some(Link::Because));
         }
@@ -453,6 +468,10 @@ impl<'a> Reader<'a> {
     /// A clause ends: what it left over continues the list of the last verb.
     fn boundary(&mut self, link: Option<Link>) {
         self.flush();
+        if link.is_some() {
+            // `gave up on the fridge and put ..`: a place belongs to its own clause
+            self.pending.retain(|arg| arg.prep == Prep::Direct);
+        }
         let link = link.or(self.before.link.filter(|_| self.before.start.is_none()));
         self.before = Before { link, ..Before::default() };
         self.prep = Prep::Direct;
@@ -466,7 +485,9 @@ impl<'a> Reader<'a> {
         if !self.joins || self.before.not {
             self.pending.clear();
         }
-        for mut arg in self.pending.drain(..).filter(|arg| !arg.no) {
+        let of_last = last.args.last().map(|arg| arg.prep);
+        let continues = |arg: &Arg| !arg.no && (arg.prep == Prep::Direct || Some(arg.prep) == of_last);
+        for mut arg in self.pending.drain(..).filter(continues) {
             if arg.prep == Prep::Direct
                 && let Some(previous) = last.args.last()
             {
@@ -545,7 +566,8 @@ impl<'a> Reader<'a> {
         let governor = after.governor.map_or(at, |(_, governor)| governor);
         let span = self.tokens[governor].span.start..self.tokens[at].span.end;
         let passive = (after.be.is_some() || after.been) && verb.form != Form::Gerund;
-        let present = verb.act == Act::Hold && !after.did
+        let present = verb.act == Act::Hold
+            && !after.did
             && (verb.form == Form::Base || verb.form == Form::Present || verb.form == Form::Gerund && after.be == Some(true));
         let predicate = Predicate { mood, passive, present, verb: Some(verb), ..Predicate::new(verb.act, span) };
         self.before.not = negated;
@@ -564,7 +586,8 @@ impl<'a> Reader<'a> {
         let (at, next) = (self.at, self.class_at(self.at + 1));
         let well = (verb.act != Act::Fail) != std::mem::take(&mut self.before.not);
         let mood = if well { Mood::Done } else { Mood::Failed };
-        let governs = matches!(next, Some(Class::To)) || self.word_at(at + 1) == "in" && self.class_at(at + 2) == Some(Class::Verb);
+        let governs =
+            matches!(next, Some(Class::To)) || self.word_at(at + 1) == "in" && self.class_at(at + 2) == Some(Class::Verb);
         if self.before.will || self.before.infinitive {
         } else if governs {
             self.before.governor = Some((mood, at));
@@ -587,10 +610,18 @@ impl<'a> Reader<'a> {
     fn sense(&self, verb: Verb) -> Act {
         let next = self.word_at(self.at + 1);
         let ahead = |wanted: &[&str]| self.tokens[self.at + 1..].iter().take(14).any(|token| wanted.contains(&token.word()));
+        let soon = |wanted: &[&str]| self.tokens[self.at + 1..].iter().take(4).any(|token| wanted.contains(&token.word()));
         match (verb.base, verb.act) {
+            ("take", _) if soon(&["look", "glance", "stock", "picture"]) => Act::Check,
+            ("put" | "place" | "set", _) if soon(&["markers", "numbers", "labels"]) => Act::Mark,
+            ("get", _) if soon(&["candidate", "candidates", "match", "matches", "result", "results", "hit", "hits"]) => Act::See,
             ("walk", _) if next == "around" => Act::Explore,
             ("look" | "search", _) if next != "for" && !ahead(&["for"]) => Act::Check,
-            ("take" | "move" | "relocate" | "transfer" | "return", Act::Pick | Act::Go | Act::Carry) if !self.goes_itself(verb) => Act::Carry,
+            ("take" | "move" | "relocate" | "transfer" | "return", Act::Pick | Act::Go | Act::Carry)
+                if !self.goes_itself(verb) =>
+            {
+                Act::Carry
+            }
             ("carry", _) if ahead(&["to", "into", "onto"]) => Act::Carry,
             ("remove", _) => Act::Pick,
             (_, act) => act,
@@ -599,12 +630,15 @@ impl<'a> Reader<'a> {
 
     /// `took the mug` and `moved to table_1`, but not `took the mug to table_1` and `moved the mug`.
     fn goes_itself(&self, verb: Verb) -> bool {
-        let mut rest = self.tokens[self.at + 1..].iter().take(14).take_while(|token| token.kind == Kind::Word || token.kind == Kind::Number);
+        let mut rest =
+            self.tokens[self.at + 1..].iter().take(14).take_while(|token| token.kind == Kind::Word || token.kind == Kind::Number);
         match verb.act {
             Act::Pick => !rest.any(|token| matches!(token.word(), "to" | "into" | "onto")),
             _ => {
                 let next = self.class_at(self.ahead(self.at + 1));
-                matches!(next, Some(Class::To | Class::Prep(_) | Class::Link(_)) | None) && self.before.be.is_none() && !self.before.been
+                matches!(next, Some(Class::To | Class::Prep(_) | Class::Link(_)) | None)
+                    && self.before.be.is_none()
+                    && !self.before.been
             }
         }
     }
@@ -615,8 +649,11 @@ impl<'a> Reader<'a> {
         let governed = before.governor.map(|(mood, _)| mood);
         let negated = before.not || before.without;
         match verb.form {
+            // `without dropping it` does not deny the placing
+            _ if negated && verb.base == "drop" => (Mood::Intent, negated),
             Form::Gerund => {
-                let told = before.be == Some(false) || matches!(before.link, Some(Link::After | Link::Before | Link::Sub)) || before.by;
+                let told =
+                    before.be == Some(false) || matches!(before.link, Some(Link::After | Link::Before | Link::Sub)) || before.by;
                 let holds = verb.act == Act::Hold && before.be.is_some();
                 match governed {
                     Some(mood) => (mood, negated),
@@ -637,7 +674,9 @@ impl<'a> Reader<'a> {
             Form::Base if before.determiner || before.doing => (Mood::Mention, false),
             Form::Base if before.agent && matches!(verb.act, Act::Hold | Act::See) => (Mood::Done, negated),
             Form::Base => match base_of_previous() {
-                Some(previous) if previous.verb.is_some_and(|verb| verb.form == Form::Base) => (previous.mood, negated || previous.negated),
+                Some(previous) if previous.verb.is_some_and(|verb| verb.form == Form::Base) => {
+                    (previous.mood, negated || previous.negated)
+                }
                 _ => (Mood::Intent, negated),
             },
             Form::Any if before.determiner => (Mood::Mention, false),
@@ -663,7 +702,9 @@ impl<'a> Reader<'a> {
         predicate.span.start = before.start.map_or(predicate.span.start, |start| self.tokens[start].span.start);
         // `was picked and placed`: the second has the first's subject
         predicate.subjects = match self.found.last() {
-            Some(last) if subjects.is_empty() && before.link == Some(Link::And) && last.passive && !before.agent && !predicate.user => {
+            Some(last)
+                if subjects.is_empty() && before.link == Some(Link::And) && last.passive && !before.agent && !predicate.user =>
+            {
                 predicate.passive = last.passive;
                 last.subjects.clone()
             }
@@ -671,7 +712,9 @@ impl<'a> Reader<'a> {
         };
         predicate.args = modifiers;
         // `X is the only receptacle I have visited`
-        if let Some(last) = self.found.last().filter(|last| last.act == Act::Be && last.only && !self.fresh && predicate.act == Act::Go) {
+        if let Some(last) =
+            self.found.last().filter(|last| last.act == Act::Be && last.only && !self.fresh && predicate.act == Act::Go)
+        {
             predicate.args.extend(last.subjects.iter().cloned());
             predicate.only = true;
         }
@@ -691,7 +734,11 @@ impl<'a> Reader<'a> {
         let mood = match form {
             // `without asking again` does not deny the first time
             Form::Gerund if before.without && self.word_at(at + 1) == "again" => Mood::Intent,
-            Form::Gerund if matches!(before.link, Some(Link::After | Link::Before)) || before.without || before.be == Some(false) => Mood::Done,
+            Form::Gerund
+                if matches!(before.link, Some(Link::After | Link::Before)) || before.without || before.be == Some(false) =>
+            {
+                Mood::Done
+            }
             Form::Gerund => Mood::Mention,
             _ if before.governor.is_some() => before.governor.map_or(Mood::Done, |(mood, _)| mood),
             _ if before.will || before.infinitive || before.can => Mood::Intent,
@@ -730,7 +777,12 @@ impl<'a> Reader<'a> {
             let divides = match self.tokens[at].kind {
                 Kind::Comma => starts(at + 1) || matches!(self.class_at(at + 1), Some(Class::Link(_))) && starts(at + 2),
                 Kind::Word if self.class_at(at) == Some(Class::Agent) => subordinate,
-                Kind::Word => matches!(self.class_at(at), Some(Class::Link(Link::And | Link::But | Link::Then | Link::Before | Link::After))) && starts(at + 1),
+                Kind::Word => {
+                    matches!(
+                        self.class_at(at),
+                        Some(Class::Link(Link::And | Link::But | Link::Then | Link::Before | Link::After))
+                    ) && starts(at + 1)
+                }
                 _ => false,
             };
             if divides {
@@ -788,19 +840,5 @@ impl<'a> Reader<'a> {
         let span = self.tokens[start].span.start..self.tokens[end - 1].span.end;
         self.pending.clear();
         self.push(Predicate { mood: Mood::Tried, content, ..Predicate::new(Act::Call, span) });
-    }
-}
-#[cfg(test)]
-mod debug {
-    #[test]
-    fn debug() {
-        let names = crate::names::Names::new(crate::Setting::default());
-        for text in std::env::var("SAY").unwrap_or_default().split('|') {
-            println!("{text}");
-            for p in super::predicates(&names, text) {
-                println!("   {:?} {:?} neg={} user={} agent={} last={} link={:?} reasons={:?} subj={:?} args={:?}", p.act, p.mood, p.negated, p.user, p.agent, p.last, p.link, p.reasons,
-                    p.subjects.iter().map(|a| (a.prep, a.referent.words.clone(), a.marker)).collect::<Vec<_>>(), p.args.iter().map(|a| (a.prep, a.referent.words.clone(), a.marker, a.no)).collect::<Vec<_>>());
-            }
-        }
     }
 }

@@ -5,9 +5,9 @@ use std::{collections::BTreeSet, ops::Range};
 use reel_world::{ErrorCode, language};
 
 use crate::{
-    names::Names,
     grammar::{Class, REASONS, class},
     lex::{Kind, Token},
+    names::Names,
 };
 
 /// The words of a question, an answer or a call.
@@ -78,8 +78,11 @@ impl Content {
     /// How a quotation agrees with any of the texts.
     pub(crate) fn quotes<'t>(&self, texts: impl Iterator<Item = &'t str>) -> Agreement {
         let Some(quote) = &self.quote else { return Agreement::Unclear };
-        let says = |word: &String| !matches!(class(word), Class::Determiner | Class::Agent | Class::Be(_) | Class::It | Class::Prep(_) | Class::To);
-        let said: BTreeSet<String> = language::words(quote).iter().filter(|word| says(word)).map(|word| language::lemma(word)).collect();
+        let says = |word: &String| {
+            !matches!(class(word), Class::Determiner | Class::Agent | Class::Be(_) | Class::It | Class::Prep(_) | Class::To)
+        };
+        let said: BTreeSet<String> =
+            language::words(quote).iter().filter(|word| says(word)).map(|word| language::lemma(word)).collect();
         if said.is_empty() {
             return Agreement::Unclear;
         }

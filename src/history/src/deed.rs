@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use reel_world::{
-    Door, DoorState, GraphEvent, Scene, Task, ToolCall, ToolSpec, WorldGraph,
+    Door, DoorState, ErrorCode, GraphEvent, Scene, Task, ToolCall, ToolSpec, WorldGraph,
     record::{MarkerTarget, StepRecord},
 };
 
@@ -70,9 +70,6 @@ pub struct Deed {
     /// The error code, if it failed.
     #[serde(default)]
     pub error: Option<String>,
-    /// What the policy was told.
-    #[serde(default)]
-    pub text: String,
     /// What the user answered.
     #[serde(default)]
     pub reply: Option<String>,
@@ -139,9 +136,7 @@ impl Deed {
         seen.dedup();
         let markers = record.markers.iter().map(|marker| match &marker.target {
             MarkerTarget::Object(id) => Mark { number: marker.id, object: Some(key(id)), receptacle: None },
-            MarkerTarget::Receptacle(id) => {
-                Mark { number: marker.id, object: None, receptacle: Some(id.as_str().to_owned()) }
-            }
+            MarkerTarget::Receptacle(id) => Mark { number: marker.id, object: None, receptacle: Some(id.as_str().to_owned()) },
         });
         Self {
             error: record.outcome.error.map(|code| code.as_str().to_owned()),
@@ -164,12 +159,56 @@ impl Deed {
             (Value::Object(map), None) => map.values().next(),
             _ => None,
         };
+        let tool = spec.map_or(call.name.as_str(), |spec| spec.paper_name);
+        let error = failure(text).map(ErrorCode::as_str);
+        let told = |before: &str| text.split_once(before).map(|(_, rest)| rest.trim_end().trim_end_matches('.').to_owned());
+        let receptacle = match tool {
+            "nav_to" => told("Arrived at "),
+            "place" => told("Placed the object on "),
+            "open" | "close" => told("d the door of "),
+            _ => None,
+        };
+        let marked = |line: &str| {
+            let (number, name) = line.trim().split_once(": ")?;
+            Some(Mark { number: number.parse().ok()?, object: None, receptacle: Some(name.to_owned()) })
+        };
         Self {
             step,
-            tool: spec.map_or(call.name.as_str(), |spec| spec.paper_name).to_owned(),
+            tool: tool.to_owned(),
             argument: argument.map(|value| value.as_str().map_or_else(|| value.to_string(), str::to_owned)),
-            text: text.to_owned(),
+            error: error.map(str::to_owned),
+            reply: (tool == "ask" && error.is_none() && !text.is_empty()).then(|| text.to_owned()),
+            receptacle: receptacle.filter(|_| error.is_none()),
+            markers: if tool == "show_receptacles" { text.lines().filter_map(marked).collect() } else { Vec::new() },
             ..Self::default()
         }
     }
+}
+
+/// The error that an outcome's text tells of, by the words of SPEC sections 2 and 9.
+fn failure(text: &str) -> Option<ErrorCode> {
+    const WORDS: [(&str, ErrorCode); 21] = [
+        ("not found in the scene", ErrorCode::UnknownReceptacle),
+        ("non-occluded position", ErrorCode::NoViewpoint),
+        ("No landmark selected", ErrorCode::NoLandmark),
+        ("there is no object on the", ErrorCode::NothingFound),
+        ("No object matching", ErrorCode::NothingFound),
+        ("No receptacle is in view", ErrorCode::NothingFound),
+        ("No marker map available", ErrorCode::NoMarkerMap),
+        ("not found in the marker map", ErrorCode::UnknownMarker),
+        ("is not in view", ErrorCode::MarkerNotInView),
+        ("already holding", ErrorCode::AlreadyHolding),
+        ("is not graspable", ErrorCode::NotGraspable),
+        ("is out of reach", ErrorCode::OutOfReach),
+        ("No object in the inventory", ErrorCode::NothingHeld),
+        ("not a valid placement surface", ErrorCode::NotASurface),
+        ("is closed. Use", ErrorCode::DoorClosed),
+        ("no free spot", ErrorCode::NoFreeSpot),
+        ("has no door", ErrorCode::NoDoor),
+        ("The hand is not free", ErrorCode::HandNotFree),
+        ("not recognized.", ErrorCode::UnknownTool),
+        (": missing argument '", ErrorCode::BadArguments),
+        ("Error executing", ErrorCode::BackendError),
+    ];
+    WORDS.iter().find(|(words, _)| text.contains(words)).map(|(_, code)| *code)
 }

@@ -25,6 +25,10 @@ pub(crate) struct Fact {
     pub(crate) seen: Vec<usize>,
     /// Objects with a marker.
     pub(crate) marked: Vec<usize>,
+    /// Receptacles with a marker.
+    pub(crate) marked_places: Vec<usize>,
+    /// Whether the hand held anything afterwards, known by index or not.
+    holding: bool,
     pub(crate) held: Option<usize>,
 }
 
@@ -98,7 +102,7 @@ impl Facts {
 
     /// Whether the hand held anything at a moment, known by index or not.
     pub(crate) fn holds(&self, moment: usize) -> bool {
-        moment.checked_sub(1).and_then(|index| self.all.get(index)).is_some_and(|fact| fact.deed.held.is_some())
+        moment.checked_sub(1).and_then(|index| self.all.get(index)).is_some_and(|fact| fact.holding)
     }
 
     /// Adds a deed.
@@ -126,7 +130,7 @@ impl Facts {
         if deed.error.is_none() {
             self.landmark = match act {
                 Some(Act::Go) => receptacle,
-                Some(Act::Gaze) => place(&deed.receptacle).or(self.landmark),
+                Some(Act::Gaze) => receptacle.or(self.landmark),
                 _ => self.landmark,
             };
         }
@@ -136,6 +140,13 @@ impl Facts {
         };
         let seen: Vec<usize> = deed.seen.iter().filter_map(|key| names.thing(key)).collect();
         let marked = deed.markers.iter().filter_map(|mark| thing(&mark.object)).collect();
+        let marked_places = deed.markers.iter().filter_map(|mark| place(&mark.receptacle)).collect();
+        let holding = match act {
+            _ if names.setting().complete => deed.held.is_some(),
+            Some(Act::Pick) if deed.error.is_none() => true,
+            Some(Act::Place) if deed.error.is_none() => false,
+            _ => deed.held.is_some() || self.holds(before),
+        };
         self.markers.clone_from(&deed.markers);
         self.all.push(Fact {
             act,
@@ -145,6 +156,8 @@ impl Facts {
             at: self.landmark.into_iter().chain(near).collect(),
             seen,
             marked,
+            marked_places,
+            holding,
             held: thing(&deed.held),
             deed,
         });

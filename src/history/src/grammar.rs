@@ -98,7 +98,10 @@ const VERBS: &[(Act, &str)] = &[
         "check checked checked checking,inspect inspected inspected inspecting,examine examined examined examining,\
          scan scanned scanned scanning,investigate investigated investigated investigating,survey surveyed surveyed surveying",
     ),
-    (Act::Search, "search searched searched searching,look looked looked looking,seek sought sought seeking,hunt hunted hunted hunting"),
+    (
+        Act::Search,
+        "search searched searched searching,look looked looked looking,seek sought sought seeking,hunt hunted hunted hunting",
+    ),
     (
         Act::See,
         "see saw seen seeing,find found found finding,spot spotted spotted spotting,notice noticed noticed noticing,\
@@ -110,7 +113,10 @@ const VERBS: &[(Act, &str)] = &[
         "mark marked marked marking,highlight highlighted highlighted highlighting,show showed shown showing,\
          display displayed displayed displaying,label labeled labeled labeling,list listed listed listing",
     ),
-    (Act::Gaze, "gaze gazed gazed gazing,focus focused focused focusing,focus focussed focussed focussing,stare stared stared staring"),
+    (
+        Act::Gaze,
+        "gaze gazed gazed gazing,focus focused focused focusing,focus focussed focussed focussing,stare stared stared staring",
+    ),
     (
         Act::Pick,
         "pick picked picked picking,grab grabbed grabbed grabbing,grasp grasped grasped grasping,take took taken taking,\
@@ -126,13 +132,17 @@ const VERBS: &[(Act, &str)] = &[
     ),
     (Act::Open, "open opened opened opening"),
     (Act::Close, "close closed closed closing,shut shut shut shutting"),
-    (Act::Ask, "ask asked asked asking,consult consulted consulted consulting,inquire inquired inquired inquiring,query queried queried querying"),
+    (
+        Act::Ask,
+        "ask asked asked asking,consult consulted consulted consulting,inquire inquired inquired inquiring,query queried queried querying",
+    ),
     (
         Act::Say,
         "say said said saying,answer answered answered answering,reply replied replied replying,respond responded responded responding,\
          tell told told telling,confirm confirmed confirmed confirming,clarify clarified clarified clarifying,\
          specify specified specified specifying,explain explained explained explaining,indicate indicated indicated indicating,\
-         state stated stated stating,mention mentioned mentioned mentioning,mean meant meant meaning,want wanted wanted wanting",
+         state stated stated stating,mention mentioned mentioned mentioning,mean meant meant meaning,want wanted wanted wanting,\
+         choose chose chosen choosing,select selected selected selecting,prefer preferred preferred preferring",
     ),
     (Act::Finish, "finish finished finished finishing,end ended ended ending,terminate terminated terminated terminating"),
     (Act::Leave, "leave left left leaving"),
@@ -293,14 +303,15 @@ pub(crate) enum Class {
 /// What a lower-case word is.
 pub(crate) fn class(word: &str) -> Class {
     match word {
-        "a" | "an" | "the" | "my" | "your" | "our" | "its" | "their" | "this" | "these" | "those" | "some" | "any" | "his" | "her" => {
-            Class::Determiner
-        }
+        "a" | "an" | "the" | "my" | "your" | "our" | "its" | "their" | "this" | "these" | "those" | "some" | "any" | "his"
+        | "her" => Class::Determiner,
         "no" | "nothing" | "none" | "neither" => Class::No,
         "not" | "never" | "hardly" => Class::Not,
         "without" => Class::Without,
         "all" | "both" | "every" | "each" => Class::All,
-        "other" | "others" | "another" | "else" | "more" | "different" | "further" | "additional" | "remaining" | "rest" => Class::Other,
+        "other" | "others" | "another" | "else" | "more" | "different" | "further" | "additional" | "remaining" | "rest" => {
+            Class::Other
+        }
         "only" | "just" | "solely" | "exactly" => Class::Only,
         "have" | "has" | "had" | "having" => Class::Have,
         "am" | "is" | "are" => Class::Be(true),
@@ -308,11 +319,12 @@ pub(crate) fn class(word: &str) -> Class {
         "be" | "been" | "being" => Class::Been,
         "did" | "do" | "does" => Class::Did,
         "can" | "could" => Class::Can,
-        "will" | "would" | "should" | "shall" | "must" | "may" | "might" | "need" | "needs" | "needed" | "plan" | "planning" | "let"
-        | "lets" | "intend" | "decided" | "supposed" | "ready" | "require" | "requires" => Class::Will,
-        "if" | "whether" | "unless" | "maybe" | "perhaps" | "probably" | "possibly" | "likely" | "think" | "thought" | "believe"
-        | "believed" | "assume" | "assumed" | "guess" | "suspect" | "expect" | "expected" | "hope" | "hoping" | "seems" | "seemed"
-        | "appears" | "appeared" | "apparently" | "goal" | "task" | "instruction" | "plans" | "todo" | "remember" => Class::Hedge,
+        "will" | "would" | "should" | "shall" | "must" | "may" | "might" | "need" | "needs" | "needed" | "plan" | "planning"
+        | "let" | "lets" | "intend" | "decided" | "supposed" | "ready" | "require" | "requires" => Class::Will,
+        "if" | "whether" | "unless" | "maybe" | "perhaps" | "probably" | "possibly" | "likely" | "think" | "thought"
+        | "believe" | "believed" | "assume" | "assumed" | "guess" | "suspect" | "expect" | "expected" | "hope" | "hoping"
+        | "seems" | "seemed" | "appears" | "appeared" | "apparently" | "goal" | "task" | "instruction" | "plans" | "todo"
+        | "remember" => Class::Hedge,
         "to" | "toward" | "towards" => Class::To,
         "from" | "off" => Class::Prep(Prep::From),
         "at" | "on" | "in" | "inside" | "into" | "onto" | "within" | "upon" | "around" | "atop" => Class::Prep(Prep::At),
@@ -362,12 +374,11 @@ pub(crate) fn class(word: &str) -> Class {
         "action" | "call" | "attempt" | "step" | "try" | "tries" | "attempts" | "calls" | "actions" => Class::Doing,
         "successfully" | "success" | "successful" => Class::Success(true),
         "unsuccessfully" | "unsuccessful" | "vain" => Class::Success(false),
-        "now" | "again" | "also" | "yet" | "ever" | "already" | "still" | "currently" | "finally" | "first" | "second" | "third" | "next" | "later" | "earlier"
-        | "back" | "far" | "up" | "down" | "away" | "out" | "over" | "together" | "too" | "very" | "even" | "instead" | "meanwhile"
-        | "anymore" | "eventually" | "immediately" | "directly" | "longer" | "right" | "previously" | "initially"
-        | "recently" | "therefore" | "thus" | "along" | "straight" | "closely" | "carefully" | "simply" | "actually" | "rather" | "most" => {
-            Class::Adverb
-        }
+        "now" | "again" | "also" | "yet" | "ever" | "already" | "still" | "currently" | "finally" | "first" | "second"
+        | "third" | "next" | "later" | "earlier" | "back" | "far" | "up" | "down" | "away" | "out" | "over" | "together"
+        | "too" | "very" | "even" | "instead" | "meanwhile" | "anymore" | "eventually" | "immediately" | "directly"
+        | "longer" | "right" | "previously" | "initially" | "recently" | "therefore" | "thus" | "along" | "straight"
+        | "closely" | "carefully" | "simply" | "actually" | "rather" | "most" => Class::Adverb,
         _ if TABLE.contains_key(word) => Class::Verb,
         _ => Class::Noun,
     }
@@ -380,13 +391,39 @@ pub(crate) fn verb(word: &str) -> Option<Verb> {
 
 /// Words that stand for any object.
 pub(crate) const ANYTHING: [&str; 18] = [
-    "object", "item", "thing", "something", "anything", "candidate", "match", "target", "one", "everything", "result", "option",
-    "instance", "ones", "stuff", "piece", "copy", "target object",
+    "object",
+    "item",
+    "thing",
+    "something",
+    "anything",
+    "candidate",
+    "match",
+    "target",
+    "one",
+    "everything",
+    "result",
+    "option",
+    "instance",
+    "ones",
+    "stuff",
+    "piece",
+    "copy",
+    "target object",
 ];
 
 /// Words that stand for any receptacle.
 pub(crate) const ANYWHERE: [&str; 12] = [
-    "receptacle", "furniture", "place", "location", "surface", "spot", "landmark", "destination", "source", "somewhere", "anywhere",
+    "receptacle",
+    "furniture",
+    "place",
+    "location",
+    "surface",
+    "spot",
+    "landmark",
+    "destination",
+    "source",
+    "somewhere",
+    "anywhere",
     "viewpoint",
 ];
 

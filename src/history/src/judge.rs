@@ -57,7 +57,14 @@ pub(crate) struct Judge<'a> {
 impl Judge<'_> {
     /// Judges what is claimed to have been done (or not) in deeds up to `until`. `place` and `thing` are what an unnamed
     /// place or object stands for.
-    pub(crate) fn deed(&self, predicate: &Predicate, cursor: usize, until: usize, place: Option<&Arg>, thing: Option<&Arg>) -> Vec<Ruling> {
+    pub(crate) fn deed(
+        &self,
+        predicate: &Predicate,
+        cursor: usize,
+        until: usize,
+        place: Option<&Arg>,
+        thing: Option<&Arg>,
+    ) -> Vec<Ruling> {
         if matches!(predicate.mood, Mood::Intent | Mood::Mention) {
             return Vec::new();
         }
@@ -99,6 +106,8 @@ impl Judge<'_> {
         let step = chosen.and_then(|index| self.facts.step(index));
         let ruling = match (predicate.negated, chosen, maybe) {
             (false, Some(_), _) => self.in_detail(predicate, &yes, kind).unwrap_or_else(|| Ruling::supported(kind, step)),
+            // a verb of taking without what was taken is an idiom
+            (false, None, false) if bare(predicate, slots) => Ruling::unknown(kind),
             (false, None, false) => self.refute(predicate, slots, kind),
             (true, Some(_), _) => Ruling::contradicted(kind, "it was done", step),
             (true, None, false) => Ruling::supported(kind, None),
@@ -128,9 +137,14 @@ impl Judge<'_> {
             }
         }
         if !predicate.reasons.is_empty() && predicate.mood == Mood::Failed {
-            let errors: Vec<&str> = yes.iter().map(|index| self.facts.all[*index].error()).filter(|error| !error.is_empty()).collect();
+            let errors: Vec<&str> =
+                yes.iter().map(|index| self.facts.all[*index].error()).filter(|error| !error.is_empty()).collect();
             if !errors.is_empty() && !errors.iter().any(|error| predicate.reasons.contains(error)) {
-                return Some(Ruling::contradicted(ClaimKind::Outcome, format!("it failed because of {}", errors.join(", ")), step));
+                return Some(Ruling::contradicted(
+                    ClaimKind::Outcome,
+                    format!("it failed because of {}", errors.join(", ")),
+                    step,
+                ));
             }
         }
         None
@@ -148,14 +162,20 @@ impl Judge<'_> {
             && let Some(index) = find(Mood::Failed, slots).last().copied()
         {
             let fix = verb.map(|verb| (predicate.verb_span.clone(), format!("tried to {}", verb.base)));
-            return Ruling::contradicted(ClaimKind::Outcome, format!("it failed: {}", self.facts.all[index].error()), step(index)).with_fix(fix);
+            return Ruling::contradicted(
+                ClaimKind::Outcome,
+                format!("it failed: {}", self.facts.all[index].error()),
+                step(index),
+            )
+            .with_fix(fix);
         }
         if predicate.mood == Mood::Failed
             && let Some(index) = find(Mood::Done, slots).last().copied()
         {
             let governed = verb.filter(|verb| predicate.reasons.is_empty() && verb.act != Act::Fail);
             let fix = governed.map(|verb| (predicate.verb_span.clone(), verb.past.to_owned()));
-            return Ruling::contradicted(ClaimKind::Outcome, "it succeeded", step(index)).with_fix(fix.filter(|(span, _)| span.len() > 8));
+            return Ruling::contradicted(ClaimKind::Outcome, "it succeeded", step(index))
+                .with_fix(fix.filter(|(span, _)| span.len() > 8));
         }
         if let Some(arg) = slots.place {
             let elsewhere = find(predicate.mood, &Slots { place: None, ..*slots });
@@ -175,7 +195,8 @@ impl Judge<'_> {
             things.dedup();
             if let ([thing], Some(index)) = (&things[..], others.last()) {
                 let name = format!("the {}", self.names.call(*thing));
-                return Ruling::contradicted(kind, format!("it was {name}"), step(*index)).with_fix(Some((arg.span.clone(), name)));
+                return Ruling::contradicted(kind, format!("it was {name}"), step(*index))
+                    .with_fix(Some((arg.span.clone(), name)));
             }
         }
         Ruling::contradicted(kind, "nothing of the kind was done", None)
@@ -243,7 +264,9 @@ impl Judge<'_> {
                 return if same { Fit::Yes } else { Fit::No };
             }
             Act::Go if fact.act == Some(Act::Gaze) => at(&fact.at),
-            Act::Check | Act::Search | Act::Mark | Act::Explore => at(&fact.at),
+            _ if arg.referent.any_place => Fit::Yes,
+            Act::Mark => at(&fact.at).max(at(&fact.marked_places)),
+            Act::Check | Act::Search | Act::Explore => at(&fact.at),
             _ => arg.referent.fits_place(fact.place),
         };
         // a room, or a word that is not known
@@ -268,15 +291,27 @@ impl Judge<'_> {
                 let spoken_of = self.names.mentions(&referent.words);
                 if spoken_of || referent.open { Fit::Maybe } else { Fit::No }
             }
-            Act::Mark if fact.act == Some(Act::Mark) => if referent.is_place() || referent.any_thing { Fit::Yes } else { Fit::Maybe },
+            Act::Mark if fact.act == Some(Act::Mark) => {
+                if referent.is_place() || referent.any_thing {
+                    Fit::Yes
+                } else {
+                    Fit::Maybe
+                }
+            }
             Act::Mark => self.fit_thing(Act::Search, referent, fact),
-            Act::Carry if fact.act != Some(Act::Place) && fact.act != Some(Act::Pick) => referent.fits_thing(fact.held).min(if fact.deed.held.is_some() || referent.any_thing { Fit::Yes } else { Fit::No }),
+            Act::Carry if fact.act != Some(Act::Place) && fact.act != Some(Act::Pick) => referent
+                .fits_thing(fact.held)
+                .min(if fact.deed.held.is_some() || referent.any_thing { Fit::Yes } else { Fit::No }),
             Act::Check | Act::Go if fact.act != Some(Act::Gaze) => {
                 if fact.seen.iter().any(|thing| referent.fits_thing(Some(*thing)) > Fit::No) { Fit::Maybe } else { Fit::No }
             }
             Act::Gaze if referent.is_place() && !referent.is_thing() => referent.fits_place(fact.place),
             Act::Gaze if fact.thing.is_none() && fact.place.is_some() => {
-                if referent.any_thing { Fit::Yes } else { Fit::No }
+                if referent.any_thing {
+                    Fit::Yes
+                } else {
+                    Fit::No
+                }
             }
             Act::Pick if fact.thing.is_none() && fact.place.is_some() => referent.fits_place(fact.place),
             _ if self.names.setting().complete || fact.thing.is_some() || !fact.ok() => match fact.thing {
@@ -306,7 +341,12 @@ impl Judge<'_> {
                 let (driven, all) = self.facts.visited();
                 let meant = |places: &[usize]| {
                     let arg = slots.place.or(slots.thing);
-                    places.iter().filter(|place| arg.is_none_or(|arg| arg.referent.fits_place(Some(**place)) > Fit::No || arg.referent.any_thing)).count()
+                    places
+                        .iter()
+                        .filter(|place| {
+                            arg.is_none_or(|arg| arg.referent.fits_place(Some(**place)) > Fit::No || arg.referent.any_thing)
+                        })
+                        .count()
                 };
                 (meant(&driven), meant(&all))
             }
@@ -314,7 +354,7 @@ impl Judge<'_> {
                 let sizes: Vec<usize> = facts.iter().map(|fact| fact.deed.markers.len()).collect();
                 if sizes.contains(&count) { (count, count) } else { sizes.last().map_or((0, 0), |size| (*size, *size)) }
             }
-            Act::Pick | Act::Place => {
+            Act::Pick | Act::Place if self.names.setting().complete => {
                 let number = distinct(&mut facts.iter().filter_map(|fact| fact.thing));
                 (number, number)
             }
@@ -328,7 +368,8 @@ impl Judge<'_> {
             // an earlier count may have been left standing
             return Ruling::unknown(kind);
         }
-        Ruling::contradicted(kind, format!("it was {least}"), step).with_fix((least > 1 && count > 1).then(|| (span.clone(), least.to_string())))
+        Ruling::contradicted(kind, format!("it was {least}"), step)
+            .with_fix((least > 1 && count > 1).then(|| (span.clone(), least.to_string())))
     }
 
     fn all_places(&self, predicate: &Predicate, arg: &Arg, kind: ClaimKind) -> Ruling {
@@ -337,8 +378,11 @@ impl Judge<'_> {
         if meant.is_empty() || !matches!(predicate.act, Act::Go | Act::Check | Act::Explore) {
             return Ruling::unknown(kind);
         }
-        let missing: Vec<&str> =
-            meant.iter().filter(|place| !visited.contains(place)).map(|place| self.names.setting().places[*place].id.as_str()).collect();
+        let missing: Vec<&str> = meant
+            .iter()
+            .filter(|place| !visited.contains(place))
+            .map(|place| self.names.setting().places[*place].id.as_str())
+            .collect();
         match (missing.is_empty(), predicate.negated) {
             (true, false) if predicate.act != Act::Explore => Ruling::supported(kind, None),
             (false, false) => Ruling::contradicted(kind, format!("{} was not visited", missing.join(", ")), None),
@@ -350,22 +394,32 @@ impl Judge<'_> {
     /// `I only visited X`: any other place visited refutes it.
     fn only_visited(&self, predicate: &Predicate) -> Ruling {
         let (driven, _) = self.facts.visited();
-        let named = |place: usize| predicate.all_args().any(|arg| arg.count.is_some() || arg.referent.fits_place(Some(place)) > Fit::No);
+        let named =
+            |place: usize| predicate.all_args().any(|arg| arg.count.is_some() || arg.referent.fits_place(Some(place)) > Fit::No);
         match driven.iter().find(|place| !named(**place)) {
-            Some(place) => Ruling::contradicted(ClaimKind::Visit, format!("{} was visited too", self.names.setting().places[*place].id), None),
+            Some(place) => Ruling::contradicted(
+                ClaimKind::Visit,
+                format!("{} was visited too", self.names.setting().places[*place].id),
+                None,
+            ),
             None => Ruling::supported(ClaimKind::Visit, None),
         }
     }
 
     fn asked(&self, predicate: &Predicate, until: usize) -> Ruling {
         let kind = ClaimKind::Ask;
-        let asks: Vec<usize> = (0..until.min(self.facts.now())).filter(|index| self.facts.all[*index].act == Some(Act::Ask)).collect();
+        let asks: Vec<usize> =
+            (0..until.min(self.facts.now())).filter(|index| self.facts.all[*index].act == Some(Act::Ask)).collect();
         let step = asks.first().and_then(|index| self.facts.step(*index));
         if predicate.user {
             return Ruling::unknown(kind);
         }
         if predicate.negated {
-            return if asks.is_empty() { Ruling::supported(kind, None) } else { Ruling::contradicted(kind, "the user was asked", step) };
+            return if asks.is_empty() {
+                Ruling::supported(kind, None)
+            } else {
+                Ruling::contradicted(kind, "the user was asked", step)
+            };
         }
         if asks.is_empty() {
             return Ruling::contradicted(kind, "the user was not asked", None);
@@ -444,6 +498,12 @@ impl Judge<'_> {
     }
 }
 
+/// Whether a verb that needs an object has none.
+fn bare(predicate: &Predicate, slots: &Slots) -> bool {
+    let needs = matches!(predicate.act, Act::Pick | Act::Place | Act::Get | Act::Carry | Act::Gaze | Act::Check);
+    needs && slots.thing.is_none() && slots.place.is_none() && slots.marker.is_none()
+}
+
 /// The claim that an act makes.
 pub(crate) fn kind_of(act: Act) -> ClaimKind {
     match act {
@@ -468,7 +528,8 @@ pub(crate) fn kind_of(act: Act) -> ClaimKind {
 
 /// The readings of a predicate's arguments; lists give one each, and no argument gives one without.
 pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
-    let takes_marker = matches!(predicate.act, Act::Gaze | Act::Pick | Act::Place | Act::Open | Act::Close | Act::Check | Act::Get);
+    let takes_marker =
+        matches!(predicate.act, Act::Gaze | Act::Pick | Act::Place | Act::Open | Act::Close | Act::Check | Act::Get);
     let marker = predicate.all_args().filter(|_| takes_marker).find_map(|arg| arg.marker);
     let (mut things, mut places): (Vec<&Arg>, Vec<&Arg>) = (Vec::new(), Vec::new());
     let for_follows = predicate.args.iter().any(|arg| arg.prep == Prep::For);
@@ -478,7 +539,9 @@ pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
         let place_like = arg.referent.is_place() || !arg.referent.is_thing();
         match (predicate.act, arg.prep) {
             _ if before && !predicate.passive && !arg.door => {}
-            (Act::Go | Act::Check | Act::Explore, Prep::Direct | Prep::To | Prep::At | Prep::Near) if place_like => places.push(arg),
+            (Act::Go | Act::Check | Act::Explore, Prep::Direct | Prep::To | Prep::At | Prep::Near) if place_like => {
+                places.push(arg)
+            }
             (Act::Go | Act::Check | Act::Explore, Prep::Direct | Prep::To) => things.push(arg),
             (Act::Open | Act::Close, Prep::Direct | Prep::Of | Prep::At) => places.push(arg),
             (Act::Search, Prep::Direct) if for_follows || place_like && arg.referent.is_place() => places.push(arg),

@@ -16,7 +16,7 @@ pub(crate) enum Kind {
     Number,
     /// What stands between quotation marks.
     Quote,
-    /// `,`, or a dash between words.
+    /// `,`, a dash or an arrow between words.
     Comma,
     /// `:`
     Colon,
@@ -105,14 +105,15 @@ pub(crate) fn tokens(sentence: &str) -> Vec<Token> {
                 }
                 continue;
             }
-            ',' | '\u{2014}' | '\u{2013}' => Kind::Comma,
+            ',' | '>' | '\u{2014}' | '\u{2013}' | '\u{2192}' => Kind::Comma,
             ':' => Kind::Colon,
             '(' | '[' | '{' => Kind::Open,
             ')' | ']' | '}' => Kind::Close,
             _ if is_letter(letter) => {
                 let mut end = at + letter.len_utf8();
                 while let Some((next, letter)) = letters.next_if(|(next, letter)| {
-                    is_letter(*letter) || is_apostrophe(*letter) && sentence[*next..].chars().nth(1).is_some_and(is_letter)
+                    is_letter(*letter)
+                        || is_apostrophe(*letter) && sentence[*next..].chars().nth(1).is_some_and(is_letter)
                         || *letter == '.' && is_decimal(sentence, *next)
                 }) {
                     end = next + letter.len_utf8();
@@ -218,7 +219,10 @@ mod tests {
 
     #[test]
     fn sentences_end_at_marks_but_not_inside_numbers_quotations_and_parentheses() {
-        assert_eq!(texts("I went 1.5 m. Then (a. b) I left;done\n3. pick"), ["I went 1.5 m.", "Then (a. b) I left;", "done", "3. pick"]);
+        assert_eq!(
+            texts("I went 1.5 m. Then (a. b) I left;done\n3. pick"),
+            ["I went 1.5 m.", "Then (a. b) I left;", "done", "3. pick"]
+        );
         assert_eq!(texts("The user said \"No. Not that.\" I left."), ["The user said \"No. Not that.\"", "I left."]);
         assert_eq!(texts("  "), Vec::<&str>::new());
     }

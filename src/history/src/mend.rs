@@ -46,7 +46,8 @@ pub fn mend(checker: &mut Checker, history: &str) -> Mended {
 /// The text with every replacement made, and the sentences (by number) that it touched.
 fn replaced(text: &str, claims: &[Claim]) -> (String, BTreeSet<usize>) {
     let ranges = sentences(text);
-    let mut fixes: Vec<&(Range<usize>, String)> = claims.iter().filter(|claim| claim.is_false()).flat_map(|claim| &claim.fix).collect();
+    let mut fixes: Vec<&(Range<usize>, String)> =
+        claims.iter().filter(|claim| claim.is_false()).flat_map(|claim| &claim.fix).collect();
     fixes.sort_by_key(|(range, _)| (range.start, range.end));
     let mut result = String::with_capacity(text.len());
     let mut touched = BTreeSet::new();
@@ -58,7 +59,7 @@ fn replaced(text: &str, claims: &[Claim]) -> (String, BTreeSet<usize>) {
         result.push_str(&text[at..range.start]);
         result.push_str(new);
         at = range.end;
-        touched.extend(ranges.iter().position(|sentence| sentence.end > range.start));
+        touched.insert(ranges.partition_point(|sentence| sentence.end <= range.start));
     }
     result.push_str(&text[at..]);
     (result, touched)
@@ -66,12 +67,13 @@ fn replaced(text: &str, claims: &[Claim]) -> (String, BTreeSet<usize>) {
 
 /// The text without the sentences that hold wrong claims.
 fn without(text: &str, wrong: &[Range<usize>], mended: &mut BTreeSet<usize>, mut dropped: usize) -> (String, usize) {
+    let begins: BTreeSet<usize> = wrong.iter().map(|claim| claim.start).collect();
     let mut result = String::with_capacity(text.len());
     let mut at = 0;
     let mut kept = BTreeSet::new();
     let mut number = 0;
     for (index, range) in sentences(text).into_iter().enumerate() {
-        let is_wrong = wrong.iter().any(|claim| claim.start < range.end && claim.end > range.start);
+        let is_wrong = begins.range(range.clone()).next().is_some();
         if is_wrong {
             dropped += 1;
         } else {

@@ -77,7 +77,9 @@ impl Referent {
 
     /// Whether it speaks of objects, as far as the words tell.
     pub(crate) fn is_thing(&self) -> bool {
-        !self.things.is_empty() || !self.maybe_things.is_empty() || self.any_thing
+        !self.things.is_empty()
+            || !self.maybe_things.is_empty()
+            || self.any_thing
             || !self.is_place() && !self.open && !self.words.is_empty()
     }
 
@@ -93,9 +95,8 @@ impl Referent {
 
 /// `table_1`: a receptacle's id, of this scene or of none.
 pub(crate) fn looks_like_id(word: &str) -> bool {
-    word.rsplit_once('_').is_some_and(|(name, number)| {
-        !name.is_empty() && !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit())
-    })
+    word.rsplit_once('_')
+        .is_some_and(|(name, number)| !name.is_empty() && !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// A name of several words.
@@ -153,7 +154,10 @@ impl Names {
         for list in captions.values_mut() {
             list.sort_by_key(|caption| std::cmp::Reverse(caption.words.len()));
         }
-        let places = setting.places.iter().map(|place| Description::new(&place.category, &format!("{} {}", place.captions.join(" "), place.room)));
+        let places = setting
+            .places
+            .iter()
+            .map(|place| Description::new(&place.category, &format!("{} {}", place.captions.join(" "), place.room)));
         let things = setting.things.iter().map(|thing| Description::new(&thing.category, thing.caption.as_deref().unwrap_or("")));
         let descriptions = places.chain(things).collect();
         let instruction = lemmas(&setting.instruction);
@@ -184,7 +188,8 @@ impl Names {
             return Some((1, Referent { words: (*first).to_owned(), ..Referent::default() }));
         }
         let captions = self.captions.get(*first)?;
-        let matches = |caption: &&Caption| caption.words.len() <= words.len() && caption.words.iter().zip(words).all(|(a, b)| a == b);
+        let matches =
+            |caption: &&Caption| caption.words.len() <= words.len() && caption.words.iter().zip(words).all(|(a, b)| a == b);
         let length = captions.iter().find(matches)?.words.len();
         let all: Vec<&Caption> = captions.iter().filter(|caption| caption.words.len() == length).filter(matches).collect();
         let places = all.iter().filter_map(|caption| caption.place).collect();
@@ -286,7 +291,10 @@ impl Names {
     /// Whether a word names one thing rather than another: an object, a receptacle, a colour.
     pub(crate) fn is_specific(&self, word: &str) -> bool {
         let referent = self.phrase(&[word]);
-        !referent.things.is_empty() || !referent.places.is_empty() || !referent.is_open() || looks_like_id(word)
+        !referent.things.is_empty()
+            || !referent.places.is_empty()
+            || !referent.is_open()
+            || looks_like_id(word)
             || !language::attribute_words(word).is_empty()
     }
 
@@ -306,9 +314,9 @@ impl Description {
     /// How adjectives fit: an attribute of a kind that is described otherwise does not.
     fn fits(&self, adjectives: &[&str]) -> Fit {
         let said = language::attribute_words(&adjectives.join(" "));
-        let against = said.iter().any(|(kind, words)| {
-            self.attributes.get(kind).is_some_and(|own| !words.iter().any(|word| own.contains(word)))
-        });
+        let against = said
+            .iter()
+            .any(|(kind, words)| self.attributes.get(kind).is_some_and(|own| !words.iter().any(|word| own.contains(word))));
         if against {
             return Fit::No;
         }

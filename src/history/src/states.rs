@@ -29,12 +29,15 @@ impl Judge<'_> {
         let anything = Referent::anything();
         let referent = meant.map_or(&anything, |arg| &arg.referent);
         let said = slots.thing;
-        if said.is_some_and(|arg| arg.other) || referent.is_place() && !referent.is_thing() || said.is_none() && !predicate.passive {
+        if said.is_some_and(|arg| arg.other)
+            || referent.is_place() && !referent.is_thing()
+            || said.is_none() && !predicate.passive
+        {
             return Ruling::unknown(kind);
         }
-        let seen_by = |fact: &Fact| -> Fit { self.seen(fact, referent, slots.place) };
+        let seen_by = |index: usize, fact: &Fact| -> Fit { self.seen(index, fact, referent, slots.place) };
         let facts = &self.facts.all[..until.min(self.facts.now())];
-        let seen: Vec<(usize, Fit)> = facts.iter().enumerate().map(|(index, fact)| (index, seen_by(fact))).collect();
+        let seen: Vec<(usize, Fit)> = facts.iter().enumerate().map(|(index, fact)| (index, seen_by(index, fact))).collect();
         let yes: Vec<usize> = seen.iter().filter(|(_, fit)| *fit == Fit::Yes).map(|(index, _)| *index).collect();
         let maybe = seen.iter().any(|(_, fit)| *fit == Fit::Maybe);
         let step = yes.first().and_then(|index| self.facts.step(*index));
@@ -53,12 +56,10 @@ impl Judge<'_> {
     }
 
     /// Whether a deed showed what a phrase means, there.
-    fn seen(&self, fact: &Fact, referent: &Referent, place: Option<&Arg>) -> Fit {
-        let moment = fact.deed.step as usize;
-        let index = self.facts.all.iter().position(|other| other.deed.step == fact.deed.step).map_or(moment, |index| index + 1);
+    fn seen(&self, index: usize, fact: &Fact, referent: &Referent, place: Option<&Arg>) -> Fit {
         let there = |thing: usize| {
             let Some(arg) = place else { return Fit::Yes };
-            let located = self.facts.place_of(thing, index).or_else(|| self.facts.place_of(thing, index - 1));
+            let located = self.facts.place_of(thing, index + 1).or_else(|| self.facts.place_of(thing, index));
             located.map_or(Fit::Maybe, |place| arg.referent.fits_place(Some(place)))
         };
         let all = fact.seen.iter().chain(&fact.marked);
@@ -69,7 +70,9 @@ impl Judge<'_> {
         let kind = ClaimKind::Sight;
         let here = |fact: &&Fact| place.is_none_or(|arg| fact.at.iter().any(|at| arg.referent.fits_place(Some(*at)) > Fit::No));
         let in_vain = facts.iter().filter(here).filter(|fact| fact.found_nothing()).find(|fact| {
-            fact.act == Some(Act::Explore) || referent.any_thing || self.names.same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words)
+            fact.act == Some(Act::Explore)
+                || referent.any_thing
+                || self.names.same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words)
         });
         if let Some(fact) = in_vain {
             return Ruling::supported(kind, Some(fact.deed.step));
@@ -85,7 +88,13 @@ impl Judge<'_> {
         }
     }
 
-    fn counted_sight(&self, referent: &Referent, place: Option<&Arg>, facts: &[Fact], (count, span): (u32, std::ops::Range<usize>)) -> Ruling {
+    fn counted_sight(
+        &self,
+        referent: &Referent,
+        place: Option<&Arg>,
+        facts: &[Fact],
+        (count, span): (u32, std::ops::Range<usize>),
+    ) -> Ruling {
         let kind = ClaimKind::Sight;
         let count = count as usize;
         let mut last = None;
@@ -107,8 +116,12 @@ impl Judge<'_> {
             }
         }
         // counted in two looks: each of several is one
-        let all: std::collections::BTreeSet<usize> =
-            facts.iter().flat_map(|fact| fact.seen.iter().chain(&fact.marked)).copied().filter(|thing| referent.fits_thing(Some(*thing)) > Fit::No).collect();
+        let all: std::collections::BTreeSet<usize> = facts
+            .iter()
+            .flat_map(|fact| fact.seen.iter().chain(&fact.marked))
+            .copied()
+            .filter(|thing| referent.fits_thing(Some(*thing)) > Fit::No)
+            .collect();
         if !self.names.setting().complete || referent.open || all.len() == count {
             return Ruling::unknown(kind);
         }
@@ -134,12 +147,16 @@ impl Judge<'_> {
             Act::Be => match (predicate.state, subject) {
                 (Some(State::Open | State::Closed), _) => self.doors(predicate, moments),
                 (Some(State::Empty | State::Free), Some(hand)) if hand.hand => vec![self.holding(None, None, !negated, moments)],
-                (Some(State::Empty), _) => self.places_of(predicate).map(|place| self.located(None, place, !negated, moments)).collect(),
+                (Some(State::Empty), _) => {
+                    self.places_of(predicate).map(|place| self.located(None, place, !negated, moments)).collect()
+                }
                 (Some(State::Visible), Some(thing)) if thing.referent.is_thing() => {
                     let as_sight = Slots { thing: Some(thing), place: None, marker: None };
                     vec![self.sight(&Predicate { passive: true, ..predicate.clone() }, &as_sight, Some(thing), self.facts.now())]
                 }
-                (None, Some(marker)) if marker.marker.is_some() && !negated => direct.map(|what| self.marker(marker, what)).into_iter().collect(),
+                (None, Some(marker)) if marker.marker.is_some() && !negated => {
+                    direct.map(|what| self.marker(marker, what)).into_iter().collect()
+                }
                 (None, Some(thing)) if direct.is_some_and(|arg| arg.marker.is_some()) && !negated => {
                     direct.map(|marker| self.marker(marker, thing)).into_iter().collect()
                 }
@@ -152,7 +169,9 @@ impl Judge<'_> {
                     Some(place) => vec![self.located(Some(thing), place, negated, moments)],
                     None => Vec::new(),
                 },
-                (None, None) if predicate.agent => at.filter(|at| !at.hand).map(|place| self.standing(place, negated, moments)).into_iter().collect(),
+                (None, None) if predicate.agent => {
+                    at.filter(|at| !at.hand).map(|place| self.standing(place, negated, moments)).into_iter().collect()
+                }
                 _ => Vec::new(),
             },
             Act::Hold | Act::Have | Act::Contain => match subject.filter(|arg| !arg.hand) {
@@ -163,13 +182,19 @@ impl Judge<'_> {
                 Some(_) => Vec::new(),
                 None if predicate.act == Act::Contain => Vec::new(),
                 None => match direct {
-                    Some(thing) if thing.door || thing.referent.is_place() && !thing.referent.is_thing() || thing.marker.is_some() => Vec::new(),
+                    Some(thing)
+                        if thing.door || thing.referent.is_place() && !thing.referent.is_thing() || thing.marker.is_some() =>
+                    {
+                        Vec::new()
+                    }
                     Some(thing) => vec![self.holding(Some(thing), Some(thing), negated, moments)],
                     None => Vec::new(),
                 },
             },
             Act::Leave => match (subject.filter(|_| predicate.passive).or(direct), at) {
-                (Some(thing), Some(place)) if thing.referent.is_thing() && !place.hand => vec![self.located(Some(thing), place, negated, moments)],
+                (Some(thing), Some(place)) if thing.referent.is_thing() && !place.hand => {
+                    vec![self.located(Some(thing), place, negated, moments)]
+                }
                 _ => Vec::new(),
             },
             _ => Vec::new(),
@@ -182,7 +207,8 @@ impl Judge<'_> {
 
     fn doors(&self, predicate: &Predicate, moments: &[usize]) -> Vec<Ruling> {
         let kind = ClaimKind::DoorState;
-        let wanted = if (predicate.state == Some(State::Open)) != predicate.negated { DoorState::Open } else { DoorState::Closed };
+        let wanted =
+            if (predicate.state == Some(State::Open)) != predicate.negated { DoorState::Open } else { DoorState::Closed };
         let named = predicate.subjects.iter().chain(predicate.args.iter().filter(|arg| arg.prep == Prep::Of));
         let judge = |arg: &Arg| {
             let (places, sure): (Vec<usize>, bool) = if arg.pronoun || arg.referent.any_place {
@@ -241,8 +267,12 @@ impl Judge<'_> {
             at => place.referent.fits_place(at),
         };
         let things = 0..self.names.setting().things.len();
-        let fit = |moment: usize| things.clone().map(|thing| referent.fits_thing(Some(thing)).min(there(thing, moment))).max().unwrap_or(Fit::No);
-        let number = |moment: usize| things.clone().filter(|thing| referent.fits_thing(Some(*thing)).min(there(*thing, moment)) > Fit::No).count();
+        let fit = |moment: usize| {
+            things.clone().map(|thing| referent.fits_thing(Some(thing)).min(there(thing, moment))).max().unwrap_or(Fit::No)
+        };
+        let number = |moment: usize| {
+            things.clone().filter(|thing| referent.fits_thing(Some(*thing)).min(there(*thing, moment)) > Fit::No).count()
+        };
         let fits: Vec<Fit> = moments.iter().map(|moment| fit(*moment)).collect();
         if let (Some((count, _)), false) = (thing.and_then(|arg| arg.count.as_ref()), negated) {
             let numbers: Vec<usize> = moments.iter().map(|moment| number(*moment)).collect();
@@ -296,7 +326,7 @@ impl Judge<'_> {
         let fits: Vec<Fit> = self.facts.all.iter().filter_map(fit).collect();
         if fits.contains(&Fit::Yes) {
             Ruling::supported(kind, None)
-        } else if fits.contains(&Fit::Maybe) || what.referent.open || what.pronoun {
+        } else if fits.contains(&Fit::Maybe) || what.referent.open || what.pronoun || !self.names.setting().complete {
             Ruling::unknown(kind)
         } else {
             Ruling::contradicted(kind, "the marker stood for something else", None)

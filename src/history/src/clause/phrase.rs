@@ -12,7 +12,26 @@ const LONGEST_NAME: usize = 14;
 
 /// Words behind a preposition that say when or how, not where.
 const TIMES: [&str; 14] = [
-    "start", "beginning", "end", "moment", "way", "total", "turn", "order", "sequence", "meantime", "row", "process", "result", "episode",
+    "start",
+    "beginning",
+    "end",
+    "moment",
+    "way",
+    "total",
+    "turn",
+    "order",
+    "sequence",
+    "meantime",
+    "row",
+    "process",
+    "result",
+    "episode",
+];
+
+/// Parts of things: `the top of the table` is the table.
+const PARTS: [&str; 17] = [
+    "top", "front", "side", "middle", "edge", "corner", "centre", "center", "left", "right", "inside", "contents", "pair",
+    "kind", "type", "vicinity", "pick",
 ];
 
 impl Reader<'_> {
@@ -105,7 +124,8 @@ impl Reader<'_> {
                     named = true;
                     arg.marker = self.tokens.get(self.at).and_then(crate::lex::Token::number);
                     self.at += usize::from(arg.marker.is_some());
-                    arg.referent = if arg.marker.is_some() { Referent::anything() } else { Referent { open: true, ..Referent::default() } };
+                    arg.referent =
+                        if arg.marker.is_some() { Referent::anything() } else { Referent { open: true, ..Referent::default() } };
                     break;
                 }
                 Class::Door => {
@@ -132,7 +152,9 @@ impl Reader<'_> {
                     break;
                 }
                 Class::Noun => words.push(word),
-                Class::Adverb | Class::Free | Class::Empty if determined && words.is_empty() && self.name_follows() => words.push(word),
+                Class::Adverb | Class::Free | Class::Empty if determined && words.is_empty() && self.name_follows() => {
+                    words.push(word)
+                }
                 Class::Last if determined => {
                     self.last |= self.is_last_action();
                 }
@@ -167,8 +189,12 @@ impl Reader<'_> {
 
     fn opening(&self) -> Option<(usize, Referent)> {
         let rest = &self.tokens[self.at..];
-        let words: Vec<&str> =
-            rest.iter().take(LONGEST_NAME).take_while(|token| matches!(token.kind, Kind::Word | Kind::Number)).map(|token| token.text.as_str()).collect();
+        let words: Vec<&str> = rest
+            .iter()
+            .take(LONGEST_NAME)
+            .take_while(|token| matches!(token.kind, Kind::Word | Kind::Number))
+            .map(|token| token.text.as_str())
+            .collect();
         self.names.opening(&words)
     }
 
@@ -178,8 +204,10 @@ impl Reader<'_> {
         match self.class_at(next) {
             Some(Class::Noun | Class::Other) => true,
             Some(Class::Adverb) => matches!(self.class_at(next + 1), Some(Class::Noun)),
-            Some(Class::Verb) => verb(self.word_at(next)).is_some_and(|verb| verb.form == Form::PastOrParticiple && verb.act == Act::Mark)
-                && self.class_at(next + 1) == Some(Class::Noun),
+            Some(Class::Verb) => {
+                verb(self.word_at(next)).is_some_and(|verb| verb.form == Form::PastOrParticiple && verb.act == Act::Mark)
+                    && self.class_at(next + 1) == Some(Class::Noun)
+            }
             _ => false,
         }
     }
@@ -187,7 +215,8 @@ impl Reader<'_> {
     /// `the held object`, `the closed fridge`
     fn is_adjective(&self, determined: bool, words: &[&str]) -> bool {
         let form = verb(self.word_at(self.at)).map(|verb| verb.form);
-        determined && words.is_empty()
+        determined
+            && words.is_empty()
             && matches!(form, Some(Form::PastOrParticiple | Form::Participle | Form::Any))
             && self.class_at(self.at + 1) == Some(Class::Noun)
     }
@@ -257,7 +286,8 @@ impl Reader<'_> {
             _ => self.pending.last_mut(),
         };
         let Some(whole) = whole else { return false };
-        if whole.door || whole.referent.any_thing || whole.referent.any_place || whole.referent.open {
+        let last = whole.referent.words.rsplit(' ').next().unwrap_or("");
+        if whole.door || whole.referent.any_thing || whole.referent.any_place || whole.referent.open && PARTS.contains(&last) {
             whole.referent = arg.referent.clone();
         }
         whole.marker = whole.marker.or(arg.marker);

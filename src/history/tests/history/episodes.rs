@@ -5,7 +5,7 @@ use std::{
     sync::{Arc, LazyLock},
 };
 
-use reel_history::{Checker, Deed, Setting};
+use reel_history::{Checker, Deed, Place, Setting};
 use reel_world::{Scene, Task, WorldGraph, record::StepRecord};
 use serde::Deserialize;
 
@@ -20,6 +20,8 @@ struct File {
 pub struct Episode {
     setting: Setting,
     deeds: Vec<Deed>,
+    /// The same from calls and texts alone.
+    bare: Vec<Deed>,
     narration: Vec<(usize, String)>,
     /// After which step each piece of the true History holds.
     base: Vec<(usize, String)>,
@@ -57,6 +59,7 @@ impl Episode {
         Self {
             setting: Setting::of(&task, scene, &graph),
             deeds: steps.iter().map(Deed::of).collect(),
+            bare: steps.iter().map(|step| Deed::called(step.step, &step.input.call, &step.outcome.text)).collect(),
             narration: narration.filter(|(_, history)| !history.is_empty()).collect(),
             base: base.collect(),
         }
@@ -70,6 +73,14 @@ impl Episode {
     pub fn checker(&self, steps: usize) -> Checker {
         let mut checker = Checker::new(self.setting.clone());
         self.deeds.iter().take(steps).cloned().for_each(|deed| checker.did(deed));
+        checker
+    }
+
+    /// A checker that knows receptacles, calls and texts only.
+    pub fn bare(&self, steps: usize) -> Checker {
+        let places = self.setting.places.iter().cloned().map(|place| Place { door: None, captions: Vec::new(), ..place });
+        let mut checker = Checker::new(Setting { places: places.collect(), ..Setting::default() });
+        self.bare.iter().take(steps).cloned().for_each(|deed| checker.did(deed));
         checker
     }
 

@@ -2,6 +2,7 @@
 
 mod episodes;
 
+use proptest::prelude::*;
 use reel_history::{Claim, Verdict, mend};
 
 use episodes::{Episode, lines};
@@ -119,15 +120,103 @@ fn a_mended_history_is_true_and_keeps_what_was() {
     }
 }
 
+/// Batches that were written when the reader was done; what they taught was mended afterwards.
 #[test]
 fn fresh_false_claims_are_found() {
-    let missed = overlooked(include_str!("false_fresh.txt"));
-    assert!(missed.is_empty(), "{} overlooked:\n{}", missed.len(), missed.join("\n"));
+    for file in [include_str!("false_fresh.txt"), include_str!("false_last.txt")] {
+        let missed = overlooked(file);
+        assert!(missed.is_empty(), "{} overlooked:\n{}", missed.len(), missed.join("\n"));
+    }
 }
 
 #[test]
 fn fresh_true_sentences_raise_no_alarm() {
-    let (alarms, supported, all) = alarms(include_str!("true_fresh.txt"));
-    assert!(alarms.is_empty(), "{} false alarms ({supported} of {all} understood):\n{}", alarms.len(), alarms.join("\n"));
-    assert!(supported * 100 >= all * 60, "only {supported} of {all} are understood");
+    for file in [include_str!("true_fresh.txt"), include_str!("true_last.txt")] {
+        let (alarms, supported, all) = alarms(file);
+        assert!(alarms.is_empty(), "{} false alarms ({supported} of {all} understood):\n{}", alarms.len(), alarms.join("\n"));
+        assert!(supported * 100 >= all * 65, "only {supported} of {all} are understood");
+    }
+}
+
+/// Every deed of the episodes in every wording of a rule-based annotator, alone and as whole stories.
+#[test]
+fn told_deeds_raise_no_alarm() {
+    for file in [include_str!("wordings.txt"), include_str!("stories.txt")] {
+        let (alarms, supported, all) = alarms(file);
+        assert!(alarms.is_empty(), "{} false alarms ({supported} of {all} understood):\n{}", alarms.len(), alarms.join("\n"));
+        assert!(supported * 100 >= all * 80, "only {supported} of {all} are understood");
+    }
+}
+
+/// Sentences of one episode that are true or false after some steps.
+fn any_story() -> impl Strategy<Value = (&'static str, usize, String)> {
+    let all: Vec<(String, String)> = [include_str!("true.txt"), include_str!("true_fresh.txt")]
+        .into_iter()
+        .flat_map(|file| planted(file, 3))
+        .chain([include_str!("false.txt"), include_str!("false_fresh.txt")].into_iter().flat_map(|file| planted(file, 4)))
+        .map(|planted| (planted.episode, planted.text))
+        .collect();
+    (0..Episode::ALL.len(), 0usize..30, proptest::collection::vec(any::<proptest::sample::Index>(), 1..12)).prop_map(
+        move |(episode, steps, picks)| {
+            let episode = Episode::ALL[episode];
+            let own: Vec<&str> = all.iter().filter(|(name, _)| name == episode).map(|(_, text)| text.as_str()).collect();
+            let story: Vec<&str> = picks.iter().map(|pick| own[pick.index(own.len())]).collect();
+            (episode, steps, story.join(" "))
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    #[test]
+    fn what_is_mended_holds_no_contradiction((episode, steps, story) in any_story()) {
+        let mut checker = Episode::named(episode).checker(steps);
+        let mended = mend(&mut checker, &story);
+        let claims = checker.check(&mended.text);
+        prop_assert_eq!(false_claims(&mended.text, &claims), Vec::<String>::new());
+        // and mending once more changes nothing
+        prop_assert_eq!(mend(&mut checker, &mended.text).text, mended.text);
+    }
+
+    #[test]
+    fn no_text_makes_it_panic(text in "\\PC{0,200}|([a-z0-9_'\"(){}.,;:! \n\u{201c}\u{e9}]|picked |the |not |to |table_1 |marker |after |was |asked |door |no ){0,60}") {
+        let mut checker = Episode::named("deco").checker(8);
+        for claim in checker.check(&text) {
+            prop_assert!(text.get(claim.span.clone()).is_some(), "{:?} in {:?}", claim, text);
+        }
+        mend(&mut checker, &text);
+    }
+}
+
+#[test]
+fn hostile_texts_end() {
+    let mut checker = Episode::named("note").checker(20);
+    let long = [
+        "(".repeat(300_000),
+        "\"'(".repeat(100_000),
+        "picked ".repeat(100_000),
+        "not and, ".repeat(50_000),
+        "I am holding the vase. ".repeat(20_000),
+        "I never opened it; ".repeat(20_000),
+        "\u{1f9ff}\u{301}.\n".repeat(50_000),
+        "table_1 and ".repeat(50_000),
+        " 'a".repeat(100_000),
+    ];
+    for text in long {
+        checker.check(&text);
+        mend(&mut checker, &text);
+    }
+}
+
+#[test]
+fn bare_calls_and_their_texts_are_enough_for_what_they_tell() {
+    let mut checker = Episode::named("deco").bare(10);
+    let claims = checker.check("I went to table_1 and picked up the vase. I am holding nothing. It is on table_2. I saw 4 mugs. I walked around shelf_1. I asked twice.");
+    let wrong: Vec<&str> = claims.iter().filter(|claim| claim.is_false()).map(|claim| claim.kind.as_str()).collect();
+    assert_eq!(wrong, ["explore", "ask"]);
+    for text in planted(include_str!("true.txt"), 3).into_iter().chain(planted(include_str!("true_fresh.txt"), 3)) {
+        let claims = Episode::named(&text.episode).bare(text.steps).check(&text.text);
+        assert_eq!(false_claims(&text.text, &claims), Vec::<String>::new(), "{}", text.text);
+    }
 }
