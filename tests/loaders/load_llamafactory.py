@@ -8,20 +8,20 @@ import types
 from importlib.util import find_spec
 
 import datasets
-from common import MANIFEST, check_path, check_total, shards, splits
+from common import MANIFEST, bare, check_path, check_total, shards, splits, stand_in
 
 # Its package imports all of training; the parser and the converter stand alone below it.
 folder = pathlib.Path(find_spec("llamafactory").submodule_search_locations[0])
 note = ""
 if find_spec("torch") is None:
-    for name, path in [("llamafactory", folder), ("llamafactory.data", folder / "data"), ("llamafactory.extras", folder / "extras")]:
-        package = types.ModuleType(name)
-        package.__path__ = [str(path)]
-        sys.modules[name] = package
+    bare("llamafactory", folder)
+    bare("llamafactory.data", folder / "data")
+    bare("llamafactory.extras", folder / "extras")
+    stand_in("peft", "peft.utils")
     misc = types.ModuleType("llamafactory.extras.misc")
     misc.use_modelscope = misc.use_openmind = lambda: False
     sys.modules["llamafactory.extras.misc"] = misc
-    note = "; parser and converter alone, torch is not installed"
+    note = "parser and converter alone, torch is not installed; "
 parser = importlib.import_module("llamafactory.data.parser")
 converter = importlib.import_module("llamafactory.data.converter")
 
@@ -54,5 +54,5 @@ for split, promised in splits().items():
         for path in paths:
             check_path(path)
             images += 1
-check_total(rows, images)
 print(note, end="")
+check_total(rows, images)
