@@ -131,7 +131,13 @@ fn shards_are_whole_files_of_at_most_so_many_rows() {
         assert_eq!(rows.len(), 2);
         let beside = shards[0].provenance.as_ref().map(|path| fs::read_to_string(folder.path().join(path)).unwrap());
         assert_eq!(beside.as_deref(), (!format.holds_provenance()).then_some("{}\n{}\n"));
-        assert!(fs::read_dir(folder.path().join("validation")).unwrap().all(|entry| entry.unwrap().path().extension().is_none_or(|it| it != "part")));
+        assert!(
+            fs::read_dir(folder.path().join("validation")).unwrap().all(|entry| entry
+                .unwrap()
+                .path()
+                .extension()
+                .is_none_or(|it| it != "part"))
+        );
     }
 }
 

@@ -2,4 +2,6 @@
 
 mod formats;
 mod leaks;
+mod loaders;
 mod sample;
+mod whole;

@@ -1,0 +1,197 @@
+//! A dataset in the making: examples in, a folder out with rows, pictures, card and manifest. Puts the parts of this crate
+//! together; what is in it is the caller's choice. [`DatasetWriter::prepare`] may run in many threads, [`DatasetWriter::push`]
+//! runs in the order that the files shall have.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::{
+    BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck, Manifest, PictureOptions, Pictures,
+    Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card, prompt_digest,
+};
+
+/// Side of a picture's token in Qwen3-VL, in pixels.
+const QWEN3_VL_SIDE: u32 = 32;
+
+/// How a dataset is written.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+pub struct WriterOptions {
+    /// The format of its rows.
+    pub format: Format,
+    /// What is made of pictures.
+    pub pictures: PictureOptions,
+    /// Most rows in a file.
+    pub rows_max: u64,
+    /// Side of a picture's token, in pixels (see [`crate::image_tokens`]).
+    pub image_side: u32,
+    /// The context of training, in tokens.
+    pub budget: u32,
+}
+
+impl WriterOptions {
+    /// The defaults with a format.
+    pub fn new(format: Format) -> Self {
+        Self { format, pictures: PictureOptions::default(), rows_max: 10_000, image_side: QWEN3_VL_SIDE, budget: CONTEXT_TOKENS }
+    }
+}
+
+/// What the caller knows of a dataset, for its card and manifest.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Description {
+    /// What it is called; letters, digits, `-` and `_` are safe with every loader.
+    pub name: String,
+    /// How a decision is put.
+    pub style: Style,
+    /// The command that makes it again.
+    pub command: String,
+    /// Everything that was chosen, defaults too.
+    pub options: Value,
+    /// Version of the table it was read from.
+    pub table_version: u64,
+    /// Its licence, as an SPDX name or `other`.
+    pub licence: String,
+}
+
+/// An example as its row, ready to be pushed.
+pub struct Prepared {
+    row: Result<Vec<u8>, &'static str>,
+    provenance: Vec<u8>,
+    tokens: TokenCount,
+}
+
+/// Writes one dataset.
+pub struct DatasetWriter {
+    root: PathBuf,
+    options: WriterOptions,
+    tokenizer: Box<dyn Tokenizer + Send + Sync>,
+    pictures: Pictures,
+    shards: BTreeMap<Split, Shards>,
+    counts: Counts,
+    tokens: TokenReport,
+    leakage: LeakageCheck,
+    left_out: BTreeMap<String, u64>,
+}
+
+impl DatasetWriter {
+    /// A dataset in a folder, which should be empty. Counts tokens by a rule of thumb.
+    pub fn new(root: &Path, options: WriterOptions) -> Self {
+        Self::with_tokenizer(root, options, Box::new(BytesOverFour))
+    }
+
+    /// A dataset whose tokens a given tokenizer counts.
+    pub fn with_tokenizer(root: &Path, options: WriterOptions, tokenizer: Box<dyn Tokenizer + Send + Sync>) -> Self {
+        let tokens = TokenReport::new(tokenizer.as_ref(), options.image_side, options.budget);
+        Self {
+            root: root.to_owned(),
+            options,
+            tokenizer,
+            pictures: Pictures::new(root, options.pictures),
+            shards: BTreeMap::new(),
+            counts: Counts::default(),
+            tokens,
+            leakage: LeakageCheck::default(),
+            left_out: BTreeMap::new(),
+        }
+    }
+
+    /// Its pictures: put those of an example before it is prepared.
+    pub fn pictures(&self) -> &Pictures {
+        &self.pictures
+    }
+
+    /// Makes the rows of examples, best those of an episode at once. An example that the format cannot hold becomes one left
+    /// out.
+    ///
+    /// # Errors
+    /// When a picture was not put before or cannot be read.
+    pub fn prepare(&self, examples: &[Example]) -> Result<Vec<Prepared>, DatasetError> {
+        let mut counter = TokenCounter::new(self.tokenizer.as_ref(), self.options.image_side);
+        let prepare = |example: &Example| {
+            let mut row = Vec::new();
+            let row = match self.options.format.write_row(example, &self.pictures, &mut row) {
+                Ok(()) => Ok(row),
+                Err(DatasetError::Unfit { reason, .. }) => Err(reason),
+                Err(error) => return Err(error),
+            };
+            let mut provenance = Vec::new();
+            if !self.options.format.holds_provenance() {
+                example.provenance(&mut provenance);
+            }
+            Ok(Prepared { row, provenance, tokens: counter.count(example, |image| self.pictures.get(image)) })
+        };
+        examples.iter().map(prepare).collect()
+    }
+
+    /// Appends examples with their rows, in this order.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn push(&mut self, examples: &[Example], prepared: &[Prepared]) -> Result<(), DatasetError> {
+        assert_eq!(examples.len(), prepared.len(), "every example has its row");
+        for (example, prepared) in examples.iter().zip(prepared) {
+            match &prepared.row {
+                Err(reason) => self.leave_out(reason, 1),
+                Ok(row) => {
+                    let (root, options, split) = (&self.root, &self.options, example.about.split);
+                    let shards =
+                        self.shards.entry(split).or_insert_with(|| Shards::new(root, options.format, split, options.rows_max));
+                    shards.push(row, &prepared.provenance)?;
+                    self.note(example, prepared.tokens);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Counts an example whose row is written elsewhere, as in Parquet.
+    pub fn note(&mut self, example: &Example, tokens: TokenCount) {
+        let about = &example.about;
+        self.counts.add(example);
+        self.tokens.add(tokens);
+        for (what, key) in [("task", &about.task_id), ("scene", &about.scene_id), ("instruction", &about.instruction)] {
+            self.leakage.add(what, key, about.split);
+        }
+        for picture in example.images().filter_map(|image| self.pictures.get(image)) {
+            self.leakage.add("image", &picture.path, about.split);
+        }
+    }
+
+    /// Counts what the caller left out, and why.
+    pub fn leave_out(&mut self, reason: &str, count: u64) {
+        *self.left_out.entry(reason.to_owned()).or_default() += count;
+    }
+
+    /// Closes the files, writes card and manifest.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub fn finish(self, description: Description) -> Result<Manifest, DatasetError> {
+        let shards: Result<BTreeMap<_, _>, DatasetError> =
+            self.shards.into_iter().map(|(split, shards)| Ok((split, shards.finish()?))).collect();
+        let mut manifest = Manifest {
+            name: description.name,
+            format: self.options.format,
+            style: description.style,
+            command: description.command,
+            writer: self.options,
+            options: description.options,
+            table_version: description.table_version,
+            prompt_digest: prompt_digest(),
+            licence: description.licence,
+            counts: self.counts,
+            shards: shards?,
+            tokens: Some(self.tokens),
+            leakage: self.leakage.found(),
+            left_out: self.left_out,
+            files: Vec::new(),
+        };
+        write_card(&self.root, &manifest)?;
+        manifest.write(&self.root)?;
+        Ok(manifest)
+    }
+}

@@ -1,0 +1,148 @@
+//! What a dataset says of itself to programs: `manifest.json` with every file's size and digest. No clock, no host: same
+//! inputs, same bytes.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    path::{Path, PathBuf},
+};
+
+use reel_world::Digest;
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::{DatasetError, Example, Format, Leakage, Shard, Split, Style, TokenReport, WriterOptions};
+
+/// The manifest's name in a dataset's folder.
+pub const MANIFEST: &str = "manifest.json";
+
+/// How many examples there are of each kind.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
+pub struct Counts {
+    /// All.
+    pub examples: u64,
+    /// Pictures that they show; the same one may be shown often.
+    pub images: u64,
+    /// By part.
+    pub splits: BTreeMap<Split, u64>,
+    /// By task family.
+    pub families: BTreeMap<String, u64>,
+    /// By tool, in its name of the paper.
+    pub tools: BTreeMap<String, u64>,
+    /// By policy.
+    pub policies: BTreeMap<String, u64>,
+    /// By verdict.
+    pub verdicts: BTreeMap<String, u64>,
+    /// By annotator.
+    pub annotators: BTreeMap<String, u64>,
+}
+
+impl Counts {
+    /// Adds an example.
+    pub fn add(&mut self, example: &Example) {
+        let about = &example.about;
+        self.examples += 1;
+        self.images += example.images().count() as u64;
+        *self.splits.entry(about.split).or_default() += 1;
+        let kinds = [
+            (&mut self.families, &about.family),
+            (&mut self.tools, &example.tool),
+            (&mut self.policies, &about.policy),
+            (&mut self.verdicts, &about.source.verdict),
+            (&mut self.annotators, &about.source.annotator),
+        ];
+        for (counts, kind) in kinds {
+            *counts.entry(kind.clone()).or_default() += 1;
+        }
+    }
+}
+
+/// A file of a dataset.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct FileEntry {
+    /// From the dataset's folder, with `/`.
+    pub path: String,
+    /// Size.
+    pub bytes: u64,
+    /// Of its bytes.
+    pub blake3: Digest,
+}
+
+/// A dataset as programs read about it.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Manifest {
+    /// What it is called.
+    pub name: String,
+    /// Its format.
+    pub format: Format,
+    /// How a decision is put.
+    pub style: Style,
+    /// The command that makes it again.
+    pub command: String,
+    /// How it was written.
+    pub writer: WriterOptions,
+    /// Everything else that was chosen, defaults too.
+    pub options: Value,
+    /// Version of the table it was read from.
+    pub table_version: u64,
+    /// Of the system messages.
+    pub prompt_digest: Digest,
+    /// Its licence, as an SPDX name or `other`.
+    pub licence: String,
+    /// How many of what.
+    pub counts: Counts,
+    /// The files of rows by part.
+    pub shards: BTreeMap<Split, Vec<Shard>>,
+    /// How long the examples are.
+    pub tokens: Option<TokenReport>,
+    /// What is in several parts.
+    pub leakage: Vec<Leakage>,
+    /// Why episodes and decisions were left out, and how many.
+    pub left_out: BTreeMap<String, u64>,
+    /// Every other file, sorted by path; filled by [`Manifest::write`].
+    pub files: Vec<FileEntry>,
+}
+
+impl Manifest {
+    /// Lists and digests all files under the folder, then writes the manifest there.
+    ///
+    /// # Errors
+    /// When a file cannot be read or written.
+    pub fn write(&mut self, root: &Path) -> Result<(), DatasetError> {
+        self.files = files(root)?;
+        let mut json = serde_json::to_vec_pretty(self).expect("a manifest has text keys only");
+        json.push(b'\n');
+        let path = root.join(MANIFEST);
+        fs::write(&path, json).map_err(DatasetError::io(&path))
+    }
+}
+
+/// Every file under a folder but the manifest, sorted by path.
+///
+/// # Errors
+/// When one cannot be read.
+pub fn files(root: &Path) -> Result<Vec<FileEntry>, DatasetError> {
+    let mut found = Vec::new();
+    let mut folders: Vec<PathBuf> = vec![root.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).map_err(DatasetError::io(&folder))? {
+            let path = entry.map_err(DatasetError::io(&folder))?.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path != root.join(MANIFEST) {
+                found.push(entry_of(root, &path)?);
+            }
+        }
+    }
+    found.sort_by(|a, b| a.path.cmp(&b.path));
+    Ok(found)
+}
+
+fn entry_of(root: &Path, path: &Path) -> Result<FileEntry, DatasetError> {
+    let mut hasher = blake3::Hasher::new();
+    let read = File::open(path).and_then(|file| hasher.update_reader(file).map(|_| ()));
+    read.map_err(DatasetError::io(path))?;
+    let parts = path.strip_prefix(root).unwrap_or(path).components();
+    let name = parts.map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/");
+    Ok(FileEntry { path: name, bytes: hasher.count(), blake3: Digest(*hasher.finalize().as_bytes()) })
+}

@@ -1,0 +1,182 @@
+//! How long examples are, in tokens: of texts by a tokenizer or a rule of thumb, of pictures as Qwen-VL counts them, against
+//! the context of training (SPEC section 8). Estimates: a trainer's template decides.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use serde::Serialize;
+
+use crate::{Example, Picture, Text, Turn, example::call_json};
+
+/// The context of training, in tokens.
+pub const CONTEXT_TOKENS: u32 = 8_192;
+
+/// Tokens that a template puts around a turn.
+const TOKENS_PER_TURN: u32 = 5;
+/// Width of the histogram's bars, in tokens.
+const BAR_TOKENS: u32 = 1_024;
+
+/// Counts the tokens of a text.
+pub trait Tokenizer {
+    /// For people: what counts, and how well.
+    fn name(&self) -> &str;
+    /// How many tokens.
+    fn count(&self, text: &str) -> u32;
+}
+
+/// A rule of thumb for English and JSON: a token is four bytes.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct BytesOverFour;
+
+impl Tokenizer for BytesOverFour {
+    fn name(&self) -> &str {
+        "rule of thumb: bytes / 4"
+    }
+
+    fn count(&self, text: &str) -> u32 {
+        u32::try_from(text.len().div_ceil(4)).unwrap_or(u32::MAX)
+    }
+}
+
+/// Tokens of a picture: one for each square of `side` pixels after rounding the picture to whole squares; the side is 28
+/// for Qwen2.5-VL (patches of 14, two by two) and 32 for Qwen3-VL (patches of 16, two by two).
+pub fn image_tokens(width: u32, height: u32, side: u32) -> u32 {
+    let squares = |pixels: u32| ((pixels + side / 2) / side.max(1)).max(1);
+    squares(width).saturating_mul(squares(height))
+}
+
+/// Tokens of one example.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+pub struct TokenCount {
+    /// Of its texts, with what a template puts around turns.
+    pub text: u32,
+    /// Of its pictures.
+    pub image: u32,
+}
+
+impl TokenCount {
+    /// Both.
+    pub fn total(self) -> u32 {
+        self.text.saturating_add(self.image)
+    }
+}
+
+/// Counts examples; texts that examples of an episode share are counted once. Parts are counted apart, so that a real
+/// tokenizer's sum may be off by a token a part.
+pub struct TokenCounter<'t> {
+    tokenizer: &'t dyn Tokenizer,
+    image_side: u32,
+    shared: Vec<(Arc<Text>, u32)>,
+}
+
+/// System message, setting and tools of one episode.
+const SHARED_TEXTS: usize = 3;
+
+impl<'t> TokenCounter<'t> {
+    /// Counts by a tokenizer, and pictures in squares of `image_side` pixels (see [`image_tokens`]).
+    pub fn new(tokenizer: &'t dyn Tokenizer, image_side: u32) -> Self {
+        Self { tokenizer, image_side, shared: Vec::new() }
+    }
+
+    /// Counts one; `picture` finds its pictures, and those it does not find count nothing.
+    pub fn count(&mut self, example: &Example, picture: impl Fn(&crate::ImageId) -> Option<Picture>) -> TokenCount {
+        let pictures = example.images().filter_map(picture);
+        let image = pictures.map(|it| image_tokens(it.width, it.height, self.image_side)).sum();
+        let mut text = example.tools.as_ref().map_or(0, |tools| self.shared(tools));
+        for turn in &example.turns {
+            text += TOKENS_PER_TURN;
+            text += match turn {
+                Turn::System(system) => self.shared(system),
+                Turn::User { setting, situation, .. } => self.shared(setting) + self.tokenizer.count(situation),
+                Turn::Answer(answer) => self.tokenizer.count(answer),
+                Turn::Call { thought, name, arguments, .. } => {
+                    self.tokenizer.count(thought) + self.tokenizer.count(&call_json(name, arguments))
+                }
+                Turn::Outcome { text, .. } => self.tokenizer.count(text),
+            };
+        }
+        TokenCount { text, image }
+    }
+
+    fn shared(&mut self, text: &Arc<Text>) -> u32 {
+        if let Some((_, count)) = self.shared.iter().find(|(known, _)| Arc::ptr_eq(known, text)) {
+            return *count;
+        }
+        let count = self.tokenizer.count(text.as_str());
+        self.shared.truncate(SHARED_TEXTS - 1);
+        self.shared.insert(0, (Arc::clone(text), count));
+        count
+    }
+}
+
+/// The lengths of a dataset's examples against a budget.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct TokenReport {
+    /// What counted the texts.
+    pub tokenizer: String,
+    /// Side of a picture's token, in pixels.
+    pub image_side: u32,
+    /// The context of training.
+    pub budget: u32,
+    /// Examples counted.
+    pub examples: u64,
+    /// Examples that are longer than the budget.
+    pub over: u64,
+    /// The longest.
+    pub longest: u32,
+    /// Tokens of all texts.
+    pub text: u64,
+    /// Tokens of all pictures.
+    pub image: u64,
+    /// How many examples have up to so many tokens (and more than the bar before).
+    pub histogram: BTreeMap<u32, u64>,
+}
+
+impl TokenReport {
+    /// Empty.
+    pub fn new(tokenizer: &dyn Tokenizer, image_side: u32, budget: u32) -> Self {
+        Self {
+            tokenizer: tokenizer.name().to_owned(),
+            image_side,
+            budget,
+            examples: 0,
+            over: 0,
+            longest: 0,
+            text: 0,
+            image: 0,
+            histogram: BTreeMap::new(),
+        }
+    }
+
+    /// Adds an example.
+    pub fn add(&mut self, count: TokenCount) {
+        let total = count.total();
+        self.examples += 1;
+        self.over += u64::from(total > self.budget);
+        self.longest = self.longest.max(total);
+        self.text += u64::from(count.text);
+        self.image += u64::from(count.image);
+        *self.histogram.entry(total.div_ceil(BAR_TOKENS).max(1).saturating_mul(BAR_TOKENS)).or_default() += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_as_qwen_counts_them() {
+        assert_eq!(image_tokens(364, 252, 28), 13 * 9);
+        assert_eq!(image_tokens(352, 256, 32), 11 * 8);
+        assert_eq!(image_tokens(1, 1, 28), 1);
+    }
+
+    #[test]
+    fn the_report_counts_what_is_over() {
+        let mut report = TokenReport::new(&BytesOverFour, 28, CONTEXT_TOKENS);
+        for (text, image) in [(8_000, 192), (8_000, 193), (1, 0)] {
+            report.add(TokenCount { text, image });
+        }
+        assert_eq!((report.examples, report.over, report.longest), (3, 1, 8_193));
+        assert_eq!(report.histogram, BTreeMap::from([(1_024, 1), (8_192, 1), (9_216, 1)]));
+    }
+}

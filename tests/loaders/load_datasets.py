@@ -1,0 +1,29 @@
+"""Hugging Face datasets, versions 3 and 5: rows, features, pictures."""
+
+import json
+
+import datasets
+from common import MANIFEST, check_image, check_provenance, check_total, shards, splits
+
+format = MANIFEST["format"]
+rows = images = 0
+column = "image" if format in {"qwen-vl"} else "images"
+for split, promised in splits().items():
+    kind = "parquet" if format == "parquet" else "json"
+    loaded = datasets.load_dataset(kind, data_files={split: shards(split)}, split=split)
+    assert len(loaded) == promised, (split, len(loaded), promised)
+    if column in loaded.column_names and kind == "json":
+        many = datasets.List if hasattr(datasets, "List") else datasets.Sequence
+        loaded = loaded.cast_column(column, many(datasets.Image()))
+    for row in loaded:
+        rows += 1
+        pictures = row.get(column) or []
+        images += len(pictures)
+        for picture in pictures:
+            check_image(picture)
+        if kind == "json":
+            check_provenance(row)
+            rest = json.dumps({key: value for key, value in row.items() if key != column})
+            tags = rest.count('"type": "image"') if format == "trl" else rest.count("<image>")
+            assert tags == len(pictures), (tags, len(pictures))
+check_total(rows, images)
