@@ -1,0 +1,3 @@
+//! What a dataset promises, from outside.
+
+mod leaks;
