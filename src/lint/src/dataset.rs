@@ -133,7 +133,8 @@ impl DatasetFile {
         }
         let file = File::open(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
         let rows = JsonRows::new(BufReader::new(file)).take(ROWS_LOOKED_AT);
-        let rows: Vec<Map<String, Value>> = rows.filter_map(|row| if let Ok(Value::Object(row)) = row.value { Some(row) } else { None }).collect();
+        let rows: Vec<Map<String, Value>> =
+            rows.filter_map(|row| if let Ok(Value::Object(row)) = row.value { Some(row) } else { None }).collect();
         let known: Vec<Format> = rows.iter().filter_map(formats::recognise).collect();
         // A plain row of messages is of any format that has them: the rows that tell more decide.
         let format = known.iter().find(|format| **format != Format::Trl).or(known.first());
@@ -144,7 +145,9 @@ impl DatasetFile {
 
 fn unlike(path: &Path, row: Option<&Map<String, Value>>) -> Error {
     let found = match row {
-        Some(row) => format!("the first row has the keys {}", row.keys().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ")),
+        Some(row) => {
+            format!("the first row has the keys {}", row.keys().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", "))
+        }
         None => "no JSON object is among the first rows".to_owned(),
     };
     Error::NotRecognised { path: path.to_owned(), found, expected: EXPECTED }
@@ -173,7 +176,9 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Error> {
 fn split_of(path: &Path) -> Option<String> {
     let text = path.with_extension("");
     let text = text.to_string_lossy().to_lowercase();
-    let known = |word: &&str| matches!(*word, "train" | "training" | "test" | "testing" | "val" | "valid" | "validation" | "dev" | "eval" | "heldout");
+    let known = |word: &&str| {
+        matches!(*word, "train" | "training" | "test" | "testing" | "val" | "valid" | "validation" | "dev" | "eval" | "heldout")
+    };
     text.split(|c: char| !c.is_ascii_alphanumeric()).find(known).map(formats::split_name)
 }
 
@@ -240,7 +245,8 @@ impl Rows<'_> {
             return Some(Err(RowError { place, column: 1, message }));
         };
         let resolve = |picture: &Path| ImageSource::File(self.dataset.resolve(&file.path, picture));
-        let source = Source { place, format: file.format, columns: &file.columns, split: file.split.as_deref(), resolve: &resolve };
+        let source =
+            Source { place, format: file.format, columns: &file.columns, split: file.split.as_deref(), resolve: &resolve };
         Some(formats::example(row, inside, &source).map_err(|message| RowError { place, column: 0, message }))
     }
 }

@@ -119,7 +119,11 @@ impl<R: BufRead> JsonRows<R> {
         if !self.take_item(&mut text)? {
             self.layout = Layout::Over;
             let long = text.len() >= ROW_BYTES_MAX;
-            return Ok(Some(if long { too_long(start.0) } else { self.torn(start.0, "the last row is torn off: it has no end") }));
+            return Ok(Some(if long {
+                too_long(start.0)
+            } else {
+                self.torn(start.0, "the last row is torn off: it has no end")
+            }));
         }
         let value = serde_json::from_slice(&text).map_err(|error| broken(&error, start, "", ""));
         Ok(Some(JsonRow { line: start.0, value }))

@@ -75,21 +75,32 @@ impl Iterator for ParquetRows {
 pub(crate) fn schema_notes(path: &Path) -> Result<Vec<Oddity>, Error> {
     let builder = builder(path)?;
     let schema = builder.schema();
-    let pictures: Vec<&str> = schema.fields().iter().filter(|field| is_pictures(field.data_type())).map(|field| field.name().as_str()).collect();
+    let pictures: Vec<&str> =
+        schema.fields().iter().filter(|field| is_pictures(field.data_type())).map(|field| field.name().as_str()).collect();
     let mut notes = Vec::new();
     let features = features(schema);
     if let Some(features) = &features {
-        let missing: Vec<&str> = schema.fields().iter().map(|field| field.name().as_str()).filter(|name| !features.contains_key(*name)).collect();
+        let missing: Vec<&str> =
+            schema.fields().iter().map(|field| field.name().as_str()).filter(|name| !features.contains_key(*name)).collect();
         if !missing.is_empty() {
             let names = missing.join(", ");
-            notes.push(oddity("features", true, format!("the `huggingface` metadata does not name the columns {names}: datasets refuses the file")));
+            notes.push(oddity(
+                "features",
+                true,
+                format!("the `huggingface` metadata does not name the columns {names}: datasets refuses the file"),
+            ));
         }
         if features.values().any(|feature| feature.to_string().contains(r#""_type":"List""#)) {
-            notes.push(oddity("features", true, "a feature in the `List` form: datasets 3 fails on it; the plain form [..] loads everywhere"));
+            notes.push(oddity(
+                "features",
+                true,
+                "a feature in the `List` form: datasets 3 fails on it; the plain form [..] loads everywhere",
+            ));
         }
     }
     for name in pictures {
-        let decoded = features.as_ref().and_then(|it| it.get(name)).is_some_and(|it| it.to_string().contains(r#""_type":"Image""#));
+        let decoded =
+            features.as_ref().and_then(|it| it.get(name)).is_some_and(|it| it.to_string().contains(r#""_type":"Image""#));
         if !decoded {
             let told = format!("`{name}` holds pictures, but no `huggingface` metadata says so: datasets hands out raw bytes");
             notes.push(oddity("features", false, told));
@@ -111,7 +122,8 @@ fn features(schema: &Schema) -> Option<Map<String, Value>> {
 
 fn is_picture(kind: &DataType) -> bool {
     let bytes = |kind: &DataType| matches!(kind, DataType::Binary | DataType::LargeBinary | DataType::BinaryView);
-    matches!(kind, DataType::Struct(fields) if fields.iter().any(|field| field.name() == "bytes" && bytes(field.data_type()))) || bytes(kind)
+    matches!(kind, DataType::Struct(fields) if fields.iter().any(|field| field.name() == "bytes" && bytes(field.data_type())))
+        || bytes(kind)
 }
 
 fn is_pictures(kind: &DataType) -> bool {
@@ -129,7 +141,8 @@ fn rows_of(batch: &RecordBatch) -> Result<Vec<ParquetRow>, String> {
     writer.write(&others).and_then(|()| writer.finish()).map_err(|error| error.to_string())?;
     let json = writer.into_inner();
     // A file of pictures alone writes no rows of JSON.
-    let fields: Vec<Map<String, Value>> = if json.is_empty() { Vec::new() } else { serde_json::from_slice(&json).map_err(|error| error.to_string())? };
+    let fields: Vec<Map<String, Value>> =
+        if json.is_empty() { Vec::new() } else { serde_json::from_slice(&json).map_err(|error| error.to_string())? };
     let rows = fields.into_iter().enumerate().map(|(row, fields)| {
         let images = pictures.iter().flat_map(|index| images_of(batch.column(*index), row)).collect();
         ParquetRow { fields, images: (!pictures.is_empty()).then_some(images) }
@@ -151,7 +164,9 @@ fn images_of(column: &ArrayRef, row: usize) -> Vec<Image> {
 
 fn image_of(items: &ArrayRef, item: usize) -> Image {
     let (bytes, name) = match items.as_struct_opt() {
-        Some(fields) => (fields.column_by_name("bytes").cloned(), fields.column_by_name("path").and_then(|path| text_of(path, item))),
+        Some(fields) => {
+            (fields.column_by_name("bytes").cloned(), fields.column_by_name("path").and_then(|path| text_of(path, item)))
+        }
         None => (Some(items.clone()), None),
     };
     let name = name.unwrap_or_default();

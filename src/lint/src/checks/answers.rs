@@ -25,7 +25,9 @@ impl Check for Answers {
     fn see(&mut self, seen: &Seen, found: &mut Findings) {
         let places = [seen.place()];
         if seen.answers.is_empty() {
-            found.add("no answer", Severity::Error, &places, || ("no turn of the model: nothing to learn".to_owned(), String::new()));
+            found.add("no answer", Severity::Error, &places, || {
+                ("no turn of the model: nothing to learn".to_owned(), String::new())
+            });
         }
         let by_function = seen.answers.iter().any(|said| said.by_function);
         let tools = if seen.answers.iter().any(|said| !said.calls.is_empty()) { seen.tools() } else { None };

@@ -65,14 +65,20 @@ impl Check for Balance {
         };
         if share > self.share_max && self.tools.len() > 1 {
             found.add("tool", Severity::Warning, &[], || {
-                (format!("{:.0}% of all calls are {most}: more than {:.0}%", 100.0 * share, 100.0 * self.share_max), shares(&self.tools))
+                (
+                    format!("{:.0}% of all calls are {most}: more than {:.0}%", 100.0 * share, 100.0 * self.share_max),
+                    shares(&self.tools),
+                )
             });
         }
         let never: Vec<&str> = self.declared.iter().filter(|name| !self.tools.contains_key(*name)).map(String::as_str).collect();
         if !never.is_empty() {
-            found.add("never called", Severity::Note, &[], || (format!("declared and never called: {}", never.join(", ")), String::new()));
+            found.add("never called", Severity::Note, &[], || {
+                (format!("declared and never called: {}", never.join(", ")), String::new())
+            });
         }
-        let (least, greatest) = (self.families.values().min().copied().unwrap_or(0), self.families.values().max().copied().unwrap_or(0));
+        let (least, greatest) =
+            (self.families.values().min().copied().unwrap_or(0), self.families.values().max().copied().unwrap_or(0));
         if greatest > FAMILY_RATIO_MAX * least {
             let told = format!("a family of tasks has more than {FAMILY_RATIO_MAX} times the rows of another");
             found.add("family", Severity::Warning, &[], || (told, shares(&self.families)));

@@ -23,7 +23,10 @@ impl Check for Images {
         let parts = || example.turns.iter().flat_map(|turn| turn.parts.iter().map(move |part| (&turn.role, part)));
         let tags = parts().filter(|(_, part)| matches!(part, Part::Image(_))).count();
         if tags != example.images.len() {
-            let told = format!("{tags} tags for {} pictures: the loader fails on the row or shows the wrong picture", example.images.len());
+            let told = format!(
+                "{tags} tags for {} pictures: the loader fails on the row or shows the wrong picture",
+                example.images.len()
+            );
             found.add("tag mismatch", Severity::Error, &places, || (told, String::new()));
         }
         let elsewhere = parts().find(|(role, part)| matches!(part, Part::Image(_)) && !takes_pictures(example.format, role));

@@ -42,9 +42,10 @@ impl Check for LabelNoise {
                 self.first.insert(*context, (id, place));
                 continue;
             };
-            let actions = self.again.entry(*context).or_insert_with(|| {
-                vec![Action { id: *first, count: 1, place: *first_place, text: String::new() }]
-            });
+            let actions = self
+                .again
+                .entry(*context)
+                .or_insert_with(|| vec![Action { id: *first, count: 1, place: *first_place, text: String::new() }]);
             match actions.iter_mut().find(|action| action.id == id) {
                 Some(action) => {
                     action.count += 1;
@@ -59,7 +60,8 @@ impl Check for LabelNoise {
     }
 
     fn finish(&mut self, found: &mut Findings) {
-        let mut noisy: Vec<Vec<Action>> = self.again.drain().map(|(_, actions)| actions).filter(|actions| actions.len() > 1).collect();
+        let mut noisy: Vec<Vec<Action>> =
+            self.again.drain().map(|(_, actions)| actions).filter(|actions| actions.len() > 1).collect();
         for actions in &mut noisy {
             actions.sort_by(|a, b| b.count.cmp(&a.count).then(a.place.cmp(&b.place)));
         }
@@ -72,7 +74,9 @@ impl Check for LabelNoise {
             places.push(actions[0].place);
             found.add("other action", Severity::Warning, &places, || {
                 let told = format!("{all} rows of one context have {} actions; the majority has {share:.0}%", actions.len());
-                let name = |action: &Action| if action.text.is_empty() { "(the action of the first row)".to_owned() } else { action.text.clone() };
+                let name = |action: &Action| {
+                    if action.text.is_empty() { "(the action of the first row)".to_owned() } else { action.text.clone() }
+                };
                 (told, actions.iter().map(|action| format!("{}x {}", action.count, name(action))).collect::<Vec<_>>().join("\n"))
             });
         }

@@ -88,7 +88,9 @@ impl Check for Leaks {
             let head: String = pair[1].trim_start().chars().take(BORDER).collect();
             let joined = ["", " "].iter().find_map(|between| self.in_any_spelling(&format!("{tail}{between}{head}")));
             if let Some((what, excerpt)) = joined {
-                found.add("over two turns", Severity::Error, &[seen.place()], || (format!("{what}, split over two turns"), excerpt));
+                found.add("over two turns", Severity::Error, &[seen.place()], || {
+                    (format!("{what}, split over two turns"), excerpt)
+                });
             }
         }
     }

@@ -88,6 +88,11 @@ impl Check for Length {
     }
 
     fn finish(&mut self, found: &mut Findings) {
-        found.note(format!("about {} tokens a row, at most {}, budget {}", self.sum / self.rows.max(1), self.longest, self.tokens_max));
+        found.note(format!(
+            "about {} tokens a row, at most {}, budget {}",
+            self.sum / self.rows.max(1),
+            self.longest,
+            self.tokens_max
+        ));
     }
 }

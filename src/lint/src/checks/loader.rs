@@ -16,8 +16,13 @@ pub(super) struct Loader {
 
 impl Loader {
     pub(super) fn new(dataset: &Dataset) -> Self {
-        let odd = dataset.files().iter().flat_map(|file| file.notes.iter().map(|note| (file.path.display().to_string(), note.clone())));
-        Self { files: odd.collect(), declared: dataset.files().iter().map(|file| file.declared).collect(), warned_undeclared: false }
+        let odd =
+            dataset.files().iter().flat_map(|file| file.notes.iter().map(|note| (file.path.display().to_string(), note.clone())));
+        Self {
+            files: odd.collect(),
+            declared: dataset.files().iter().map(|file| file.declared).collect(),
+            warned_undeclared: false,
+        }
     }
 }
 
@@ -32,7 +37,9 @@ impl Check for Loader {
         for oddity in &example.oddities {
             add(oddity.kind, if oddity.harmful { Severity::Error } else { Severity::Warning }, oddity.message.clone());
         }
-        if let Some(name) = example.turns.iter().find_map(|turn| if let Role::Other(name) = &turn.role { Some(name) } else { None }) {
+        if let Some(name) =
+            example.turns.iter().find_map(|turn| if let Role::Other(name) = &turn.role { Some(name) } else { None })
+        {
             add("role", Severity::Error, format!("the role `{name}`, which {} does not know", example.format));
         }
         match example.format {
@@ -44,13 +51,21 @@ impl Check for Loader {
             }
             Format::Sharegpt => {
                 if example.meta.contains_key("images") || example.meta.contains_key("image") {
-                    add("ignored key", Severity::Error, "pictures in a column that dataset_info.json does not name are ignored".into());
+                    add(
+                        "ignored key",
+                        Severity::Error,
+                        "pictures in a column that dataset_info.json does not name are ignored".into(),
+                    );
                 }
                 alternating(example, &mut add);
                 let declared = usize::try_from(example.place.file).ok().and_then(|file| self.declared.get(file));
                 if declared == Some(&false) && !self.warned_undeclared {
                     self.warned_undeclared = true;
-                    add("undeclared", Severity::Warning, "no dataset_info.json beside the file names it: LLaMA-Factory does not find it".into());
+                    add(
+                        "undeclared",
+                        Severity::Warning,
+                        "no dataset_info.json beside the file names it: LLaMA-Factory does not find it".into(),
+                    );
                 }
             }
             Format::Swift => {
@@ -89,7 +104,8 @@ fn alternating(example: &Example, add: &mut impl FnMut(&'static str, Severity, S
         Role::Other(_) => false,
     });
     if let Some((number, turn)) = wrong {
-        let told = format!("turn {} is the {}'s: user and model must take turns, or the row is skipped", number + 1, turn.role.as_str());
+        let told =
+            format!("turn {} is the {}'s: user and model must take turns, or the row is skipped", number + 1, turn.role.as_str());
         add("order", Severity::Error, told);
     }
 }

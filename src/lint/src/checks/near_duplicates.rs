@@ -106,7 +106,8 @@ impl NearDuplicates {
             let bucket = &mut self.buckets[band * (self.mask + 1) + (hash as usize & self.mask)];
             let candidate = std::mem::replace(bucket, u32::try_from(self.next + 1).unwrap_or(0));
             seen[band] = candidate;
-            let Some(other) = usize::try_from(candidate).ok().and_then(|it| it.checked_sub(1)).and_then(|it| self.rows.get(it)) else {
+            let Some(other) = usize::try_from(candidate).ok().and_then(|it| it.checked_sub(1)).and_then(|it| self.rows.get(it))
+            else {
                 continue;
             };
             let same_episode = row.episode != 0 && row.episode == other.episode;

@@ -177,7 +177,8 @@ impl Tool {
         let properties = self.parameters.get("properties").and_then(Value::as_object).unwrap_or(&empty);
         let required = self.parameters.get("required").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str);
         let missing = required.filter(|name| !arguments.contains_key(*name));
-        let mut faults: Vec<_> = missing.map(|name| ("missing argument", format!("{} lacks its argument {name}", self.name))).collect();
+        let mut faults: Vec<_> =
+            missing.map(|name| ("missing argument", format!("{} lacks its argument {name}", self.name))).collect();
         for (name, value) in arguments {
             match properties.get(name.as_str()) {
                 None => faults.push(("unknown argument", format!("{} has no argument {name}", self.name))),

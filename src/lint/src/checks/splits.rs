@@ -45,7 +45,8 @@ impl Check for Splits {
             }
         };
         if let Some(context) = seen.contexts.last() {
-            let prompt = || example.turns.iter().rev().find(|turn| !turn.role.is_answer()).map(|turn| turn.text()).unwrap_or_default();
+            let prompt =
+                || example.turns.iter().rev().find(|turn| !turn.role.is_answer()).map(|turn| turn.text()).unwrap_or_default();
             meet("prompt", Severity::Error, context, &prompt);
         }
         let named: [(&'static str, Severity, Option<String>); 3] = [

@@ -103,9 +103,8 @@ impl Columns {
                     let file_name = entry.get("file_name").and_then(Value::as_str);
                     file_name.is_some_and(|it| it == inside || inside.starts_with(&format!("{}/", it.trim_end_matches('/'))))
                 };
-                let sharegpt = |entry: &&Value| {
-                    matches!(entry.get("formatting").and_then(Value::as_str), Some("sharegpt" | "openai"))
-                };
+                let sharegpt =
+                    |entry: &&Value| matches!(entry.get("formatting").and_then(Value::as_str), Some("sharegpt" | "openai"));
                 return info.values().filter(sharegpt).find(names).map(Self::of_entry);
             }
             if inside.contains('/') {

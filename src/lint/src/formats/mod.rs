@@ -12,10 +12,7 @@ use serde_json::{Map, Value};
 
 pub(crate) use columns::Columns;
 
-use crate::{
-    Example, Image, ImageSource, Part, Place, Role, Turn,
-    example::Oddity,
-};
+use crate::{Example, Image, ImageSource, Part, Place, Role, Turn, example::Oddity};
 
 /// A format of training rows.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize)]
@@ -76,7 +73,8 @@ pub(crate) const EXPECTED: &str =
 pub(crate) fn recognise(row: &Map<String, Value>) -> Option<Format> {
     if let Some(Value::Array(turns)) = row.get("conversations") {
         let factory_role = |turn: &Value| {
-            matches!(turn.get("from").and_then(Value::as_str), Some("function_call" | "observation")) || turn.get("role").is_some()
+            matches!(turn.get("from").and_then(Value::as_str), Some("function_call" | "observation"))
+                || turn.get("role").is_some()
         };
         let factory = row.contains_key("tools") || row.contains_key("system") || turns.iter().any(factory_role);
         return Some(if factory && !row.contains_key("image") { Format::Sharegpt } else { Format::QwenVl });
@@ -90,7 +88,8 @@ pub(crate) fn recognise(row: &Map<String, Value>) -> Option<Format> {
 fn of_messages(row: &Map<String, Value>, turns: &[Value]) -> Format {
     let parts = || turns.iter().filter_map(|turn| turn.get("content")?.as_array()).flatten();
     let url = parts().any(|part| matches!(part.get("type").and_then(Value::as_str), Some("image_url" | "input_image")));
-    let role = |names: &[&str]| turns.iter().any(|turn| turn.get("role").and_then(Value::as_str).is_some_and(|it| names.contains(&it)));
+    let role =
+        |names: &[&str]| turns.iter().any(|turn| turn.get("role").and_then(Value::as_str).is_some_and(|it| names.contains(&it)));
     if url || turns.iter().any(|turn| turn.get("tool_calls").is_some()) || role(&["developer"]) {
         return Format::OpenAi;
     }

@@ -28,7 +28,11 @@ impl<'a> Reader<'a> {
         let Value::Array(turns) = messages else {
             return Err(format!("`{key}` is no list: expected a list of turns, found {}", kind_of(messages)));
         };
-        turns.iter().enumerate().map(|(number, turn)| self.turn(turn).map_err(|what| format!("`{key}[{number}]`: {what}"))).collect()
+        turns
+            .iter()
+            .enumerate()
+            .map(|(number, turn)| self.turn(turn).map_err(|what| format!("`{key}[{number}]`: {what}")))
+            .collect()
     }
 
     /// A prompt or completion: a text, or turns.
@@ -77,7 +81,9 @@ impl<'a> Reader<'a> {
             Some(Value::Null) => Vec::new(),
             None if fields.contains_key("tool_calls") => Vec::new(),
             None => return Err(format!("no `{}`: expected a text", columns.content)),
-            Some(other) => return Err(format!("`{}` is {}: expected a text or a list of parts", columns.content, kind_of(other))),
+            Some(other) => {
+                return Err(format!("`{}` is {}: expected a text or a list of parts", columns.content, kind_of(other)));
+            }
         };
         if role == Role::ToolCall {
             parts = self.spoken_call(parts);
@@ -85,7 +91,11 @@ impl<'a> Reader<'a> {
         if let Some(calls) = fields.get("tool_calls").filter(|calls| !calls.is_null()) {
             let read: Vec<Option<Call>> = calls.as_array().into_iter().flatten().map(Call::of_value).collect();
             if read.is_empty() || read.contains(&None) {
-                self.oddities.push(oddity("tool calls", true, "`tool_calls` holds something that is no call: expected {id, type, function}"));
+                self.oddities.push(oddity(
+                    "tool calls",
+                    true,
+                    "`tool_calls` holds something that is no call: expected {id, type, function}",
+                ));
             }
             self.check_arguments(calls);
             parts.extend(read.into_iter().flatten().map(Part::Call));
@@ -100,7 +110,9 @@ impl<'a> Reader<'a> {
         let arguments = |call: &Value| call.get("function").unwrap_or(call).get("arguments").cloned();
         for arguments in calls.as_array().into_iter().flatten().filter_map(arguments) {
             let told = match (&arguments, self.source.format) {
-                (Value::String(text), _) if serde_json::from_str::<Value>(text).is_err() => "`arguments` is a text that is no JSON",
+                (Value::String(text), _) if serde_json::from_str::<Value>(text).is_err() => {
+                    "`arguments` is a text that is no JSON"
+                }
                 (Value::String(_), _) | (_, Format::Trl | Format::Parquet | Format::Swift) => continue,
                 _ => "`arguments` is no text: the OpenAI format wants JSON inside a string",
             };
@@ -110,7 +122,8 @@ impl<'a> Reader<'a> {
 
     /// A turn whose whole text is a call, or a list of calls.
     fn spoken_call(&mut self, parts: Vec<Part>) -> Vec<Part> {
-        let text: String = parts.iter().filter_map(|part| if let Part::Text(text) = part { Some(text.as_str()) } else { None }).collect();
+        let text: String =
+            parts.iter().filter_map(|part| if let Part::Text(text) = part { Some(text.as_str()) } else { None }).collect();
         let calls = match serde_json::from_str::<Value>(&text) {
             Ok(Value::Array(items)) => items.iter().map(Call::of_value).collect(),
             Ok(one) => Call::of_value(&one).map(|call| vec![call]),
@@ -119,7 +132,11 @@ impl<'a> Reader<'a> {
         match calls {
             Some(calls) => calls.into_iter().map(Part::Call).collect(),
             None => {
-                self.oddities.push(oddity("tool calls", true, "a tool call that does not read: expected {\"name\": .., \"arguments\": {..}}"));
+                self.oddities.push(oddity(
+                    "tool calls",
+                    true,
+                    "a tool call that does not read: expected {\"name\": .., \"arguments\": {..}}",
+                ));
                 parts
             }
         }
@@ -131,7 +148,9 @@ impl<'a> Reader<'a> {
         }
         let inline = ["image_url", "image"].iter().find_map(|key| item.get(key).filter(|it| !it.is_null()));
         match item.get("type").and_then(Value::as_str) {
-            Some("text" | "input_text" | "output_text") => Some(Part::Text(item.get("text").and_then(Value::as_str).unwrap_or_default().to_owned())),
+            Some("text" | "input_text" | "output_text") => {
+                Some(Part::Text(item.get("text").and_then(Value::as_str).unwrap_or_default().to_owned()))
+            }
             Some("image" | "image_url" | "input_image") => {
                 if let Some(inline) = inline {
                     let image = self.image(inline);
