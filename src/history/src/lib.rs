@@ -2,3 +2,24 @@
 //!
 //! Owns the reading of sentences as claims, the verdict on each, and the mending of a text. Never writes a History of its
 //! own, and never judges what is neither shown nor refuted by the record.
+//!
+//! The way of a sentence: [`lex`](mod@lex) cuts it into tokens, [`clause`] finds the verbs and what belongs to each with the
+//! word classes of [`grammar`] and the episode's own [`names`], [`judge`] compares each with the [`facts`].
+
+mod checker;
+mod claim;
+mod clause;
+mod content;
+mod deed;
+mod facts;
+mod grammar;
+mod judge;
+mod lex;
+mod mend;
+mod names;
+mod states;
+
+pub use checker::Checker;
+pub use claim::{Claim, ClaimKind, Verdict};
+pub use deed::{Deed, Mark, Place, Setting, Thing};
+pub use mend::{Mended, mend};

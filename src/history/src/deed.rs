@@ -1,0 +1,175 @@
+//! What was there and what was done, as plain data: from a task and its records, or from rows of anybody's table.
+//! Never judges.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use reel_world::{
+    Door, DoorState, GraphEvent, Scene, Task, ToolCall, ToolSpec, WorldGraph,
+    record::{MarkerTarget, StepRecord},
+};
+
+/// What was there before the first decision.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct Setting {
+    /// The receptacles.
+    pub places: Vec<Place>,
+    /// The objects.
+    pub things: Vec<Thing>,
+    /// What the agent was told.
+    #[serde(default)]
+    pub instruction: String,
+    /// Whether `things` and what the deeds tell of them is all there is. Without it nothing that speaks of objects is refuted.
+    #[serde(default)]
+    pub complete: bool,
+}
+
+/// A receptacle.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Place {
+    /// e.g. `table_1`
+    pub id: String,
+    /// e.g. `table`
+    pub category: String,
+    /// Its room, if known.
+    #[serde(default)]
+    pub room: String,
+    /// How people call it.
+    #[serde(default)]
+    pub captions: Vec<String>,
+    /// How its door stood at the start; none where it has no door, or where that is unknown.
+    #[serde(default)]
+    pub door: Option<DoorState>,
+}
+
+/// An object.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Thing {
+    /// What deeds call it; never compared with a text.
+    pub key: String,
+    /// e.g. `alarm clock`
+    pub category: String,
+    /// How people would describe it.
+    #[serde(default)]
+    pub caption: Option<String>,
+    /// The receptacle where it stood at the start, if known.
+    #[serde(default)]
+    pub place: Option<String>,
+}
+
+/// One decision and what came of it.
+#[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
+pub struct Deed {
+    /// From 0.
+    pub step: u32,
+    /// The tool's name in the paper, or the name as called where it is no tool.
+    pub tool: String,
+    /// Its argument as text: a receptacle, a category, a marker number, a question.
+    #[serde(default)]
+    pub argument: Option<String>,
+    /// The error code, if it failed.
+    #[serde(default)]
+    pub error: Option<String>,
+    /// What the policy was told.
+    #[serde(default)]
+    pub text: String,
+    /// What the user answered.
+    #[serde(default)]
+    pub reply: Option<String>,
+    /// Key of the object that it acted on.
+    #[serde(default)]
+    pub object: Option<String>,
+    /// The receptacle that it acted on.
+    #[serde(default)]
+    pub receptacle: Option<String>,
+    /// Key of what the gripper held after it.
+    #[serde(default)]
+    pub held: Option<String>,
+    /// Keys of the objects in view after it, or told by it.
+    #[serde(default)]
+    pub seen: Vec<String>,
+    /// The marker map after it.
+    #[serde(default)]
+    pub markers: Vec<Mark>,
+    /// What changed in the world.
+    #[serde(default)]
+    pub changes: Vec<GraphEvent>,
+}
+
+/// What a marker stood for.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Mark {
+    /// The number.
+    pub number: u32,
+    /// Key of the object, if it was one.
+    #[serde(default)]
+    pub object: Option<String>,
+    /// The receptacle, if it was one.
+    #[serde(default)]
+    pub receptacle: Option<String>,
+}
+
+impl Setting {
+    /// The setting of a recorded episode, whose world stood as `start` says before the first decision.
+    pub fn of(task: &Task, scene: &Scene, start: &WorldGraph) -> Self {
+        let places = scene.receptacles.iter().map(|receptacle| Place {
+            id: receptacle.id.as_str().to_owned(),
+            category: receptacle.category.clone(),
+            room: receptacle.room.clone(),
+            captions: receptacle.captions.keys().cloned().collect(),
+            door: (receptacle.door != Door::None).then(|| start.door(&receptacle.id).unwrap_or(DoorState::Closed)),
+        });
+        let things = task.objects.iter().map(|object| Thing {
+            key: object.instance.as_str().to_owned(),
+            category: object.category.clone(),
+            caption: object.caption.clone(),
+            place: start.place_of(&object.instance).map(|place| place.as_str().to_owned()),
+        });
+        Self { places: places.collect(), things: things.collect(), instruction: task.instruction.clone(), complete: true }
+    }
+}
+
+impl Deed {
+    /// A recorded decision.
+    pub fn of(record: &StepRecord) -> Self {
+        let key = |id: &reel_world::InstanceId| id.as_str().to_owned();
+        let mut seen: Vec<String> =
+            record.visible.iter().map(|object| key(&object.object)).chain(record.listed.iter().map(key)).collect();
+        seen.sort();
+        seen.dedup();
+        let markers = record.markers.iter().map(|marker| match &marker.target {
+            MarkerTarget::Object(id) => Mark { number: marker.id, object: Some(key(id)), receptacle: None },
+            MarkerTarget::Receptacle(id) => {
+                Mark { number: marker.id, object: None, receptacle: Some(id.as_str().to_owned()) }
+            }
+        });
+        Self {
+            error: record.outcome.error.map(|code| code.as_str().to_owned()),
+            reply: record.reply.as_ref().map(|reply| reply.text.clone()),
+            object: record.object.as_ref().map(key),
+            receptacle: record.receptacle.as_ref().map(|id| id.as_str().to_owned()),
+            held: record.held.as_ref().map(key),
+            seen,
+            markers: markers.collect(),
+            changes: record.changes.physics.clone(),
+            ..Self::called(record.step, &record.input.call, &record.outcome.text)
+        }
+    }
+
+    /// What a bare call and the text of its outcome tell; everything else is left open.
+    pub fn called(step: u32, call: &ToolCall, text: &str) -> Self {
+        let spec = ToolSpec::by_name(&call.name);
+        let argument = match (&call.arguments, spec.and_then(|spec| spec.argument)) {
+            (Value::Object(map), Some(argument)) => map.get(argument.name).or_else(|| map.values().next()),
+            (Value::Object(map), None) => map.values().next(),
+            _ => None,
+        };
+        Self {
+            step,
+            tool: spec.map_or(call.name.as_str(), |spec| spec.paper_name).to_owned(),
+            argument: argument.map(|value| value.as_str().map_or_else(|| value.to_string(), str::to_owned)),
+            text: text.to_owned(),
+            ..Self::default()
+        }
+    }
+}
