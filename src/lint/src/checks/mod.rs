@@ -5,6 +5,7 @@
 mod answers;
 mod balance;
 mod duplicates;
+mod history;
 mod images;
 mod label_noise;
 mod leaks;
@@ -13,6 +14,7 @@ mod loader;
 mod near_duplicates;
 mod seen;
 mod splits;
+mod told;
 
 use seen::{Looks, Seen};
 
@@ -119,6 +121,7 @@ fn all(dataset: &Dataset, options: &Options) -> Vec<Box<dyn Check>> {
         Box::new(loader::Loader::new(dataset)),
         Box::new(images::Images),
         Box::new(answers::Answers::default()),
+        Box::new(history::Histories::default()),
         Box::new(splits::Splits::default()),
         Box::new(label_noise::LabelNoise::default()),
         Box::new(duplicates::Duplicates::default()),

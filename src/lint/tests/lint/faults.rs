@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::{Folder, answer, count, linted, of, png, swift};
+use super::{Folder, answer, count, linted, of, png, prompt, swift};
 
 fn folder() -> Folder {
     let folder = Folder::new();
@@ -162,4 +162,38 @@ fn the_report_for_people_and_for_machines() {
     assert_eq!(json["rows"], 2);
     let images = json["checks"].as_array().expect("checks").iter().find(|check| check["check"] == "images").expect("it is there");
     assert_eq!((images["worst"].as_str(), images["share"].as_f64()), (Some("error"), Some(0.5)));
+}
+
+#[test]
+fn a_history_that_the_rows_refute() {
+    let folder = folder();
+    let row = |number: u32, last: &str, outcome: &str, history: &str| {
+        let mut row = good("Bring a cup.");
+        let text = prompt("Bring a cup.", outcome);
+        let last = format!("Last action: {last}\n");
+        let old = "Last action: {\"tool_name\":\"nav_to\",\"args\":{\"receptacle_name\":\"table_1\"}}\n";
+        row["messages"][1]["content"] = text.replace(old, &last).into();
+        let object = json!({ "History": history, "next_action": { "tool_name": "finish", "args": {} } });
+        row["messages"][2]["content"] = object.to_string().into();
+        row["meta"] = json!({ "episode_id": "e1", "call": number });
+        row
+    };
+    let nav = |place: &str| format!("{{\"tool_name\":\"nav_to\",\"args\":{{\"receptacle_name\":\"{place}\"}}}}");
+    let pick = "{\"tool_name\":\"pick\",\"args\":{\"marker_id\":1}}";
+    let refused = "No marker map available. Use 'find_objects' or 'explore_receptacle' first.";
+    // Not in their order.
+    let rows = [
+        row(2, pick, refused, "I went to table_1. I picked up the cup."),
+        row(0, "none", "The episode begins.", "Nothing has been done yet."),
+        row(1, &nav("table_1"), "Arrived at table_1.", "I went to fridge_1."),
+        row(3, &nav("fridge_1"), "Arrived at fridge_1.", "I went to table_1, then to fridge_1."),
+    ];
+    let report = linted(&folder.lines("rows.jsonl", &rows));
+    let history = of(&report, "history");
+    assert!(history.note.ends_with("in 4 rows, 0 rows not judged"), "{report}");
+    assert_eq!(history.examples.iter().map(|it| it.examples[0].index).collect::<Vec<_>>(), [2, 0], "{report}");
+    // Without the second, what came after it cannot be judged.
+    let report = linted(&folder.lines("rows.jsonl", &[rows[0].clone(), rows[1].clone(), rows[3].clone()]));
+    assert_eq!(of(&report, "history").findings, 0, "{report}");
+    assert!(of(&report, "history").note.ends_with("in 1 rows, 2 rows not judged"), "{report}");
 }
