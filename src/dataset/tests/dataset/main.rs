@@ -1,3 +1,5 @@
 //! What a dataset promises, from outside.
 
+mod formats;
 mod leaks;
+mod sample;

@@ -1,0 +1,100 @@
+//! What a dataset is made from: an episode as plain text, as its store tells it. Owns the input's shape; reads no store.
+
+use reel_world::{Digest, NameSet};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::Split;
+
+/// A picture by the digest of its recorded pixels (8-bit RGB, row by row).
+pub type ImageId = Digest;
+
+/// An episode as its agent lived it.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Episode {
+    /// As in the trace.
+    pub episode_id: String,
+    /// e.g. `FDP/verify_task_10`
+    pub task_id: String,
+    /// e.g. `FDP`
+    pub family: String,
+    /// The scene it played in.
+    pub scene_id: String,
+    /// Who decided, e.g. `oracle`.
+    pub policy: String,
+    /// The part of the dataset that it belongs to; whole tasks or scenes share one (see [`crate::split`]).
+    pub split: Split,
+    /// What the agent was told to do.
+    pub instruction: String,
+    /// The names its tools went by.
+    pub names: NameSet,
+    /// The furniture it was told of, in the scene's order.
+    pub receptacles: Vec<Receptacle>,
+    /// Its decisions, in order.
+    pub steps: Vec<Step>,
+    /// Where all this comes from.
+    pub source: Source,
+}
+
+/// A piece of furniture as an agent knows it.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Receptacle {
+    /// e.g. `table_1`
+    pub id: String,
+    /// e.g. `table`
+    pub category: String,
+    /// e.g. `living room/0`
+    pub room: String,
+}
+
+/// One decision and what came of it.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct Step {
+    /// Its number in the episode, from 0.
+    pub call: u32,
+    /// The tool by its name in the paper; empty where the call names none of the eleven.
+    pub tool: String,
+    /// The name as it was called.
+    pub call_name: String,
+    /// The arguments as they were sent; null for none.
+    pub arguments: Value,
+    /// What the tool told.
+    pub outcome: String,
+    /// The class and code of the error, where the call failed.
+    pub error: Option<String>,
+    /// Why the agent did so; empty where it did not say.
+    pub reasoning: String,
+    /// `History`: what was done and learned so far.
+    pub history: String,
+    /// `New Schedule`: what is left to do.
+    pub schedule: String,
+    /// `Current subtask`
+    pub subtask: String,
+    /// What it saw before the decision: the pictures of the latest observation, often one.
+    pub images: Vec<ImageId>,
+    /// Whether a model shall learn this decision; the others are context.
+    pub learn: bool,
+}
+
+/// Where an episode comes from: every row carries it.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+pub struct Source {
+    /// BLAKE3 of the trace file.
+    pub trace_digest: String,
+    /// Where it lies, as the table names it.
+    pub trace_uri: String,
+    /// `exact` where the trace replayed to the same digests, else `unverified`.
+    pub verdict: String,
+    /// The simulator that replayed it; empty where none did.
+    pub verdict_sim_version: String,
+    /// Reward preset, e.g. `paper`.
+    pub preset: String,
+    /// Its digest.
+    pub preset_digest: String,
+    /// Version of the failure rules; empty where none ran.
+    pub rules_version: String,
+    /// Version of the table the episode was read at.
+    pub table_version: u64,
+    /// Who wrote reasoning, History, schedule and subtask, e.g. `rules-1` or a model's name.
+    pub annotator: String,
+}

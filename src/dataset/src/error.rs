@@ -1,0 +1,77 @@
+//! What can go wrong when a dataset is written.
+
+use std::{io, path::PathBuf};
+
+use crate::ImageId;
+
+/// Why something was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// A file cannot be read or written.
+    #[error("cannot write the dataset: {source}: {path}", path = path.display())]
+    Io {
+        /// The system's reason.
+        source: io::Error,
+        /// The file.
+        path: PathBuf,
+    },
+    /// An example's picture was not put into the store before.
+    #[error("example {example} shows picture {image}, which is not in the dataset: put it before the row")]
+    Picture {
+        /// The example.
+        example: String,
+        /// Its picture.
+        image: ImageId,
+    },
+    /// A picture's pixels are not what its size says.
+    #[error("picture {image} has {found} bytes instead of 3 x {width} x {height}")]
+    Pixels {
+        /// Which.
+        image: ImageId,
+        /// Bytes given.
+        found: usize,
+        /// In pixels.
+        width: u32,
+        /// In pixels.
+        height: u32,
+    },
+    /// A picture cannot be resized or encoded.
+    #[error("picture {image} cannot be encoded: {reason}")]
+    Encode {
+        /// Which.
+        image: ImageId,
+        /// The library's reason.
+        reason: String,
+    },
+    /// The format cannot hold an example as it is.
+    #[error("example {example} cannot be written as {format}: {reason}")]
+    Unfit {
+        /// The example.
+        example: String,
+        /// The format.
+        format: &'static str,
+        /// Why.
+        reason: &'static str,
+    },
+    /// A tokenizer file cannot be used.
+    #[error("no tokenizer that can be read ({reason}): {path}", path = path.display())]
+    Tokenizer {
+        /// The library's reason.
+        reason: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Ratios of a split that are none.
+    #[error("split ratios {found:?} are not three numbers from 0 that add up to more than 0")]
+    Ratios {
+        /// As given.
+        found: [f64; 3],
+    },
+}
+
+impl DatasetError {
+    pub(crate) fn io(path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
+        let path = path.into();
+        move |source| DatasetError::Io { source, path }
+    }
+}

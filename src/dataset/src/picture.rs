@@ -1,0 +1,296 @@
+//! Pictures on disk: resized to a pixel budget, encoded, named by the digest of their bytes, each written once.
+//! Owns sizes and encodings; where pixels come from is the caller's.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::Mutex,
+};
+
+use fast_image_resize::{PixelType, Resizer, images::Image, images::ImageRef};
+use reel_world::Digest;
+use serde::Serialize;
+
+use crate::{DatasetError, ImageId};
+
+/// The most pixels of a picture in training (SPEC section 8).
+pub const PIXELS_MAX: u32 = 100_352;
+/// The fewest.
+pub const PIXELS_MIN: u32 = 784;
+
+/// How pictures are encoded.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Encoding {
+    /// Without loss.
+    #[default]
+    Png,
+    /// Without loss, smaller.
+    Webp,
+    /// With loss, from 1 to 100.
+    Jpeg {
+        /// 100 is best.
+        quality: u8,
+    },
+}
+
+impl Encoding {
+    fn extension(self) -> &'static str {
+        match self {
+            Encoding::Png => "png",
+            Encoding::Webp => "webp",
+            Encoding::Jpeg { .. } => "jpg",
+        }
+    }
+
+    /// As data URLs name it.
+    pub fn mime(self) -> &'static str {
+        match self {
+            Encoding::Png => "image/png",
+            Encoding::Webp => "image/webp",
+            Encoding::Jpeg { .. } => "image/jpeg",
+        }
+    }
+}
+
+/// What is made of a picture.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+pub struct PictureOptions {
+    /// How it is encoded.
+    pub encoding: Encoding,
+    /// The most pixels; none keeps every picture as it is.
+    pub pixels_max: Option<u32>,
+    /// Sides are multiples of this many pixels where a picture is resized: 28 for Qwen2.5-VL, 32 for Qwen3-VL, else 1.
+    pub side_multiple: u32,
+}
+
+impl Default for PictureOptions {
+    fn default() -> Self {
+        Self { encoding: Encoding::default(), pixels_max: Some(PIXELS_MAX), side_multiple: 1 }
+    }
+}
+
+impl PictureOptions {
+    /// The width and height that a picture gets: its own where it is within the budget, else the largest of its aspect
+    /// ratio within it, at least [`PIXELS_MIN`] pixels.
+    pub fn size(&self, width: u32, height: u32) -> (u32, u32) {
+        let Some(most) = self.pixels_max else { return (width, height) };
+        let (pixels, multiple) = (f64::from(width) * f64::from(height), f64::from(self.side_multiple.max(1)));
+        let least = f64::from(PIXELS_MIN.min(most));
+        let most = f64::from(most);
+        let whole = |side: u32| side % self.side_multiple.max(1) == 0;
+        if pixels <= most && pixels >= least && (whole(width) && whole(height)) {
+            return (width, height);
+        }
+        let fitted = |scale: f64, round: fn(f64) -> f64| {
+            let side = |side: u32| (round(f64::from(side) * scale / multiple) * multiple).max(multiple) as u32;
+            (side(width), side(height))
+        };
+        if pixels < least {
+            fitted((least / pixels).sqrt(), f64::ceil)
+        } else {
+            fitted((most / pixels).sqrt().min(1.0), f64::floor)
+        }
+    }
+}
+
+/// A picture on disk.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct Picture {
+    /// From the dataset's folder, with `/`: `images/ab/<64 digits>.png`.
+    pub path: String,
+    /// In pixels.
+    pub width: u32,
+    /// In pixels.
+    pub height: u32,
+    /// Size of the file.
+    pub bytes: u64,
+}
+
+/// The pictures of a dataset. May be used from several threads; what is written does not depend on their order.
+pub struct Pictures {
+    root: PathBuf,
+    options: PictureOptions,
+    written: Mutex<BTreeMap<ImageId, Picture>>,
+}
+
+impl Pictures {
+    /// Pictures under `<root>/images`.
+    pub fn new(root: &Path, options: PictureOptions) -> Self {
+        Self { root: root.to_owned(), options, written: Mutex::default() }
+    }
+
+    /// How they are made.
+    pub fn options(&self) -> &PictureOptions {
+        &self.options
+    }
+
+    /// A picture that was put before.
+    pub fn get(&self, image: &ImageId) -> Option<Picture> {
+        self.written().get(image).cloned()
+    }
+
+    /// How many pictures were put.
+    pub fn count(&self) -> usize {
+        self.written().len()
+    }
+
+    /// Resizes, encodes and writes a picture (8-bit RGB, row by row), unless it was before.
+    ///
+    /// # Errors
+    /// When the pixels are not what the size says, or the file cannot be written.
+    pub fn put(&self, image: ImageId, rgb: &[u8], width: u32, height: u32) -> Result<Picture, DatasetError> {
+        if let Some(picture) = self.get(&image) {
+            return Ok(picture);
+        }
+        let (bytes, width, height) = self.options.encode(image, rgb, width, height)?;
+        let name = Digest::of(&bytes).to_string();
+        let path = format!("images/{}/{name}.{}", &name[..2], self.options.encoding.extension());
+        let file = self.root.join(&path);
+        if !file.exists() {
+            let folder = self.root.join("images").join(&name[..2]);
+            fs::create_dir_all(&folder).map_err(DatasetError::io(&folder))?;
+            // Threads may write the same picture: each its own file, and any of them is the picture.
+            let part = folder.join(format!("{image}.part"));
+            fs::write(&part, &bytes).and_then(|()| fs::rename(&part, &file)).map_err(DatasetError::io(&file))?;
+        }
+        let picture = Picture { path, width, height, bytes: bytes.len() as u64 };
+        self.written().insert(image, picture.clone());
+        Ok(picture)
+    }
+
+    /// The file of a picture.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn bytes(&self, picture: &Picture) -> Result<Vec<u8>, DatasetError> {
+        let file = self.root.join(&picture.path);
+        fs::read(&file).map_err(DatasetError::io(&file))
+    }
+
+    fn written(&self) -> std::sync::MutexGuard<'_, BTreeMap<ImageId, Picture>> {
+        self.written.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+}
+
+impl PictureOptions {
+    /// The encoded picture with its width and height.
+    ///
+    /// # Errors
+    /// When the pixels are not what the size says.
+    pub fn encode(&self, image: ImageId, rgb: &[u8], width: u32, height: u32) -> Result<(Vec<u8>, u32, u32), DatasetError> {
+        if width == 0 || height == 0 || rgb.len() as u64 != 3 * u64::from(width) * u64::from(height) {
+            return Err(DatasetError::Pixels { image, found: rgb.len(), width, height });
+        }
+        let refused = |reason: String| DatasetError::Encode { image, reason };
+        let (new_width, new_height) = self.size(width, height);
+        let resized;
+        let pixels = if (new_width, new_height) == (width, height) {
+            rgb
+        } else {
+            resized = resize(rgb, (width, height), (new_width, new_height)).map_err(refused)?;
+            &resized
+        };
+        let bytes = match self.encoding {
+            Encoding::Png => png(pixels, new_width, new_height),
+            Encoding::Webp => webp(pixels, new_width, new_height),
+            Encoding::Jpeg { quality } => jpeg(pixels, new_width, new_height, quality),
+        };
+        Ok((bytes.map_err(refused)?, new_width, new_height))
+    }
+}
+
+fn resize(rgb: &[u8], from: (u32, u32), to: (u32, u32)) -> Result<Vec<u8>, String> {
+    let source = ImageRef::new(from.0, from.1, rgb, PixelType::U8x3).map_err(|error| error.to_string())?;
+    let mut target = Image::new(to.0, to.1, PixelType::U8x3);
+    Resizer::new().resize(&source, &mut target, None).map_err(|error| error.to_string())?;
+    Ok(target.into_vec())
+}
+
+fn png(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_compression(png::Compression::Fast);
+    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(rgb).and_then(|()| writer.finish()));
+    written.map(|()| bytes).map_err(|error| error.to_string())
+}
+
+fn webp(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    let encoder = image_webp::WebPEncoder::new(&mut bytes);
+    encoder.encode(rgb, width, height, image_webp::ColorType::Rgb8).map_err(|error| error.to_string())?;
+    Ok(bytes)
+}
+
+fn jpeg(rgb: &[u8], width: u32, height: u32, quality: u8) -> Result<Vec<u8>, String> {
+    let side = |side: u32| u16::try_from(side).map_err(|_| format!("a side of {side} pixels is more than JPEG holds"));
+    let mut bytes = Vec::new();
+    let encoder = jpeg_encoder::Encoder::new(&mut bytes, quality.clamp(1, 100));
+    encoder.encode(rgb, side(width)?, side(height)?, jpeg_encoder::ColorType::Rgb).map_err(|error| error.to_string())?;
+    Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn noise(width: u32, height: u32) -> Vec<u8> {
+        (0..width * height * 3).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect()
+    }
+
+    #[test]
+    fn sizes() {
+        let size = |side_multiple, width, height| PictureOptions { side_multiple, ..Default::default() }.size(width, height);
+        assert_eq!(size(1, 640, 480), (365, 274));
+        assert_eq!(size(28, 640, 480), (364, 252));
+        assert_eq!(size(32, 640, 480), (352, 256));
+        assert_eq!(size(1, 320, 240), (320, 240));
+        assert_eq!(size(28, 300, 200), (280, 196));
+        assert_eq!(size(1, 10, 10), (28, 28));
+        assert_eq!(PictureOptions { pixels_max: None, ..Default::default() }.size(640, 480), (640, 480));
+        for (width, height) in [(640, 480), (4000, 20), (1, 1), (317, 316), (9999, 9999)] {
+            let (w, h) = size(28, width, height);
+            assert!(w % 28 == 0 && h % 28 == 0 && w > 0 && h > 0);
+        }
+    }
+
+    #[test]
+    fn unresized_without_loss() {
+        let rgb = noise(64, 48);
+        let image = Digest::of(&rgb);
+        let encode =
+            |encoding| PictureOptions { encoding, pixels_max: None, side_multiple: 1 }.encode(image, &rgb, 64, 48).unwrap().0;
+        let png = encode(Encoding::Png);
+        let mut reader = png::Decoder::new(std::io::Cursor::new(&png)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        assert_eq!(pixels, rgb);
+        let webp = encode(Encoding::Webp);
+        let mut decoder = image_webp::WebPDecoder::new(std::io::Cursor::new(&webp)).unwrap();
+        let mut pixels = vec![0; decoder.output_buffer_size().unwrap()];
+        decoder.read_image(&mut pixels).unwrap();
+        assert_eq!(pixels, rgb);
+        assert_eq!(encode(Encoding::Jpeg { quality: 90 })[..2], [0xff, 0xd8]);
+        assert!(matches!(PictureOptions::default().encode(image, &rgb[1..], 64, 48), Err(DatasetError::Pixels { .. })));
+    }
+
+    #[test]
+    fn written_once_and_resized() {
+        let folder = tempfile::tempdir().unwrap();
+        let pictures = Pictures::new(folder.path(), PictureOptions::default());
+        let grey = vec![77; 640 * 480 * 3];
+        let first = pictures.put(Digest::of(b"1"), &grey, 640, 480).unwrap();
+        let second = pictures.put(Digest::of(b"2"), &grey, 640, 480).unwrap();
+        assert_eq!((&first, first.width, first.height), (&second, 365, 274));
+        assert_eq!(pictures.count(), 2);
+        let bytes = pictures.bytes(&first).unwrap();
+        assert!(first.path.ends_with(&format!("{}.png", Digest::of(&bytes))));
+        let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        assert!(pixels.iter().all(|value| *value == 77), "a grey picture stays grey");
+        assert_eq!(fs::read_dir(folder.path().join("images")).unwrap().count(), 1);
+    }
+}

@@ -1,0 +1,145 @@
+//! Every format holds the same conversation, tag for picture, and says where it comes from.
+
+use std::fs;
+
+use reel_dataset::{
+    DatasetError, ExampleOptions, Format, LeakKind, PictureOptions, Pictures, Refusal, Secrets, Shards, Split, Style, examples,
+};
+use reel_world::Digest;
+use serde_json::Value;
+
+use crate::sample::{episode, put_pictures};
+
+const TEXT: [Format; 5] = [Format::QwenVl, Format::MsSwift, Format::LlamaFactory, Format::Trl, Format::OpenAi];
+
+fn options(style: Style) -> ExampleOptions {
+    ExampleOptions { style, failed_calls: false }
+}
+
+#[test]
+fn single_turn_as_the_paper_puts_it() {
+    let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn), &Secrets::none());
+    let calls: Vec<u32> = made.examples.iter().map(|example| example.call).collect();
+    assert_eq!((calls, made.refused.len()), (vec![0, 1, 3, 4, 5], 0), "the failed call is context only");
+    let messages = made.examples[3].messages();
+    let [("system", system), ("user", user), ("assistant", answer)] = &messages[..] else { panic!("{messages:?}") };
+    assert!(system.starts_with("You are a household robot"));
+    assert!(user.starts_with("Task: Bring the vase to the \"glass\" table.\n\nTools:\n[{\"name\":\"nav_to\""));
+    assert!(user.contains("\nReceptacles:\n- shelf_1 (shelf, living room/0)\n- table_2 (table, living room/0)\n\nProgress:\n"));
+    assert!(user.ends_with(
+        "History: I did 3 things.\nNew Schedule: Bring it.\nCurrent subtask: Find \"it\".\n\n\
+         Last action: {\"tool_name\":\"pick\",\"args\":{\"marker_id\":2}}\n\
+         Last outcome: Picked up the object with marker 2.\n\nCurrent view: <image>"
+    ));
+    let (thought, json) = answer.split_once('\n').unwrap();
+    assert_eq!(thought, "<think>I think 4 times.</think>");
+    let json: Value = serde_json::from_str(json).unwrap();
+    assert_eq!(json["History"], "I did 4 things.");
+    assert_eq!(json["next_action"]["args"]["question"], "To which \"table\"?\n");
+}
+
+#[test]
+fn rows_are_json_with_a_tag_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let episode = episode("e1", Split::Train);
+    put_pictures(&episode, &pictures);
+    for style in Style::ALL {
+        for failed_calls in [true, false] {
+            let made = examples(&episode, &ExampleOptions { style, failed_calls }, &Secrets::none());
+            assert_eq!(
+                made.examples.len(),
+                match (style, failed_calls) {
+                    (Style::MultiTurn, _) => 1,
+                    (_, true) => 6,
+                    (_, false) => 5,
+                }
+            );
+            for (format, example) in TEXT.iter().flat_map(|format| made.examples.iter().map(move |example| (*format, example))) {
+                let mut row = Vec::new();
+                match format.write_row(example, &pictures, &mut row) {
+                    Err(DatasetError::Unfit { .. }) => {
+                        let partial = style == Style::MultiTurnPrefix && format == Format::QwenVl && example.call > 0;
+                        let some =
+                            style == Style::MultiTurn && !failed_calls && !matches!(format, Format::MsSwift | Format::OpenAi);
+                        assert!(partial || some, "{format:?} {style:?} {}", example.id);
+                        continue;
+                    }
+                    written => written.unwrap(),
+                }
+                let row: Value = serde_json::from_slice(&row)
+                    .unwrap_or_else(|error| panic!("{format:?} {style:?}: {error}: {}", String::from_utf8_lossy(&row)));
+                let text = row.to_string();
+                let tags = match format {
+                    Format::Trl => text.matches("{\"type\":\"image\"}").count(),
+                    Format::OpenAi => text.matches("data:image/png;base64,").count(),
+                    _ => text.matches("<image>").count(),
+                };
+                assert_eq!(tags, example.images().count(), "{format:?} {style:?} {}", example.id);
+                assert!(!text.contains("Debug Info"));
+                if format.holds_provenance() {
+                    assert_eq!(row["provenance"]["trace_digest"], "d".repeat(64));
+                    assert_eq!(row["provenance"]["call"], example.call);
+                    assert_eq!(row["provenance"]["table_version"], 12);
+                    for path in row.get("images").or(row.get("image")).and_then(Value::as_array).into_iter().flatten() {
+                        assert!(folder.path().join(path.as_str().unwrap()).is_file());
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn what_must_not_be_known_is_refused_with_all_that_repeats_it() {
+    let mut episode = episode("e1", Split::Train);
+    episode.steps[3].history = "I hold vase_03_on_shelf_1_at_t.".into();
+    let calls = |made: &reel_dataset::Examples| made.examples.iter().map(|example| example.call).collect::<Vec<_>>();
+    let made = examples(&episode, &options(Style::SingleTurn), &Secrets::none());
+    assert_eq!(calls(&made), [0, 1, 5]);
+    assert_eq!(made.refused.iter().map(|it| it.call).collect::<Vec<_>>(), [Some(3), Some(4)]);
+    assert!(matches!(&made.refused[0].reason, Refusal::Leak { kind: LeakKind::Instance, .. }));
+    assert_eq!(calls(&examples(&episode, &options(Style::MultiTurn), &Secrets::none())), [5], "a History is in no conversation");
+
+    episode.steps[1].outcome = "See <image>.".into();
+    assert_eq!(calls(&examples(&episode, &options(Style::MultiTurnPrefix), &Secrets::none())), [0, 1]);
+    assert!(examples(&episode, &options(Style::MultiTurn), &Secrets::none()).examples.is_empty());
+
+    episode.instruction = "Bring vase_03.".into();
+    let secrets = Secrets::new([(LeakKind::Instance, "vase_03")], []);
+    let made = examples(&episode, &options(Style::SingleTurn), &secrets);
+    assert_eq!((made.examples.len(), made.refused.len(), made.refused[0].call), (0, 1, None));
+    assert_eq!(made.refused[0].reason.to_string(), "the instruction holds an object instance or asset: \"vase_03\"");
+}
+
+#[test]
+fn shards_are_whole_files_of_at_most_so_many_rows() {
+    for format in TEXT {
+        let folder = tempfile::tempdir().unwrap();
+        let mut shards = Shards::new(folder.path(), format, Split::Validation, 2);
+        for at in 0..5 {
+            shards.push(format!("{{\"at\":{at}}}").as_bytes(), b"{}").unwrap();
+        }
+        let shards = shards.finish().unwrap();
+        assert_eq!(shards.iter().map(|shard| shard.rows).collect::<Vec<_>>(), [2, 2, 1]);
+        assert_eq!(shards[2].path, format!("validation/validation-00002.{}", format.extension()));
+        let text = fs::read_to_string(folder.path().join(&shards[0].path)).unwrap();
+        let rows: Vec<Value> = match format {
+            Format::QwenVl => serde_json::from_str(&text).unwrap(),
+            _ => text.lines().map(|line| serde_json::from_str(line).unwrap()).collect(),
+        };
+        assert_eq!(rows.len(), 2);
+        let beside = shards[0].provenance.as_ref().map(|path| fs::read_to_string(folder.path().join(path)).unwrap());
+        assert_eq!(beside.as_deref(), (!format.holds_provenance()).then_some("{}\n{}\n"));
+        assert!(fs::read_dir(folder.path().join("validation")).unwrap().all(|entry| entry.unwrap().path().extension().is_none_or(|it| it != "part")));
+    }
+}
+
+#[test]
+fn a_missing_picture_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn), &Secrets::none());
+    let error = Format::MsSwift.write_row(&made.examples[1], &pictures, &mut Vec::new()).unwrap_err();
+    assert!(matches!(error, DatasetError::Picture { image, .. } if image == Digest::of(b"e1 0")));
+}
