@@ -41,6 +41,8 @@ pub struct DatasetFile {
     /// What its loader would pass over in silence in the file as a whole.
     pub(crate) notes: Vec<Oddity>,
     columns: Columns,
+    /// A file beside it with the provenance of its rows.
+    provenance: Option<PathBuf>,
 }
 
 impl Dataset {
@@ -87,7 +89,7 @@ impl Dataset {
 
     /// All rows, one at a time; what cannot be read is an error in its place.
     pub fn rows(&self) -> Rows<'_> {
-        Rows { dataset: self, file: 0, open: None, index: 0 }
+        Rows { dataset: self, file: 0, open: None, beside: None, index: 0 }
     }
 
     /// The rows of one number, counted from 0 over all files.
@@ -113,6 +115,7 @@ impl DatasetFile {
             declared,
             notes,
             columns,
+            provenance: provenance_beside(path),
         };
         let parquet = path.extension().is_some_and(|it| it == "parquet");
         if parquet {
@@ -126,7 +129,7 @@ impl DatasetFile {
             return Ok(opened(Format::Parquet, columns, false, notes));
         }
         if let Some(columns) = Columns::declared(path) {
-            return Ok(opened(Format::Sharegpt, columns, true, Vec::new()));
+            return Ok(opened(Format::LlamaFactory, columns, true, Vec::new()));
         }
         if let Some(format) = format {
             return Ok(opened(format, Columns::of(format), false, Vec::new()));
@@ -160,7 +163,8 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Error> {
         let (path, kind) = (entry.path(), entry.file_type().map_err(failed)?);
         let rows = path.extension().and_then(|it| it.to_str()).is_some_and(|it| matches!(it, "json" | "jsonl" | "parquet"));
         let hidden = entry.file_name().to_string_lossy().starts_with('.');
-        if hidden || entry.file_name() == "dataset_info.json" {
+        let beside = entry.file_name() == "dataset_info.json" || entry.file_name().to_string_lossy().ends_with(PROVENANCE);
+        if hidden || beside {
             continue;
         }
         if kind.is_dir() {
@@ -170,6 +174,16 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Error> {
         }
     }
     Ok(())
+}
+
+/// How names of files end that hold the provenance of rows whose loader refuses other keys.
+const PROVENANCE: &str = ".provenance.jsonl";
+
+/// `provenance/<folders>/<name>.provenance.jsonl` in the file's folder or one above it.
+fn provenance_beside(path: &Path) -> Option<PathBuf> {
+    let inside = |root: &Path| path.strip_prefix(root).ok().map(|inside| inside.with_extension(""));
+    let beside = |root: &Path| Some(root.join("provenance").join(format!("{}{PROVENANCE}", inside(root)?.display())));
+    path.ancestors().skip(1).take(3).filter_map(beside).find(|path| path.is_file())
 }
 
 /// The split that a path below the dataset's folder names.
@@ -187,6 +201,8 @@ pub struct Rows<'a> {
     dataset: &'a Dataset,
     file: usize,
     open: Option<Reader>,
+    /// The provenance of the file's rows, in their order.
+    beside: Option<JsonRows<BufReader<File>>>,
     index: u64,
 }
 
@@ -214,6 +230,10 @@ impl Reader {
 impl Rows<'_> {
     /// The next row of the file that is open: where it begins, and what was read.
     fn read(&mut self, file: &DatasetFile) -> Option<Result<Example, RowError>> {
+        if self.open.is_none() {
+            self.beside =
+                file.provenance.as_ref().and_then(|path| File::open(path).ok()).map(|it| JsonRows::new(BufReader::new(it)));
+        }
         let reader = self.open.get_or_insert_with(|| Reader::open(file));
         let mut place = Place { index: self.index, file: u32::try_from(self.file).unwrap_or(u32::MAX), line: 1 };
         let (row, inside) = match reader {
@@ -227,6 +247,7 @@ impl Rows<'_> {
                 match row.value {
                     Ok(value) => (value, None),
                     Err(broken) => {
+                        self.beside.as_mut().and_then(Iterator::next);
                         place.line = broken.line;
                         return Some(Err(RowError { place, column: broken.column, message: broken.message }));
                     }
@@ -240,10 +261,14 @@ impl Rows<'_> {
                 }
             }
         };
-        let Value::Object(row) = row else {
+        let provenance = self.beside.as_mut().and_then(Iterator::next).and_then(|row| row.value.ok());
+        let Value::Object(mut row) = row else {
             let message = "the row is no JSON object: expected one with turns".to_owned();
             return Some(Err(RowError { place, column: 1, message }));
         };
+        if let Some(provenance) = provenance {
+            row.entry("provenance").or_insert(provenance);
+        }
         let resolve = |picture: &Path| ImageSource::File(self.dataset.resolve(&file.path, picture));
         let source =
             Source { place, format: file.format, columns: &file.columns, split: file.split.as_deref(), resolve: &resolve };

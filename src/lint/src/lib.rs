@@ -20,7 +20,7 @@ pub use checks::{Options, lint};
 pub use dataset::{Dataset, DatasetFile, Rows};
 pub use error::{Error, RowError};
 pub use example::{Example, Image, ImageSource, Part, Place, Role, Turn};
-pub use formats::Format;
 pub use picture::{Picture, PictureError, PictureFormat};
+pub use reel_dataset::Format;
 pub use report::{CheckReport, ExampleRef, Finding, Report, Severity};
 pub use show::{image_bytes, show};

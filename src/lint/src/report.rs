@@ -116,7 +116,7 @@ impl fmt::Display for Report {
         writeln!(f, "{} rows{unreadable} in {} files", self.rows, self.files.len())?;
         for file in self.files.iter().take(FILES_SHOWN) {
             let split = file.split.as_deref().map(|split| format!(", split {split}")).unwrap_or_default();
-            writeln!(f, "  {} ({}{split})", file.path, file.format)?;
+            writeln!(f, "  {} ({}{split})", file.path, file.format.as_str())?;
         }
         if self.files.len() > FILES_SHOWN {
             writeln!(f, "  and {} more", self.files.len() - FILES_SHOWN)?;

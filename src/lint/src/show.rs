@@ -8,7 +8,7 @@ use crate::{Answer, Example, Image, ImageSource, Part, Picture};
 pub fn show(example: &Example) -> String {
     let mut text = String::new();
     let split = example.split.as_deref().map(|split| format!(", split {split}")).unwrap_or_default();
-    let _ = writeln!(text, "example {} ({}{split})", example.place.index, example.format);
+    let _ = writeln!(text, "example {} ({}{split})", example.place.index, example.format.as_str());
     let facts = example.meta.iter().filter(|(_, value)| value.is_string() || value.is_number() || value.is_boolean());
     for (key, value) in facts {
         let _ = writeln!(text, "  {key}: {}", value.as_str().map_or_else(|| value.to_string(), str::to_owned));

@@ -36,7 +36,7 @@ impl Check for Balance {
             count(&mut self.tools, tool_name(&call.name));
         }
         // One look at the tools of a dataset's first row and now and then is enough: the lists are long.
-        if self.declared.is_empty() || seen.place().index % 1000 == 0 {
+        if self.declared.is_empty() || seen.place().index.is_multiple_of(1000) {
             let names = seen.tools().into_iter().flatten().map(|tool| tool_name(&tool.name).to_owned());
             self.declared.extend(names.take(NAMES_MAX));
         }

@@ -4,7 +4,7 @@
 //! read. Memory: what [`super::seen::Looks`] keeps of each picture file.
 
 use super::{Check, Seen};
-use crate::{Format, Part, Role, Severity, report::Findings};
+use crate::{Format, Part, Role, Severity, formats::has_tags, report::Findings};
 
 pub(super) struct Images;
 
@@ -35,7 +35,7 @@ impl Check for Images {
             found.add("wrong turn", Severity::Error, &places, || (told, String::new()));
         }
         // Where the format has no tags, a tag in the text is five letters to the model.
-        if !example.format.has_tags() && !example.images.is_empty() {
+        if !has_tags(example.format) && !example.images.is_empty() {
             let literal = parts().any(|(_, part)| matches!(part, Part::Text(text) if text.contains("<image>")));
             if literal {
                 let told = "the text says <image>, which this format does not know: the model reads it as text";

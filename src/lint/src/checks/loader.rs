@@ -40,7 +40,7 @@ impl Check for Loader {
         if let Some(name) =
             example.turns.iter().find_map(|turn| if let Role::Other(name) = &turn.role { Some(name) } else { None })
         {
-            add("role", Severity::Error, format!("the role `{name}`, which {} does not know", example.format));
+            add("role", Severity::Error, format!("the role `{name}`, which {} does not know", example.format.as_str()));
         }
         match example.format {
             Format::QwenVl => {
@@ -49,7 +49,7 @@ impl Check for Loader {
                 }
                 alternating(example, &mut add);
             }
-            Format::Sharegpt => {
+            Format::LlamaFactory => {
                 if example.meta.contains_key("images") || example.meta.contains_key("image") {
                     add(
                         "ignored key",
@@ -68,7 +68,7 @@ impl Check for Loader {
                     );
                 }
             }
-            Format::Swift => {
+            Format::MsSwift => {
                 if example.meta.contains_key("image") {
                     add("ignored key", Severity::Error, "the key `image` is ignored: ms-swift reads `images`".into());
                 }

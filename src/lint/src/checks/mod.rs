@@ -78,7 +78,7 @@ pub fn lint(dataset: &Dataset, options: &Options, mut progress: impl FnMut(u64))
         })
         .collect();
     let mut looks = Looks::default();
-    let (mut rows, mut unreadable) = (0, 0);
+    let (mut rows, mut unreadable) = (0_u64, 0_u64);
     for row in dataset.rows() {
         match row {
             Ok(example) => {
@@ -94,7 +94,7 @@ pub fn lint(dataset: &Dataset, options: &Options, mut progress: impl FnMut(u64))
                 unread.add("row", Severity::Error, &[error.place], || (format!("{column}{}", error.message), String::new()));
             }
         }
-        if (rows + unreadable) % PROGRESS_ROWS == 0 {
+        if (rows + unreadable).is_multiple_of(PROGRESS_ROWS) {
             progress(rows + unreadable);
         }
     }

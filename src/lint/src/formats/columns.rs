@@ -5,8 +5,7 @@ use std::{collections::BTreeMap, fs, path::Path};
 use base64::{Engine, engine::general_purpose};
 use serde_json::{Map, Value};
 
-use super::Format;
-use crate::{ImageSource, Role};
+use crate::{Format, ImageSource, Role};
 
 /// Keys and tags of a file's rows.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -23,17 +22,17 @@ pub(crate) struct Columns {
 impl Columns {
     /// What a format fixes.
     pub(crate) fn of(format: Format) -> Self {
-        let conversations = matches!(format, Format::QwenVl | Format::Sharegpt);
+        let conversations = matches!(format, Format::QwenVl | Format::LlamaFactory);
         let names: &[(&str, Role)] = match format {
             Format::QwenVl => &[("human", Role::User), ("gpt", Role::Assistant), ("system", Role::System)],
-            Format::Sharegpt => &[
+            Format::LlamaFactory => &[
                 ("human", Role::User),
                 ("gpt", Role::Assistant),
                 ("system", Role::System),
                 ("observation", Role::ToolResult),
                 ("function_call", Role::ToolCall),
             ],
-            Format::Swift => &[
+            Format::MsSwift => &[
                 ("system", Role::System),
                 ("user", Role::User),
                 ("assistant", Role::Assistant),
@@ -54,7 +53,7 @@ impl Columns {
         Self {
             messages: messages.into(),
             images: Some(if format == Format::QwenVl { "image" } else { "images" }.into()),
-            system: (format == Format::Sharegpt || format == Format::Swift).then(|| "system".into()),
+            system: (format == Format::LlamaFactory || format == Format::MsSwift).then(|| "system".into()),
             tools: Some("tools".into()),
             role: role.into(),
             content: content.into(),

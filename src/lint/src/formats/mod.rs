@@ -5,64 +5,18 @@
 mod columns;
 mod turns;
 
-use std::{fmt, path::Path};
+use std::path::Path;
 
-use serde::Serialize;
+use reel_dataset::Format;
 use serde_json::{Map, Value};
 
 pub(crate) use columns::Columns;
 
 use crate::{Example, Image, ImageSource, Part, Place, Role, Turn, example::Oddity};
 
-/// A format of training rows.
-#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Format {
-    /// (i) Fine-tuning JSON of Qwen-VL: `image`, `conversations[{from, value}]`.
-    QwenVl,
-    /// (ii) ms-swift: `messages[{role, content}]` with `<image>` tags, `images`, `tools`.
-    Swift,
-    /// (iii) LLaMA-Factory's sharegpt: as its `dataset_info.json` says.
-    Sharegpt,
-    /// (iv) TRL: `messages`, or `prompt` and `completion`; pictures in `images`.
-    Trl,
-    /// (v) OpenAI chat: `tool_calls`, data URLs.
-    OpenAi,
-    /// (vi) Hugging Face Parquet: lists of messages and of pictures with their bytes inside.
-    Parquet,
-}
-
-impl Format {
-    /// All of them.
-    pub const ALL: [Format; 6] = [Self::QwenVl, Self::Swift, Self::Sharegpt, Self::Trl, Self::OpenAi, Self::Parquet];
-
-    /// The name on the command line.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Format::QwenVl => "qwen-vl",
-            Format::Swift => "swift",
-            Format::Sharegpt => "sharegpt",
-            Format::Trl => "trl",
-            Format::OpenAi => "openai",
-            Format::Parquet => "parquet",
-        }
-    }
-
-    /// Reads a name of the command line.
-    pub fn parse(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|format| format.as_str() == name)
-    }
-
-    /// Whether `<image>` in a text stands for a picture.
-    pub(crate) fn has_tags(self) -> bool {
-        matches!(self, Format::QwenVl | Format::Swift | Format::Sharegpt | Format::Parquet)
-    }
-}
-
-impl fmt::Display for Format {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
-    }
+/// Whether `<image>` in a text stands for a picture.
+pub(crate) fn has_tags(format: Format) -> bool {
+    !matches!(format, Format::Trl | Format::OpenAi)
 }
 
 /// What is understood, for messages.
@@ -77,7 +31,7 @@ pub(crate) fn recognise(row: &Map<String, Value>) -> Option<Format> {
                 || turn.get("role").is_some()
         };
         let factory = row.contains_key("tools") || row.contains_key("system") || turns.iter().any(factory_role);
-        return Some(if factory && !row.contains_key("image") { Format::Sharegpt } else { Format::QwenVl });
+        return Some(if factory && !row.contains_key("image") { Format::LlamaFactory } else { Format::QwenVl });
     }
     if let Some(Value::Array(turns)) = row.get("messages") {
         return Some(of_messages(row, turns));
@@ -95,7 +49,7 @@ fn of_messages(row: &Map<String, Value>, turns: &[Value]) -> Format {
     }
     let tag = |turn: &Value| turn.get("content").and_then(Value::as_str).is_some_and(|text| text.contains("<image>"));
     let swift = role(&["tool_call", "tool_response"]) || row.get("tools").is_some_and(Value::is_string) || turns.iter().any(tag);
-    if swift { Format::Swift } else { Format::Trl }
+    if swift { Format::MsSwift } else { Format::Trl }
 }
 
 /// Where a row comes from and how its paths are read.

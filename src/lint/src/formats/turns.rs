@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::{Format, Source, image, oddity};
-use crate::{Call, Image, ImageSource, Part, Role, Turn, example::Oddity};
+use super::{Source, has_tags, image, oddity};
+use crate::{Call, Format, Image, ImageSource, Part, Role, Turn, example::Oddity};
 
 /// Reads the turns of one row; counts tags and keeps what it wonders at.
 pub(super) struct Reader<'a> {
@@ -113,33 +113,30 @@ impl<'a> Reader<'a> {
                 (Value::String(text), _) if serde_json::from_str::<Value>(text).is_err() => {
                     "`arguments` is a text that is no JSON"
                 }
-                (Value::String(_), _) | (_, Format::Trl | Format::Parquet | Format::Swift) => continue,
+                (Value::String(_), _) | (_, Format::Trl | Format::Parquet | Format::MsSwift) => continue,
                 _ => "`arguments` is no text: the OpenAI format wants JSON inside a string",
             };
             self.oddities.push(oddity("tool calls", true, told));
         }
     }
 
-    /// A turn whose whole text is a call, or a list of calls.
+    /// A turn whose whole text is a call, or a list of calls; thoughts may stand before it.
     fn spoken_call(&mut self, parts: Vec<Part>) -> Vec<Part> {
-        let text: String =
-            parts.iter().filter_map(|part| if let Part::Text(text) = part { Some(text.as_str()) } else { None }).collect();
-        let calls = match serde_json::from_str::<Value>(&text) {
+        let turn = Turn { role: Role::ToolCall, parts };
+        let text = turn.text();
+        let (thought, spoken) = text.find(THOUGHT_END).map_or(("", text.as_str()), |at| text.split_at(at + THOUGHT_END.len()));
+        let calls = match serde_json::from_str::<Value>(spoken) {
             Ok(Value::Array(items)) => items.iter().map(Call::of_value).collect(),
             Ok(one) => Call::of_value(&one).map(|call| vec![call]),
             Err(_) => None,
         };
-        match calls {
-            Some(calls) => calls.into_iter().map(Part::Call).collect(),
-            None => {
-                self.oddities.push(oddity(
-                    "tool calls",
-                    true,
-                    "a tool call that does not read: expected {\"name\": .., \"arguments\": {..}}",
-                ));
-                parts
-            }
-        }
+        let Some(calls) = calls else {
+            let told = "a tool call that does not read: expected {\"name\": .., \"arguments\": {..}}";
+            self.oddities.push(oddity("tool calls", true, told));
+            return turn.parts;
+        };
+        let thought = (!thought.is_empty()).then(|| Part::Text(thought.to_owned()));
+        thought.into_iter().chain(calls.into_iter().map(Part::Call)).collect()
     }
 
     fn part(&mut self, item: &Value) -> Option<Part> {
@@ -170,7 +167,7 @@ impl<'a> Reader<'a> {
 
     /// A text, cut at its tags where the format has tags.
     fn tagged(&mut self, text: &str) -> Vec<Part> {
-        if !self.source.format.has_tags() || !text.contains("<image>") {
+        if !has_tags(self.source.format) || !text.contains("<image>") {
             return vec![Part::Text(text.to_owned())];
         }
         let mut parts = Vec::new();
@@ -186,6 +183,9 @@ impl<'a> Reader<'a> {
         parts
     }
 }
+
+/// What ends a thought before a call.
+const THOUGHT_END: &str = "</think>";
 
 fn kind_of(value: &Value) -> &'static str {
     match value {

@@ -3,6 +3,7 @@
 mod faults;
 mod leaks;
 mod likeness;
+mod ours;
 mod reading;
 
 use std::{

@@ -67,7 +67,7 @@ fn swift_with_tools_and_calls() {
         "tools": "[{\"type\": \"function\", \"function\": {\"name\": \"pick\", \"parameters\": {}}}]",
     });
     let example = only(&open(&folder.lines("data.jsonl", &[row])));
-    assert_eq!(example.format, Format::Swift);
+    assert_eq!(example.format, Format::MsSwift);
     let said = turns(&example);
     assert_eq!(said[1], (Role::ToolCall, r#"pick({"marker_id":1})"#.into()));
     assert_eq!(said[2].0, Role::ToolResult);
@@ -91,7 +91,7 @@ fn sharegpt_as_its_dataset_info_says() {
     let path = folder.write("rows.json", row.to_string());
     for dataset in [open(&path), open(folder.path())] {
         let example = only(&dataset);
-        assert_eq!(example.format, Format::Sharegpt);
+        assert_eq!(example.format, Format::LlamaFactory);
         let said = turns(&example);
         assert_eq!(said[0], (Role::System, "be brief".into()));
         assert_eq!(said[1..], seen_and_said());
