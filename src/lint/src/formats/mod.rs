@@ -44,7 +44,9 @@ fn of_messages(row: &Map<String, Value>, turns: &[Value]) -> Format {
     let url = parts().any(|part| matches!(part.get("type").and_then(Value::as_str), Some("image_url" | "input_image")));
     let role =
         |names: &[&str]| turns.iter().any(|turn| turn.get("role").and_then(Value::as_str).is_some_and(|it| names.contains(&it)));
-    if url || turns.iter().any(|turn| turn.get("tool_calls").is_some()) || role(&["developer"]) {
+    // TRL has calls too, and pictures beside the turns.
+    let calls = turns.iter().any(|turn| turn.get("tool_calls").is_some()) && !row.contains_key("images");
+    if url || calls || role(&["developer"]) {
         return Format::OpenAi;
     }
     let tag = |turn: &Value| turn.get("content").and_then(Value::as_str).is_some_and(|text| text.contains("<image>"));
