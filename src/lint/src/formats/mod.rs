@@ -49,6 +49,9 @@ fn of_messages(row: &Map<String, Value>, turns: &[Value]) -> Format {
     if url || calls || role(&["developer"]) {
         return Format::OpenAi;
     }
+    if parts().next().is_some() {
+        return Format::Trl;
+    }
     let tag = |turn: &Value| turn.get("content").and_then(Value::as_str).is_some_and(|text| text.contains("<image>"));
     let swift = role(&["tool_call", "tool_response"]) || row.get("tools").is_some_and(Value::is_string) || turns.iter().any(tag);
     if swift { Format::MsSwift } else { Format::Trl }
