@@ -22,7 +22,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("model", &["world"]),
     ("annotate", &["world", "trace", "history", "model"]),
     ("dataset", &["world"]),
-    ("lint", &["world", "history"]),
+    ("lint", &["world", "history", "dataset"]),
     ("export", &["world", "reward", "trace", "tables", "replay", "history", "annotate", "dataset"]),
     ("view", &["world", "trace", "replay"]),
     ("import", &["world", "reward", "trace"]),

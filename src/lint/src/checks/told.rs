@@ -1,0 +1,150 @@
+//! What rows tell of an episode in their texts: receptacles, calls, outcomes. As deeds for the History validator.
+//!
+//! Reads the single-turn prompt of SPEC section 8 and the tools' texts of sections 2 and 9; an outcome in other words is
+//! unknown, never guessed.
+
+use reel_history::{Deed, Mark, Place, Setting};
+use reel_world::{DoorState, ErrorCode, GraphEvent, ToolCall, ToolSpec};
+use serde_json::Value;
+
+use crate::Call;
+
+/// The part of a prompt after a title, up to the end of the line.
+pub(super) fn line_after<'t>(prompt: &'t str, title: &str) -> Option<&'t str> {
+    let at = prompt.find(title)? + title.len();
+    prompt[at..].lines().next().map(str::trim)
+}
+
+/// The setting that a prompt tells: `Task: ..` and lines `- id (category, room)`.
+pub(super) fn setting(prompt: &str) -> Setting {
+    let place = |line: &str| {
+        let (id, rest) = line.strip_prefix("- ")?.split_once(" (")?;
+        let (category, room) = rest.strip_suffix(')')?.split_once(", ")?;
+        Some(Place { id: id.into(), category: category.into(), room: room.into(), captions: Vec::new(), door: None })
+    };
+    let instruction = line_after(prompt, "Task: ").unwrap_or_default().to_owned();
+    Setting { places: prompt.lines().filter_map(place).collect(), things: Vec::new(), instruction, complete: false }
+}
+
+/// The last action and its outcome as a prompt tells them; `None` in the first decision.
+///
+/// # Errors
+/// Where the prompt has no such lines or the action does not read.
+pub(super) fn last(prompt: &str) -> Result<Option<(Call, String)>, ()> {
+    let action = line_after(prompt, "Last action: ").ok_or(())?;
+    if action.eq_ignore_ascii_case("none") {
+        return Ok(None);
+    }
+    let call = serde_json::from_str::<Value>(action).ok().as_ref().and_then(Call::of_value).ok_or(())?;
+    let at = prompt.find("Last outcome: ").ok_or(())? + "Last outcome: ".len();
+    let outcome = prompt[at..].split("\nCurrent view:").next().unwrap_or_default();
+    Ok(Some((call, outcome.trim_end().to_owned())))
+}
+
+/// Makes deeds of calls and the texts of their outcomes, in order.
+#[derive(Default)]
+pub(super) struct Teller {
+    step: u32,
+    holding: bool,
+    markers: Vec<Mark>,
+}
+
+impl Teller {
+    /// The next deed; `None` if the text does not tell whether the call succeeded: the deeds after it are not to be trusted.
+    pub(super) fn deed(&mut self, call: &Call, outcome: &str) -> Option<Deed> {
+        let mut deed = Deed::called(self.step, &ToolCall::new(call.name.clone(), call.arguments.clone()), outcome);
+        self.step += 1;
+        let tool = ToolSpec::by_name(&call.name).map(|spec| spec.paper_name);
+        let error = FAILURES.iter().find(|(text, _)| outcome.contains(text)).map(|(_, code)| *code);
+        let error = if tool == Some("ask") { None } else { error };
+        match (tool, error) {
+            (None, None) => deed.error = Some(ErrorCode::UnknownTool.as_str().to_owned()),
+            (_, Some(code)) => deed.error = Some(code.as_str().to_owned()),
+            (Some(tool), None) => {
+                let success = SUCCESSES.iter().find(|(name, _)| *name == tool).map_or("", |(_, text)| text);
+                if !outcome.is_empty() && !outcome.trim_start().starts_with(success) {
+                    return None;
+                }
+                self.done(tool, outcome, &mut deed);
+            }
+        }
+        deed.held = self.holding.then(|| HELD.to_owned());
+        deed.markers.clone_from(&self.markers);
+        Some(deed)
+    }
+
+    fn done(&mut self, tool: &str, outcome: &str, deed: &mut Deed) {
+        let named = |title: &str| outcome.trim().strip_prefix(title).map(|id| id.trim_end_matches('.').to_owned());
+        match tool {
+            "nav_to" => {
+                deed.receptacle.clone_from(&deed.argument);
+                self.markers.clear();
+            }
+            "show_receptacles" | "walk_around" => {
+                let mark = |line: &str| {
+                    let (number, id) = line.trim().split_once(": ")?;
+                    let receptacle = (tool == "show_receptacles").then(|| id.to_owned());
+                    Some(Mark { number: number.parse().ok()?, object: None, receptacle })
+                };
+                self.markers = outcome.lines().filter_map(mark).collect();
+            }
+            "show_object_by_category" => self.markers.clear(),
+            "pick" => self.holding = true,
+            "place" => {
+                self.holding = false;
+                deed.receptacle = named("Placed the object on ");
+            }
+            "open" | "close" => {
+                let (to, from) =
+                    if tool == "open" { (DoorState::Open, DoorState::Closed) } else { (DoorState::Closed, DoorState::Open) };
+                deed.receptacle = named("Opened the door of ").or_else(|| named("Closed the door of "));
+                let change = |id: &String| GraphEvent::Door { receptacle: id.as_str().into(), from, to };
+                deed.changes.extend(deed.receptacle.as_ref().map(change));
+            }
+            "ask" => deed.reply = Some(outcome.to_owned()),
+            _ => {}
+        }
+    }
+}
+
+/// What the hand holds, of which rows tell no more.
+const HELD: &str = "held";
+
+/// How a success begins, by tool; `ask` and `finish` may say anything.
+const SUCCESSES: &[(&str, &str)] = &[
+    ("nav_to", "Arrived at"),
+    ("walk_around", "I found the following"),
+    ("show_object_by_category", "Found "),
+    ("show_receptacles", "Receptacles in view"),
+    ("gaze_at", "Looking at"),
+    ("pick", "Picked up"),
+    ("place", "Placed "),
+    ("open", "Opened "),
+    ("close", "Closed "),
+];
+
+/// What a failure's text holds.
+const FAILURES: &[(&str, ErrorCode)] = &[
+    ("not found in the scene", ErrorCode::UnknownReceptacle),
+    ("Cannot find a non-occluded position", ErrorCode::NoViewpoint),
+    ("no valid navigable component", ErrorCode::NoViewpoint),
+    ("No landmark selected", ErrorCode::NoLandmark),
+    ("Seems there is no object", ErrorCode::NothingFound),
+    ("No object matching", ErrorCode::NothingFound),
+    ("No receptacle is in view", ErrorCode::NothingFound),
+    ("not found in the marker map", ErrorCode::UnknownMarker),
+    ("No marker map available", ErrorCode::NoMarkerMap),
+    ("is not in view", ErrorCode::MarkerNotInView),
+    ("You are already holding", ErrorCode::AlreadyHolding),
+    ("is not graspable", ErrorCode::NotGraspable),
+    ("No object in the inventory", ErrorCode::NothingHeld),
+    ("is not a valid placement surface", ErrorCode::NotASurface),
+    ("is closed. Use", ErrorCode::DoorClosed),
+    ("is out of reach", ErrorCode::OutOfReach),
+    ("There is no free spot", ErrorCode::NoFreeSpot),
+    ("has no door", ErrorCode::NoDoor),
+    ("The hand is not free", ErrorCode::HandNotFree),
+    ("not recognized", ErrorCode::UnknownTool),
+    ("The episode is over", ErrorCode::EpisodeOver),
+    ("Error executing", ErrorCode::BackendError),
+];
