@@ -28,12 +28,13 @@ def read(paths):
 
 
 def example(row):
-    text = {message["role"]: plain(message["content"]) for message in row["messages"]}
+    about = row["provenance"]
+    text = {turn["role"]: plain(turn["content"]) for turn in [*row["prompt"], *row["completion"]]}
     answer = text["assistant"]
     action = parse(answer)
     if action is None:
-        raise ValueError(f"no action in the answer of episode {row['episode_id']}, call {row['call']}")
-    return Example(row["episode_id"], row["call"], row["scene_id"], row["family"], shown(text["user"]), answer, action)
+        raise ValueError(f"no action in the answer of {about['example']}")
+    return Example(about["episode"], about["call"], about["scene"], about["family"], shown(text["user"]), answer, action)
 
 
 def plain(content):

@@ -17,8 +17,8 @@ from tokenizer import ANSWER, END, PAD
 class Config:
     vocabulary: int
     width: int = 128
-    layers: int = 3
-    heads: int = 4
+    layers: int = 2
+    heads: int = 2
 
 
 def initialise(config, seed):
