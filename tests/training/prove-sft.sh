@@ -35,7 +35,7 @@ if [[ ! -d $data ]]; then
     "$REEL" run --scene "$scene" --tasks "$data.part/tasks/$home" --policy oracle --no-images --out "$data.part/traces/$home"
   done
   "$REEL" ingest "$data.part/traces" --store "$data.part/store"
-  "$REEL" export sft --store "$data.part/store" --format trl --out "$data.part/set"
+  "$REEL" export sft --store "$data.part/store" --format trl --words rules --images none --out "$data.part/set"
   mv "$data.part" "$data"
 fi
 
