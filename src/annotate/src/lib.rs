@@ -1,3 +1,24 @@
 //! Reasoning, History, schedule and subtask for trajectories that came without words (SPEC sections 3, 4 and 8).
 //!
 //! Owns the rule-based writer and the one that asks a model. Never changes a trace: what is written lies beside it.
+
+mod english;
+mod error;
+mod history;
+mod memory;
+mod plan;
+mod privileged;
+mod reasoning;
+mod rules;
+mod sidecar;
+mod step;
+mod task;
+mod voice;
+mod wordings;
+
+pub use error::AnnotateError;
+pub use privileged::Secrets;
+pub use rules::{Note, annotate, episode_seed, version};
+pub use sidecar::{Entry, Provenance, notes_path, read_notes, write_notes};
+pub use step::{Marked, Step, Thing};
+pub use task::{Place, PublicTask, Role};

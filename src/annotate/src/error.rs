@@ -1,0 +1,70 @@
+//! What can go wrong; nothing of it spoils a trace.
+
+use std::{io, path::PathBuf};
+
+use reel_model::ModelError;
+use reel_world::Digest;
+
+/// Every error of the crate.
+#[derive(Debug, thiserror::Error)]
+pub enum AnnotateError {
+    /// A file of notes cannot be read.
+    #[error("cannot read the notes: {source}; annotate the trace first, or check the permissions: {path}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's word.
+        source: io::Error,
+    },
+    /// A file of notes cannot be written.
+    #[error("cannot write the notes: {source}; check free space and permissions: {path}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The system's word.
+        source: io::Error,
+    },
+    /// A line of a file of notes is none.
+    #[error("line {line} is no {expected}: {message}; annotate the trace again: {path}")]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// From 1.
+        line: usize,
+        /// What should stand there.
+        expected: &'static str,
+        /// What is wrong.
+        message: String,
+    },
+    /// The notes are those of another recording.
+    #[error("the notes belong to trace {found}, not to {expected}: the trace was recorded anew; annotate it again: {path}",
+        found = found.short(), expected = expected.short())]
+    OtherTrace {
+        /// The file.
+        path: PathBuf,
+        /// The trace at hand.
+        expected: Digest,
+        /// The trace that was annotated.
+        found: Digest,
+    },
+    /// Some decisions have no note.
+    #[error("{found} of {expected} decisions have a note; annotate the trace again: {path}")]
+    Incomplete {
+        /// The file.
+        path: PathBuf,
+        /// Decisions of the trace.
+        expected: usize,
+        /// Notes in the file.
+        found: usize,
+    },
+    /// The model did not answer.
+    #[error("{source}; what was written so far is kept, run again to go on (decisions {from} to {to})")]
+    Model {
+        /// First decision that was asked about.
+        from: usize,
+        /// Last one.
+        to: usize,
+        /// Why not.
+        source: ModelError,
+    },
+}

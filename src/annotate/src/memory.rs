@@ -1,0 +1,206 @@
+//! What the agent could know before a decision: everything that calls, outcomes, pictures and replies told so far, and nothing
+//! else. Never looks ahead.
+
+use std::collections::BTreeMap;
+
+use reel_world::{ErrorCode, language};
+
+use crate::{
+    english,
+    step::{Call, Marked, Step, Thing},
+    task::PublicTask,
+};
+
+/// What is known.
+#[derive(Debug)]
+pub(crate) struct Memory<'a> {
+    pub task: &'a PublicTask,
+    /// How many decisions were made.
+    pub step: usize,
+    /// Where the robot stands.
+    pub at: Option<&'a str>,
+    /// Every place it went to, in order.
+    pub visited: Vec<&'a str>,
+    /// The current map.
+    pub markers: Vec<(u32, Marked<'a>)>,
+    /// What the last picture or inventory showed.
+    pub in_view: Vec<Thing<'a>>,
+    /// Everything that was ever seen.
+    pub seen: Vec<Thing<'a>>,
+    /// What is in the hand.
+    pub held: Option<Thing<'a>>,
+    /// From where it was taken, where that is known.
+    pub held_from: Option<&'a str>,
+    /// What was put where, the last one last.
+    pub placed: Vec<(Thing<'a>, &'a str)>,
+    /// Doors that were moved: whether they are open.
+    pub doors: BTreeMap<&'a str, bool>,
+    /// Places whose door was found closed.
+    pub shut: Vec<&'a str>,
+    /// What the user said.
+    pub replies: Vec<&'a str>,
+    /// Whether the user was asked.
+    pub asked: bool,
+    pub last: Option<Last<'a>>,
+    /// How often the last call was made in a row without success.
+    pub failures_in_a_row: usize,
+}
+
+/// The last call.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Last<'a> {
+    pub call: Call<'a>,
+    /// How it failed, if it did.
+    pub error: Option<ErrorCode>,
+}
+
+impl<'a> Memory<'a> {
+    /// Before the first decision.
+    pub fn new(task: &'a PublicTask) -> Self {
+        Memory {
+            task,
+            step: 0,
+            at: None,
+            visited: Vec::new(),
+            markers: Vec::new(),
+            in_view: Vec::new(),
+            seen: Vec::new(),
+            held: None,
+            held_from: None,
+            placed: Vec::new(),
+            doors: BTreeMap::new(),
+            shut: Vec::new(),
+            replies: Vec::new(),
+            asked: false,
+            last: None,
+            failures_in_a_row: 0,
+        }
+    }
+
+    /// Takes in what a decision came to.
+    pub fn learn(&mut self, step: &'a Step<'a>) {
+        let call = step.call();
+        let target = self.marked(call);
+        let again = self.last.is_some_and(|last| last.call == call);
+        match step.error {
+            None => {
+                self.failures_in_a_row = 0;
+                self.succeed(step, target);
+            }
+            Some(code) => {
+                self.failures_in_a_row = if again { self.failures_in_a_row + 1 } else { 1 };
+                if let (ErrorCode::DoorClosed, Some(Marked::Receptacle(id))) = (code, target) {
+                    self.shut.push(id);
+                }
+            }
+        }
+        self.markers.clone_from(&step.markers);
+        self.held = step.held;
+        self.last = Some(Last { call, error: step.error });
+        self.step += 1;
+    }
+
+    fn succeed(&mut self, step: &'a Step<'a>, target: Option<Marked<'a>>) {
+        let place = match target {
+            Some(Marked::Receptacle(id)) => Some(id),
+            _ => step.receptacle,
+        };
+        match step.tool {
+            "nav_to" => {
+                self.at = step.receptacle.or(step.argument.as_deref());
+                self.visited.extend(self.at);
+            }
+            "gaze_at" => {
+                if let Some(Marked::Receptacle(id)) = target {
+                    self.at = Some(id);
+                    self.visited.push(id);
+                }
+            }
+            "pick" => self.held_from = step.receptacle,
+            "place" => self.placed.extend(self.held.zip(place)),
+            "open" => self.doors.extend(place.map(|id| (id, true))),
+            "close" => self.doors.extend(place.map(|id| (id, false))),
+            "ask" => {
+                self.asked = true;
+                self.replies.extend(step.reply);
+            }
+            _ => {}
+        }
+        if !["ask", "finish", "list_receptacles", "list_tasks"].contains(&step.tool) {
+            self.in_view.clone_from(&step.seen);
+            for thing in &step.seen {
+                if !self.seen.contains(thing) {
+                    self.seen.push(*thing);
+                }
+            }
+        }
+    }
+
+    /// What the number of a call stands for.
+    pub fn marked(&self, call: Call<'_>) -> Option<Marked<'a>> {
+        let number = call.marker()?;
+        self.markers.iter().find(|(marker, _)| *marker == number).map(|(_, marked)| *marked)
+    }
+
+    /// The numbered objects.
+    pub fn numbered(&self) -> impl Iterator<Item = (u32, Thing<'a>)> {
+        self.markers.iter().filter_map(|(number, marked)| match marked {
+            Marked::Object(thing) => Some((*number, *thing)),
+            Marked::Receptacle(_) => None,
+        })
+    }
+
+    /// Whether a thing may be the one to move, by the instruction and what the user said.
+    pub fn may_be_meant(&self, thing: &Thing<'_>) -> bool {
+        let purpose = self.task.purpose.as_deref();
+        let replies = self.replies.iter().filter(|reply| language::names_object(reply));
+        thing.fits(&self.task.instruction, purpose) && replies.last().is_none_or(|reply| thing.fits(reply, None))
+    }
+
+    /// Things seen that fit the instruction, whatever was said since.
+    pub fn candidates(&self) -> Vec<Thing<'a>> {
+        let purpose = self.task.purpose.as_deref();
+        self.seen.iter().filter(|thing| thing.fits(&self.task.instruction, purpose)).copied().collect()
+    }
+
+    /// Whether what shall be moved lies where it shall go, as far as one can tell.
+    pub fn is_done(&self) -> bool {
+        let right = |(thing, place): &&(Thing<'_>, &str)| {
+            self.task.destination.may_be(place) && self.may_be_meant(thing) && self.held.is_none_or(|held| held.key != thing.key)
+        };
+        self.placed.iter().filter(right).count() >= self.task.moves
+    }
+
+    /// Whether the hand holds what shall be moved.
+    pub fn holds_it(&self) -> bool {
+        self.held.is_some_and(|held| self.may_be_meant(&held))
+    }
+
+    /// Whether a place has a door that is shut, as far as one knows: some kinds of furniture have one as a rule.
+    pub fn wants_opening(&self, id: &str) -> bool {
+        let usual =
+            self.is_of_kind(id, &["refrigerator", "fridge", "microwave", "oven", "dishwasher", "wardrobe", "washing machine"]);
+        self.doors.get(id).map_or(usual || self.shut.contains(&id), |open| !open)
+    }
+
+    /// Whether a place may have a door that has to be opened.
+    pub fn may_have_a_door(&self, id: &str) -> bool {
+        self.wants_opening(id)
+            || (!self.doors.contains_key(id) && self.is_of_kind(id, &["cabinet", "cupboard", "closet", "drawer"]))
+    }
+
+    fn is_of_kind(&self, id: &str, kinds: &[&str]) -> bool {
+        self.task.place(id).is_some_and(|place| kinds.contains(&place.kind().as_str()))
+    }
+}
+
+/// A thing by its looks: `large beige oval bread`, or by its category.
+pub(crate) fn looks(thing: &Thing<'_>) -> String {
+    english::noun(thing.caption.unwrap_or(thing.category))
+}
+
+/// Its looks, with the category where they do not say it.
+pub(crate) fn description(thing: &Thing<'_>) -> String {
+    let looks = looks(thing);
+    if language::quotes(&looks, thing.category) { looks } else { format!("{looks} ({})", english::noun(thing.category)) }
+}

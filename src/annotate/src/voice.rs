@@ -1,0 +1,85 @@
+//! Choosing among wordings: one ChaCha8 stream for each (seed, wording, step), so that one sentence more or less somewhere changes
+//! none elsewhere. Never decides what is said, only how.
+
+use rand_chacha::ChaCha8Rng;
+use rand_core::{Rng, SeedableRng};
+use reel_world::Digest;
+
+use crate::english;
+
+/// Ways to say one thing. Gaps stand in braces.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Wording {
+    /// Its name, which is the purpose of its stream.
+    pub name: &'static str,
+    /// Every way; all have the same gaps.
+    pub forms: &'static [&'static str],
+}
+
+/// The wordings of a file as constants, and all of them in `ALL`.
+macro_rules! wordings {
+    ($($(#[$doc:meta])* $name:ident = [$($form:literal),+ $(,)?];)*) => {
+        $($(#[$doc])* pub(crate) const $name: $crate::voice::Wording =
+            $crate::voice::Wording { name: stringify!($name), forms: &[$($form),+] };)*
+        /// Every wording of this file.
+        pub(crate) const ALL: &[$crate::voice::Wording] = &[$($name),*];
+    };
+}
+pub(crate) use wordings;
+
+/// Who chooses.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Voice {
+    /// Of the episode.
+    pub seed: u64,
+}
+
+impl Voice {
+    /// One of the ways, its gaps filled, as a sentence.
+    pub fn say(self, wording: Wording, step: usize, gaps: &[(&str, &str)]) -> String {
+        english::sentence(&self.words(wording, step, gaps))
+    }
+
+    /// The same as part of a sentence.
+    pub fn words(self, wording: Wording, step: usize, gaps: &[(&str, &str)]) -> String {
+        let key = Digest::of(format!("{}/{}/{step}", self.seed, wording.name).as_bytes());
+        // The bias of the remainder is below 2^-60 for a handful of forms.
+        let index = ChaCha8Rng::from_seed(key.0).next_u64() % wording.forms.len() as u64;
+        fill(wording.forms[index as usize], gaps)
+    }
+}
+
+/// Fills gaps in one pass, so that what fills a gap is never read as one.
+fn fill(form: &str, gaps: &[(&str, &str)]) -> String {
+    let mut text = String::with_capacity(form.len() + 32);
+    let mut rest = form;
+    while let Some((before, after)) = rest.split_once('{') {
+        let (name, after) = after.split_once('}').expect("a gap is closed");
+        let filled = gaps.iter().find(|(gap, _)| *gap == name);
+        text.push_str(before);
+        text.push_str(filled.unwrap_or_else(|| panic!("nothing fills {{{name}}} of \"{form}\"")).1);
+        rest = after;
+    }
+    text + rest
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn what_fills_a_gap_is_no_gap() {
+        assert_eq!(fill("{a} and {b}", &[("a", "{b}"), ("b", "x")]), "{b} and x");
+    }
+
+    #[test]
+    fn every_way_is_chosen_and_the_choice_repeats() {
+        let wording = Wording { name: "TEST", forms: &["a", "b", "c", "d", "e", "f"] };
+        let said = |seed| (0..200).map(|step| Voice { seed }.words(wording, step, &[])).collect::<Vec<_>>();
+        assert_eq!(said(1), said(1));
+        assert_ne!(said(1), said(2));
+        assert_eq!(said(1).into_iter().collect::<BTreeSet<_>>().len(), 6);
+    }
+}
