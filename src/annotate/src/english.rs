@@ -1,5 +1,8 @@
 //! The little English that sentences need: articles, plurals, lists, first letters. Never decides what is said.
 
+/// Most characters that are quoted.
+const QUOTED_CHARACTERS_MAX: usize = 400;
+
 /// Names of stuff, which take `some` instead of an article.
 const STUFF: [&str; 24] = [
     "bread",
@@ -30,7 +33,7 @@ const STUFF: [&str; 24] = [
 
 /// `an apple`, `a mug`, `some bread`, `some scissors`; what has an article keeps it.
 pub(crate) fn indefinite(noun: &str) -> String {
-    let last = last_word(noun);
+    let last = head(noun);
     let plural = last.ends_with('s') && !last.ends_with("ss") && !last.ends_with("us") && !last.ends_with("is");
     if determined(noun) {
         noun.to_owned()
@@ -86,7 +89,7 @@ pub(crate) fn list<S: AsRef<str>>(items: &[S], conjunction: &str) -> String {
 
 /// A caption as a noun inside a sentence: one line, no full stop at its end, small first letter.
 pub(crate) fn noun(caption: &str) -> String {
-    let line = caption.split_whitespace().collect::<Vec<_>>().join(" ");
+    let line = one_line(caption);
     let line = line.trim_end_matches(['.', '!', '?', ',', ';', ':', ' ']);
     let mut letters = line.chars();
     let Some(first) = letters.next() else { return String::new() };
@@ -94,9 +97,21 @@ pub(crate) fn noun(caption: &str) -> String {
     if shouted { line.to_owned() } else { first.to_lowercase().chain(letters).collect() }
 }
 
-/// A text in one line, in quotation marks that it cannot close.
+/// A text in one line without its full stop, in quotation marks that it cannot close; of a very long one the beginning.
 pub(crate) fn quoted(text: &str) -> String {
-    format!("\"{}\"", text.split_whitespace().collect::<Vec<_>>().join(" ").replace('"', "'"))
+    let line = one_line(text).replace('"', "'");
+    match line.char_indices().nth(QUOTED_CHARACTERS_MAX) {
+        Some((end, _)) => format!("\"{} ...\"", &line[..end]),
+        None => format!("\"{}\"", line.trim_end_matches('.')),
+    }
+}
+
+/// A text without line breaks, further control characters and runs of spaces.
+pub(crate) fn one_line(text: &str) -> String {
+    text.split(|letter: char| letter.is_whitespace() || letter.is_control())
+        .filter(|word| !word.is_empty())
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 /// A sentence begins with a capital letter, unless it begins with an id.
@@ -123,8 +138,11 @@ fn article(noun: &str) -> &'static str {
     if vowel || starts(&SILENT_H) { "an" } else { "a" }
 }
 
-fn last_word(noun: &str) -> &str {
-    noun.rsplit(' ').next().unwrap_or_default()
+/// The word that decides on the number: `timer` of `red timer with printed minutes`.
+fn head(noun: &str) -> &str {
+    const ENDS: [&str; 12] = ["with", "of", "in", "on", "for", "at", "from", "near", "that", "who", "without", "under"];
+    let words = noun.split(' ').take_while(|word| !ENDS.contains(&word.trim_end_matches(',')));
+    words.last().unwrap_or_default().trim_end_matches(',')
 }
 
 #[cfg(test)]
@@ -144,6 +162,8 @@ mod tests {
             ("umbrella", "an umbrella"),
             ("large beige oval bread", "a large beige oval bread"),
             ("a red one", "a red one"),
+            ("red timer with printed minutes", "a red timer with printed minutes"),
+            ("green grapes in a bowl", "green grapes in a bowl"),
         ];
         for (noun, expected) in cases {
             assert_eq!(indefinite(noun), expected);

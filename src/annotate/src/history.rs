@@ -89,6 +89,7 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
 pub(crate) fn intention(memory: &Memory<'_>, call: Call<'_>) -> String {
     let it = || marked_in_words(memory, call);
     match call.tool {
+        tool if call.lacks_argument() => format!("call {} without its argument", english::quoted(tool)),
         "nav_to" => format!("go to {}", call.argument),
         "walk_around" => memory.at.map_or("walk around".to_owned(), |place| format!("walk around {place}")),
         "show_object_by_category" => format!("look for {}", english::sought(call.argument)),
@@ -109,7 +110,7 @@ pub(crate) fn intention(memory: &Memory<'_>, call: Call<'_>) -> String {
 
 /// Why a call failed, as a clause.
 pub(crate) fn why(code: ErrorCode, call: Call<'_>) -> String {
-    let it = if call.marker().is_some() { format!("marker {}", call.argument.trim()) } else { "it".to_owned() };
+    let it = if call.marker().is_some() { format!("marker {}", call.argument) } else { "it".to_owned() };
     match code {
         ErrorCode::UnknownTool => "there is no such tool".to_owned(),
         ErrorCode::BadArguments => "the arguments of the call were not valid".to_owned(),
@@ -139,9 +140,8 @@ pub(crate) fn why(code: ErrorCode, call: Call<'_>) -> String {
 /// `marker 1 (a large red mug)`, `marker 2 (desk_1)`, `marker 7`.
 pub(crate) fn marked_in_words(memory: &Memory<'_>, call: Call<'_>) -> String {
     match memory.marked(call) {
-        Some(marked) => format!("marker {} ({})", call.argument.trim(), in_words(&marked)),
-        None if call.argument.trim().is_empty() => "a marker".to_owned(),
-        None => format!("marker {}", call.argument.trim()),
+        Some(marked) => format!("marker {} ({})", call.argument, in_words(&marked)),
+        None => format!("marker {}", call.argument),
     }
 }
 

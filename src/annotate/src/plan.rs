@@ -30,11 +30,12 @@ pub(crate) fn subtask(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> Stri
     };
     let short = || match memory.marked(call) {
         Some(Marked::Object(thing)) => {
-            format!("{} with marker {}", english::definite(&english::noun(thing.category)), call.argument.trim())
+            format!("{} with marker {}", english::definite(&english::noun(thing.category)), call.argument)
         }
         _ => it(),
     };
     match call.tool {
+        tool if call.lacks_argument() => tell(say::NOW_OTHER, &[("tool", &english::quoted(tool))]),
         "nav_to" => tell(say::NOW_GO, &[("place", call.argument)]),
         "walk_around" => tell(say::NOW_WALK, &[("place", memory.at.unwrap_or("the place where I am"))]),
         "show_object_by_category" => tell(say::NOW_LOOK, &[("what", &english::sought(call.argument))]),

@@ -6,7 +6,7 @@ use reel_world::{ErrorCode, language};
 use crate::{
     english,
     history::{last_sentence, why},
-    memory::{Memory, description},
+    memory::{Memory, description, looks},
     step::{Call, Marked, Thing},
     task::{Place, Role},
     voice::{Voice, Wording},
@@ -28,6 +28,7 @@ pub(crate) fn reasoning(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> St
         }
     }
     match call.tool {
+        tool if call.lacks_argument() => said.push(reasoner.tell(say::CALL_OTHER, &[("tool", &english::quoted(tool))])),
         "nav_to" => reasoner.going(&mut said),
         "show_object_by_category" => reasoner.looking(&mut said),
         "walk_around" => said.push(reasoner.walking()),
@@ -56,6 +57,14 @@ impl Reasoner<'_> {
         self.voice.say(wording, self.memory.step, gaps)
     }
 
+    /// What shall be moved, where a thing is described in the same sentence: not in the same words twice.
+    fn object_beside(&self, thing: &Thing<'_>) -> &str {
+        let object = &self.memory.task.object;
+        let said_already =
+            language::quotes(object, &looks(thing)) || language::quotes(&looks(thing), object.trim_start_matches("the "));
+        if said_already { "what the task asks for" } else { object }
+    }
+
     /// What went wrong before, and whether the same is tried again. An object that was not found is no surprise.
     fn failure(&self) -> Option<(Option<String>, bool)> {
         let last = self.memory.last?;
@@ -65,6 +74,9 @@ impl Reasoner<'_> {
         let told = match code {
             _ if times > 1 => Some(self.tell(say::FAILED_REPEATEDLY, &[("times", &times.to_string()), ("why", &why)])),
             ErrorCode::NothingFound if self.call.tool == "walk_around" => None,
+            ErrorCode::NothingFound if self.memory.at.is_some() => {
+                Some(self.tell(say::SAW_NOTHING, &[("place", self.memory.at.unwrap_or_default())]))
+            }
             _ => Some(self.tell(say::LAST_FAILED, &[("why", &why)])),
         };
         Some((told, last.call == self.call))
@@ -76,7 +88,6 @@ impl Reasoner<'_> {
             said.push(self.tell(say::UNKNOWN_PLACE, &[("place", id)]));
             return;
         };
-        let object = [("object", task.object.as_str())];
         if let Some(held) = memory.held {
             let it = english::definite(&description(&held));
             let came_from = memory.held_from == Some(id);
@@ -94,10 +105,10 @@ impl Reasoner<'_> {
             said.push(self.tell(purpose, &[("it", &it), ("place", id)]));
             said.push(self.tell(say::HAVE_A_LOOK, &[("place", id)]));
         } else if !task.source.may_be(id) && task.destination.may_be(id) && memory.may_have_a_door(id) {
-            said.push(self.tell(say::DOOR_FIRST, &[object[0], ("phrase", &task.destination.phrase)]));
+            said.push(self.tell(say::DOOR_FIRST, &[("object", task.object.as_str()), ("phrase", &task.destination.phrase)]));
             said.push(self.choice(&task.destination, place));
         } else {
-            said.push(self.tell(say::FETCH, &[object[0], ("phrase", &task.source.phrase)]));
+            said.push(self.tell(say::FETCH, &[("object", task.object.as_str()), ("phrase", &task.source.phrase)]));
             said.push(self.choice(&task.source, place));
         }
     }
@@ -124,13 +135,17 @@ impl Reasoner<'_> {
     fn first_choice(&self, role: &Role, place: &Place) -> String {
         let id = place.id.as_str();
         let kind = place.kind();
-        if !role.may_be(id) {
-            self.tell(say::GUESS_PLACE, &[("place", id), ("kind", &english::indefinite(&kind))])
+        let (place_gap, kind_gap) = (("place", id), ("kind", kind.as_str()));
+        let possible = role.possible(self.memory.task);
+        if !possible.contains(&id) {
+            self.tell(say::GUESS_PLACE, &[place_gap, ("kind", &english::indefinite(&kind))])
+        } else if possible.len() > 1 {
+            let places = english::list(&possible, "and");
+            self.tell(say::ONE_OF_SEVERAL, &[("count", &possible.len().to_string()), ("places", &places), place_gap])
         } else if role.alike.len() == 1 {
-            self.tell(say::ONLY_ONE, &[("place", id), ("kind", &kind)])
+            self.tell(say::ONLY_ONE, &[place_gap, kind_gap])
         } else {
-            let places = english::list(&role.alike, "and");
-            self.tell(say::ONE_OF_SEVERAL, &[("count", &role.alike.len().to_string()), ("places", &places), ("place", id)])
+            self.tell(say::THE_ONE_IN_ROOM, &[place_gap, kind_gap, ("room", &place.room)])
         }
     }
 
@@ -147,15 +162,15 @@ impl Reasoner<'_> {
             });
         }
         let what = english::sought(query);
-        let object = ("object", task.object.as_str());
         let matches = |thing: &&Thing<'_>| language::is_a(thing.category, query) && memory.may_be_meant(thing);
         said.push(if let Some(thing) = memory.in_view.iter().find(matches) {
+            let object = self.object_beside(thing);
             let thing = english::indefinite(&description(thing));
-            self.tell(say::LOOK_AT_SEEN, &[("thing", &thing), ("what", &what), object])
+            self.tell(say::LOOK_AT_SEEN, &[("thing", &thing), ("what", &what), ("object", object)])
         } else if let Some(purpose) = task.purpose.as_deref().filter(|purpose| language::is_a(query, purpose)) {
             self.tell(say::LOOK_FOR_KIND, &[("what", &what), ("kind", &english::indefinite(purpose))])
         } else if language::quotes(&task.instruction, query) && memory.held.is_none() {
-            self.tell(say::LOOK_FOR_IT, &[("what", &what), object])
+            self.tell(say::LOOK_FOR_IT, &[("what", &what), ("object", &task.object)])
         } else {
             self.tell(say::LOOK_FOR_OTHER, &[("what", &what)])
         });
@@ -184,20 +199,22 @@ impl Reasoner<'_> {
         }
         match memory.at {
             Some(at) if memory.doors.get(at) == Some(&true) => self.tell(say::MARK_TO_CLOSE, &[("place", at)]),
-            Some(at) if memory.wants_opening(at) => self.tell(say::MARK_TO_OPEN, &[("place", at)]),
+            Some(at) if memory.wants_opening(at) && (task.source.may_be(at) || task.destination.may_be(at)) => {
+                self.tell(say::MARK_TO_OPEN, &[("place", at)])
+            }
             _ => self.tell(say::MARK_TO_SEE, &[]),
         }
     }
 
     fn gazing(&self) -> String {
-        let (memory, marker) = (self.memory, ("marker", self.call.argument.trim()));
+        let (memory, marker) = (self.memory, ("marker", self.call.argument));
         let thing = match memory.marked(self.call) {
             Some(Marked::Object(thing)) => thing,
             Some(Marked::Receptacle(id)) => return self.tell(say::GAZE_PLACE, &[marker, ("place", id)]),
             None => return self.tell(say::GAZE_BLIND, &[marker]),
         };
         let looks = english::indefinite(&description(&thing));
-        let (looks, object) = (("looks", looks.as_str()), ("object", memory.task.object.as_str()));
+        let (looks, object) = (("looks", looks.as_str()), ("object", self.object_beside(&thing)));
         if !memory.may_be_meant(&thing) {
             return self.tell(say::GAZE_UNSURE, &[marker, looks, object]);
         }
@@ -217,12 +234,12 @@ impl Reasoner<'_> {
     }
 
     fn picking(&self) -> String {
-        let (memory, marker) = (self.memory, ("marker", self.call.argument.trim()));
+        let (memory, marker) = (self.memory, ("marker", self.call.argument));
         let Some(Marked::Object(thing)) = memory.marked(self.call).filter(|_| memory.held.is_none()) else {
             return self.tell(say::PICK_BLIND, &[marker]);
         };
         let looks = english::indefinite(&description(&thing));
-        let gaps = [marker, ("looks", looks.as_str()), ("object", memory.task.object.as_str())];
+        let gaps = [marker, ("looks", looks.as_str()), ("object", self.object_beside(&thing))];
         let close = memory
             .last
             .is_some_and(|last| last.call.tool == "gaze_at" && last.error.is_none() && last.call.marker() == self.call.marker());
@@ -235,7 +252,7 @@ impl Reasoner<'_> {
 
     fn placing(&self) -> String {
         let (memory, task) = (self.memory, self.memory.task);
-        let marker = ("marker", self.call.argument.trim());
+        let marker = ("marker", self.call.argument);
         let it = memory.held.map_or("what I should have".to_owned(), |held| english::definite(&english::noun(held.category)));
         let it = ("it", it.as_str());
         let (Some(_), Some(Marked::Receptacle(id))) = (memory.held, memory.marked(self.call)) else {
@@ -252,7 +269,7 @@ impl Reasoner<'_> {
 
     fn opening(&self) -> String {
         let (memory, task) = (self.memory, self.memory.task);
-        let marker = ("marker", self.call.argument.trim());
+        let marker = ("marker", self.call.argument);
         let Some(Marked::Receptacle(id)) = memory.marked(self.call).filter(|_| memory.held.is_none()) else {
             return self.tell(say::OPEN_BLIND, &[marker]);
         };
@@ -262,7 +279,7 @@ impl Reasoner<'_> {
     }
 
     fn closing(&self) -> String {
-        let marker = ("marker", self.call.argument.trim());
+        let marker = ("marker", self.call.argument);
         match self.memory.marked(self.call) {
             Some(Marked::Receptacle(id)) => self.tell(say::CLOSE_IT, &[marker, ("place", id)]),
             _ => self.tell(say::CLOSE_BLIND, &[marker]),

@@ -4,7 +4,7 @@ use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    history,
+    english, history,
     memory::Memory,
     plan, reasoning,
     step::Step,
@@ -41,12 +41,12 @@ pub fn annotate(task: &PublicTask, steps: &[Step<'_>], seed: u64) -> Vec<Note> {
         let call = step.call();
         let history = if deeds.is_empty() { voice.say(NOTHING_YET, 0, &[]) } else { deeds.join(" ") };
         notes.push(Note {
-            reasoning: reasoning::reasoning(&memory, call, voice),
+            reasoning: english::one_line(&reasoning::reasoning(&memory, call, voice)),
             history,
-            schedule: plan::schedule(&memory, call, voice),
-            subtask: plan::subtask(&memory, call, voice),
+            schedule: english::one_line(&plan::schedule(&memory, call, voice)),
+            subtask: english::one_line(&plan::subtask(&memory, call, voice)),
         });
-        deeds.push(history::deed(&memory, step, voice));
+        deeds.push(english::one_line(&history::deed(&memory, step, voice)));
         memory.learn(step);
     }
     notes

@@ -5,10 +5,13 @@ use std::borrow::Cow;
 
 use reel_trace::Trace;
 use reel_world::{
-    ErrorCode, InstanceId, ObjectInstance, Task, language,
+    ErrorCode, InstanceId, ObjectInstance, Task, ToolSpec, language,
     record::{MarkerTarget, StepRecord},
 };
 use serde_json::Value;
+
+/// Of a longer argument that is no question only so much is repeated.
+const ARGUMENT_BYTES_MAX: usize = 100;
 
 /// A decision and what came of it.
 #[derive(Clone, PartialEq, Debug)]
@@ -91,7 +94,9 @@ impl<'a> Step<'a> {
 
     /// The call alone: all that is known of a decision before it is made.
     pub(crate) fn call(&self) -> Call<'_> {
-        Call { tool: self.tool, argument: self.argument.as_deref().unwrap_or_default() }
+        let argument = self.argument.as_deref().unwrap_or_default().trim();
+        let end = if self.tool == "ask" { argument.len() } else { argument.floor_char_boundary(ARGUMENT_BYTES_MAX) };
+        Call { tool: self.tool, argument: &argument[..end] }
     }
 }
 
@@ -127,9 +132,14 @@ pub(crate) struct Call<'a> {
 }
 
 impl Call<'_> {
+    /// Whether the tool takes an argument and gets none.
+    pub fn lacks_argument(&self) -> bool {
+        self.argument.is_empty() && ToolSpec::by_name(self.tool).is_some_and(|spec| spec.argument.is_some())
+    }
+
     /// The number that it names.
     pub fn marker(&self) -> Option<u32> {
-        self.argument.trim().parse().ok()
+        self.argument.parse().ok()
     }
 }
 

@@ -106,6 +106,15 @@ impl Role {
         Role { phrase: english::definite(&english::noun(phrase)), alike: alike.collect() }
     }
 
+    /// Receptacles of that kind: of those in the room that the phrase names, if it names one.
+    pub(crate) fn possible<'a>(&'a self, task: &PublicTask) -> Vec<&'a str> {
+        let in_room = |id: &&String| {
+            task.place(id).is_some_and(|place| !place.room.is_empty() && language::quotes(&self.phrase, &place.room))
+        };
+        let in_room: Vec<&str> = self.alike.iter().filter(in_room).map(String::as_str).collect();
+        if in_room.is_empty() { self.alike.iter().map(String::as_str).collect() } else { in_room }
+    }
+
     /// Whether the phrase says more than the kind.
     pub(crate) fn is_description(&self, task: &PublicTask) -> bool {
         task.places.iter().any(|place| self.describes(place))

@@ -29,6 +29,15 @@ wordings! {
         "I do not see another way yet, so I try it again.",
     ];
 
+    SAW_NOTHING = [
+        "Nothing of the kind was found at {place}.",
+        "I found nothing at {place}.",
+        "There was nothing to be found at {place}.",
+        "The search at {place} brought nothing.",
+        "What I looked for is not to be seen at {place}.",
+        "I had no luck at {place}.",
+    ];
+
     // Going somewhere: what for
     FETCH = [
         "I have to get {object} from {phrase}.",
@@ -64,7 +73,7 @@ wordings! {
     ];
     SHUT_IT = [
         "{it} is in its place, but I left {place} open.",
-        "What is left is the door of {place}, which I opened myself.",
+        "{it} is placed; what is left is the door of {place}, which I opened myself.",
         "The door of {place} is still open because of me, and {it} is where it belongs.",
         "I have put {it} down; now the door of {place} should be closed again.",
         "With {it} delivered, I still have to shut {place}.",
@@ -88,11 +97,19 @@ wordings! {
         "That can only be {place}, since there is no other {kind}.",
         "As {place} is the one and only {kind}, I move there.",
     ];
+    THE_ONE_IN_ROOM = [
+        "{place} is the only {kind} in the {room}, so I go there.",
+        "The {room} has just one {kind}, {place}, so that is where I go.",
+        "By the list of receptacles the {kind} in the {room} is {place}, so I head for it.",
+        "The list puts one {kind} in the {room}, {place}, so I move there.",
+        "In the {room} there is one {kind}, and that is {place}. I go to it.",
+        "The {kind} in the {room} can only be {place}, so I navigate to it.",
+    ];
     ONE_OF_SEVERAL = [
         "There are {count} that it could be ({places}), and the names do not tell which one is meant, so I try {place}.",
         "It could be any of {places}, {count} in all; I go to {place} and see whether it looks right.",
         "{count} receptacles are of that kind: {places}. I have to look at them to know, so I go to {place}.",
-        "From the list alone {places} are equally likely ({count} in all). I take a look at {place}.",
+        "The list alone does not decide between {places} ({count} in all). I take a look at {place}.",
         "The list has {count} of them, {places}. I cannot know which is meant before I see them, so I go to {place}.",
         "I see {count} possible receptacles in the list, {places}, and pick {place} to look at.",
     ];
@@ -191,7 +208,7 @@ wordings! {
     LOOK_AT_SEEN = [
         "I can see {thing}, which could be {object}, so I have {what} marked.",
         "There is {thing} in view; that may be {object}. I mark {what} to get its number.",
-        "The view shows {thing}. To be able to point at it I search for {what}.",
+        "The view shows {thing}, perhaps {object}. To be able to point at it I search for {what}.",
         "{thing} is in front of me and might be {object}, so I let {what} be numbered.",
         "Since I see {thing}, a candidate for {object}, I search the view for {what}.",
         "To get a number for {thing}, which may be {object}, I look for {what}.",
@@ -282,9 +299,9 @@ wordings! {
         "Marker {marker} is {looks}, which fits {object}. I look at it closely before I touch it.",
         "{looks} with marker {marker} fits {object}, so I approach it.",
         "I take marker {marker} for {object}: it is {looks}. I move closer.",
-        "What I need is {object}, and marker {marker} is {looks}. I go close to it.",
+        "I need {object}, and marker {marker} is {looks}. I go close to it.",
         "By its looks ({looks}) marker {marker} is {object}, so I take a closer look.",
-        "Marker {marker} shows {looks}; that is how {object} should look. I get within reach of it.",
+        "Marker {marker} shows {looks}; that goes with {object}. I get within reach of it.",
     ];
     GAZE_AMONG = [
         "Of the marked things marker {marker} is {looks}, which fits {object}; {others}. I look closely at marker {marker}.",
@@ -328,7 +345,7 @@ wordings! {
     ];
     PICK_READY = [
         "I am close to marker {marker}, {looks}; it is {object} and my hand is free, so I pick it up.",
-        "From nearby marker {marker} is still {looks}, as {object} should be, so I take it.",
+        "From nearby marker {marker} still looks right for {object}: it is {looks}. I take it.",
         "Up close I am convinced that marker {marker}, {looks}, is {object}. I pick it up.",
         "Marker {marker} is within reach and is {looks}. That is {object}, so I grasp it.",
         "The close view confirms that marker {marker} is {looks}. I pick up {object}.",
@@ -339,7 +356,7 @@ wordings! {
         "I take marker {marker} for {object}, as it is {looks}, and try to pick it up.",
         "{looks} with marker {marker} fits {object}, so I pick it up right away.",
         "By its looks ({looks}) marker {marker} is {object}, so I grasp it.",
-        "Marker {marker} shows {looks}; that should be {object}. I pick it up.",
+        "Marker {marker} shows {looks}; that is {object}, I think. I pick it up.",
         "I need {object}, and marker {marker} is {looks}. I take it.",
     ];
     PICK_UNSURE = [

@@ -1,4 +1,4 @@
-//! The writers over recorded episodes: the golden traces, and those of a folder named by `REEL_TRACES`.
+//! The writers over recorded episodes: the golden traces, and those of folders named by `REEL_TRACES`.
 
 mod rules;
 
@@ -13,12 +13,13 @@ pub fn traces() -> Vec<Trace> {
     let mut paths = in_folder(&golden);
     assert!(paths.len() > 20, "{} holds {} traces", golden.display(), paths.len());
     match std::env::var_os("REEL_TRACES") {
-        Some(folder) => paths.extend(in_folder(Path::new(&folder))),
+        Some(folders) => paths.extend(std::env::split_paths(&folders).flat_map(|folder| in_folder(&folder))),
         None => eprintln!("skipped: further traces, for want of a folder in REEL_TRACES"),
     }
     paths.iter().map(|path| Trace::read(path).unwrap()).collect()
 }
 
+/// What the rules write about a trace.
 pub fn notes(trace: &Trace) -> Vec<Note> {
     annotate(&PublicTask::of(&trace.task, &trace.scene), &Step::all(trace), 7)
 }

@@ -129,7 +129,7 @@ fn a_history_tells_what_happened() {
                 ("nav_to", None) => says(record.receptacle.as_ref().unwrap().as_str()),
                 ("place", None) => says(record.receptacle.as_ref().unwrap().as_str()),
                 ("open" | "close", None) => says(record.receptacle.as_ref().unwrap().as_str()),
-                ("ask", None) => says(&record.reply.as_ref().unwrap().text),
+                ("ask", None) => says(record.reply.as_ref().unwrap().text.trim_end_matches('.')),
                 ("show_object_by_category" | "walk_around", None) => says(&format!("{} ", record.markers.len())),
                 ("show_receptacles", None) => says(&format!("marker {}", record.markers[0].id)),
                 ("pick", None) => says(&trace.task.object(record.held.as_ref().unwrap()).unwrap().category),
