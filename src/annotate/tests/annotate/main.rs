@@ -1,6 +1,10 @@
 //! The writers over recorded episodes: the golden traces, and those of folders named by `REEL_TRACES`.
 
+mod model;
 mod rules;
+#[path = "../../../model/tests/model/scripted.rs"]
+#[expect(dead_code, reason = "the writer needs not all that the client's tests do")]
+mod scripted;
 
 use std::path::{Path, PathBuf};
 
