@@ -90,7 +90,13 @@ pub(crate) fn intention(memory: &Memory<'_>, call: Call<'_>) -> String {
     let it = || marked_in_words(memory, call);
     match call.tool {
         tool if call.lacks_argument() => format!("call {} without its argument", english::quoted(tool)),
+        "nav_to" if memory.task.place(call.argument).is_none() => {
+            format!("go to a place called {}", english::quoted(call.argument))
+        }
         "nav_to" => format!("go to {}", call.argument),
+        "gaze_at" | "pick" | "place" | "open" | "close" if call.marker().is_none() => {
+            format!("call {} with {}", english::quoted(call.tool), english::quoted(call.argument))
+        }
         "walk_around" => memory.at.map_or("walk around".to_owned(), |place| format!("walk around {place}")),
         "show_object_by_category" => format!("look for {}", english::sought(call.argument)),
         "show_receptacles" => "mark the receptacles in view".to_owned(),

@@ -5,6 +5,7 @@ mod rules;
 #[path = "../../../model/tests/model/scripted.rs"]
 #[expect(dead_code, reason = "the writer needs not all that the client's tests do")]
 mod scripted;
+mod validator;
 
 use std::path::{Path, PathBuf};
 
