@@ -40,7 +40,7 @@ wordings! {
         "I also saw {list} there.",
         "In the same view I saw {list}.",
         "Next to that I saw {list}.",
-        "The view also showed {list}.",
+        "There I also saw {list}.",
         "Besides, {list} could be seen.",
         "There I noticed {list}, too.",
     ];
