@@ -19,7 +19,7 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
     let at_step = memory.step;
     let tell = |wording, gaps: &[(&str, &str)]| voice.say(wording, at_step, gaps);
     let what = || english::sought(call.argument);
-    let at = memory.at.map(|place| format!(" at {place}")).unwrap_or_default();
+    let at = memory.at.map(|place| format!(" while at {place}")).unwrap_or_default();
     let question = || english::quoted(last_sentence(call.argument));
     if let Some(code) = step.error {
         return match (call.tool, code) {
@@ -89,8 +89,11 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
 pub(crate) fn intention(memory: &Memory<'_>, call: Call<'_>) -> String {
     let it = || marked_in_words(memory, call);
     match call.tool {
+        "nav_to" if memory.task.place(call.argument).is_some() => format!("go to {}", call.argument),
         tool if call.lacks_argument() => format!("call {} without its argument", english::quoted(tool)),
-        "nav_to" => format!("go to {}", call.argument),
+        "nav_to" | "gaze_at" | "pick" | "place" | "open" | "close" if call.marker().is_none() => {
+            format!("call {} with {}", english::quoted(call.tool), english::quoted(call.argument))
+        }
         "walk_around" => memory.at.map_or("walk around".to_owned(), |place| format!("walk around {place}")),
         "show_object_by_category" => format!("look for {}", english::sought(call.argument)),
         "show_receptacles" => "mark the receptacles in view".to_owned(),

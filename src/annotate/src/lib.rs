@@ -6,6 +6,7 @@ mod english;
 mod error;
 mod history;
 mod memory;
+mod model;
 mod plan;
 mod privileged;
 mod reasoning;
@@ -17,6 +18,7 @@ mod voice;
 mod wordings;
 
 pub use error::AnnotateError;
+pub use model::{BATCH, Check, ModelAnnotator, Written, prompt_version};
 pub use privileged::Secrets;
 pub use rules::{Note, annotate, episode_seed, version};
 pub use sidecar::{Entry, Provenance, notes_path, read_notes, write_notes};

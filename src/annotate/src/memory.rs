@@ -27,6 +27,8 @@ pub(crate) struct Memory<'a> {
     pub in_view: Vec<Thing<'a>>,
     /// Everything that was ever seen.
     pub seen: Vec<Thing<'a>>,
+    /// Keys of what was marked when the robot searched for what shall be moved, in the words of the instruction.
+    pub matched: Vec<&'a str>,
     /// What is in the hand.
     pub held: Option<Thing<'a>>,
     /// From where it was taken, where that is known.
@@ -65,6 +67,7 @@ impl<'a> Memory<'a> {
             markers: Vec::new(),
             in_view: Vec::new(),
             seen: Vec::new(),
+            matched: Vec::new(),
             held: None,
             held_from: None,
             placed: Vec::new(),
@@ -116,6 +119,12 @@ impl<'a> Memory<'a> {
                     self.visited.push(id);
                 }
             }
+            "show_object_by_category" if language::quotes(&self.task.object, step.call().argument) => {
+                self.matched.extend(step.markers.iter().filter_map(|(_, marked)| match marked {
+                    Marked::Object(thing) => Some(thing.key),
+                    Marked::Receptacle(_) => None,
+                }));
+            }
             "pick" => self.held_from = step.receptacle,
             "place" => self.placed.extend(self.held.zip(place)),
             "open" => self.doors.extend(place.map(|id| (id, true))),
@@ -152,15 +161,19 @@ impl<'a> Memory<'a> {
 
     /// Whether a thing may be the one to move, by the instruction and what the user said.
     pub fn may_be_meant(&self, thing: &Thing<'_>) -> bool {
-        let purpose = self.task.purpose.as_deref();
-        let replies = self.replies.iter().filter(|reply| language::names_object(reply));
-        thing.fits(&self.task.instruction, purpose) && replies.last().is_none_or(|reply| thing.fits(reply, None))
+        match self.replies.iter().rev().find(|reply| language::names_object(reply)) {
+            Some(reply) => thing.fits(reply, None) && (self.fits_instruction(thing) || language::quotes(reply, thing.category)),
+            None => self.fits_instruction(thing),
+        }
     }
 
     /// Things seen that fit the instruction, whatever was said since.
     pub fn candidates(&self) -> Vec<Thing<'a>> {
-        let purpose = self.task.purpose.as_deref();
-        self.seen.iter().filter(|thing| thing.fits(&self.task.instruction, purpose)).copied().collect()
+        self.seen.iter().filter(|thing| self.fits_instruction(thing)).copied().collect()
+    }
+
+    fn fits_instruction(&self, thing: &Thing<'_>) -> bool {
+        self.matched.contains(&thing.key) || thing.fits(&self.task.instruction, self.task.purpose.as_deref())
     }
 
     /// Whether what shall be moved lies where it shall go, as far as one can tell.

@@ -209,6 +209,7 @@ impl Reasoner<'_> {
     fn gazing(&self) -> String {
         let (memory, marker) = (self.memory, ("marker", self.call.argument));
         let thing = match memory.marked(self.call) {
+            Some(Marked::Object(_)) if memory.held.is_some() => return self.tell(say::GAZE_BLIND, &[marker]),
             Some(Marked::Object(thing)) => thing,
             Some(Marked::Receptacle(id)) => return self.tell(say::GAZE_PLACE, &[marker, ("place", id)]),
             None => return self.tell(say::GAZE_BLIND, &[marker]),

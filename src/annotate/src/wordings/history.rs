@@ -9,7 +9,7 @@ wordings! {
         "Nothing has been done yet.",
         "I have just started; nothing is done yet.",
         "So far I have done nothing.",
-        "The episode has just begun; I have done nothing so far.",
+        "I have done nothing so far.",
         "No action has been taken yet.",
     ];
     WENT = [
@@ -33,14 +33,14 @@ wordings! {
         "I searched for {what}{at} and found {count}: {list}.",
         "I looked for {what}{at} and found {count}: {list}.",
         "Looking for {what}{at}, I saw {count}: {list}.",
-        "I searched the view for {what}{at} and got {count}: {list}.",
+        "I searched the view for {what}{at} and saw {count}: {list}.",
         "I checked the view for {what}{at} and saw {count}: {list}.",
     ];
     ALSO_SAW = [
         "I also saw {list} there.",
         "In the same view I saw {list}.",
         "Next to that I saw {list}.",
-        "The view also showed {list}.",
+        "There I also saw {list}.",
         "Besides, {list} could be seen.",
         "There I noticed {list}, too.",
     ];
@@ -57,7 +57,7 @@ wordings! {
         "I walked around {place} and saw {count}: {list}.",
         "Walking around {place}, I found {count}: {list}.",
         "I explored {place} and found {count}: {list}.",
-        "I took stock of {place} and found {count}: {list}.",
+        "I explored {place} and saw {count}: {list}.",
         "I went around {place} and noted {count}: {list}.",
     ];
     WALKED_IN_VAIN = [
@@ -65,7 +65,7 @@ wordings! {
         "I walked around {place} and saw nothing on it.",
         "I explored {place} and found nothing.",
         "Walking around {place}, I found no objects.",
-        "I took stock of {place} and found no objects.",
+        "I explored {place} and saw no objects.",
         "I went around {place}, but there was nothing to be seen.",
     ];
     MARKED_PLACES = [
@@ -73,11 +73,11 @@ wordings! {
         "I highlighted the receptacles in view: {list}.",
         "I had the receptacles in view numbered: {list}.",
         "I numbered the receptacles that I could see: {list}.",
-        "I put markers on the receptacles in view: {list}.",
+        "I let the receptacles in view be marked: {list}.",
         "I checked which receptacles were in view: {list}.",
     ];
     GAZED = [
-        "I took a closer look at {it}.",
+        "I gazed at {it}.",
         "I looked closely at {it}.",
         "I moved closer to {it} and looked at it.",
         "I approached {it} to look at it.",
@@ -134,7 +134,7 @@ wordings! {
     ];
     LISTED = [
         "I listed the receptacles of the home.",
-        "I had the rooms and their receptacles listed.",
+        "I listed the receptacles of all rooms.",
         "I looked up the list of receptacles.",
         "I read the list of all receptacles.",
         "I asked for the list of receptacles and read it.",

@@ -340,7 +340,7 @@ wordings! {
         "I try to approach marker {marker}.",
         "I see whether marker {marker} can be looked at from nearby.",
         "I believe that marker {marker} is worth a closer look.",
-        "I try to get close to marker {marker}, though I have no current number for it.",
+        "I try to get close to marker {marker}.",
         "My next idea is to look at marker {marker}.",
     ];
     PICK_READY = [

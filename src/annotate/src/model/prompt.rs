@@ -1,0 +1,88 @@
+//! An episode as a request: the prompt file, then the record between two lines, then what to write.
+
+use std::ops::Range;
+
+use reel_model::{Message, Request, Role};
+use reel_world::Digest;
+use serde_json::{Map, Value, json};
+
+use crate::{
+    PublicTask, Secrets, Step,
+    step::{Marked, Thing},
+};
+
+/// What the model is told before it gets a record.
+const PROMPT: &str = include_str!("../../prompts/annotate.md");
+
+/// What it is told when nothing in its answer can be read.
+pub(super) const AGAIN: &str =
+    "Your answer holds no note that can be read. Answer again, with the one JSON array of whole objects and nothing else.";
+
+/// The prompt's version: the digest of its file.
+pub fn version() -> Digest {
+    Digest::of(PROMPT.as_bytes())
+}
+
+/// What the model is asked about a batch of decisions. Of the last one only the call is shown, of later ones nothing.
+pub(super) fn request(
+    task: &PublicTask,
+    steps: &[Step<'_>],
+    secrets: &Secrets,
+    before: Option<&str>,
+    batch: Range<usize>,
+) -> Request {
+    let receptacles: Vec<Value> =
+        task.places.iter().map(|place| json!({"id": place.id, "category": place.category, "room": place.room})).collect();
+    let mut record = format!("{}\n", json!({"task": task.instruction, "receptacles": receptacles}));
+    record.push_str(&format!("{}\n", json!({"for_your_eyes_only": secrets.truth()})));
+    for (index, step) in steps[..batch.end].iter().enumerate() {
+        let over = index + 1 < batch.end;
+        record.push_str(&format!("{}\n", line(index, step, secrets, over)));
+    }
+    // Nobody who writes into the record knows the digest of all of it.
+    let code = Digest::of(record.as_bytes()).short();
+    let (first, last) = (batch.start, batch.end - 1);
+    let history = before.map_or(String::new(), |history| format!("The history of step {} was: {history}\n\n", first - 1));
+    let text = format!(
+        "BEGIN RECORD {code}\n{record}END RECORD {code}\n\n{history}Write the notes of steps {first} to {last}: one JSON array of {} objects.",
+        batch.len()
+    );
+    Request { messages: vec![Message::text(Role::System, PROMPT), Message::text(Role::User, text)] }
+}
+
+fn line(index: usize, step: &Step<'_>, secrets: &Secrets, over: bool) -> Value {
+    let mut line = Map::new();
+    line.insert("step".into(), json!(index));
+    line.insert("tool".into(), json!(step.tool));
+    line.insert("argument".into(), json!(step.argument));
+    if !over {
+        return Value::Object(line);
+    }
+    line.insert("outcome".into(), json!(step.outcome));
+    if let Some(code) = step.error {
+        line.insert("error".into(), json!(code.as_str()));
+    }
+    if let Some(reply) = step.reply {
+        line.insert("reply".into(), json!(reply));
+    }
+    let looks = |thing: &Thing<'_>| json!({"category": thing.category, "looks": thing.caption});
+    let markers = step.markers.iter().map(|(number, marked)| match marked {
+        Marked::Object(thing) => {
+            json!({"marker": number, "category": thing.category, "looks": thing.caption, "is_what_is_meant": secrets.is_target(marked)})
+        }
+        Marked::Receptacle(id) => json!({"marker": number, "receptacle": id}),
+    });
+    let markers: Vec<Value> = markers.collect();
+    if !markers.is_empty() {
+        line.insert("markers".into(), Value::Array(markers));
+    }
+    let numbered = |thing: &&Thing<'_>| step.markers.iter().any(|(_, marked)| *marked == Marked::Object(**thing));
+    let in_view: Vec<Value> = step.seen.iter().filter(|thing| step.error.is_none() && !numbered(thing)).map(looks).collect();
+    if !in_view.is_empty() {
+        line.insert("in_view".into(), Value::Array(in_view));
+    }
+    if let Some(held) = &step.held {
+        line.insert("in_hand".into(), looks(held));
+    }
+    Value::Object(line)
+}

@@ -1,0 +1,171 @@
+//! The writer that asks a model, against a scripted endpoint: batches, checkpoints, going on, and what is not believed.
+
+use std::{fs, path::Path, sync::Arc, time::Duration};
+
+use reel_annotate::{
+    AnnotateError, BATCH, ModelAnnotator, PublicTask, Secrets, Step, Written, annotate, prompt_version, read_notes,
+};
+use reel_model::{CallLog, Client, Endpoint};
+use reel_trace::Trace;
+use reel_world::Digest;
+use serde_json::{Value, json};
+
+use crate::{
+    scripted::{Act, Received, Scripted, TestClock},
+    traces, words,
+};
+
+/// A long episode, so that there are several batches.
+fn episode() -> Trace {
+    traces().into_iter().find(|trace| trace.steps.len() > 2 * BATCH).unwrap()
+}
+
+fn chain(trace: &Trace) -> Digest {
+    trace.end.as_ref().unwrap().chain
+}
+
+fn run(trace: &Trace, base_url: &str, path: &Path, check: &reel_annotate::Check<'_>) -> Result<Written, AnnotateError> {
+    let endpoint = Endpoint { retries: 0, timeout: Duration::from_secs(20), ..Endpoint::new(base_url, "writer-1") };
+    let log = CallLog::append(path.with_extension("log")).unwrap();
+    let client = Client::new(endpoint, Arc::new(TestClock::default())).unwrap().with_log(log);
+    let annotator = ModelAnnotator { client: &client, seed: 7, check };
+    let task = PublicTask::of(&trace.task, &trace.scene);
+    annotator.annotate(&task, &Step::all(trace), &Secrets::of(&trace.task), chain(trace), path)
+}
+
+/// The steps that a request asks for.
+fn asked(received: &Received) -> std::ops::Range<usize> {
+    let text = received.body["messages"][1]["content"].as_str().unwrap();
+    let (_, range) = text.rsplit_once("notes of steps ").unwrap();
+    let numbers: Vec<usize> = range.split(|c: char| !c.is_ascii_digit()).filter_map(|word| word.parse().ok()).collect();
+    numbers[0]..numbers[1] + 1
+}
+
+fn answer(steps: std::ops::Range<usize>, change: impl Fn(usize, &mut Value)) -> String {
+    let note = |step| {
+        let mut note = json!({"step": step, "reasoning": format!("because {step}"), "history": format!("I did {step} things."),
+            "schedule": "go on", "subtask": "this"});
+        change(step, &mut note);
+        note
+    };
+    Value::Array(steps.map(note).collect()).to_string()
+}
+
+fn fine(_: usize, _: &str) -> Option<String> {
+    None
+}
+
+#[test]
+fn an_episode_in_batches_with_the_replies_logged() {
+    let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
+    let path = folder.path().join("notes.jsonl");
+    let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
+    let written = run(&trace, &server.base_url, &path, &fine).unwrap();
+    let steps = trace.steps.len();
+    assert_eq!((written.entries.len(), written.fallbacks(), written.resumed), (steps, 0, 0));
+    assert_eq!(written.entries[3].note.reasoning, "because 3");
+    assert_eq!((written.provenance.version, written.provenance.annotator.as_str()), (prompt_version(), "writer-1"));
+    assert_eq!(read_notes(&path, &chain(&trace)).unwrap(), (written.provenance, written.entries));
+    let received = server.received();
+    assert_eq!(received.len(), steps.div_ceil(BATCH));
+    assert_eq!(fs::read_to_string(path.with_extension("log")).unwrap().lines().count(), received.len());
+    // a batch sees no outcome of its last step, and the next one gets the history before it
+    let text = |index: usize| received[index].body["messages"][1]["content"].as_str().unwrap();
+    let line = |index: usize, step: usize| -> Value {
+        text(index)
+            .lines()
+            .filter_map(|line| serde_json::from_str(line).ok())
+            .find(|line: &Value| line["step"] == json!(step))
+            .unwrap()
+    };
+    assert!(line(0, BATCH - 1).get("outcome").is_none() && line(1, BATCH - 1).get("outcome").is_some());
+    assert!(text(1).contains(&format!("was: I did {} things.", BATCH - 1)), "{}", text(1));
+    assert!(text(0).contains("for_your_eyes_only"));
+}
+
+#[test]
+fn a_run_that_broke_off_goes_on_and_asks_nothing_twice() {
+    let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
+    let path = folder.path().join("notes.jsonl");
+    let broken = Scripted::start(vec![Act::Say(answer(0..BATCH, |_, _| {}))]);
+    let error = run(&trace, &broken.base_url, &path, &fine).unwrap_err();
+    assert!(matches!(error, AnnotateError::Model { from: BATCH, .. }) && error.to_string().contains("run again"), "{error}");
+    assert!(matches!(read_notes(&path, &chain(&trace)), Err(AnnotateError::Incomplete { found: BATCH, .. })));
+
+    let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
+    let written = run(&trace, &server.base_url, &path, &fine).unwrap();
+    assert_eq!((written.resumed, written.entries.len()), (BATCH, trace.steps.len()));
+    assert_eq!(asked(&server.received()[0]).start, BATCH);
+    let calls = server.received().len();
+    let again = run(&trace, &server.base_url, &path, &fine).unwrap();
+    assert_eq!((server.received().len(), again.resumed, again.entries), (calls, trace.steps.len(), written.entries));
+    // notes of another recording are not written over
+    let other = {
+        let mut other = trace;
+        other.end.as_mut().unwrap().chain = Digest::of(b"x");
+        other
+    };
+    assert!(matches!(run(&other, &server.base_url, &path, &fine), Err(AnnotateError::OtherTrace { .. })));
+}
+
+#[test]
+fn what_an_agent_cannot_know_or_what_is_not_so_is_replaced_by_the_rules() {
+    let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
+    let task = PublicTask::of(&trace.task, &trace.scene);
+    let rules = annotate(&task, &Step::all(&trace), 7);
+    let target = trace.task.target.to_string();
+    let caption = trace.task.target_object().caption.clone().unwrap_or_else(|| "no caption".to_owned());
+    let server = Scripted::answering(move |received| {
+        let (target, caption) = (target.clone(), caption.clone());
+        Act::Say(answer(asked(received), move |step, note| match step {
+            0 => note["reasoning"] = json!(format!("I know that it is {target}")),
+            1 => note["schedule"] = json!("go to (1.25, -3.75)"),
+            2 => note["history"] = json!("I flew."),
+            3 => note["subtask"] = json!(""),
+            4 => note["reasoning"] = json!("r"),
+            5 => note["reasoning"] = json!(format!("Somewhere there is {caption}")),
+            _ => {}
+        }))
+    });
+    let check = |_: usize, history: &str| history.contains("flew").then(|| "nobody flew".to_owned());
+    let written = run(&trace, &server.base_url, &folder.path().join("notes.jsonl"), &check).unwrap();
+    for (index, word) in [(0, "object id"), (1, "position"), (2, "nobody flew"), (3, "no complete note")] {
+        let entry = &written.entries[index];
+        assert!(entry.fallback.as_ref().is_some_and(|why| why.contains(word)), "{index}: {entry:?}");
+        assert_eq!(entry.note, rules[index]);
+    }
+    assert_eq!((written.entries[4].fallback.as_ref(), words(&written.entries[4].note).starts_with('r')), (None, true));
+    assert!((4..=5).contains(&written.fallbacks()), "{:?}", written.entries);
+}
+
+#[test]
+fn an_answer_that_cannot_be_read_is_asked_for_once_more() {
+    let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
+    let server = Scripted::answering(|received| match received.body["messages"].as_array().unwrap().len() {
+        2 => Act::Say("I would rather not.".to_owned()),
+        _ => Act::Say("[]".to_owned()),
+    });
+    let written = run(&trace, &server.base_url, &folder.path().join("notes.jsonl"), &fine).unwrap();
+    assert_eq!(written.fallbacks(), trace.steps.len());
+    assert_eq!(server.received().len(), 2 * trace.steps.len().div_ceil(BATCH));
+}
+
+#[test]
+fn the_truth_is_found_in_every_part_of_a_note_and_the_rules_never_say_it() {
+    for trace in traces() {
+        let (task, steps, secrets) = (PublicTask::of(&trace.task, &trace.scene), Step::all(&trace), Secrets::of(&trace.task));
+        for (index, note) in annotate(&task, &steps, 3).into_iter().enumerate() {
+            assert_eq!(secrets.leak(&note, &steps[..index]), None, "{} step {index}", trace.path.display());
+            let planted = |part: usize| {
+                let mut note = note.clone();
+                let part = [&mut note.reasoning, &mut note.history, &mut note.schedule, &mut note.subtask]
+                    .into_iter()
+                    .nth(part)
+                    .unwrap();
+                part.push_str(&format!(" {}", trace.task.target.as_str().to_uppercase()));
+                note
+            };
+            assert!((0..4).all(|part| secrets.leak(&planted(part), &steps[..index]).is_some()));
+        }
+    }
+}
