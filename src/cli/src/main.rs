@@ -61,6 +61,9 @@ enum Command {
     /// Score the episodes of a store again, under any reward preset
     #[cfg(feature = "analytics")]
     Reward(commands::reward::Arguments),
+    /// Look into training sets, ours and others': what is wrong, what an example looks like
+    #[cfg(feature = "analytics")]
+    Dataset(commands::dataset::Arguments),
     /// Say why episodes failed, and how often that is right
     #[cfg(feature = "analytics")]
     Taxonomy(commands::taxonomy::Arguments),
@@ -104,6 +107,8 @@ fn main() -> ExitCode {
         Command::Query(arguments) => commands::query::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Reward(arguments) => commands::reward::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Dataset(arguments) => commands::dataset::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Taxonomy(arguments) => commands::taxonomy::run(&arguments),
         #[cfg(feature = "analytics")]

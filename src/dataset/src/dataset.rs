@@ -4,6 +4,7 @@
 
 use std::{
     collections::BTreeMap,
+    fs,
     path::{Path, PathBuf},
 };
 
@@ -12,7 +13,7 @@ use serde_json::Value;
 
 use crate::{
     BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck, Manifest, PictureOptions, Pictures,
-    Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card, prompt_digest,
+    Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card, prompt_digest,
 };
 
 /// Side of a picture's token in Qwen3-VL, in pixels.
@@ -64,6 +65,11 @@ pub struct Prepared {
     tokens: TokenCount,
 }
 
+/// Where pictures lie: beside the rows that name them; for a while elsewhere if the rows hold them.
+fn picture_root(root: &Path, format: Format) -> PathBuf {
+    if format.holds_pictures() { root.join(".pictures") } else { root.to_owned() }
+}
+
 /// Writes one dataset.
 pub struct DatasetWriter {
     root: PathBuf,
@@ -90,7 +96,7 @@ impl DatasetWriter {
             root: root.to_owned(),
             options,
             tokenizer,
-            pictures: Pictures::new(root, options.pictures),
+            pictures: Pictures::new(&picture_root(root, options.format), options.pictures),
             shards: BTreeMap::new(),
             counts: Counts::default(),
             tokens,
@@ -114,6 +120,8 @@ impl DatasetWriter {
         let prepare = |example: &Example| {
             let mut row = Vec::new();
             let row = match self.options.format.write_row(example, &self.pictures, &mut row) {
+                // its rows are no text: the caller writes them
+                _ if self.options.format == Format::Parquet => Ok(row),
                 Ok(()) => Ok(row),
                 Err(DatasetError::Unfit { reason, .. }) => Err(reason),
                 Err(error) => return Err(error),
@@ -136,6 +144,7 @@ impl DatasetWriter {
         for (example, prepared) in examples.iter().zip(prepared) {
             match &prepared.row {
                 Err(reason) => self.leave_out(reason, 1),
+                Ok(_) if self.options.format == Format::Parquet => self.note(example, prepared.tokens),
                 Ok(row) => {
                     let (root, options, split) = (&self.root, &self.options, example.about.split);
                     let shards =
@@ -148,8 +157,14 @@ impl DatasetWriter {
         Ok(())
     }
 
-    /// Counts an example whose row is written elsewhere, as in Parquet.
-    pub fn note(&mut self, example: &Example, tokens: TokenCount) {
+    /// Takes in a file of rows that the caller wrote, as in Parquet, after those that are there.
+    pub fn keep(&mut self, split: Split, shard: Shard) {
+        let (root, options) = (&self.root, &self.options);
+        let shards = self.shards.entry(split).or_insert_with(|| Shards::new(root, options.format, split, options.rows_max));
+        shards.keep(shard);
+    }
+
+    fn note(&mut self, example: &Example, tokens: TokenCount) {
         let about = &example.about;
         self.counts.add(example);
         self.tokens.add(tokens);
@@ -190,6 +205,13 @@ impl DatasetWriter {
             left_out: self.left_out,
             files: Vec::new(),
         };
+        if self.options.format.holds_pictures() {
+            let loose = picture_root(&self.root, self.options.format);
+            match fs::remove_dir_all(&loose) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(DatasetError::io(&loose)(error)),
+                _ => {}
+            }
+        }
         write_card(&self.root, &manifest)?;
         manifest.write(&self.root)?;
         Ok(manifest)

@@ -10,7 +10,7 @@ use std::{
 
 use fast_image_resize::{PixelType, Resizer, images::Image, images::ImageRef};
 use reel_world::Digest;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{DatasetError, ImageId};
 
@@ -96,7 +96,7 @@ impl PictureOptions {
 }
 
 /// A picture on disk.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Picture {
     /// From the dataset's folder, with `/`: `images/ab/<64 digits>.png`.
     pub path: String,
@@ -129,6 +129,15 @@ impl Pictures {
     /// A picture that was put before.
     pub fn get(&self, image: &ImageId) -> Option<Picture> {
         self.written().get(image).cloned()
+    }
+
+    /// Takes over a picture that an earlier run put; false where its file is not as it was.
+    pub fn take_over(&self, image: ImageId, picture: &Picture) -> bool {
+        let there = fs::metadata(self.root.join(&picture.path)).is_ok_and(|file| file.len() == picture.bytes);
+        if there {
+            self.written().insert(image, picture.clone());
+        }
+        there
     }
 
     /// How many pictures were put.

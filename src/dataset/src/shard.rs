@@ -7,12 +7,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::{DatasetError, Format, Split};
 
 /// A file of rows.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Shard {
     /// From the dataset's folder, with `/`.
     pub path: String,
@@ -76,14 +76,9 @@ impl Shards {
         Ok(self.done)
     }
 
-    /// Takes over a file that an earlier run finished, in place of the next one.
-    pub fn keep(&mut self, shard: Shard) {
+    /// Takes over a file that somebody else wrote, in place of the next one.
+    pub(crate) fn keep(&mut self, shard: Shard) {
         self.done.push(shard);
-    }
-
-    /// The files that are whole.
-    pub fn done(&self) -> &[Shard] {
-        &self.done
     }
 
     fn start(&self) -> Result<Open, DatasetError> {
@@ -108,11 +103,7 @@ impl Shards {
         Ok(Open { shard, rows, provenance })
     }
 
-    /// Closes the file before it is full; the next row begins another.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn close(&mut self) -> Result<(), DatasetError> {
+    fn close(&mut self) -> Result<(), DatasetError> {
         let Some(mut open) = self.open.take() else { return Ok(()) };
         if self.format == Format::QwenVl {
             open.rows.write_all(b"\n]\n").map_err(DatasetError::io(&open.shard.path))?;

@@ -10,6 +10,8 @@ use reel_trace::Trace;
 use reel_world::{ErrorCode, ObjectInstance, Scene, Task};
 use serde::Deserialize;
 
+use crate::Mending;
+
 /// Columns of `episodes` that a [`Row`] is made of.
 pub(crate) const COLUMNS: &[&str] = &[
     "episode_id",
@@ -216,16 +218,16 @@ impl<'a> StepRow<'a> {
     }
 }
 
-/// Takes out of each History what the record refutes; gives how many sentences were mended and dropped.
-pub(crate) fn mend_histories(notes: &mut [Note], trace: &Trace) -> (usize, usize) {
+/// Takes out of each History what the record refutes.
+pub(crate) fn mend_histories(notes: &mut [Note], trace: &Trace) -> Mending {
     let mut checker = Checker::new(Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics));
-    let (mut mended, mut dropped) = (0, 0);
+    let mut mending = Mending::default();
     for (note, record) in notes.iter_mut().zip(&trace.steps) {
         let result = mend(&mut checker, &note.history);
-        mended += result.mended;
-        dropped += result.dropped;
+        mending.mended += result.mended as u64;
+        mending.dropped += result.dropped as u64;
         note.history = result.text;
         checker.did(Deed::of(record));
     }
-    (mended, dropped)
+    mending
 }

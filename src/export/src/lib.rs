@@ -13,13 +13,13 @@ mod verify;
 
 use std::{
     collections::BTreeMap,
-    fs, io,
+    io,
     path::{Path, PathBuf},
 };
 
-use reel_dataset::{DatasetError, ExampleOptions, Format, PictureOptions, Ratios, Shard, Split, Splits, Style};
+use reel_dataset::{DatasetError, Leakage, Ratios, Split, Splits, Style, TokenReport, WriterOptions};
 use reel_tables::{Store, StoreError};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 pub use select::Selection;
 
@@ -55,8 +55,8 @@ pub enum SplitBy {
 pub struct SftOptions {
     /// Which episodes and decisions.
     pub selection: Selection,
-    /// The files' format.
-    pub format: Format,
+    /// Format and size of the files, and how pictures are made.
+    pub writer: WriterOptions,
     /// How a decision is put.
     pub style: Style,
     /// Whose words.
@@ -65,43 +65,47 @@ pub struct SftOptions {
     pub split_by: SplitBy,
     /// The parts' shares.
     pub ratios: Ratios,
-    /// How pictures are made; none: no pictures.
-    pub pictures: Option<PictureOptions>,
+    /// Whether examples have pictures.
+    pub pictures: bool,
     /// Episodes that are not verified too; their rows say so.
     pub allow_unverified: bool,
     /// Replay what no verdict is kept of.
     pub replay: bool,
-    /// About so many examples a file; an episode is never divided.
-    pub rows_per_file: usize,
+    /// What the dataset is called.
+    pub name: String,
+    /// Its licence, as an SPDX name or `other`.
+    pub licence: String,
+    /// The command that makes it again.
+    pub command: String,
 }
 
 /// What an export did.
 #[derive(Clone, PartialEq, Debug, Default, Serialize)]
 pub struct SftReport {
     /// Examples by part.
-    pub examples: BTreeMap<&'static str, u64>,
+    pub examples: BTreeMap<Split, u64>,
     /// Episodes that gave some.
     pub episodes: u64,
     /// Version of the store that was read.
     pub table_version: u64,
     /// Episodes and decisions that were left out, by the reason.
     pub left_out: BTreeMap<&'static str, u64>,
-    /// Episodes that were refused, with the trace and the reason.
+    /// Episodes and decisions that were refused, with the trace and the reason.
     pub refused: Vec<Refusal>,
-    /// Rows of episodes that are not verified.
+    /// Examples of episodes that are not verified.
     pub unverified: u64,
     /// Sentences of recorded Histories that were mended, and dropped.
     pub history: Mending,
     /// Different pictures.
     pub pictures: usize,
-    /// Files that an earlier run had finished.
-    pub files_kept: usize,
-    /// The files of rows.
-    pub files: Vec<Shard>,
+    /// How long the examples are.
+    pub tokens: Option<TokenReport>,
+    /// What is in several parts.
+    pub leakage: Vec<Leakage>,
 }
 
 /// Sentences of Histories that contradicted the record.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 pub struct Mending {
     /// Set right.
     pub mended: u64,
@@ -110,7 +114,7 @@ pub struct Mending {
 }
 
 /// An episode, or one of its decisions, that was refused.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Refusal {
     /// The episode.
     pub episode_id: String,
@@ -140,7 +144,7 @@ pub enum ExportError {
         path: PathBuf,
     },
     /// The folder holds something else.
-    #[error("this folder holds a dataset of other options or another store version; choose another, or delete it: {path}", path = path.display())]
+    #[error("this folder is not empty; choose another, or delete it: {path}", path = path.display())]
     OtherDataset {
         /// The folder.
         path: PathBuf,
@@ -158,7 +162,8 @@ pub enum ExportError {
     },
 }
 
-/// Exports a training set from a store into a folder. Broken off, the same call goes on with the first file that is not whole.
+/// Exports a training set from a store into an empty folder. Broken off, the same call goes on: what was verified and drawn
+/// is not done twice.
 ///
 /// # Errors
 /// When the store cannot be read, the folder cannot be written, or holds another dataset. What cannot be used of the store is
@@ -176,12 +181,7 @@ pub fn sft(
     let mut verdicts = verified.iter();
     chosen.retain_mut(|candidate| match verdicts.next() {
         Some(Err(reason)) if !options.allow_unverified => {
-            report.refused.push(Refusal {
-                episode_id: candidate.episode_id.clone(),
-                trace: candidate.trace.clone(),
-                call: None,
-                reason: reason.clone(),
-            });
+            report.refused.push(candidate.refusal(None, reason.clone()));
             false
         }
         Some(Err(_)) => {
@@ -199,11 +199,11 @@ pub fn sft(
     let groups: Vec<(String, &str)> = chosen.iter().map(|candidate| (group(candidate), candidate.family.as_str())).collect();
     let named = groups.iter().map(|(group, family)| (group.as_str(), *family));
     let splits = Splits::stratified(named, options.selection.seed, options.ratios);
-    let split_of = |candidate: &select::Candidate| splits.of(&group(candidate)).unwrap_or(Split::Train);
-    rows::write(store, out, options, &chosen, split_of, writing, &mut report)?;
+    let place = |candidate| (candidate, splits.of(&group(candidate)).unwrap_or(Split::Train));
+    let places = chosen.iter().map(|candidate| (candidate.episode_id.as_str(), place(candidate))).collect();
+    let manifest = rows::write(store, out, options, &places, writing, &mut report)?;
+    report.examples = manifest.counts.splits;
+    report.tokens = manifest.tokens;
+    report.leakage = manifest.leakage;
     Ok(report)
-}
-
-pub(crate) fn example_options(options: &SftOptions) -> ExampleOptions {
-    ExampleOptions { style: options.style, failed_calls: options.selection.mistakes }
 }

@@ -43,28 +43,25 @@ const NUMBER_COLUMNS: [(&str, fn(&Example) -> i64); 2] =
 /// Names the wording of the prompts.
 const PROMPT_COLUMN: &str = "prompt_digest";
 
-/// Writes the rows of one part into files that the caller closes.
+/// Writes the rows of one part into files of bounded size.
 pub(crate) struct Shards {
     root: PathBuf,
     split: Split,
+    rows_max: u64,
     open: Option<(BatchedWriter<File>, Shard)>,
     done: Vec<Shard>,
 }
 
 impl Shards {
-    /// Files under `<root>/<split>/`.
-    pub fn new(root: &Path, split: Split) -> Self {
-        Self { root: root.to_owned(), split, open: None, done: Vec::new() }
+    /// Files under `<root>/<split>/`, closed when they have so many rows or more: what is pushed at once stays together.
+    pub fn new(root: &Path, split: Split, rows_max: u64) -> Self {
+        Self { root: root.to_owned(), split, rows_max, open: None, done: Vec::new() }
     }
 
-    /// Takes over a file that an earlier run finished.
-    pub fn keep(&mut self, shard: Shard) {
-        self.done.push(shard);
-    }
-
-    /// The files that are whole.
-    pub fn done(&self) -> &[Shard] {
-        &self.done
+    /// Closes the last file; the files in order.
+    pub fn finish(mut self) -> Result<Vec<Shard>, ExportError> {
+        self.close()?;
+        Ok(self.done)
     }
 
     /// Appends examples; their pictures have to be in the store.
@@ -78,12 +75,14 @@ impl Shards {
         if let Some((writer, shard)) = &mut self.open {
             writer.write_batch(&frame(examples, Some(pictures))?)?;
             shard.rows += examples.len() as u64;
+            if shard.rows >= self.rows_max {
+                self.close()?;
+            }
         }
         Ok(())
     }
 
-    /// Closes the open file.
-    pub fn close(&mut self) -> Result<(), ExportError> {
+    fn close(&mut self) -> Result<(), ExportError> {
         let Some((writer, shard)) = self.open.take() else { return Ok(()) };
         writer.finish()?;
         drop(writer);

@@ -1,15 +1,21 @@
-//! The rows of a training set, episode by episode in the order of the store's files, into files that hold whole episodes.
-//! Chooses nothing. What is finished is written down, so that a run that was broken off goes on.
+//! The rows of a training set, episode by episode in the order of the store's files. Chooses nothing.
+//!
+//! A run that was broken off is begun again where it is dear: verdicts are kept in the store, and pictures that are in the
+//! folder already are neither drawn nor encoded a second time. Rows are cheap, and are written anew.
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
-    fs,
+    fs::{self, File},
+    io::{self, BufRead as _, BufReader, Write as _},
     path::{Path, PathBuf},
-    sync::Arc,
+    sync::Mutex,
 };
 
 use rayon::prelude::*;
-use reel_dataset::{Episode, Example, Format, ImageId, Pictures, Shard, Shards, Source, Split, examples};
+use reel_dataset::{
+    DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, Manifest, Picture, Pictures, Prepared, Source,
+    Split, Style, examples,
+};
 use reel_reward::Preset;
 use reel_tables::{Store, Table};
 use reel_trace::Trace;
@@ -19,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     ExportError, Mending, Progress, Refusal, SftOptions, SftReport, Words,
     episode::{COLUMNS, Known, Row, mend_histories},
-    example_options, parquet,
+    parquet,
     select::Candidate,
 };
 
@@ -27,94 +33,72 @@ use crate::{
 const EPISODES_AT_A_TIME: usize = 64;
 /// Tasks that are kept in memory.
 const TASKS_KEPT: usize = 4_096;
-/// What is finished, in the dataset's folder.
-const STATE: &str = ".export.json";
-/// Where the pictures lie meanwhile that go into the rows.
-const LOOSE_PICTURES: &str = ".pictures";
 
-/// Where an episode's rows go.
-#[derive(Clone, Copy)]
-struct Place<'c> {
-    candidate: &'c Candidate,
-    split: Split,
-    file: usize,
-}
-
-/// What a run has finished.
-#[derive(Serialize, Deserialize)]
-struct State {
-    /// Digest of everything that decides the bytes.
-    dataset: String,
-    files: Vec<Finished>,
-}
-
-/// A file that is whole, and what became of the episodes that belong into it.
-#[derive(Clone, Default, Serialize, Deserialize)]
-struct Finished {
-    split: String,
-    file: usize,
-    /// None: no example was left.
-    shard: Option<Shard>,
-    episodes: u64,
-    unverified: u64,
-    refused: Vec<Refusal>,
-    history: Mending,
-}
+/// A chosen episode and the part that it goes into.
+type Place<'c> = (&'c Candidate, Split);
 
 /// The rows of one episode.
 struct Made {
     examples: Vec<Example>,
-    /// By example: the row where it is text, and the provenance.
-    rows: Vec<(Vec<u8>, Vec<u8>)>,
+    prepared: Vec<Prepared>,
     refused: Vec<Refusal>,
     history: Mending,
 }
 
-/// Writes the examples of the chosen episodes.
+/// Writes the examples of the chosen episodes, and says what is in the dataset.
 pub(crate) fn write(
     store: &Store,
     out: &Path,
     options: &SftOptions,
-    chosen: &[Candidate],
-    split_of: impl Fn(&Candidate) -> Split,
+    places: &HashMap<&str, Place<'_>>,
     progress: Progress<'_>,
     report: &mut SftReport,
-) -> Result<(), ExportError> {
-    let places = places(chosen, split_of, options.rows_per_file);
-    let mut output = Output::open(out, options, store.version())?;
+) -> Result<Manifest, ExportError> {
+    let known_pictures = KnownPictures::open(out, options)?;
+    let mut writer = DatasetWriter::new(out, options.writer);
+    let mut parquet: BTreeMap<Split, parquet::Shards> = BTreeMap::new();
     let (tasks, scenes) = (store.documents(Table::Tasks, "task")?, store.documents(Table::Scenes, "scene")?);
-    let mut known: HashMap<String, Arc<Known>> = HashMap::new();
+    let mut known: HashMap<String, Known> = HashMap::new();
     let mut failed = None;
     store.read(Table::Episodes, COLUMNS, |batch| {
         if failed.is_some() {
             return Ok(());
         }
         let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
+        let wanted: Vec<(&Row<'_>, Place<'_>)> =
+            rows.iter().filter_map(|row| Some((row, *places.get(row.episode_id)?))).collect();
         let mut write_rows = || -> Result<(), ExportError> {
-            let placed = rows.iter().filter_map(|row| Some((row, *places.get(row.episode_id)?)));
-            let wanted: Vec<_> = placed.filter(|(_, place)| !output.is_finished(place)).collect();
             for portion in wanted.chunks(EPISODES_AT_A_TIME) {
                 if known.len() > TASKS_KEPT {
                     known.clear();
                 }
                 for (row, _) in portion {
                     if !known.contains_key(row.task_digest) {
-                        let document = |documents: &HashMap<String, String>, digest: &str| documents.get(digest).cloned().unwrap_or_default();
-                        let of_task = Known::of(&document(&tasks, row.task_digest), &document(&scenes, row.scene_digest));
-                        let of_task = of_task
-                            .map_err(|reason| ExportError::Document { episode_id: row.episode_id.to_owned(), reason })?;
-                        known.insert(row.task_digest.to_owned(), Arc::new(of_task));
+                        let text = |documents: &HashMap<String, String>, digest: &str| documents.get(digest).cloned().unwrap_or_default();
+                        let made = Known::of(&text(&tasks, row.task_digest), &text(&scenes, row.scene_digest));
+                        let damaged = |reason| ExportError::Document { episode_id: row.episode_id.to_owned(), reason };
+                        known.insert(row.task_digest.to_owned(), made.map_err(damaged)?);
                     }
                 }
-                let version = store.version();
+                let maker = Maker { options, writer: &writer, pictures: &known_pictures, table_version: store.version() };
                 let make = |(row, place): &(&Row<'_>, Place<'_>)| {
-                    let made = make(row, place, &known[row.task_digest], options, &output.pictures, version);
+                    let made = maker.make(row, *place, &known[row.task_digest]);
                     progress(1);
                     made
                 };
                 let made: Vec<Result<Made, ExportError>> = portion.par_iter().map(make).collect();
-                for ((_, place), made) in portion.iter().zip(made) {
-                    output.push(place, made?)?;
+                for ((_, (candidate, split)), made) in portion.iter().zip(made) {
+                    let Made { examples, prepared, refused, history } = made?;
+                    if options.writer.format == Format::Parquet {
+                        let shards = parquet.entry(*split).or_insert_with(|| parquet::Shards::new(out, *split, options.writer.rows_max));
+                        shards.push(&examples, writer.pictures())?;
+                    }
+                    writer.push(&examples, &prepared)?;
+                    report.episodes += u64::from(!examples.is_empty());
+                    report.unverified += if candidate.verified { 0 } else { examples.len() as u64 };
+                    report.history.mended += history.mended;
+                    report.history.dropped += history.dropped;
+                    report.refused.extend(refused);
                 }
             }
             Ok(())
@@ -125,115 +109,103 @@ pub(crate) fn write(
     if let Some(error) = failed {
         return Err(error);
     }
-    output.finish(report)
-}
-
-/// The part and the file of each episode: files get whole episodes until they have enough examples.
-fn places<'c>(
-    chosen: &'c [Candidate],
-    split_of: impl Fn(&Candidate) -> Split,
-    rows_per_file: usize,
-) -> HashMap<&'c str, Place<'c>> {
-    let mut last: BTreeMap<Split, (usize, usize)> = BTreeMap::new();
-    let place = |candidate: &'c Candidate| {
-        let split = split_of(candidate);
-        let (file, rows) = last.entry(split).or_default();
-        if *rows >= rows_per_file.max(1) {
-            (*file, *rows) = (*file + 1, 0);
-        }
-        *rows += candidate.decisions.len();
-        (candidate.episode_id.as_str(), Place { candidate, split, file: *file })
+    for (split, shards) in parquet {
+        shards.finish()?.into_iter().for_each(|shard| writer.keep(split, shard));
+    }
+    report.left_out.iter().for_each(|(reason, count)| writer.leave_out(reason, *count));
+    if !report.refused.is_empty() {
+        writer.leave_out("episodes and decisions refused", report.refused.len() as u64);
+    }
+    report.pictures = writer.pictures().count();
+    known_pictures.remove()?;
+    let description = Description {
+        name: options.name.clone(),
+        style: options.style,
+        command: options.command.clone(),
+        options: serde_json::to_value(options).expect("plain data becomes JSON"),
+        table_version: store.version(),
+        licence: options.licence.clone(),
     };
-    chosen.iter().map(place).collect()
+    Ok(writer.finish(description)?)
 }
 
-fn make(
-    row: &Row<'_>,
-    place: &Place<'_>,
-    known: &Known,
-    options: &SftOptions,
-    pictures: &Pictures,
+/// Makes the rows of episodes.
+struct Maker<'m> {
+    options: &'m SftOptions,
+    writer: &'m DatasetWriter,
+    pictures: &'m KnownPictures,
     table_version: u64,
-) -> Result<Made, ExportError> {
-    let Place { candidate, split, .. } = *place;
-    let mut made = Made { examples: Vec::new(), rows: Vec::new(), refused: Vec::new(), history: Mending::default() };
-    let refusal = |call: Option<u32>, reason: String| Refusal {
-        episode_id: candidate.episode_id.clone(),
-        trace: candidate.trace.clone(),
-        call,
-        reason,
-    };
-    let recorded = match options.words {
-        Words::Auto => row.has_words(),
-        Words::Rules => false,
-        Words::Recorded => true,
-    };
-    let trace = if options.pictures.is_some() || (recorded && row.contradicts()) {
-        match Trace::read(Path::new(row.trace)) {
-            Ok(trace) => Some(trace),
+}
+
+impl Maker<'_> {
+    fn make(&self, row: &Row<'_>, (candidate, split): Place<'_>, known: &Known) -> Result<Made, ExportError> {
+        let options = self.options;
+        let mut made = Made { examples: Vec::new(), prepared: Vec::new(), refused: Vec::new(), history: Mending::default() };
+        let recorded = match options.words {
+            Words::Auto => row.has_words(),
+            Words::Rules => false,
+            Words::Recorded => true,
+        };
+        let mends = recorded && row.contradicts();
+        let trace = match (options.pictures || mends).then(|| Trace::read(Path::new(row.trace))).transpose() {
+            Ok(trace) => trace,
             Err(error) => {
-                made.refused.push(refusal(None, error.to_string()));
-                return Ok(made);
-            }
-        }
-    } else {
-        None
-    };
-    let mut notes = if recorded {
-        row.recorded()
-    } else {
-        row.written(known, reel_annotate::episode_seed(options.selection.seed, &Digest::of(row.trace_digest.as_bytes())))
-    };
-    if let (true, Some(trace)) = (recorded && row.contradicts(), &trace) {
-        let (mended, dropped) = mend_histories(&mut notes, trace);
-        made.history = Mending { mended: mended as u64, dropped: dropped as u64 };
-    }
-    let mut steps = row.decisions();
-    for (step, note) in steps.iter_mut().zip(notes) {
-        (step.reasoning, step.history) = (note.reasoning, note.history);
-        (step.schedule, step.subtask) = (note.schedule, note.subtask);
-        step.learn = candidate.decisions.iter().any(|decision| decision.call == step.call);
-    }
-    if let (Some(_), Some(trace)) = (options.pictures, &trace) {
-        let whole = options.style != reel_dataset::Style::SingleTurn;
-        let moments: Vec<Option<Option<u32>>> =
-            steps.iter().map(|step| (whole || step.learn).then(|| moment_before(trace, step.call))).collect();
-        let shown = match put_pictures(trace, &moments.iter().flatten().copied().collect(), pictures)? {
-            Ok(shown) => shown,
-            Err(reason) => {
-                made.refused.push(refusal(None, reason));
+                made.refused.push(candidate.refusal(None, error.to_string()));
                 return Ok(made);
             }
         };
-        for (step, moment) in steps.iter_mut().zip(&moments) {
-            step.images = moment.iter().filter_map(|moment| shown.get(moment)).copied().collect();
+        let mut notes = if recorded {
+            row.recorded()
+        } else {
+            let trace = Digest::of(row.trace_digest.as_bytes());
+            row.written(known, reel_annotate::episode_seed(options.selection.seed, &trace))
+        };
+        if let Some(trace) = trace.as_ref().filter(|_| mends) {
+            made.history = mend_histories(&mut notes, trace);
         }
-    }
-    let episode = Episode {
-        episode_id: row.episode_id.to_owned(),
-        task_id: row.task_id.to_owned(),
-        family: row.family.to_owned(),
-        scene_id: row.scene_id.to_owned(),
-        policy: row.policy.to_owned(),
-        split,
-        instruction: known.instruction().to_owned(),
-        names: if row.profile == "real-repo" { Profile::RealRepo.names() } else { NameSet::Paper },
-        receptacles: known.receptacles.clone(),
-        steps,
-        source: source(row, candidate, recorded, table_version),
-    };
-    let result = examples(&episode, &example_options(options), &known.secrets);
-    made.refused.extend(result.refused.into_iter().map(|refused| refusal(refused.call, refused.reason.to_string())));
-    for example in &result.examples {
-        let (mut line, mut provenance) = (Vec::new(), Vec::new());
-        if options.format != Format::Parquet {
-            options.format.write_row(example, pictures, &mut line)?;
+        let mut steps = row.decisions();
+        for (step, note) in steps.iter_mut().zip(notes) {
+            (step.reasoning, step.history) = (note.reasoning, note.history);
+            (step.schedule, step.subtask) = (note.schedule, note.subtask);
+            step.learn = candidate.decisions.iter().any(|decision| decision.call == step.call);
         }
-        example.provenance(&mut provenance);
-        made.rows.push((line, provenance));
+        if let Some(trace) = trace.as_ref().filter(|_| options.pictures) {
+            let shows = |learn: bool| learn || options.style != Style::SingleTurn;
+            let moments: Vec<Option<Moment>> =
+                steps.iter().map(|step| shows(step.learn).then(|| moment_before(trace, step.call))).collect();
+            let wanted = moments.iter().flatten().copied().collect();
+            let shown = match self.pictures.put(trace, row.trace_digest, &wanted, self.writer.pictures())? {
+                Ok(shown) => shown,
+                Err(reason) => {
+                    made.refused.push(candidate.refusal(None, reason));
+                    return Ok(made);
+                }
+            };
+            for (step, moment) in steps.iter_mut().zip(&moments) {
+                step.images = moment.iter().filter_map(|moment| shown.get(moment)).copied().collect();
+            }
+        }
+        let episode = Episode {
+            episode_id: row.episode_id.to_owned(),
+            task_id: row.task_id.to_owned(),
+            family: row.family.to_owned(),
+            scene_id: row.scene_id.to_owned(),
+            policy: row.policy.to_owned(),
+            split,
+            instruction: known.instruction().to_owned(),
+            names: if row.profile == "real-repo" { Profile::RealRepo.names() } else { NameSet::Paper },
+            receptacles: known.receptacles.clone(),
+            steps,
+            source: source(row, candidate, recorded, self.table_version),
+        };
+        let how = ExampleOptions { style: options.style, failed_calls: options.selection.mistakes };
+        let result = examples(&episode, &how, &known.secrets);
+        let refused = result.refused.into_iter();
+        made.refused.extend(refused.map(|refused| candidate.refusal(refused.call, refused.reason.to_string())));
+        made.prepared = self.writer.prepare(&result.examples)?;
+        made.examples = result.examples;
+        Ok(made)
     }
-    made.examples = result.examples;
-    Ok(made)
 }
 
 fn source(row: &Row<'_>, candidate: &Candidate, recorded: bool, table_version: u64) -> Source {
@@ -251,163 +223,116 @@ fn source(row: &Row<'_>, candidate: &Candidate, recorded: bool, table_version: u
     }
 }
 
-/// The latest moment before a call at which the agent got a picture; none: before the first call.
-fn moment_before(trace: &Trace, call: u32) -> Option<u32> {
+/// When a picture was taken: after a call; none: before the first.
+type Moment = Option<u32>;
+
+/// The latest moment before a call at which the agent got a picture.
+fn moment_before(trace: &Trace, call: u32) -> Moment {
     let pictured = |record: &&StepRecord| record.step < call && record.digests.frame.is_some();
     trace.steps.iter().rev().find(pictured).map(|record| record.step)
 }
 
-/// The pictures of these moments, in the dataset; or why there are none.
-#[expect(clippy::type_complexity, reason = "what stops the export, what refuses the episode, and the pictures")]
-fn put_pictures(
-    trace: &Trace,
-    moments: &BTreeSet<Option<u32>>,
-    pictures: &Pictures,
-) -> Result<Result<BTreeMap<Option<u32>, ImageId>, String>, ExportError> {
-    let frames = match reel_replay::pictures_at(trace, moments) {
-        Ok(frames) => frames,
-        Err(verdict) => return Ok(Err(verdict.to_string())),
-    };
-    let mut shown = BTreeMap::new();
-    for (moment, rgb) in frames {
-        let image = Digest::of(&rgb);
-        pictures.put(image, &rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
-        shown.insert(moment, image);
-    }
-    Ok(Ok(shown))
+/// Which pictures are in the folder already, in a file beside them that is there as long as the dataset is not whole.
+struct KnownPictures {
+    path: PathBuf,
+    known: HashMap<(String, Moment), (ImageId, Picture)>,
+    file: Mutex<File>,
 }
 
-/// The files of a dataset, one open in each part.
-struct Output<'o> {
-    out: PathBuf,
-    options: &'o SftOptions,
-    state: State,
-    pictures: Arc<Pictures>,
-    /// What becomes of the episodes of the file that is open.
-    open: BTreeMap<Split, Finished>,
-    files: BTreeMap<Split, Files>,
-    kept: usize,
+/// A line of that file.
+#[derive(Serialize, Deserialize)]
+struct Line {
+    trace: String,
+    moment: Moment,
+    image: ImageId,
+    picture: Picture,
 }
 
-/// The files of a part.
-enum Files {
-    Text(Shards),
-    Parquet(parquet::Shards),
-}
+/// Name of that file.
+const KNOWN_PICTURES: &str = ".export.jsonl";
 
-impl<'o> Output<'o> {
-    fn open(out: &Path, options: &'o SftOptions, table_version: u64) -> Result<Self, ExportError> {
+impl KnownPictures {
+    /// Makes the folder ready: what is left of a run that was broken off, or of the same dataset, is taken up.
+    fn open(out: &Path, options: &SftOptions) -> Result<Self, ExportError> {
         let io_error = |source| ExportError::Io { source, path: out.to_path_buf() };
-        let what = (options, table_version, reel_dataset::prompt_digest(), reel_annotate::version());
-        let dataset = Digest::of_json(&what).to_string();
         fs::create_dir_all(out).map_err(io_error)?;
-        let state = match fs::read(out.join(STATE)) {
-            Ok(bytes) => serde_json::from_slice(&bytes).ok().filter(|state: &State| state.dataset == dataset),
-            Err(_) if fs::read_dir(out).map_err(io_error)?.next().is_some() => None,
-            Err(_) => Some(State { dataset, files: Vec::new() }),
+        let path = out.join(KNOWN_PICTURES);
+        let how = serde_json::to_string(&options.writer.pictures).expect("plain data becomes JSON");
+        let mut known = HashMap::new();
+        let mut lines = match File::open(&path) {
+            Ok(file) => BufReader::new(file).lines(),
+            Err(_) => {
+                if fs::read_dir(out).map_err(io_error)?.next().is_some() {
+                    return Err(ExportError::OtherDataset { path: out.to_path_buf() });
+                }
+                BufReader::new(File::create_new(&path).map_err(io_error)?).lines()
+            }
         };
-        let state = state.ok_or_else(|| ExportError::OtherDataset { path: out.to_path_buf() })?;
-        let root = if options.format.holds_pictures() { out.join(LOOSE_PICTURES) } else { out.to_path_buf() };
-        let mut output = Self {
-            pictures: Arc::new(Pictures::new(&root, options.pictures.unwrap_or_default())),
-            kept: state.files.len(),
-            out: out.to_path_buf(),
-            options,
-            state,
-            open: BTreeMap::new(),
-            files: BTreeMap::new(),
+        let same = lines.next().transpose().map_err(io_error)?.is_some_and(|first| first == how);
+        // the last line may be torn
+        for line in lines.map_while(Result::ok).filter(|_| same) {
+            if let Ok(Line { trace, moment, image, picture }) = serde_json::from_str(&line) {
+                known.insert((trace, moment), (image, picture));
+            }
+        }
+        let rewrite = || -> io::Result<File> {
+            let mut file = File::create(&path)?;
+            writeln!(file, "{how}")?;
+            for ((trace, moment), (image, picture)) in &known {
+                let line = Line { trace: trace.clone(), moment: *moment, image: *image, picture: picture.clone() };
+                writeln!(file, "{}", serde_json::to_string(&line)?)?;
+            }
+            for split in Split::ALL {
+                match fs::remove_dir_all(out.join(split.as_str())) {
+                    Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                    _ => {}
+                }
+            }
+            Ok(file)
         };
-        for finished in output.state.files.clone() {
-            if let (Some(split), Some(shard)) = (Split::parse(&finished.split), finished.shard) {
-                match output.files(split) {
-                    Files::Text(shards) => shards.keep(shard),
-                    Files::Parquet(shards) => shards.keep(shard),
+        let file = Mutex::new(rewrite().map_err(io_error)?);
+        Ok(Self { path, known, file })
+    }
+
+    /// Sees that the pictures of these moments are in the dataset; gives them, or why there are none.
+    #[expect(clippy::type_complexity, reason = "what stops the export, what refuses the episode, and the pictures")]
+    fn put(
+        &self,
+        trace: &Trace,
+        digest: &str,
+        moments: &BTreeSet<Moment>,
+        pictures: &Pictures,
+    ) -> Result<Result<BTreeMap<Moment, ImageId>, String>, ExportError> {
+        let mut shown = BTreeMap::new();
+        let mut missing = BTreeSet::new();
+        for moment in moments {
+            match self.known.get(&(digest.to_owned(), *moment)) {
+                Some((image, picture)) if pictures.take_over(*image, picture) => {
+                    shown.insert(*moment, *image);
+                }
+                _ => {
+                    missing.insert(*moment);
                 }
             }
         }
-        Ok(output)
+        let frames = match reel_replay::pictures_at(trace, &missing) {
+            Ok(frames) => frames,
+            Err(verdict) => return Ok(Err(verdict.to_string())),
+        };
+        for (moment, rgb) in frames {
+            let image = Digest::of(&rgb);
+            let picture = pictures.put(image, &rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
+            let line = Line { trace: digest.to_owned(), moment, image, picture };
+            let line = serde_json::to_string(&line).expect("plain data becomes JSON") + "\n";
+            let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            file.write_all(line.as_bytes()).map_err(|source| ExportError::Io { source, path: self.path.clone() })?;
+            shown.insert(moment, image);
+        }
+        Ok(Ok(shown))
     }
 
-    fn files(&mut self, split: Split) -> &mut Files {
-        let (out, format) = (&self.out, self.options.format);
-        self.files.entry(split).or_insert_with(|| match format {
-            Format::Parquet => Files::Parquet(parquet::Shards::new(out, split)),
-            _ => Files::Text(Shards::new(out, format, split, u64::MAX)),
-        })
-    }
-
-    /// Whether an earlier run wrote the file that an episode belongs into.
-    fn is_finished(&self, place: &Place<'_>) -> bool {
-        let mut files = self.state.files[..self.kept].iter();
-        files.any(|finished| finished.file == place.file && finished.split == place.split.as_str())
-    }
-
-    fn push(&mut self, place: &Place<'_>, made: Made) -> Result<(), ExportError> {
-        if self.open.get(&place.split).is_some_and(|open| open.file != place.file) {
-            self.close(place.split)?;
-        }
-        let open = self.open.entry(place.split).or_insert_with(|| Finished {
-            split: place.split.as_str().into(),
-            file: place.file,
-            ..Finished::default()
-        });
-        let rows = made.rows.len() as u64;
-        open.episodes += u64::from(rows > 0);
-        open.unverified += if place.candidate.verified { 0 } else { rows };
-        open.refused.extend(made.refused);
-        open.history.mended += made.history.mended;
-        open.history.dropped += made.history.dropped;
-        let pictures = Arc::clone(&self.pictures);
-        match self.files(place.split) {
-            Files::Text(shards) => Ok(made.rows.iter().try_for_each(|(row, provenance)| shards.push(row, provenance))?),
-            Files::Parquet(shards) => shards.push(&made.examples, &pictures),
-        }
-    }
-
-    /// Closes the file of a part and writes down that it is whole.
-    fn close(&mut self, split: Split) -> Result<(), ExportError> {
-        let Some(mut finished) = self.open.remove(&split) else { return Ok(()) };
-        let before = self.shards(split);
-        match self.files(split) {
-            Files::Text(shards) => shards.close()?,
-            Files::Parquet(shards) => shards.close()?,
-        }
-        finished.shard = self.shards(split).get(before.len()).cloned();
-        self.state.files.push(finished);
-        let path = self.out.join(STATE);
-        let part = self.out.join(format!("{STATE}.part"));
-        let json = serde_json::to_vec(&self.state).expect("plain data becomes JSON");
-        fs::write(&part, json).and_then(|()| fs::rename(&part, &path)).map_err(|source| ExportError::Io { source, path })
-    }
-
-    fn shards(&mut self, split: Split) -> Vec<Shard> {
-        match self.files(split) {
-            Files::Text(shards) => shards.done().to_vec(),
-            Files::Parquet(shards) => shards.done().to_vec(),
-        }
-    }
-
-    fn finish(mut self, report: &mut SftReport) -> Result<(), ExportError> {
-        for split in Split::ALL {
-            self.close(split)?;
-        }
-        report.files_kept = self.kept;
-        report.pictures = self.pictures.count();
-        self.state.files.sort_by(|one, other| (&one.split, one.file).cmp(&(&other.split, other.file)));
-        for finished in self.state.files {
-            let split = Split::parse(&finished.split).map_or("", Split::as_str);
-            *report.examples.entry(split).or_default() += finished.shard.as_ref().map_or(0, |shard| shard.rows);
-            report.episodes += finished.episodes;
-            report.unverified += finished.unverified;
-            report.refused.extend(finished.refused);
-            report.history.mended += finished.history.mended;
-            report.history.dropped += finished.history.dropped;
-            report.files.extend(finished.shard);
-        }
-        let loose = self.out.join(LOOSE_PICTURES);
-        if loose.exists() {
-            fs::remove_dir_all(&loose).map_err(|source| ExportError::Io { source, path: loose })?;
-        }
-        Ok(())
+    /// The dataset is whole.
+    fn remove(self) -> Result<(), ExportError> {
+        fs::remove_file(&self.path).map_err(|source| ExportError::Io { source, path: self.path })
     }
 }

@@ -10,6 +10,8 @@ use reel_tables::{Store, StoreError, Table};
 use reel_world::{Digest, Family, ToolSpec};
 use serde::{Deserialize, Serialize};
 
+use crate::Refusal;
+
 /// Which episodes and decisions are wanted.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Selection {
@@ -71,6 +73,13 @@ pub(crate) struct Candidate {
     pub verified: bool,
     /// The rules that said how it failed, where they did.
     pub rules_version: Option<Arc<str>>,
+}
+
+impl Candidate {
+    /// That it, or one of its decisions, is refused.
+    pub fn refusal(&self, call: Option<u32>, reason: String) -> Refusal {
+        Refusal { episode_id: self.episode_id.clone(), trace: self.trace.clone(), call, reason }
+    }
 }
 
 /// A decision that is an example.

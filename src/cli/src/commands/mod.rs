@@ -2,6 +2,8 @@
 
 pub mod bench;
 #[cfg(feature = "analytics")]
+pub mod dataset;
+#[cfg(feature = "analytics")]
 pub mod demo;
 pub mod doctor;
 pub mod explain;

@@ -113,8 +113,16 @@ fn tables_questions_and_training_rows() {
     let refused = complaint(folder, 2, &["query", "--store", "store", "DROP TABLE episodes"]);
     assert!(!refused.is_empty());
 
-    let report = expect(folder, 0, &["export", "sft", "traces", "--out", "sft.parquet", "--json"]);
+    let report = expect(folder, 0, &["export", "sft", "--store", "store", "--out", "sft", "--format", "trl", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["episodes"], 4, "{report}");
-    assert!(report["rows"].as_u64().unwrap() >= 24, "{report}");
+    assert!(report["examples"]["train"].as_u64().unwrap() >= 24, "{report}");
+    let linted = expect(folder, 0, &["dataset", "lint", "sft", "--json"]);
+    let linted: serde_json::Value = serde_json::from_str(&linted).unwrap();
+    assert_eq!(linted["rows"], report["examples"]["train"], "{linted}");
+    let shown = expect(folder, 0, &["dataset", "show", "sft", "--row", "1", "--pictures", "shown"]);
+    assert!(shown.contains("Last action:") && shown.contains("next_action"), "{shown}");
+    assert!(folder.join("shown/row-1-1.png").exists());
+    let full = complaint(folder, 2, &["export", "sft", "--store", "store", "--out", "sft"]);
+    assert!(full.contains("not empty"), "{full}");
 }

@@ -1,110 +1,191 @@
-//! The training set: what a row holds, what is refused, and that Hugging Face `datasets` reads it.
+//! Training sets out of a store of played episodes: what a row holds, what is refused, equal bytes, going on after a break,
+//! and that Hugging Face `datasets` reads what comes out.
 
-#[path = "../../../tables/tests/tables/play.rs"]
-#[expect(dead_code, reason = "the tests of several crates share it")]
-mod play;
+mod played;
 
-use std::{fs::File, path::Path, process::Command};
+use std::{
+    collections::BTreeMap,
+    fs,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+    process::Command,
+    sync::atomic::{AtomicUsize, Ordering},
+};
 
-use play::{Play, success};
-use polars_core::prelude::{AnyValue, DataFrame};
-use polars_io::{SerReader, parquet::read::ParquetReader};
-use reel_export::{SftOptions, SftReport, sft};
+use played::{Played, play};
+use reel_dataset::{Format, PictureOptions, Ratios, Split, Style, WriterOptions};
+use reel_export::{ExportError, Selection, SftOptions, SftReport, SplitBy, Words, sft};
+use reel_tables::Store;
 use reel_trace::Images;
-use reel_world::{ErrorCode, Family, record::PolicyOutput};
+use serde_json::Value;
 use tempfile::TempDir;
 
-fn export(dir: &Path, plays: &[Play], options: SftOptions) -> (SftReport, DataFrame) {
-    let record = |play: &Play| play.record_as(&dir.join(format!("{}.mcap", play.header.episode_id)), Images::Full);
-    let paths: Vec<_> = plays.iter().map(record).collect();
-    let out = dir.join("sft.parquet");
-    let verify =
-        |path: &Path| if path.to_string_lossy().contains("diverged") { Err("call 2 differs".to_owned()) } else { Ok(()) };
-    let report = sft(&paths, &out, options, &verify, &|_, _| ()).unwrap();
-    assert_eq!(report.bytes, out.metadata().unwrap().len());
-    (report, ParquetReader::new(File::open(out).unwrap()).finish().unwrap())
+fn options(format: Format) -> SftOptions {
+    SftOptions {
+        selection: Selection::default(),
+        writer: WriterOptions { rows_max: 20, ..WriterOptions::new(format) },
+        style: Style::SingleTurn,
+        words: Words::Auto,
+        split_by: SplitBy::Task,
+        ratios: Ratios::new([1.0, 0.0, 0.0]).unwrap(),
+        pictures: false,
+        allow_unverified: false,
+        replay: true,
+        name: "test".into(),
+        licence: "MIT".into(),
+        command: "reel export sft".into(),
+    }
 }
 
-/// The text of a message: 0 system, 1 user, 2 assistant.
-fn message(frame: &DataFrame, row: usize, index: usize) -> String {
-    let AnyValue::List(messages) = frame.column("messages").unwrap().get(row).unwrap() else { panic!("a list") };
-    let contents = messages.struct_().unwrap().field_by_name("content").unwrap();
-    contents.str().unwrap().get(index).unwrap().to_owned()
+fn export(store: &Store, out: &Path, options: &SftOptions) -> SftReport {
+    sft(store, out, options, &|_| (), &|_| ()).unwrap()
 }
 
-#[test]
-fn only_verified_successes_are_exported() {
-    let dir = TempDir::new().unwrap();
-    let plays =
-        [success("oracle", Family::FDP, 1), success("diverged", Family::FDP, 1), Play::new("hasty", Family::FDP, 1).finish()];
-    let (report, frame) = export(dir.path(), &plays, SftOptions::default());
-    assert_eq!((report.episodes, report.rows, report.unsuccessful), (1, 6, 1));
-    assert_eq!(report.refused.len(), 1);
-    assert_eq!(report.refused[0].1, "not verified: call 2 differs");
-    assert_eq!(frame.height(), 6);
-    let dir = TempDir::new().unwrap();
-    let (report, _) = export(dir.path(), &plays, SftOptions { all: true });
-    assert_eq!((report.episodes, report.rows, report.unsuccessful, report.refused.len()), (2, 7, 0, 1));
-}
-
-#[test]
-fn a_row_is_what_the_policy_saw_and_did() {
-    let dir = TempDir::new().unwrap();
-    let thought = PolicyOutput {
-        reasoning: "The clock is white.".into(),
-        history: "I went to the table.".into(),
-        plan: "Pick the clock.".into(),
-        ..PolicyOutput::default()
-    };
-    let play = Play::new("model", Family::FDP, 1)
-        .nav("table_1")
-        .thinking(thought)
-        .fails("pick", ErrorCode::NoMarkerMap)
-        .find("alarm clock");
-    let (report, frame) = export(dir.path(), &[play.finish()], SftOptions { all: true });
-    assert_eq!((report.rows, report.failed_calls), (3, 1));
-    assert!(
-        message(&frame, 0, 1).contains("Progress:\nNothing done yet.") && message(&frame, 0, 1).contains("Last action: none")
-    );
-    let first = message(&frame, 0, 2);
-    assert!(first.starts_with(
-        "<think>The clock is white.</think>\n{\"History\":\"I went to the table.\",\"New Schedule\":\"Pick the clock.\""
-    ));
-    assert!(first.ends_with("\"next_action\":{\"tool_name\":\"nav_to\",\"args\":{\"receptacle_name\":\"table_1\"}}}"), "{first}");
-    let user = message(&frame, 1, 1);
-    assert!(user.contains("Last outcome: It does not work: no_marker_map."), "the failed call is told, though not imitated");
-    assert!(user.contains("- cabinet_1 (cabinet, living room/0)") && user.contains("\"name\":\"show_receptacles\""));
-    assert!(!message(&frame, 1, 2).contains("<think>"));
-    assert!(
-        message(&frame, 2, 1)
-            .contains("1. nav_to(receptacle_name=\"table_1\"): You are at table_1.\n2. pick(marker_id=1): It does not work")
-    );
-}
-
-#[test]
-fn no_privileged_word_reaches_a_row() {
-    let dir = TempDir::new().unwrap();
-    let plays = Family::ALL.map(|family| success("oracle", family, 1));
-    let (report, frame) = export(dir.path(), &plays, SftOptions::default());
-    assert_eq!(report.episodes, 4);
-    for row in 0..frame.height() {
-        let text = [0, 1, 2].map(|index| message(&frame, row, index)).concat();
-        assert_eq!(text.matches("<image>").count(), 1);
-        for task in plays.iter().map(|play| &play.task) {
-            for object in &task.objects {
-                assert!(!text.contains(object.instance.as_str()) && !text.contains(object.asset.as_str()), "{text}");
+/// Every file of a folder with its bytes.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(next) = open.pop() {
+        for entry in fs::read_dir(next).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                found.insert(path.strip_prefix(folder).unwrap().display().to_string(), fs::read(&path).unwrap());
             }
-            assert!(task.goal_changes().iter().all(|change| !text.contains(&change.to_string())));
-        }
-        if text.contains("timekeeping") {
-            assert!(!text.contains(&plays[3].task.precise_instruction), "a fuzzy task stays fuzzy");
         }
     }
-    let telling = PolicyOutput { reasoning: format!("I take {}.", play::TARGET), ..PolicyOutput::default() };
+    found
+}
+
+/// The rows of a part, each a line of JSON.
+fn rows(folder: &Path, split: &str) -> Vec<Value> {
+    let files = files(&folder.join(split));
+    files.values().flat_map(|bytes| String::from_utf8(bytes.clone()).unwrap().lines().map(line).collect::<Vec<_>>()).collect()
+}
+
+fn line(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
+}
+
+#[test]
+fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
     let dir = TempDir::new().unwrap();
-    let (report, _) = export(dir.path(), &[success("cheat", Family::FDP, 1).thinking(telling)], SftOptions::default());
-    assert!(report.refused[0].1.contains("must not know"), "{:?}", report.refused);
-    assert_eq!((report.episodes, report.rows), (0, 0));
+    let traces = dir.path().join("traces");
+    let good = play(&traces, "oracle", Images::None);
+    // one whose outcome is not what its inputs give, one that was changed after it was ingested, one that is gone
+    let Played { diverging, changed, gone, .. } = Played::spoilt(&traces);
+    let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
+    let paths: Vec<_> = good.iter().chain([&diverging, &changed, &gone]).cloned().collect();
+    let ingested = store.ingest(&paths, &|_, _| ()).unwrap();
+    assert_eq!((ingested.added, ingested.quarantined.len()), (7, 0), "{:?}", ingested.quarantined);
+    let mut bytes = fs::read(&changed).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&changed, bytes).unwrap();
+    fs::remove_file(&gone).unwrap();
+
+    let report = export(&store, &dir.path().join("sft"), &options(Format::Trl));
+    assert_eq!((report.episodes, report.unverified), (4, 0));
+    let reason = |path: &Path| {
+        let path = path.display().to_string();
+        report.refused.iter().find(|refusal| refusal.trace == path).map(|refusal| refusal.reason.clone()).unwrap()
+    };
+    assert_eq!(report.refused.len(), 3, "{:?}", report.refused);
+    assert!(reason(&diverging).starts_with("diverged: DIVERGED"), "{}", reason(&diverging));
+    assert!(reason(&changed).starts_with("refused: "), "{}", reason(&changed));
+    assert!(reason(&gone).starts_with("the trace cannot be read"), "{}", reason(&gone));
+    let rows = rows(&dir.path().join("sft"), "train");
+    assert_eq!(rows.len() as u64, report.examples[&Split::Train]);
+    for row in &rows {
+        let row = row.as_object().unwrap();
+        assert_eq!((row["verdict"].as_str(), row["preset"].as_str()), (Some("exact"), Some("paper")));
+        assert_eq!(row["table_version"], store.version());
+        assert!(good.iter().any(|path| row["trace_uri"] == path.display().to_string()));
+        for digest in ["trace_digest", "preset_digest"] {
+            assert_eq!(row[digest].as_str().unwrap().len(), 64);
+        }
+    }
+
+    // a second export replays nothing; asked for, the unverified come too, and say so
+    assert_eq!(store.verdicts().unwrap().len(), 6);
+    let known = SftOptions { replay: false, ..options(Format::Trl) };
+    assert_eq!(export(&store, &dir.path().join("known"), &known).episodes, 4);
+    assert_eq!(store.verdicts().unwrap().len(), 6);
+    let all = SftOptions { allow_unverified: true, ..options(Format::Trl) };
+    let report = export(&store, &dir.path().join("all"), &all);
+    assert_eq!((report.episodes, report.refused.len()), (7, 0));
+    let unverified = self::rows(&dir.path().join("all"), "train").iter().filter(|row| row["verdict"] == "unverified").count();
+    assert!(unverified > 0 && report.unverified == unverified as u64);
+}
+
+#[test]
+fn equal_stores_and_options_give_equal_bytes() {
+    let dir = TempDir::new().unwrap();
+    let traces = dir.path().join("traces");
+    let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
+    store.ingest(&play(&traces, "oracle", Images::Full), &|_, _| ()).unwrap();
+    let how = SftOptions {
+        pictures: true,
+        ratios: Ratios::new([0.5, 0.25, 0.25]).unwrap(),
+        writer: WriterOptions { pictures: PictureOptions::default(), ..options(Format::MsSwift).writer },
+        ..options(Format::MsSwift)
+    };
+    let on = |threads: usize, name: &str, store: &Store| {
+        let out = dir.path().join(name);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| export(store, &out, &how));
+        files(&out)
+    };
+    let one = on(1, "one", &store);
+    assert!(one.len() > 10, "{:?}", one.keys());
+    assert!(one == on(2, "two", &store), "the number of threads shows");
+
+    // the same version after more was ingested
+    let version = store.version();
+    store.ingest(&play(&dir.path().join("more"), "planner", Images::None), &|_, _| ()).unwrap();
+    assert!(store.version() > version);
+    let before = Store::open_at(dir.path().join("store"), version).unwrap();
+    assert!(one == on(2, "before", &before), "what came later shows");
+
+    // broken off in the middle: the same call goes on
+    let out = dir.path().join("broken");
+    let written = AtomicUsize::new(0);
+    let breaks = |_: usize| assert!(written.fetch_add(1, Ordering::Relaxed) < 2, "broken off on purpose");
+    catch_unwind(AssertUnwindSafe(|| sft(&before, &out, &how, &|_| (), &breaks))).unwrap_err();
+    let left = files(&out);
+    assert!(left.keys().any(|name| name.starts_with("images/")) && !left.contains_key("manifest.json"));
+    export(&before, &out, &how);
+    assert!(one == files(&out), "the break shows");
+
+    // what is whole is not overwritten
+    let error = sft(&before, &out, &how, &|_| (), &|_| ()).unwrap_err();
+    assert!(matches!(error, ExportError::OtherDataset { .. }), "{error}");
+}
+
+#[test]
+fn mistakes_are_no_examples_but_recoveries_are() {
+    let dir = TempDir::new().unwrap();
+    let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
+    store.ingest(&play(&dir.path().join("traces"), "wrong-object", Images::None), &|_, _| ()).unwrap();
+    let count = |name: &str, selection: Selection| {
+        let report = export(&store, &dir.path().join(name), &SftOptions { selection, ..options(Format::Trl) });
+        (report.episodes, report.examples.values().sum::<u64>(), report.left_out)
+    };
+    let all = Selection { failed: true, mistakes: true, ..Selection::default() };
+    let (episodes, everything, left_out) = count("all", all.clone());
+    assert!(episodes > 0 && left_out.is_empty(), "{left_out:?}");
+    let (_, without, left_out) = count("without", Selection { mistakes: false, ..all.clone() });
+    let mistakes = left_out["decisions that were mistakes"];
+    assert!(mistakes > 0);
+    assert_eq!(without + mistakes, everything);
+    let (_, fewer, left_out) = count("fewer", Selection { mistakes: false, recoveries: false, ..all.clone() });
+    assert_eq!(fewer + mistakes + left_out["decisions right after a mistake"], everything);
+    let (episodes, none, left_out) = count("won", Selection::default());
+    assert_eq!(left_out.get("episodes that did not succeed").copied().unwrap_or(0) + episodes, 4, "{none}");
+    // at most one a task, and no tool beyond the median
+    let (_, balanced, left_out) = count("balanced", Selection { balance_tools: true, ..all });
+    assert_eq!(balanced + left_out["decisions beyond the median tool's"], everything);
 }
 
 #[test]
@@ -117,9 +198,26 @@ fn hugging_face_datasets_decodes_the_images() {
         return;
     }
     let dir = TempDir::new().unwrap();
-    export(dir.path(), &[success("oracle", Family::SUL, 1), success("oracle", Family::FDO, 2)], SftOptions::default());
+    let traces = play(&dir.path().join("traces"), "oracle", Images::None);
+    let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
+    store.ingest(&traces, &|_, _| ()).unwrap();
+    let how = SftOptions {
+        pictures: true,
+        writer: WriterOptions {
+            pictures: PictureOptions { pixels_max: None, ..PictureOptions::default() },
+            ..options(Format::Parquet).writer
+        },
+        ..options(Format::Parquet)
+    };
+    let out = dir.path().join("sft");
+    let report = export(&store, &out, &how);
+    assert!(!out.join("images").exists() && !out.join(".pictures").exists());
+    // the first picture as it is drawn again
+    let trace = reel_trace::Trace::read(&traces[0]).unwrap();
+    fs::write(dir.path().join("first.rgb"), reel_replay::picture_at(&trace, None, None).unwrap()).unwrap();
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/check_datasets.py");
-    let output = Command::new(&python).arg(script).arg(dir.path()).output().unwrap();
+    let output = Command::new(&python).arg(script).arg(&out).arg(dir.path()).arg(&trace.header.episode_id).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "16 rows, 16 images of 640 x 480");
+    let rows = report.examples[&Split::Train];
+    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), format!("{rows} rows, {rows} images of 640 x 480"));
 }

@@ -3,6 +3,9 @@
 #[cfg(feature = "analytics")]
 mod sft;
 
+#[cfg(feature = "analytics")]
+pub use sft::format;
+
 use std::path::PathBuf;
 
 use serde_json::json;

@@ -3,7 +3,7 @@
 use std::{collections::BTreeSet, path::PathBuf};
 
 use anyhow::{Context, bail};
-use reel_dataset::{Encoding, Format, PictureOptions, Ratios, Style};
+use reel_dataset::{Encoding, Format, PictureOptions, Ratios, Style, WriterOptions};
 use reel_export::{Selection, SftOptions, SftReport, SplitBy, Words};
 use reel_query::Session;
 use reel_tables::Store;
@@ -89,7 +89,16 @@ pub struct Arguments {
     no_replay: bool,
     /// Examples in a file
     #[arg(long, value_name = "N", default_value_t = 5_000)]
-    rows_per_file: usize,
+    rows_per_file: u64,
+    /// Tokens of an example beyond which it counts as too long
+    #[arg(long, value_name = "TOKENS", default_value_t = reel_dataset::CONTEXT_TOKENS)]
+    budget: u32,
+    /// What the dataset is called
+    #[arg(long, value_name = "NAME", default_value = "reel-sft")]
+    name: String,
+    /// Licence of the data, as the dataset's card names it
+    #[arg(long, value_name = "NAME", default_value = "other")]
+    licence: String,
     /// Of every draw: splits, caps, balance, wordings
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
@@ -101,7 +110,8 @@ pub struct Arguments {
     json: bool,
 }
 
-fn format(name: &str) -> Result<Format, String> {
+/// A format by its name.
+pub fn format(name: &str) -> Result<Format, String> {
     let known = Format::ALL.map(Format::as_str).join(", ");
     Format::parse(name).ok_or_else(|| format!("no such format; known are {known}"))
 }
@@ -174,16 +184,40 @@ fn options(arguments: &Arguments) -> anyhow::Result<SftOptions> {
             balance_tools: balances("tool"),
             seed: arguments.seed,
         },
-        format: arguments.format,
+        writer: WriterOptions {
+            pictures: PictureOptions { encoding: encoding.unwrap_or_default(), pixels_max, ..PictureOptions::default() },
+            rows_max: arguments.rows_per_file,
+            budget: arguments.budget,
+            ..WriterOptions::new(arguments.format)
+        },
         style: arguments.style,
         words: arguments.words,
         split_by: arguments.split,
         ratios: Ratios::new([train, arguments.validation, arguments.test]).context("--validation and --test")?,
-        pictures: encoding.map(|encoding| PictureOptions { encoding, pixels_max, ..PictureOptions::default() }),
+        pictures: encoding.is_some(),
         allow_unverified: arguments.allow_unverified,
         replay: !arguments.no_replay,
-        rows_per_file: arguments.rows_per_file,
+        name: arguments.name.clone(),
+        licence: arguments.licence.clone(),
+        command: command(std::env::args().skip(1)),
     })
+}
+
+/// The command without what does not decide what is in the dataset.
+fn command(arguments: impl Iterator<Item = String>) -> String {
+    let mut said = vec!["reel".to_owned()];
+    let mut arguments = arguments;
+    while let Some(argument) = arguments.next() {
+        match argument.split('=').next() {
+            Some("--out" | "--jobs") if !argument.contains('=') => drop(arguments.next()),
+            Some("--out" | "--jobs" | "--json") => {}
+            _ if argument.contains(|letter: char| letter.is_whitespace() || "'\"$()<>|&;*?".contains(letter)) => {
+                said.push(format!("'{}'", argument.replace('\'', "'\\''")));
+            }
+            _ => said.push(argument),
+        }
+    }
+    said.join(" ")
 }
 
 /// The episodes that fulfil a condition.
@@ -213,7 +247,7 @@ fn tell(report: &SftReport, arguments: &Arguments) -> anyhow::Result<Answer> {
         return Ok(answer);
     }
     let examples: u64 = report.examples.values().sum();
-    let parts: Vec<String> = report.examples.iter().map(|(split, count)| format!("{split} {count}")).collect();
+    let parts: Vec<String> = report.examples.iter().map(|(split, count)| format!("{} {count}", split.as_str())).collect();
     println!("{examples} examples ({}) of {} episodes in {}", parts.join(", "), report.episodes, arguments.out.display());
     println!("  {} pictures; store version {}", report.pictures, report.table_version);
     for (reason, count) in &report.left_out {

@@ -1,0 +1,126 @@
+//! `reel dataset`: what is wrong with a training set, and what its examples look like.
+
+use std::{fs, path::PathBuf};
+
+use anyhow::{Context, bail};
+use reel_lint::{Dataset, Format, Options, image_bytes, lint, show};
+
+use crate::{Answer, progress};
+
+/// Training sets of any origin: Hugging Face Parquet, Qwen-VL, ms-swift, LLaMA-Factory, TRL and OpenAI files, and folders of them.
+#[derive(clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Look for leaks, contradictions, duplicates, bad labels, missing pictures and what the loader would do silently
+    ///
+    /// Exit code 1: something is an error.
+    ///
+    /// Example:
+    ///   reel dataset lint sft
+    #[command(verbatim_doc_comment)]
+    Lint {
+        #[command(flatten)]
+        input: Input,
+        /// Tokens of a context; longer examples are found
+        #[arg(long, value_name = "TOKENS", default_value_t = 8_192)]
+        budget: u64,
+        /// Likeness (0 to 1, of word triples) from which two examples are near-duplicates
+        #[arg(long, value_name = "SHARE", default_value_t = 0.9)]
+        similarity: f64,
+        /// Findings of each kind that are shown
+        #[arg(long, value_name = "N", default_value_t = 3)]
+        examples: usize,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print an example as the model sees it, and write its pictures
+    ///
+    /// Example:
+    ///   reel dataset show sft --row 12 --pictures shown
+    #[command(verbatim_doc_comment)]
+    Show {
+        #[command(flatten)]
+        input: Input,
+        /// Number of the example, from 0
+        #[arg(long, value_name = "N", default_value_t = 0)]
+        row: u64,
+        /// Write the pictures into this folder
+        #[arg(long, value_name = "DIR")]
+        pictures: Option<PathBuf>,
+    },
+}
+
+#[derive(clap::Args)]
+struct Input {
+    /// Files or folders of one dataset
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// The format, where it is not to be guessed: parquet, trl, openai, ms-swift, llama-factory, qwen-vl
+    #[arg(long, value_name = "NAME", value_parser = super::export::format)]
+    format: Option<Format>,
+    /// Folder that picture paths begin from, where it is not that of the file
+    #[arg(long, value_name = "DIR")]
+    images: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    match &arguments.command {
+        Command::Lint { input, budget, similarity, examples, json } => {
+            let options = Options {
+                context_tokens_max: *budget,
+                similarity_min: *similarity,
+                examples_max: *examples,
+                ..Options::default()
+            };
+            let dataset = input.open()?;
+            let spinner = progress::spinner();
+            spinner.set_message("rows");
+            let report = lint(&dataset, &options, |rows| spinner.set_position(rows));
+            spinner.finish_and_clear();
+            if *json {
+                println!("{}", serde_json::to_string(&report)?);
+            } else {
+                print!("{report}");
+            }
+            Ok(if report.is_bad() { Answer::No } else { Answer::Yes })
+        }
+        Command::Show { input, row, pictures } => {
+            let dataset = input.open()?;
+            let Some(example) = dataset.row(*row) else {
+                bail!("there is no example {row}; count from 0");
+            };
+            let example = example.with_context(|| format!("example {row} cannot be read"))?;
+            println!("{}", show(&example));
+            let Some(folder) = pictures else { return Ok(Answer::Yes) };
+            fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+            for (index, image) in example.images.iter().enumerate() {
+                let Some(bytes) = image_bytes(image) else {
+                    eprintln!("reel: picture {} is not there", index + 1);
+                    continue;
+                };
+                let extension = match &bytes[..] {
+                    [0x89, b'P', b'N', b'G', ..] => "png",
+                    [0xff, 0xd8, ..] => "jpg",
+                    _ => "webp",
+                };
+                let file = folder.join(format!("row-{row}-{}.{extension}", index + 1));
+                fs::write(&file, &bytes).with_context(|| format!("cannot write {}", file.display()))?;
+                println!("{}", file.display());
+            }
+            Ok(Answer::Yes)
+        }
+    }
+}
+
+impl Input {
+    fn open(&self) -> anyhow::Result<Dataset> {
+        Ok(Dataset::open(&self.paths, self.format, self.images.clone())?)
+    }
+}
