@@ -2,6 +2,7 @@
 //!
 //! Owns the rule-based writer and the one that asks a model. Never changes a trace: what is written lies beside it.
 
+mod check;
 mod english;
 mod error;
 mod history;
@@ -17,6 +18,7 @@ mod task;
 mod voice;
 mod wordings;
 
+pub use check::history_check;
 pub use error::AnnotateError;
 pub use model::{BATCH, Check, ModelAnnotator, Written, prompt_version};
 pub use privileged::Secrets;

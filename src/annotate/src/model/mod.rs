@@ -76,9 +76,9 @@ impl ModelAnnotator<'_> {
             let from = entries.len();
             let to = steps.len().min(from + BATCH);
             let answered = self.ask(task, steps, secrets, &entries, from..to)?;
-            for index in from..to {
+            for (index, rules) in rules.iter().enumerate().take(to).skip(from) {
                 let note = answered.iter().find(|(step, _)| *step == index).map(|(_, note)| note);
-                entries.push(self.judged(index, note, &rules[index], secrets, steps));
+                entries.push(self.judged(index, note, rules, secrets, steps));
             }
             write_notes(path, &provenance, &entries)?;
         }

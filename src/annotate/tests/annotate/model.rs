@@ -3,8 +3,9 @@
 use std::{fs, path::Path, sync::Arc, time::Duration};
 
 use reel_annotate::{
-    AnnotateError, BATCH, ModelAnnotator, PublicTask, Secrets, Step, Written, annotate, prompt_version, read_notes,
+    AnnotateError, BATCH, ModelAnnotator, PublicTask, Secrets, Step, Written, annotate, history_check, prompt_version, read_notes,
 };
+use reel_history::{Deed, Setting};
 use reel_model::{CallLog, Client, Endpoint};
 use reel_trace::Trace;
 use reel_world::Digest;
@@ -136,6 +137,21 @@ fn what_an_agent_cannot_know_or_what_is_not_so_is_replaced_by_the_rules() {
     }
     assert_eq!((written.entries[4].fallback.as_ref(), words(&written.entries[4].note).starts_with('r')), (None, true));
     assert!((4..=5).contains(&written.fallbacks()), "{:?}", written.entries);
+}
+
+#[test]
+fn a_history_is_held_against_the_deeds_before_it() {
+    let trace =
+        traces().into_iter().find(|trace| trace.steps.iter().any(|step| step.tool_name() == "place" && step.outcome.is_ok()));
+    let trace = trace.unwrap();
+    let placed = trace.steps.iter().find(|step| step.tool_name() == "place" && step.outcome.is_ok()).unwrap();
+    let category = trace.task.object(placed.object.as_ref().unwrap()).unwrap().category.clone();
+    let history = format!("I placed the {category} on {}.", placed.receptacle.as_ref().unwrap());
+    let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
+    let check = history_check(setting, trace.steps.iter().map(Deed::of).collect());
+    assert_eq!(check(placed.step as usize + 1, &history), None);
+    let why = check(placed.step as usize, &history).unwrap();
+    assert!(why.contains(&history[..20]), "{why}");
 }
 
 #[test]
