@@ -53,14 +53,6 @@ pub enum DatasetError {
         /// Why.
         reason: &'static str,
     },
-    /// A tokenizer file cannot be used.
-    #[error("no tokenizer that can be read ({reason}): {path}", path = path.display())]
-    Tokenizer {
-        /// The library's reason.
-        reason: String,
-        /// The file.
-        path: PathBuf,
-    },
     /// Ratios of a split that are none.
     #[error("split ratios {found:?} are not three numbers from 0 that add up to more than 0")]
     Ratios {

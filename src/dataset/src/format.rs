@@ -4,7 +4,7 @@
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use serde::Serialize;
 
-use crate::{DatasetError, Example, ImageId, Picture, Pictures, Turn, example::call_json, json};
+use crate::{DatasetError, Example, ImageId, Picture, Pictures, Style, Turn, example::call_json, json};
 
 /// A format of a dataset.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
@@ -83,11 +83,11 @@ impl Format {
         match (self, Learned::of(example)) {
             (Format::Parquet, _) => Some("its rows are not text"),
             (_, Learned::All) | (Format::MsSwift | Format::OpenAi, _) => None,
-            (Format::LlamaFactory | Format::Trl, Learned::Last) => None,
+            (Format::LlamaFactory | Format::Trl, Learned::Last) if example.style == Style::MultiTurnPrefix => None,
             (Format::QwenVl, _) => {
                 Some("its trainer learns every turn of the model, and this example is not to be learned wholly")
             }
-            (_, Learned::Some) => {
+            (_, Learned::Last | Learned::Some) => {
                 Some("its trainer learns every turn of the model or the last, and in this example some of them")
             }
         }
@@ -284,7 +284,7 @@ impl Row<'_> {
     fn trl(&mut self) -> Result<(), DatasetError> {
         let example = self.example;
         // Prompt and completion where the last turn is learned alone; then the trainer learns the completion only.
-        let pair = Learned::of(example) == Learned::Last || example.tools.is_none();
+        let pair = example.style != Style::MultiTurn;
         self.put(if pair { "{\"prompt\":[" } else { "{\"messages\":[" });
         let last = example.turns.len() - 1;
         for (index, turn) in example.turns.iter().enumerate() {

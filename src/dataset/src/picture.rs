@@ -5,7 +5,10 @@ use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
-    sync::Mutex,
+    sync::{
+        Mutex,
+        atomic::{AtomicU64, Ordering},
+    },
 };
 
 use fast_image_resize::{PixelType, Resizer, images::Image, images::ImageRef};
@@ -79,7 +82,7 @@ impl PictureOptions {
         let (pixels, multiple) = (f64::from(width) * f64::from(height), f64::from(self.side_multiple.max(1)));
         let least = f64::from(PIXELS_MIN.min(most));
         let most = f64::from(most);
-        let whole = |side: u32| side % self.side_multiple.max(1) == 0;
+        let whole = |side: u32| side.is_multiple_of(self.side_multiple.max(1));
         if pixels <= most && pixels >= least && (whole(width) && whole(height)) {
             return (width, height);
         }
@@ -113,12 +116,13 @@ pub struct Pictures {
     root: PathBuf,
     options: PictureOptions,
     written: Mutex<BTreeMap<ImageId, Picture>>,
+    parts: AtomicU64,
 }
 
 impl Pictures {
     /// Pictures under `<root>/images`.
     pub fn new(root: &Path, options: PictureOptions) -> Self {
-        Self { root: root.to_owned(), options, written: Mutex::default() }
+        Self { root: root.to_owned(), options, written: Mutex::default(), parts: AtomicU64::new(0) }
     }
 
     /// How they are made.
@@ -161,7 +165,7 @@ impl Pictures {
             let folder = self.root.join("images").join(&name[..2]);
             fs::create_dir_all(&folder).map_err(DatasetError::io(&folder))?;
             // Threads may write the same picture: each its own file, and any of them is the picture.
-            let part = folder.join(format!("{image}.part"));
+            let part = folder.join(format!("{}.part", self.parts.fetch_add(1, Ordering::Relaxed)));
             fs::write(&part, &bytes).and_then(|()| fs::rename(&part, &file)).map_err(DatasetError::io(&file))?;
         }
         let picture = Picture { path, width, height, bytes: bytes.len() as u64 };

@@ -77,6 +77,10 @@ fn rows_are_json_with_a_tag_a_picture() {
                 };
                 assert_eq!(tags, example.images().count(), "{format:?} {style:?} {}", example.id);
                 assert!(!text.contains("Debug Info"));
+                assert_eq!(
+                    format == Format::Trl && row.get("prompt").is_none(),
+                    format == Format::Trl && style == Style::MultiTurn
+                );
                 if format.holds_provenance() {
                     assert_eq!(row["provenance"]["trace_digest"], "d".repeat(64));
                     assert_eq!(row["provenance"]["call"], example.call);

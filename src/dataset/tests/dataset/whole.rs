@@ -124,3 +124,17 @@ fn speed() {
     eprintln!("speed: {:.0} examples/s, {:.0} MB/s without pictures", count as f64 / s, bytes as f64 / s / 1e6);
     assert!(bytes > count * 1_000);
 }
+
+#[test]
+fn threads_may_put_the_same_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let grey = vec![9; 640 * 480 * 3];
+    let put = || pictures.put(Digest::of(&grey), &grey, 640, 480).unwrap();
+    let put_all: Vec<_> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..8).map(|_| scope.spawn(put)).collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+    });
+    assert!(put_all.iter().all(|picture| *picture == put_all[0]));
+    assert_eq!(files(folder.path()).unwrap().len(), 1);
+}
