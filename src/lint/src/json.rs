@@ -231,7 +231,10 @@ mod tests {
 
     use super::*;
 
-    fn rows(text: &str) -> Vec<(u32, Result<Value, (u32, usize)>)> {
+    /// Line of a row, and the row or the line and column of what is wrong.
+    type Read = (u32, Result<Value, (u32, usize)>);
+
+    fn rows(text: &str) -> Vec<Read> {
         let rows = JsonRows::new(text.as_bytes());
         rows.map(|row| (row.line, row.value.map_err(|broken| (broken.line, broken.column)))).collect()
     }
