@@ -2,10 +2,10 @@
 //! understand it leaves out, or gives as an argument that may mean anything.
 
 mod phrase;
+mod speech;
+mod verb;
 
 use std::ops::Range;
-
-use reel_world::ToolSpec;
 
 use crate::{
     content::{Content, reasons},
@@ -439,7 +439,7 @@ impl<'a> Reader<'a> {
         }
         // `after that`, `before that`
         let that = matches!(self.word_at(self.at + 1), "that" | "this" | "which") && matches!(link, Link::After | Link::Before);
-        if that && !self.starts_clause(self.at + 2) || that && link == Link::After {
+        if that && (link == Link::After || !self.starts_clause(self.at + 2)) {
             self.at += 1;
             self.boundary((link == Link::After).then_some(Link::Then));
             return;
@@ -531,163 +531,6 @@ impl<'a> Reader<'a> {
         true
     }
 
-    fn verb(&mut self) {
-        let at = self.at;
-        let Some(mut verb) = verb(self.word_at(at)) else { return };
-        let next = self.class_at(at + 1);
-        let after = self.before.clone();
-        if after.determiner && matches!(verb.form, Form::Base | Form::Any) && !self.nominal(verb) {
-            return self.phrase();
-        }
-        match verb.act {
-            Act::Try if verb.form != Form::Gerund && matches!(next, Some(Class::To | Class::Verb)) => {
-                self.before.governor = Some((Mood::Tried, at));
-                self.before.determiner = false;
-                self.at += 1;
-                return;
-            }
-            Act::Try if matches!(verb.form, Form::Base | Form::Any) => {
-                self.before.doing = true;
-                self.at += 1;
-                return;
-            }
-            Act::Fail | Act::Succeed | Act::Manage if verb.form != Form::Gerund => return self.went_well_or_not(verb),
-            Act::Be => return self.be(verb.form == Form::Present || self.before.be == Some(true)),
-            Act::Say => return self.says(at, Act::Say, false),
-            Act::Ask => return self.says(at, Act::Ask, false),
-            Act::Finish if next == Some(Class::Verb) => {
-                self.at += 1;
-                return;
-            }
-            _ => {}
-        }
-        verb.act = self.sense(verb);
-        let (mood, negated) = self.mood(verb);
-        let governor = after.governor.map_or(at, |(_, governor)| governor);
-        let span = self.tokens[governor].span.start..self.tokens[at].span.end;
-        let passive = (after.be.is_some() || after.been) && verb.form != Form::Gerund;
-        let present = verb.act == Act::Hold
-            && !after.did
-            && (verb.form == Form::Base || verb.form == Form::Present || verb.form == Form::Gerund && after.be == Some(true));
-        let predicate = Predicate { mood, passive, present, verb: Some(verb), ..Predicate::new(verb.act, span) };
-        self.before.not = negated;
-        self.push(predicate);
-        self.at += 1;
-    }
-
-    /// Whether a base form behind a determiner is a deed (`the pick failed`) rather than a thing (`the place`).
-    fn nominal(&self, verb: Verb) -> bool {
-        let next = self.class_at(self.at + 1);
-        let deed = matches!(next, Some(Class::Doing)) || self.word_at(self.at + 1).starts_with("fail");
-        deed || self.last || verb.act == Act::Pick || matches!(next, Some(Class::Prep(Prep::Of))) && verb.act != Act::Place
-    }
-
-    fn went_well_or_not(&mut self, verb: Verb) {
-        let (at, next) = (self.at, self.class_at(self.at + 1));
-        let well = (verb.act != Act::Fail) != std::mem::take(&mut self.before.not);
-        let mood = if well { Mood::Done } else { Mood::Failed };
-        let governs =
-            matches!(next, Some(Class::To)) || self.word_at(at + 1) == "in" && self.class_at(at + 2) == Some(Class::Verb);
-        if self.before.will || self.before.infinitive {
-        } else if governs {
-            self.before.governor = Some((mood, at));
-        } else if verb.act != Act::Manage && !self.fail_last(mood) {
-            let predicate = Predicate { mood, ..Predicate::new(Act::Fail, self.tokens[at].span.clone()) };
-            self.push(predicate);
-            if mood == Mood::Failed {
-                self.at += 1;
-                self.reason_begins();
-                return;
-            }
-        }
-        self.at += 1;
-        if mood == Mood::Failed && !governs && matches!(self.class_at(self.at), Some(Class::Prep(_)) | None) {
-            self.reason_begins();
-        }
-    }
-
-    /// Which of its meanings a verb has here.
-    fn sense(&self, verb: Verb) -> Act {
-        let next = self.word_at(self.at + 1);
-        let ahead = |wanted: &[&str]| self.tokens[self.at + 1..].iter().take(14).any(|token| wanted.contains(&token.word()));
-        let soon = |wanted: &[&str]| self.tokens[self.at + 1..].iter().take(4).any(|token| wanted.contains(&token.word()));
-        match (verb.base, verb.act) {
-            ("take", _) if soon(&["look", "glance", "stock", "picture"]) => Act::Check,
-            ("put" | "place" | "set", _) if soon(&["markers", "numbers", "labels"]) => Act::Mark,
-            ("get", _) if soon(&["candidate", "candidates", "match", "matches", "result", "results", "hit", "hits"]) => Act::See,
-            ("walk", _) if next == "around" => Act::Explore,
-            ("look" | "search", _) if next != "for" && !ahead(&["for"]) => Act::Check,
-            ("take" | "move" | "relocate" | "transfer" | "return", Act::Pick | Act::Go | Act::Carry)
-                if !self.goes_itself(verb) =>
-            {
-                Act::Carry
-            }
-            ("carry", _) if ahead(&["to", "into", "onto"]) => Act::Carry,
-            ("remove", _) => Act::Pick,
-            (_, act) => act,
-        }
-    }
-
-    /// `took the mug` and `moved to table_1`, but not `took the mug to table_1` and `moved the mug`.
-    fn goes_itself(&self, verb: Verb) -> bool {
-        let mut rest =
-            self.tokens[self.at + 1..].iter().take(14).take_while(|token| token.kind == Kind::Word || token.kind == Kind::Number);
-        match verb.act {
-            Act::Pick => !rest.any(|token| matches!(token.word(), "to" | "into" | "onto")),
-            _ => {
-                let next = self.class_at(self.ahead(self.at + 1));
-                matches!(next, Some(Class::To | Class::Prep(_) | Class::Link(_)) | None)
-                    && self.before.be.is_none()
-                    && !self.before.been
-            }
-        }
-    }
-
-    fn mood(&self, verb: Verb) -> (Mood, bool) {
-        let before = &self.before;
-        let base_of_previous = || self.found.last().filter(|_| matches!(before.link, Some(Link::And | Link::Or)));
-        let governed = before.governor.map(|(mood, _)| mood);
-        let negated = before.not || before.without;
-        match verb.form {
-            // `without dropping it` does not deny the placing
-            _ if negated && verb.base == "drop" => (Mood::Intent, negated),
-            Form::Gerund => {
-                let told =
-                    before.be == Some(false) || matches!(before.link, Some(Link::After | Link::Before | Link::Sub)) || before.by;
-                let holds = verb.act == Act::Hold && before.be.is_some();
-                match governed {
-                    Some(mood) => (mood, negated),
-                    None if told || holds || before.without => (Mood::Done, negated),
-                    None if before.be.is_some() || before.have || before.been => (Mood::Intent, negated),
-                    None => (Mood::Mention, negated),
-                }
-            }
-            _ if before.infinitive && governed.is_some() => (governed.unwrap_or(Mood::Done), negated),
-            _ if before.infinitive && before.doing => (Mood::Mention, false),
-            _ if before.will || before.infinitive => (Mood::Intent, negated),
-            _ if before.can && (negated || verb.act == Act::See) => match verb.act {
-                Act::See => (Mood::Done, negated),
-                _ => (Mood::Failed, false),
-            },
-            _ if before.can => (Mood::Intent, negated),
-            Form::Base | Form::Any if before.did => (Mood::Done, negated),
-            Form::Base if before.determiner || before.doing => (Mood::Mention, false),
-            Form::Base if before.agent && matches!(verb.act, Act::Hold | Act::See) => (Mood::Done, negated),
-            Form::Base => match base_of_previous() {
-                Some(previous) if previous.verb.is_some_and(|verb| verb.form == Form::Base) => {
-                    (previous.mood, negated || previous.negated)
-                }
-                _ => (Mood::Intent, negated),
-            },
-            Form::Any if before.determiner => (Mood::Mention, false),
-            Form::Participle if !before.have && before.be.is_none() && !before.been => (Mood::Mention, negated),
-            Form::PastOrParticiple | Form::Participle if before.link == Some(Link::Or) => {
-                (Mood::Done, negated || self.found.last().is_some_and(|previous| previous.negated))
-            }
-            _ => (Mood::Done, negated),
-        }
-    }
-
     /// Gives a predicate what stands before it, and begins to collect what stands behind.
     fn push(&mut self, mut predicate: Predicate) {
         let before = std::mem::take(&mut self.before);
@@ -724,121 +567,5 @@ impl<'a> Reader<'a> {
         self.found.push(predicate);
         self.fresh = false;
         self.prep = Prep::Direct;
-    }
-
-    /// Asking and saying: what follows is content, up to the next clause of the agent.
-    fn says(&mut self, at: usize, act: Act, according: bool) {
-        let verb = verb(self.word_at(at));
-        let form = verb.map_or(Form::Past, |verb| verb.form);
-        let before = self.before.clone();
-        let mood = match form {
-            // `without asking again` does not deny the first time
-            Form::Gerund if before.without && self.word_at(at + 1) == "again" => Mood::Intent,
-            Form::Gerund
-                if matches!(before.link, Some(Link::After | Link::Before)) || before.without || before.be == Some(false) =>
-            {
-                Mood::Done
-            }
-            Form::Gerund => Mood::Mention,
-            _ if before.governor.is_some() => before.governor.map_or(Mood::Done, |(mood, _)| mood),
-            _ if before.will || before.infinitive || before.can => Mood::Intent,
-            Form::Base | Form::Any if !before.did && !before.user => Mood::Intent,
-            _ => Mood::Done,
-        };
-        let passive = before.be.is_some() || before.been;
-        let told = passive && self.word_at(at) == "told";
-        let user_asked = passive && act == Act::Ask;
-        let end = self.content_end(at + 1);
-        let content = Content::of(&self.tokens[at + 1..end]);
-        let times = content.times(&self.tokens[at + 1..end]);
-        let span = self.tokens[at].span.start..self.tokens[end - 1].span.end;
-        let first_word = self.tokens[at].span.clone();
-        self.push(Predicate { mood, passive, content, times, verb, verb_span: first_word, ..Predicate::new(act, span) });
-        if let Some(said) = self.found.last_mut() {
-            said.user = according || told || !passive && said.user || passive && act == Act::Say && said.user;
-            said.agent = !said.user && (said.agent || user_asked);
-        }
-        self.at = end;
-        self.fresh = true;
-    }
-
-    fn content_end(&self, from: usize) -> usize {
-        let subordinate = self.before.without || matches!(self.before.link, Some(Link::After | Link::Before));
-        let starts = |at: usize| {
-            let at = if self.class_at(at) == Some(Class::Determiner) { at + 1 } else { self.ahead(at) };
-            match self.class_at(at) {
-                Some(Class::Agent | Class::User | Class::Be(_) | Class::Have) => true,
-                Some(Class::Verb) => verb(self.word_at(at)).is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Gerund)),
-                _ => false,
-            }
-        };
-        let mut at = from;
-        while at < self.tokens.len() {
-            let divides = match self.tokens[at].kind {
-                Kind::Comma => starts(at + 1) || matches!(self.class_at(at + 1), Some(Class::Link(_))) && starts(at + 2),
-                Kind::Word if self.class_at(at) == Some(Class::Agent) => subordinate,
-                Kind::Word => {
-                    matches!(
-                        self.class_at(at),
-                        Some(Class::Link(Link::And | Link::But | Link::Then | Link::Before | Link::After))
-                    ) && starts(at + 1)
-                }
-                _ => false,
-            };
-            if divides {
-                break;
-            }
-            at += 1;
-        }
-        at.max(from)
-    }
-
-    /// `pick({"marker_id": 3})`, `nav_to(table_1)`
-    fn is_call(&self) -> bool {
-        let word = &self.tokens[self.at];
-        let next = self.tokens.get(self.at + 1);
-        let opens = next.is_some_and(|open| open.kind == Kind::Open && word.span.end == open.span.start);
-        let named = self.at.checked_sub(1).is_some_and(|at| self.names_calls(at));
-        (opens || named) && ToolSpec::by_name(word.word()).is_some()
-    }
-
-    /// `called finish`
-    fn calls_next(&self) -> bool {
-        self.names_calls(self.at) && ToolSpec::by_name(self.word_at(self.at + 1)).is_some()
-    }
-
-    fn names_calls(&self, at: usize) -> bool {
-        matches!(self.word_at(at), "called" | "used" | "executed" | "invoked" | "issued")
-    }
-
-    fn call(&mut self) {
-        let start = self.at;
-        let mut depth = 0;
-        if self.tokens.get(start + 1).is_none_or(|next| next.kind != Kind::Open) {
-            self.at += 1;
-            return self.call_of(start);
-        }
-        loop {
-            self.at += 1;
-            match self.tokens.get(self.at).map(|token| token.kind) {
-                Some(Kind::Open) => depth += 1,
-                Some(Kind::Close) => depth -= 1,
-                None => break,
-                _ => {}
-            }
-            if depth == 0 {
-                self.at += 1;
-                break;
-            }
-        }
-        self.call_of(start);
-    }
-
-    fn call_of(&mut self, start: usize) {
-        let end = self.at.min(self.tokens.len());
-        let content = Content::of(&self.tokens[start..end]);
-        let span = self.tokens[start].span.start..self.tokens[end - 1].span.end;
-        self.pending.clear();
-        self.push(Predicate { mood: Mood::Tried, content, ..Predicate::new(Act::Call, span) });
     }
 }

@@ -125,12 +125,11 @@ impl Judge<'_> {
     /// How often, and why it failed.
     fn in_detail(&self, predicate: &Predicate, yes: &[usize], kind: ClaimKind) -> Option<Ruling> {
         let step = yes.last().and_then(|index| self.facts.step(*index));
-        if let Some((times, span)) = &predicate.times {
+        if let Some((times, _)) = &predicate.times {
             let found = yes.len();
             if *times as usize > found || predicate.only && *times as usize != found {
                 let said = ["never", "once", "twice"].get(found).map_or_else(|| format!("{found} times"), ToString::to_string);
-                let fix = self.facts.all.is_empty().then_some((span.clone(), said.clone()));
-                return Some(Ruling::contradicted(kind, format!("it was done {said}"), step).with_fix(fix));
+                return Some(Ruling::contradicted(kind, format!("it was done {said}"), step));
             }
             if (*times as usize) < found {
                 return Some(Ruling::unknown(kind));
@@ -455,7 +454,9 @@ impl Judge<'_> {
         };
         let ruling = match agreement {
             Agreement::Same => Ruling::supported(kind, step),
-            Agreement::Other => Ruling::contradicted(kind, format!("the user said: {}", replies().last().unwrap_or("")), step),
+            Agreement::Other => {
+                Ruling::contradicted(kind, format!("the user said: {}", replies().next_back().unwrap_or("")), step)
+            }
             Agreement::Unclear => Ruling::unknown(kind),
         };
         Ruling { matches: answered.clone(), ..ruling }
