@@ -1,7 +1,8 @@
-"""A decoder-only transformer of about a million parameters, in plain JAX.
+"""A decoder-only transformer of half a million parameters, in plain JAX.
 
-Keys and values look one token back as well (a causal convolution of width two): copying a name from the context then
-needs one layer, and a small model learns it from little text.
+Two things let so small a model copy names it never saw from little text. Keys and values look one token back as well (a
+causal convolution of width two). And the output is a mixture of the vocabulary and of a pointer into the context
+(See et al. 2017, pointer-generator networks).
 """
 
 import dataclasses
@@ -23,7 +24,7 @@ class Config:
 
 def initialise(config, seed):
     """Parameters; equal seeds give equal ones."""
-    keys = iter(jax.random.split(jax.random.key(seed), 1 + 5 * config.layers))
+    keys = iter(jax.random.split(jax.random.key(seed), 3 + 5 * config.layers))
     width = config.width
     draw = lambda rows, columns, scale=1.0: jax.random.normal(next(keys), (rows, columns)) * (scale * rows**-0.5)
     deep = (2 * config.layers) ** -0.5
@@ -38,7 +39,8 @@ def initialise(config, seed):
         "down": draw(4 * width, width, deep),
     }
     embedding = jax.random.normal(next(keys), (config.vocabulary, width)) * width**-0.5
-    return {"embedding": embedding, "norm": jnp.ones(width), "blocks": [block() for _ in range(config.layers)]}
+    pointer = {"query": draw(width, width), "key": draw(width, width), "back": jnp.full(width, 0.5), "gate": jnp.zeros(width)}
+    return {"embedding": embedding, "norm": jnp.ones(width), "pointer": pointer, "blocks": [block() for _ in range(config.layers)]}
 
 
 def count(parameters):
@@ -77,8 +79,22 @@ def finish_block(block, x, attended):
     return x + jax.nn.gelu(norm(x, block["norm_mlp"]) @ block["up"]) @ block["down"]
 
 
+def pointer_keys(pointer, normed, before):
+    return (normed + (before - normed) * pointer["back"]) @ pointer["key"]
+
+
+def log_probabilities(parameters, hidden, keys, tokens, visible):
+    """Of the next token, [batch, time, vocabulary]: from the vocabulary, or copied from where the pointer looks."""
+    pointer, size = parameters["pointer"], hidden.shape[-1]
+    scores = jnp.einsum("bqd,bkd->bqk", hidden @ pointer["query"], keys) * size**-0.5
+    looks = jax.nn.softmax(jnp.where(visible, scores, -1e9), -1)
+    copied = jnp.einsum("bqk,bkv->bqv", looks, jax.nn.one_hot(tokens, len(parameters["embedding"])))
+    share = jax.nn.sigmoid(hidden @ pointer["gate"])[..., None]
+    return jnp.log(share * copied + (1 - share) * jax.nn.softmax(hidden @ parameters["embedding"].T, -1) + 1e-9)
+
+
 def forward(parameters, tokens, tail, config):
-    """Hidden states of the last `tail` positions, and the keys, values and last inputs of each block.
+    """Log-probabilities after the last `tail` positions; keys, values and last inputs of each block; keys of the pointer.
 
     Sequences end together: what is shorter begins with padding. Nothing before the tail has a loss, so the last block
     computes only keys and values there.
@@ -93,36 +109,37 @@ def forward(parameters, tokens, tail, config):
         query, key, value = queries_keys_values(block, normed, before, positions, config.heads)
         kept.append((key, value, normed[:, -1]))
         if number == config.layers - 1:
+            keys = pointer_keys(parameters["pointer"], normed, before)
             x, query, visible = x[:, -tail:], query[:, -tail:], visible[:, :, -tail:]
         x = finish_block(block, x, attend(query, key, value, visible))
-    return norm(x, parameters["norm"]), kept
+    return log_probabilities(parameters, norm(x, parameters["norm"]), keys, tokens, visible[:, 0]), kept, keys
 
 
 def loss(parameters, tokens, tail, config):
     """Mean cross-entropy of the last `tail` tokens after `ANSWER`."""
-    hidden, _ = forward(parameters, tokens[:, :-1], tail, config)
-    logits, targets = hidden @ parameters["embedding"].T, tokens[:, -tail:]
-    answers = jnp.cumsum(tokens == ANSWER, 1)[:, -tail - 1 : -1] > 0
-    of_target = jnp.take_along_axis(logits, targets[..., None], -1)[..., 0]
-    return jnp.sum((jax.nn.logsumexp(logits, -1) - of_target) * answers) / jnp.sum(answers)
+    logarithms, *_ = forward(parameters, tokens[:, :-1], tail, config)
+    targets = tokens[:, -logarithms.shape[1] :]
+    answers = jnp.cumsum(tokens == ANSWER, 1)[:, -logarithms.shape[1] - 1 : -1] > 0
+    of_target = jnp.take_along_axis(logarithms, targets[..., None], -1)[..., 0]
+    return -jnp.sum(of_target * answers) / jnp.sum(answers)
 
 
 @functools.partial(jax.jit, static_argnames=("config", "most"))
 def generate(parameters, tokens, config, most):
     """Greedy continuations, [batch, most]; sequences stop at `END`, and what follows it means nothing."""
     rows, time = tokens.shape
-    hidden, kept = forward(parameters, tokens, 1, config)
-    room = lambda kept: jnp.pad(kept, ((0, 0), (0, most), (0, 0), (0, 0)))
+    logarithms, kept, pointed = forward(parameters, tokens, 1, config)
+    room = lambda kept: jnp.pad(kept, ((0, 0), (0, most), *((0, 0),) * (kept.ndim - 2)))
     cache = [(room(key), room(value), normed) for key, value, normed in kept]
-    choose = lambda hidden: jnp.argmax(hidden[:, 0] @ parameters["embedding"].T, -1)
-    written = jnp.pad(tokens != PAD, ((0, 0), (0, most)))
+    choose = lambda logarithms: jnp.argmax(logarithms[:, 0], -1).astype(tokens.dtype)
+    steps = jnp.arange(time + most)
 
     def step(state):
-        index, token, cache, done, out = state
-        out = out.at[:, index].set(token)
-        position = time + index
+        index, token, cache, pointed, text, done, out = state
+        out, position = out.at[:, index].set(token), time + index
+        text = text.at[:, position].set(token)
         x = parameters["embedding"][token][:, None] * config.width**0.5
-        visible = (written | ((jnp.arange(time + most) >= time) & (jnp.arange(time + most) <= position)))[:, None, None]
+        visible = ((room(tokens) != PAD) | ((steps >= time) & (steps <= position)))[:, None, None]
         after = []
         for block, (keys, values, before) in zip(parameters["blocks"], cache):
             normed = norm(x, block["norm_attention"])
@@ -131,7 +148,9 @@ def generate(parameters, tokens, config, most):
             keys, values = keys.at[:, position].set(key[:, 0]), values.at[:, position].set(value[:, 0])
             x = finish_block(block, x, attend(query, keys, values, visible))
             after.append((keys, values, normed[:, 0]))
-        return index + 1, choose(norm(x, parameters["norm"])), after, done | (token == END), out
+        pointed = pointed.at[:, position].set(pointer_keys(parameters["pointer"], normed, before[:, None])[:, 0])
+        logarithms = log_probabilities(parameters, norm(x, parameters["norm"]), pointed, text, visible[:, 0])
+        return index + 1, choose(logarithms), after, pointed, text, done | (token == END), out
 
-    start = (0, choose(hidden), cache, jnp.zeros(rows, bool), jnp.full((rows, most), END))
-    return jax.lax.while_loop(lambda state: (state[0] < most) & ~jnp.all(state[3]), step, start)[-1]
+    start = (0, choose(logarithms), cache, room(pointed), room(tokens), jnp.zeros(rows, bool), jnp.full((rows, most), END, tokens.dtype))
+    return jax.lax.while_loop(lambda state: (state[0] < most) & ~jnp.all(state[-2]), step, start)[-1]

@@ -84,7 +84,7 @@ def main():
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("sets", nargs="+", type=pathlib.Path, help="JSONL files of `reel export sft --format trl`")
     options.add_argument("--held-out", required=True, help="the scene to measure on; training never sees it")
-    options.add_argument("--epochs", type=int, default=4)
+    options.add_argument("--epochs", type=int, default=6)
     options.add_argument("--layers", type=int, default=2)
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--json", type=pathlib.Path, help="where to write all figures")

@@ -122,8 +122,8 @@ class Model(unittest.TestCase):
         for ids, found in zip(given, cached):
             written = list(ids)
             for _ in range(most):
-                hidden, _ = forward(parameters, train.padded([written], 1), 1, config)
-                written.append(int(numpy.argmax(numpy.asarray(hidden[0, -1] @ parameters["embedding"].T))))
+                logarithms, *_ = forward(parameters, train.padded([written], 1), 1, config)
+                written.append(int(numpy.argmax(numpy.asarray(logarithms[0, -1]))))
                 if written[-1] == END:
                     break
             answer = written[len(ids) :]
@@ -133,8 +133,7 @@ class Model(unittest.TestCase):
         config = model.Config(40, width=16, layers=2, heads=2)
         parameters = model.initialise(config, 1)
         tokens = train.padded([[BEGIN, 9, 8, ANSWER, 7, 6, END]], 1)
-        hidden, _ = model.forward(parameters, tokens[:, :-1], 3, config)
-        logits = numpy.asarray(jax.nn.log_softmax(hidden[0] @ parameters["embedding"].T))
+        logits = numpy.asarray(model.forward(parameters, tokens[:, :-1], 3, config)[0][0])
         expected = -numpy.mean([logits[0, 7], logits[1, 6], logits[2, END]])
         for tail in (3, 10, 40):
             self.assertTrue(math.isclose(float(model.loss(parameters, tokens, tail, config)), expected, rel_tol=1e-4))
