@@ -172,8 +172,7 @@ fn metadata() -> Vec<(String, String)> {
 /// Types of every column for `datasets`; lists in the plain form, which its older versions read too.
 fn features() -> Value {
     let value = |dtype: &str| json!({ "dtype": dtype, "_type": "Value" });
-    let mut features: Map<String, Value> =
-        TEXT_COLUMNS.iter().map(|(name, _)| ((*name).to_owned(), value("string"))).collect();
+    let mut features: Map<String, Value> = TEXT_COLUMNS.iter().map(|(name, _)| ((*name).to_owned(), value("string"))).collect();
     features.extend(NUMBER_COLUMNS.iter().map(|(name, _)| ((*name).to_owned(), value("int64"))));
     features.insert(PROMPT_COLUMN.into(), value("string"));
     features.insert("messages".into(), json!([{ "role": value("string"), "content": value("string") }]));

@@ -74,7 +74,9 @@ pub(crate) fn write(
                 }
                 for (row, _) in portion {
                     if !known.contains_key(row.task_digest) {
-                        let text = |documents: &HashMap<String, String>, digest: &str| documents.get(digest).cloned().unwrap_or_default();
+                        let text = |documents: &HashMap<String, String>, digest: &str| {
+                            documents.get(digest).cloned().unwrap_or_default()
+                        };
                         let made = Known::of(&text(&tasks, row.task_digest), &text(&scenes, row.scene_digest));
                         let damaged = |reason| ExportError::Document { episode_id: row.episode_id.to_owned(), reason };
                         known.insert(row.task_digest.to_owned(), made.map_err(damaged)?);
@@ -90,7 +92,8 @@ pub(crate) fn write(
                 for ((_, (candidate, split)), made) in portion.iter().zip(made) {
                     let Made { examples, prepared, refused, history } = made?;
                     if options.writer.format == Format::Parquet {
-                        let shards = parquet.entry(*split).or_insert_with(|| parquet::Shards::new(out, *split, options.writer.rows_max));
+                        let shards =
+                            parquet.entry(*split).or_insert_with(|| parquet::Shards::new(out, *split, options.writer.rows_max));
                         shards.push(&examples, writer.pictures())?;
                     }
                     writer.push(&examples, &prepared)?;
@@ -216,7 +219,7 @@ fn source(row: &Row<'_>, candidate: &Candidate, recorded: bool, table_version: u
         verdict: if verified { "exact" } else { "unverified" }.into(),
         verdict_sim_version: if verified { reel_replay::SIM_VERSION.to_string() } else { String::new() },
         preset: row.preset.to_owned(),
-        preset_digest: Preset::parse(row.preset).map_or_else(|_| String::new(), |preset| preset.version().to_string()),
+        preset_digest: Preset::parse(row.preset).map_or_else(String::new, |preset| preset.version().to_string()),
         rules_version: candidate.rules_version.as_deref().unwrap_or_default().to_owned(),
         table_version,
         annotator: if recorded { row.policy.to_owned() } else { format!("rules-{}", reel_annotate::version().short()) },

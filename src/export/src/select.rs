@@ -182,13 +182,14 @@ fn candidate(row: &Row<'_>, wanted: &Selection, class: Option<&Class>, left_out:
             _ => *left_out.entry(reason).or_default() += 1,
         }
     }
-    (!decisions.is_empty()).then(|| Candidate {
+    let family = Family::parse(row.family).filter(|_| !decisions.is_empty())?;
+    Some(Candidate {
         episode_id: row.episode_id.to_owned(),
         trace: row.trace.to_owned(),
         trace_digest: row.trace_digest.to_owned(),
         task_digest: row.task_digest.to_owned(),
         scene_id: row.scene_id.to_owned(),
-        family: Family::parse(row.family)?,
+        family,
         decisions,
         verified: true,
         rules_version: class.map(|class| Arc::clone(&class.rules_version)),

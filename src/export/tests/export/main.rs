@@ -98,7 +98,7 @@ fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
     let rows = rows(&dir.path().join("sft"), "train");
     assert_eq!(rows.len() as u64, report.examples[&Split::Train]);
     for row in &rows {
-        let row = row.as_object().unwrap();
+        let row = row["provenance"].as_object().unwrap();
         assert_eq!((row["verdict"].as_str(), row["preset"].as_str()), (Some("exact"), Some("paper")));
         assert_eq!(row["table_version"], store.version());
         assert!(good.iter().any(|path| row["trace_uri"] == path.display().to_string()));
@@ -115,7 +115,8 @@ fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
     let all = SftOptions { allow_unverified: true, ..options(Format::Trl) };
     let report = export(&store, &dir.path().join("all"), &all);
     assert_eq!((report.episodes, report.refused.len()), (7, 0));
-    let unverified = self::rows(&dir.path().join("all"), "train").iter().filter(|row| row["verdict"] == "unverified").count();
+    let unverified =
+        self::rows(&dir.path().join("all"), "train").iter().filter(|row| row["provenance"]["verdict"] == "unverified").count();
     assert!(unverified > 0 && report.unverified == unverified as u64);
 }
 

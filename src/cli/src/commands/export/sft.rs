@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeSet, path::PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use reel_dataset::{Encoding, Format, PictureOptions, Ratios, Style, WriterOptions};
 use reel_export::{Selection, SftOptions, SftReport, SplitBy, Words};
 use reel_query::Session;
@@ -260,7 +260,10 @@ fn tell(report: &SftReport, arguments: &Arguments) -> anyhow::Result<Answer> {
         println!("  {} examples are of episodes that are not verified, and say so", report.unverified);
     }
     if report.history.mended + report.history.dropped > 0 {
-        println!("  sentences of Histories that the record refutes: {} mended, {} dropped", report.history.mended, report.history.dropped);
+        println!(
+            "  sentences of Histories that the record refutes: {} mended, {} dropped",
+            report.history.mended, report.history.dropped
+        );
     }
     Ok(answer)
 }
