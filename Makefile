@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test bench bench-sql bench-ingest bench-taxonomy eval-taxonomy lint acceptance determinism determinism-cross clean
+.PHONY: help demo test bench bench-sql bench-ingest bench-taxonomy eval-taxonomy prove-sft lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -30,6 +30,9 @@ bench-taxonomy: ## the failure rules over up to a million made-up episodes
 
 eval-taxonomy: ## how often the failure taxonomy is right, on 3,000 episodes with injected faults (ten minutes)
 	tests/eval-taxonomy.sh
+
+prove-sft: ## train a small language model on an exported set and measure it in a home it never saw (needs Python)
+	tests/training/prove-sft.sh
 
 lint: ## check format and lints
 	cargo fmt --all --check

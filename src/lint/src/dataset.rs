@@ -163,7 +163,8 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Error> {
         let (path, kind) = (entry.path(), entry.file_type().map_err(failed)?);
         let rows = path.extension().and_then(|it| it.to_str()).is_some_and(|it| matches!(it, "json" | "jsonl" | "parquet"));
         let hidden = entry.file_name().to_string_lossy().starts_with('.');
-        let beside = entry.file_name() == "dataset_info.json" || entry.file_name().to_string_lossy().ends_with(PROVENANCE);
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let beside = matches!(&*name, "dataset_info.json" | reel_dataset::MANIFEST) || name.ends_with(PROVENANCE);
         if hidden || beside {
             continue;
         }
