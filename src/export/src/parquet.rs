@@ -19,8 +19,12 @@ use crate::ExportError;
 /// The key under which `datasets` looks for the types.
 const FEATURES_KEY: &str = "huggingface";
 
+/// A column's name, and its value of an example.
+type TextColumn = (&'static str, fn(&Example) -> &str);
+type NumberColumn = (&'static str, fn(&Example) -> i64);
+
 /// Columns of text, in order; numbers stand after them, messages and images at the end.
-const TEXT_COLUMNS: [(&str, fn(&Example) -> &str); 16] = [
+const TEXT_COLUMNS: [TextColumn; 16] = [
     ("example", |example| &example.id),
     ("episode_id", |example| &example.about.episode_id),
     ("task_id", |example| &example.about.task_id),
@@ -38,7 +42,7 @@ const TEXT_COLUMNS: [(&str, fn(&Example) -> &str); 16] = [
     ("annotator", |example| &example.about.source.annotator),
     ("tools", |example| example.tools.as_ref().map_or("", |tools| tools.as_str())),
 ];
-const NUMBER_COLUMNS: [(&str, fn(&Example) -> i64); 2] =
+const NUMBER_COLUMNS: [NumberColumn; 2] =
     [("call", |example| example.call.into()), ("table_version", |example| example.about.source.table_version as i64)];
 /// Names the wording of the prompts.
 const PROMPT_COLUMN: &str = "prompt_digest";
@@ -136,8 +140,7 @@ fn frame(examples: &[Example], pictures: Option<&Pictures>) -> Result<DataFrame,
     };
     // a list of lists of structs knows its type by its first element
     let nested = |name: &str, lists: Vec<Series>, empty: Series| {
-        let column = if lists.is_empty() { Column::new(name.into(), [empty]).clear() } else { Column::new(name.into(), lists) };
-        column
+        if lists.is_empty() { Column::new(name.into(), [empty]).clear() } else { Column::new(name.into(), lists) }
     };
     let no_messages =
         fields(0, &[Series::new("role".into(), Vec::<&str>::new()), Series::new("content".into(), Vec::<&str>::new())])?;

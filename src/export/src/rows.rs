@@ -298,7 +298,6 @@ impl KnownPictures {
     }
 
     /// Sees that the pictures of these moments are in the dataset; gives them, or why there are none.
-    #[expect(clippy::type_complexity, reason = "what stops the export, what refuses the episode, and the pictures")]
     fn put(
         &self,
         trace: &Trace,

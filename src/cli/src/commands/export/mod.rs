@@ -23,7 +23,7 @@ pub struct Arguments {
 enum Command {
     /// Supervised training sets: what the agent saw before a decision, and what it should do
     #[cfg(feature = "analytics")]
-    Sft(sft::Arguments),
+    Sft(Box<sft::Arguments>),
     /// One episode as a Rerun recording: pictures, transforms, boxes, transcript, rewards
     #[cfg(feature = "rerun")]
     #[command(verbatim_doc_comment)]
