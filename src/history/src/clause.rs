@@ -356,9 +356,6 @@ impl<'a> Reader<'a> {
         let ahead = self.ahead(self.at + 1);
         let verb_follows =
             verb(self.word_at(ahead)).is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Gerund | Form::Present));
-        // `I have just started`: a verb that claims nothing here
-        let ends = self.tokens.get(ahead + 1).is_none_or(|token| token.word().is_empty());
-        let other_participle = ends && self.class_at(ahead).is_none() && self.word_at(ahead).ends_with("ed");
         match self.class_at(ahead) {
             Some(Class::To) if self.tokens[self.at + 1..ahead].iter().any(|token| token.word() == "yet") => {
                 self.before.not = true;
@@ -366,7 +363,6 @@ impl<'a> Reader<'a> {
             }
             Some(Class::To) => self.before.will = true,
             _ if verb_follows
-                || other_participle
                 || matches!(self.class_at(ahead), Some(Class::Been | Class::Link(_) | Class::Prep(_) | Class::Agent) | None) =>
             {
                 self.before.have = true;

@@ -7,7 +7,7 @@ wordings! {
     NOTHING_YET = [
         "I have not done anything yet.",
         "Nothing has been done yet.",
-        "I have just started; nothing is done yet.",
+        "So far nothing has been done.",
         "So far I have done nothing.",
         "I have done nothing so far.",
         "No action has been taken yet.",
