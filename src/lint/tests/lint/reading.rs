@@ -193,6 +193,7 @@ fn a_folder_of_shards_goes_by_its_names() {
     folder.lines("train/part-1.jsonl", &[row("a"), row("b")]);
     folder.lines("train/part-2.jsonl", &[row("c")]);
     folder.lines("val/part-1.jsonl", &[row("d")]);
+    folder.write("other.json", r#"{"files": 3}"#);
     folder.write("manifest.json", r#"{"files": 3}"#);
     let dataset = open(folder.path());
     let splits: Vec<_> = dataset.rows().map(|row| row.expect("a row").split.expect("a split")).collect();
