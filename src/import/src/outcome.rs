@@ -6,38 +6,6 @@ use reel_world::{
 };
 use serde_json::Value;
 
-/// Beginnings of the server's refusals.
-const BEGINS: &[(&str, ErrorCode)] = &[
-    ("Receptacle ", ErrorCode::UnknownReceptacle),
-    ("Cannot find a non-occluded position", ErrorCode::NoViewpoint),
-    ("Cannot compute bounding box", ErrorCode::NoViewpoint),
-    ("No landmark selected", ErrorCode::NoLandmark),
-    ("No camera position available", ErrorCode::NoLandmark),
-    ("No camera orientation available", ErrorCode::NoLandmark),
-    ("Seems there is no object on ", ErrorCode::NothingFound),
-    ("No marker map available", ErrorCode::NoMarkerMap),
-    ("Marker ID ", ErrorCode::UnknownMarker),
-    ("You are already holding ", ErrorCode::AlreadyHolding),
-    ("No object in the inventory", ErrorCode::NothingHeld),
-    ("The door of ", ErrorCode::DoorClosed),
-    ("Target furniture ", ErrorCode::NotASurface),
-    ("Action '", ErrorCode::UnknownTool),
-    ("Input validation error", ErrorCode::BadArguments),
-    (NO_TOOL, ErrorCode::UnparsableOutput),
-];
-
-/// What else is in refusals that begin with a name.
-const HOLDS: &[(&str, ErrorCode)] = &[
-    ("has no valid navigable component", ErrorCode::NoViewpoint),
-    ("is not a valid placement surface", ErrorCode::NotASurface),
-    ("has no top_shelf component", ErrorCode::NotASurface),
-    ("is not available. Cannot focus on it", ErrorCode::MarkerNotInView),
-    ("has no graspable component", ErrorCode::NotGraspable),
-    ("is not graspable", ErrorCode::NotGraspable),
-];
-
-/// What the agent writes down when the model chose no tool.
-const NO_TOOL: &str = "No tool selected";
 /// Tools whose success is told in words; all others answer with a picture alone.
 const WORDS: &[&str] = &["walk_around", "ask", "finish", "list_receptacles"];
 /// Tools that find nothing where they leave an empty marker map.
@@ -87,8 +55,7 @@ fn error(call: &ToolCall, tool: Option<&str>, text: &str) -> Option<ErrorCode> {
         let error = answer.as_ref().and_then(|answer| answer.get("error")).and_then(Value::as_str);
         return error.map(|error| if error.contains("non-empty") { ErrorCode::BadArguments } else { ErrorCode::NoUser });
     }
-    let begins = BEGINS.iter().find(|(beginning, _)| text.starts_with(beginning));
-    let known = begins.or_else(|| HOLDS.iter().find(|(part, _)| text.contains(part))).map(|(_, code)| *code);
+    let known = ErrorCode::told_by(text);
     match tool {
         None => Some(known.unwrap_or(ErrorCode::BackendError)),
         Some("finish" | "list_receptacles") => None,

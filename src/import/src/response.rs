@@ -1,11 +1,7 @@
 //! What the policy said: `raw_response.txt` (reasoning, then JSON) or `raw_response.json` (a message of function calling)
-//! as reasoning, history and plan. As lenient as REAL's own parser (SPEC section 4); what does not parse stays raw.
+//! as reasoning, history and plan; what does not parse stays raw.
 
-use reel_world::record::PolicyOutput;
-use serde_json::{Deserializer, Map, Value};
-
-/// Places in a text that are tried as the beginning of a JSON object.
-const TRIES_MAX: usize = 1000;
+use reel_world::{answer::Answer, record::PolicyOutput};
 
 /// The two forms of a raw response.
 pub(crate) enum Raw {
@@ -18,77 +14,23 @@ pub(crate) enum Raw {
 /// Reads what can be read of a raw response; the raw text is kept as it came.
 pub(crate) fn parse(raw: Raw) -> PolicyOutput {
     match raw {
-        Raw::Text(text) => PolicyOutput { raw: text.clone(), ..of_text(&text) },
+        Raw::Text(text) => PolicyOutput { raw: text.clone(), ..said(Answer::parse(&text)) },
         Raw::Json(text) => {
-            let message: Option<Value> = serde_json::from_str(&text).ok();
-            let content = message.as_ref().and_then(|message| message.get("content")).map(plain).unwrap_or_default();
-            PolicyOutput { raw: text, ..of_text(&content) }
+            let message = serde_json::from_str(&text).unwrap_or_default();
+            PolicyOutput { raw: text, ..said(Answer::of_message(&message)) }
         }
     }
 }
 
-fn of_text(text: &str) -> PolicyOutput {
-    let (thought, answer) = text.rsplit_once("</think>").unwrap_or(("", text));
-    let (before, object) = first_object(answer);
-    let thought = thought.trim();
-    let spoken = without_fence(before);
-    let reasoning = [thought.strip_prefix("<think>").unwrap_or(thought).trim(), spoken];
-    let reasoning = reasoning.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("\n");
-    let mut output = PolicyOutput { reasoning, ..PolicyOutput::default() };
-    match object.as_ref().and_then(|object| object.get("summary")) {
-        Some(Value::Object(summary)) => {
-            let of = |wanted: &str| summary.iter().find(|(key, _)| key_of(key) == wanted).map(|(_, value)| plain(value));
-            output.history = of("history").unwrap_or_default();
-            output.plan = match (of("new_schedule"), of("current_subtask")) {
-                (None, None) => String::new(),
-                (Some(schedule), None) => format!("New Schedule: {schedule}"),
-                (None, Some(subtask)) => format!("Current subtask: {subtask}"),
-                (Some(schedule), Some(subtask)) => format!("New Schedule: {schedule} Current subtask: {subtask}"),
-            };
-        }
-        Some(other) => output.history = plain(other),
-        None => {}
+fn said(answer: Answer) -> PolicyOutput {
+    let plan = [("New Schedule", answer.schedule), ("Current subtask", answer.subtask)];
+    let plan = plan.into_iter().filter_map(|(key, words)| Some(format!("{key}: {}", words?)));
+    PolicyOutput {
+        reasoning: answer.reasoning,
+        history: answer.history.unwrap_or_default(),
+        plan: plan.collect::<Vec<_>>().join(" "),
+        ..PolicyOutput::default()
     }
-    output
-}
-
-/// The first JSON object of a text, and what stands before it; all of the text where there is none.
-fn first_object(text: &str) -> (&str, Option<Map<String, Value>>) {
-    for (at, _) in text.match_indices('{').take(TRIES_MAX) {
-        if let Some(Ok(object)) = Deserializer::from_str(&text[at..]).into_iter::<Map<String, Value>>().next() {
-            return (&text[..at], Some(object));
-        }
-    }
-    (text, None)
-}
-
-/// `New Schedule` and `new_schedule` are the same key.
-fn key_of(key: &str) -> String {
-    key.trim().to_lowercase().replace([' ', '-'], "_")
-}
-
-fn without_fence(text: &str) -> &str {
-    let text = text.trim();
-    text.strip_suffix("json").unwrap_or(text).trim_end_matches('`').trim()
-}
-
-/// A value in words: strings as they are, the items of a list one after the other.
-fn plain(value: &Value) -> String {
-    match value {
-        Value::Null => String::new(),
-        Value::String(text) => text.clone(),
-        Value::Array(items) => items.iter().map(item).filter(|text| !text.is_empty()).collect::<Vec<_>>().join("; "),
-        other => other.to_string(),
-    }
-}
-
-/// An item of a list; of a part of a message (`{"type": "text", "text": ...}`) its text.
-fn item(value: &Value) -> String {
-    value.get("text").and_then(Value::as_str).map_or_else(|| plain_leaf(value), str::to_owned)
-}
-
-fn plain_leaf(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
 #[cfg(test)]

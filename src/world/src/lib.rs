@@ -14,6 +14,7 @@ mod scene;
 mod task;
 mod tool;
 
+pub mod answer;
 pub mod invariants;
 pub mod language;
 pub mod outcome;

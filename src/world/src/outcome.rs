@@ -93,6 +93,49 @@ error_codes! {
     EpisodeOver = "episode_over", Severe;
 }
 
+impl ErrorCode {
+    /// What a text of the published server or of ours says went wrong; none where it says of no failure that is known. Never
+    /// ask it of what a user answered.
+    pub fn told_by(text: &str) -> Option<Self> {
+        TOLD.iter().find(|(part, _)| text.contains(part)).map(|(_, code)| *code)
+    }
+}
+
+/// What the texts of failures hold (SPEC sections 2 and 9).
+const TOLD: &[(&str, ErrorCode)] = &[
+    ("Error executing ", ErrorCode::BackendError),
+    ("Input validation error", ErrorCode::BadArguments),
+    ("No tool selected", ErrorCode::UnparsableOutput),
+    ("not found in the scene", ErrorCode::UnknownReceptacle),
+    ("Cannot find a non-occluded position", ErrorCode::NoViewpoint),
+    ("Cannot compute bounding box", ErrorCode::NoViewpoint),
+    ("no valid navigable component", ErrorCode::NoViewpoint),
+    ("No landmark selected", ErrorCode::NoLandmark),
+    ("No camera position available", ErrorCode::NoLandmark),
+    ("No camera orientation available", ErrorCode::NoLandmark),
+    ("Seems there is no object", ErrorCode::NothingFound),
+    ("No object matching", ErrorCode::NothingFound),
+    ("No receptacle is in view", ErrorCode::NothingFound),
+    ("not found in the marker map", ErrorCode::UnknownMarker),
+    ("No marker map available", ErrorCode::NoMarkerMap),
+    ("is not in view", ErrorCode::MarkerNotInView),
+    ("is not available. Cannot focus on it", ErrorCode::MarkerNotInView),
+    ("You are already holding", ErrorCode::AlreadyHolding),
+    ("has no graspable component", ErrorCode::NotGraspable),
+    ("is not graspable", ErrorCode::NotGraspable),
+    ("No object in the inventory", ErrorCode::NothingHeld),
+    ("is not a valid placement surface", ErrorCode::NotASurface),
+    ("has no top_shelf component", ErrorCode::NotASurface),
+    ("Target furniture ", ErrorCode::NotASurface),
+    ("is closed. Use", ErrorCode::DoorClosed),
+    ("is out of reach", ErrorCode::OutOfReach),
+    ("There is no free spot", ErrorCode::NoFreeSpot),
+    ("has no door", ErrorCode::NoDoor),
+    ("The hand is not free", ErrorCode::HandNotFree),
+    ("not recognized", ErrorCode::UnknownTool),
+    ("The episode is over", ErrorCode::EpisodeOver),
+];
+
 impl fmt::Display for ErrorCode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.as_str())

@@ -55,8 +55,7 @@ impl Teller {
         let mut deed = Deed::called(self.step, &ToolCall::new(call.name.clone(), call.arguments.clone()), outcome);
         self.step += 1;
         let tool = ToolSpec::by_name(&call.name).map(|spec| spec.paper_name);
-        let error = FAILURES.iter().find(|(text, _)| outcome.contains(text)).map(|(_, code)| *code);
-        let error = if tool == Some("ask") { None } else { error };
+        let error = if tool == Some("ask") { None } else { ErrorCode::told_by(outcome) };
         match (tool, error) {
             (None, None) => deed.error = Some(ErrorCode::UnknownTool.as_str().to_owned()),
             (_, Some(code)) => deed.error = Some(code.as_str().to_owned()),
@@ -121,30 +120,4 @@ const SUCCESSES: &[(&str, &str)] = &[
     ("place", "Placed "),
     ("open", "Opened "),
     ("close", "Closed "),
-];
-
-/// What a failure's text holds.
-const FAILURES: &[(&str, ErrorCode)] = &[
-    ("not found in the scene", ErrorCode::UnknownReceptacle),
-    ("Cannot find a non-occluded position", ErrorCode::NoViewpoint),
-    ("no valid navigable component", ErrorCode::NoViewpoint),
-    ("No landmark selected", ErrorCode::NoLandmark),
-    ("Seems there is no object", ErrorCode::NothingFound),
-    ("No object matching", ErrorCode::NothingFound),
-    ("No receptacle is in view", ErrorCode::NothingFound),
-    ("not found in the marker map", ErrorCode::UnknownMarker),
-    ("No marker map available", ErrorCode::NoMarkerMap),
-    ("is not in view", ErrorCode::MarkerNotInView),
-    ("You are already holding", ErrorCode::AlreadyHolding),
-    ("is not graspable", ErrorCode::NotGraspable),
-    ("No object in the inventory", ErrorCode::NothingHeld),
-    ("is not a valid placement surface", ErrorCode::NotASurface),
-    ("is closed. Use", ErrorCode::DoorClosed),
-    ("is out of reach", ErrorCode::OutOfReach),
-    ("There is no free spot", ErrorCode::NoFreeSpot),
-    ("has no door", ErrorCode::NoDoor),
-    ("The hand is not free", ErrorCode::HandNotFree),
-    ("not recognized", ErrorCode::UnknownTool),
-    ("The episode is over", ErrorCode::EpisodeOver),
-    ("Error executing", ErrorCode::BackendError),
 ];

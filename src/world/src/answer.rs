@@ -1,9 +1,10 @@
-//! What an assistant's turn says: reasoning, the summary, the call (SPEC section 4). As lenient as the published parser.
+//! What a model answered: reasoning, the summary, the call (SPEC section 4). As lenient as the published parser: what does
+//! not parse is absent. Owns no check of the call: the tools do that.
 
 use serde_json::{Deserializer, Map, Value};
 
 /// Places in a text that are tried as the beginning of a JSON object.
-const TRIES_MAX: usize = 64;
+const TRIES_MAX: usize = 1000;
 
 /// A call of a tool.
 #[derive(Clone, PartialEq, Debug)]
@@ -34,6 +35,11 @@ pub struct Answer {
 }
 
 impl Answer {
+    /// Reads the message of a model that calls functions: its `content` is the answer, where it has one.
+    pub fn of_message(message: &Value) -> Self {
+        message.get("content").map(|content| Self::parse(&plain(content))).unwrap_or_default()
+    }
+
     /// Reads an answer; what does not parse is absent.
     pub fn parse(text: &str) -> Self {
         let (thought, rest) = text.rsplit_once("</think>").unwrap_or(("", text));
@@ -117,11 +123,14 @@ fn without_fence(text: &str) -> &str {
     text.strip_suffix("json").unwrap_or(text).trim_end_matches('`').trim()
 }
 
+/// A value in words: strings as they are, the items of a list one after the other, of the parts of a message
+/// (`{"type": "text", "text": ...}`) their texts.
 fn plain(value: &Value) -> String {
     match value {
         Value::Null => String::new(),
         Value::String(text) => text.clone(),
-        Value::Array(items) => items.iter().map(plain).collect::<Vec<_>>().join("; "),
+        Value::Array(items) => items.iter().map(plain).filter(|text| !text.is_empty()).collect::<Vec<_>>().join("; "),
+        Value::Object(part) if part.get("text").is_some_and(Value::is_string) => plain(&part["text"]),
         other => other.to_string(),
     }
 }
