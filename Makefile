@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test bench bench-sql bench-ingest bench-taxonomy eval-taxonomy prove-sft lint acceptance determinism determinism-cross clean
+.PHONY: help demo test bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy prove-sft lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -24,6 +24,9 @@ bench-sql: ## a million made-up episodes: the same questions to reel and to Duck
 
 bench-ingest: ## the same traces through reel, a Python script and a bare decoding loop (needs Python)
 	tests/bench/ingest.sh
+
+bench-export: ## the same training set by reel and by a Python script with mcap and datasets (needs Python)
+	tests/bench/export.sh
 
 bench-taxonomy: ## the failure rules over up to a million made-up episodes
 	tests/bench/taxonomy.sh

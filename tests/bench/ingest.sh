@@ -5,15 +5,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 source tests/bench/setup.sh
 cargo build --locked --profile fast -p reel-trace --example trace_decode --example trace_copies
-for kind in full lean; do
-  traces="$BENCH_DIR/traces-$kind"
-  [[ -d $traces ]] && continue
-  "$REEL" tasks generate --count 100 --out "$BENCH_DIR/tasks"
-  for policy in oracle planner wrong-object no-ask oscillating; do
-    "$REEL" run --tasks "$BENCH_DIR/tasks" --policy "$policy" --out "$traces.part" $([[ $kind == lean ]] && echo --no-images)
-  done
-  mv "$traces.part" "$traces"
-done
+source tests/bench/traces.sh
 "$PYTHON" tests/bench/ingest.py --full "$BENCH_DIR/traces-full" --lean "$BENCH_DIR/traces-lean" --reel "$REEL" \
   --decode "$CARGO_TARGET_DIR/fast/examples/trace_decode" --copies "$CARGO_TARGET_DIR/fast/examples/trace_copies" \
   --work "$BENCH_DIR" --traces-max "${TRACES_MAX:-50000}"
