@@ -13,11 +13,9 @@ use serde_json::Value;
 
 use crate::{
     BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck, Manifest, PictureOptions, Pictures,
-    Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card, prompt_digest,
+    QWEN3_VL_SIDE, Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card,
+    prompt_digest,
 };
-
-/// Side of a picture's token in Qwen3-VL, in pixels.
-const QWEN3_VL_SIDE: u32 = 32;
 
 /// How a dataset is written.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
@@ -74,7 +72,7 @@ fn picture_root(root: &Path, format: Format) -> PathBuf {
 pub struct DatasetWriter {
     root: PathBuf,
     options: WriterOptions,
-    tokenizer: Box<dyn Tokenizer + Send + Sync>,
+    tokenizer: Box<dyn Tokenizer>,
     pictures: Pictures,
     shards: BTreeMap<Split, Shards>,
     counts: Counts,
@@ -90,7 +88,7 @@ impl DatasetWriter {
     }
 
     /// A dataset whose tokens a given tokenizer counts.
-    pub fn with_tokenizer(root: &Path, options: WriterOptions, tokenizer: Box<dyn Tokenizer + Send + Sync>) -> Self {
+    pub fn with_tokenizer(root: &Path, options: WriterOptions, tokenizer: Box<dyn Tokenizer>) -> Self {
         let tokens = TokenReport::new(tokenizer.as_ref(), options.image_side, options.budget);
         Self {
             root: root.to_owned(),

@@ -4,7 +4,7 @@ use reel_world::{Digest, NameSet};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::Split;
+use crate::{Rollout, Split};
 
 /// A picture by the digest of its recorded pixels (8-bit RGB, row by row).
 pub type ImageId = Digest;
@@ -74,6 +74,8 @@ pub struct Step {
     pub images: Vec<ImageId>,
     /// Whether a model shall learn this decision; the others are context.
     pub learn: bool,
+    /// What it was worth, where the rows are for reinforcement learning.
+    pub rollout: Option<Rollout>,
 }
 
 /// Where an episode comes from: every row carries it.

@@ -53,6 +53,14 @@ pub enum DatasetError {
         /// Why.
         reason: &'static str,
     },
+    /// A tokenizer's file is none.
+    #[error("no tokenizer: {reason}: {path}; give the `tokenizer.json` that lies beside a model's weights", path = path.display())]
+    Tokenizer {
+        /// Why it cannot be read.
+        reason: String,
+        /// The file.
+        path: PathBuf,
+    },
     /// Ratios of a split that are none.
     #[error("split ratios {found:?} are not three numbers from 0 that add up to more than 0")]
     Ratios {

@@ -6,7 +6,7 @@ use std::{fmt, sync::Arc};
 use serde::Serialize;
 
 use crate::{
-    Episode, ImageId, LeakKind, Secrets, Source, Split, Step, json, privileged,
+    Episode, ImageId, LeakKind, Rollout, Secrets, Source, Split, Step, json, privileged,
     prompt::{self, SYSTEM_MULTI_TURN, SYSTEM_SINGLE_TURN},
     strip,
 };
@@ -154,7 +154,7 @@ pub struct About {
 }
 
 /// What a model learns one decision, or one episode, from.
-#[derive(Clone, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub struct Example {
     /// `<episode>/<call>`; a whole episode's call is its last.
     pub id: String,
@@ -171,6 +171,8 @@ pub struct Example {
     /// The tools as a JSON list of `{type: function, function: {name, description, parameters}}`, where they are not in the
     /// user's turn.
     pub tools: Option<Arc<Text>>,
+    /// What the decision was worth, in rows for reinforcement learning.
+    pub rollout: Option<Rollout>,
 }
 
 impl Example {
@@ -262,7 +264,7 @@ impl fmt::Display for Refusal {
 }
 
 /// The examples of an episode.
-#[derive(Clone, PartialEq, Eq, Debug, Default)]
+#[derive(Clone, PartialEq, Debug, Default)]
 pub struct Examples {
     /// In order.
     pub examples: Vec<Example>,
@@ -290,7 +292,8 @@ pub fn examples(episode: &Episode, options: &ExampleOptions, secrets: &Secrets) 
     let example = |index: usize, turns: Vec<Turn>, tools: Option<Arc<Text>>| {
         let step = &episode.steps[index];
         let id = format!("{}/{}", episode.episode_id, step.call);
-        Example { id, call: step.call, tool: step.tool.clone(), about: Arc::clone(&about), style: options.style, turns, tools }
+        let (about, tool, rollout) = (Arc::clone(&about), step.tool.clone(), step.rollout.clone());
+        Example { id, call: step.call, tool, about, style: options.style, turns, tools, rollout }
     };
     if options.style == Style::SingleTurn {
         let system = Arc::new(Text::new(SYSTEM_SINGLE_TURN.trim_end()));

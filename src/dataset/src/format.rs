@@ -19,6 +19,7 @@ pub enum Format {
     /// (iv) JSON lines for TRL.
     Trl,
     /// (v) JSON lines of OpenAI chats.
+    #[serde(rename = "openai")]
     OpenAi,
     /// (vi) Parquet with Hugging Face's features.
     Parquet,
@@ -136,6 +137,11 @@ impl Learned {
     }
 }
 
+/// How turns begin in the forms of sharegpt and of messages.
+const HUMAN: &str = "{\"from\":\"human\",\"value\":\"";
+const GPT: &str = "{\"from\":\"gpt\",\"value\":\"";
+const ASSISTANT: &str = "{\"role\":\"assistant\",\"content\":\"";
+
 struct Row<'r> {
     example: &'r Example,
     pictures: &'r Pictures,
@@ -156,7 +162,7 @@ impl Row<'_> {
             match turn {
                 // Its conversations have no system turn: it opens the first human one, with the tools where they are apart.
                 Turn::System(text) => {
-                    self.put("{\"from\":\"human\",\"value\":\"");
+                    self.begin(HUMAN);
                     self.out.extend_from_slice(text.escaped());
                     self.escape("\n\n");
                     if let Some(tools) = &example.tools {
@@ -164,26 +170,19 @@ impl Row<'_> {
                         self.out.extend_from_slice(tools.escaped());
                         self.escape("\n\nCall a tool as <tool_call>\n{\"name\": ..., \"arguments\": {...}}\n</tool_call>.\n\n");
                     }
-                    continue;
                 }
                 Turn::User { setting, situation, images } => {
                     self.user_text(setting.escaped(), situation, images.len());
+                    self.put("\"}");
                 }
-                Turn::Answer(text) => {
-                    self.put(",{\"from\":\"gpt\",\"value\":\"");
-                    self.escape(text);
-                }
+                Turn::Answer(text) => self.say(GPT, text, 0),
                 Turn::Call { thought, name, arguments, .. } => {
-                    self.put(",{\"from\":\"gpt\",\"value\":\"");
-                    self.escape(&format!("{thought}<tool_call>\n{}\n</tool_call>", call_json(name, arguments)));
+                    self.say(GPT, &format!("{thought}<tool_call>\n{}\n</tool_call>", call_json(name, arguments)), 0);
                 }
                 Turn::Outcome { text, images, .. } => {
-                    self.put(",{\"from\":\"human\",\"value\":\"");
-                    self.escape(&format!("<tool_response>\n{text}\n</tool_response>"));
-                    self.tags(images.len());
+                    self.say(HUMAN, &format!("<tool_response>\n{text}\n</tool_response>"), images.len());
                 }
             }
-            self.put("\"}");
         }
         self.put("]");
         self.close()
@@ -192,51 +191,39 @@ impl Row<'_> {
     fn ms_swift(&mut self) -> Result<(), DatasetError> {
         let example = self.example;
         // `loss` stands in every turn of the model or in none, so that all rows have the same fields.
-        let masked = example.tools.is_some();
+        let loss = |learn: bool| match (example.tools.is_some(), learn) {
+            (false, _) => "\"}",
+            (true, true) => "\",\"loss\":true}",
+            (true, false) => "\",\"loss\":false}",
+        };
         self.put("{\"messages\":[");
         for turn in &example.turns {
             match turn {
                 Turn::System(text) => {
-                    self.put("{\"role\":\"system\",\"content\":\"");
+                    self.begin("{\"role\":\"system\",\"content\":\"");
                     self.out.extend_from_slice(text.escaped());
+                    self.put("\"}");
                 }
                 Turn::User { setting, situation, images } => {
-                    self.put(",{\"role\":\"user\",\"content\":\"");
+                    self.begin("{\"role\":\"user\",\"content\":\"");
                     self.user_text(setting.escaped(), situation, images.len());
+                    self.put("\"}");
                 }
-                Turn::Answer(text) => {
-                    self.put(",{\"role\":\"assistant\",\"content\":\"");
-                    self.escape(text);
-                }
+                Turn::Answer(text) => self.say(ASSISTANT, text, 0),
                 Turn::Call { thought, name, arguments, learn, .. } => {
-                    let loss = if !masked {
-                        ""
-                    } else if *learn {
-                        ",\"loss\":true"
-                    } else {
-                        ",\"loss\":false"
-                    };
                     if !thought.is_empty() {
-                        self.put(",{\"role\":\"assistant\",\"content\":\"");
+                        self.begin(ASSISTANT);
                         self.escape(thought);
-                        self.put("\"");
-                        self.put(loss);
-                        self.put("}");
+                        self.put(loss(*learn));
                     }
-                    self.put(",{\"role\":\"tool_call\",\"content\":\"");
+                    self.begin("{\"role\":\"tool_call\",\"content\":\"");
                     self.escape(&call_json(name, arguments));
-                    self.put("\"");
-                    self.put(loss);
-                    self.put("}");
-                    continue;
+                    self.put(loss(*learn));
                 }
                 Turn::Outcome { text, images, .. } => {
-                    self.put(",{\"role\":\"tool_response\",\"content\":\"");
-                    self.escape(text);
-                    self.tags(images.len());
+                    self.say("{\"role\":\"tool_response\",\"content\":\"", text, images.len());
                 }
             }
-            self.put("\"}");
         }
         self.put("],\"images\":");
         self.paths()?;
@@ -252,28 +239,21 @@ impl Row<'_> {
                     self.put("{\"system\":\"");
                     self.out.extend_from_slice(text.escaped());
                     self.put("\",\"conversations\":[");
-                    continue;
                 }
                 Turn::User { setting, situation, images } => {
-                    self.put("{\"from\":\"human\",\"value\":\"");
+                    self.begin(HUMAN);
                     self.user_text(setting.escaped(), situation, images.len());
+                    self.put("\"}");
                 }
-                Turn::Answer(text) => {
-                    self.put(",{\"from\":\"gpt\",\"value\":\"");
-                    self.escape(text);
-                }
+                Turn::Answer(text) => self.say(GPT, text, 0),
                 Turn::Call { thought, name, arguments, .. } => {
-                    self.put(",{\"from\":\"function_call\",\"value\":\"");
-                    self.escape(thought);
-                    self.escape(&call_json(name, arguments));
+                    let said = format!("{thought}{}", call_json(name, arguments));
+                    self.say("{\"from\":\"function_call\",\"value\":\"", &said, 0);
                 }
                 Turn::Outcome { text, images, .. } => {
-                    self.put(",{\"from\":\"observation\",\"value\":\"");
-                    self.escape(text);
-                    self.tags(images.len());
+                    self.say("{\"from\":\"observation\",\"value\":\"", text, images.len());
                 }
             }
-            self.put("\"}");
         }
         self.put("],\"images\":");
         self.paths()?;
@@ -415,6 +395,22 @@ impl Row<'_> {
         self.out.extend_from_slice(json.as_bytes());
     }
 
+    /// Begins a turn, after a comma unless it is the first.
+    fn begin(&mut self, turn: &str) {
+        if self.out.last() != Some(&b'[') {
+            self.put(",");
+        }
+        self.put(turn);
+    }
+
+    /// A turn of one text, with a tag for each picture.
+    fn say(&mut self, turn: &str, text: &str, images: usize) {
+        self.begin(turn);
+        self.escape(text);
+        self.tags(images);
+        self.put("\"}");
+    }
+
     fn escape(&mut self, text: &str) {
         json::escape(self.out, text);
     }
@@ -482,6 +478,9 @@ impl Row<'_> {
     }
 
     fn close(&mut self) -> Result<(), DatasetError> {
+        if let Some(rollout) = &self.example.rollout {
+            rollout.append(self.out);
+        }
         self.put(",\"provenance\":");
         self.example.provenance(self.out);
         self.put("}");

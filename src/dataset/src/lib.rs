@@ -29,7 +29,10 @@ pub use manifest::{Counts, FileEntry, MANIFEST, Manifest, files};
 pub use picture::{Encoding, PIXELS_MAX, PIXELS_MIN, Picture, PictureOptions, Pictures};
 pub use privileged::{Leak, LeakKind, Secrets, privileged, strip};
 pub use prompt::{SYSTEM_MULTI_TURN, SYSTEM_SINGLE_TURN, prompt_digest, tool_list};
-pub use rollout::{Rollout, task_list, write_rollout_row};
+pub use rollout::{Rollout, TASK_LIST, task_list};
 pub use shard::{Shard, Shards};
 pub use split::{Leakage, LeakageCheck, Ratios, Split, Splits};
-pub use tokens::{BytesOverFour, CONTEXT_TOKENS, TokenCount, TokenCounter, TokenReport, Tokenizer, image_tokens};
+pub use tokens::{
+    BytesOverFour, CONTEXT_TOKENS, QWEN3_VL_SIDE, TOKENS_PER_TURN, TokenCount, TokenCounter, TokenReport, Tokenizer,
+    TokenizerFile, image_tokens,
+};

@@ -1,21 +1,25 @@
-//! Rows for reinforcement learning: a decision with its reward, return and advantage in its rollout group (SPEC section 5),
-//! and the list of tasks that a trainer asks for (SPEC section 11). Computes no reward.
+//! What decisions were worth to reinforcement learning: reward, return and advantage in a rollout group (SPEC section 5), as
+//! fields of their rows; and the list of tasks that a trainer asks for (SPEC section 11). Computes no reward.
 
 use std::{collections::BTreeSet, fmt::Write as _};
 
 use serde::Serialize;
 
-use crate::{DatasetError, Example, Format, Pictures};
-
 /// What a decision was worth.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Rollout {
-    /// Rollouts of the same task and seed by the same policy.
+    /// Names its prompt group: rollouts of the same task by the same policy.
     pub group: String,
     /// How many rollouts the group has: G.
     pub group_size: u32,
-    /// Seed of the task.
+    /// Which of them it is, from 0.
+    pub rollout: u32,
+    /// Seed of the episode.
     pub seed: u64,
+    /// Which decision of the episode, from 0.
+    pub step: u32,
+    /// How many decisions the episode has.
+    pub steps: u32,
     /// Of this decision.
     pub reward: f64,
     /// Discounted sum of rewards of the episode from its beginning: `J_i`.
@@ -27,23 +31,17 @@ pub struct Rollout {
     pub success: bool,
 }
 
-/// Appends a row: prompt, completion and pictures as TRL reads them, then the fields of the rollout, then provenance.
-///
-/// # Errors
-/// When a picture is missing, or the example is not one decision to learn.
-pub fn write_rollout_row(
-    example: &Example,
-    rollout: &Rollout,
-    pictures: &Pictures,
-    out: &mut Vec<u8>,
-) -> Result<(), DatasetError> {
-    Format::Trl.write_row(example, pictures, out)?;
-    assert_eq!(out.pop(), Some(b'}'), "a row is a JSON object");
-    let fields = serde_json::to_string(rollout).expect("a rollout has text keys only");
-    out.push(b',');
-    out.extend_from_slice(&fields.as_bytes()[1..]);
-    Ok(())
+impl Rollout {
+    /// Appends its fields, each after a comma.
+    pub(crate) fn append(&self, out: &mut Vec<u8>) {
+        let fields = serde_json::to_string(self).expect("a rollout has text keys only");
+        out.push(b',');
+        out.extend_from_slice(&fields.as_bytes()[1..fields.len() - 1]);
+    }
 }
+
+/// Name of the list of tasks in a dataset's folder.
+pub const TASK_LIST: &str = "tasks.json";
 
 /// A trainer's list of tasks: their ids as a JSON list, each once, sorted.
 pub fn task_list<'t>(ids: impl IntoIterator<Item = &'t str>) -> String {

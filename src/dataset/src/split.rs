@@ -103,11 +103,6 @@ impl Splits {
         Self { groups: assigned }
     }
 
-    /// The part of a group by its hash alone: stays the same whatever else is in the dataset, as new data comes in.
-    pub fn by_hash(group: &str, seed: u64, ratios: Ratios) -> Split {
-        ratios.at(hash(group, seed) as f64 / 2f64.powi(64))
-    }
-
     /// The part of a group.
     pub fn of(&self, group: &str) -> Option<Split> {
         self.groups.get(group).copied()
@@ -198,16 +193,10 @@ mod tests {
     }
 
     #[test]
-    fn a_group_keeps_its_part_by_hash() {
-        let ratios = Ratios::new([0.8, 0.1, 0.1]).unwrap();
-        let train = groups(2000).iter().filter(|(group, _)| Splits::by_hash(group, 1, ratios) == Split::Train).count();
-        assert!((1500..1700).contains(&train), "{train}");
-        assert_eq!(Splits::by_hash("x", 1, Ratios::new([0.0, 0.0, 1.0]).unwrap()), Split::Test);
-        assert!(
-            Ratios::new([0.0; 3]).is_err()
-                && Ratios::new([-1.0, 2.0, 0.0]).is_err()
-                && Ratios::new([f64::NAN, 1.0, 1.0]).is_err()
-        );
+    fn ratios_that_are_none_are_refused() {
+        for ratios in [[0.0; 3], [-1.0, 2.0, 0.0], [f64::NAN, 1.0, 1.0]] {
+            assert!(Ratios::new(ratios).is_err(), "{ratios:?}");
+        }
     }
 
     #[test]

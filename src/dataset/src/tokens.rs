@@ -1,29 +1,35 @@
 //! How long examples are, in tokens: of texts by a tokenizer or a rule of thumb, of pictures as Qwen-VL counts them, against
 //! the context of training (SPEC section 8). Estimates: a trainer's template decides.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::{collections::BTreeMap, fmt, fs, path::Path, sync::Arc};
 
+use reel_world::Digest;
 use serde::Serialize;
 
-use crate::{Example, Picture, Text, Turn, example::call_json};
+use crate::{DatasetError, Example, Picture, Text, Turn, example::call_json};
 
 /// The context of training, in tokens.
 pub const CONTEXT_TOKENS: u32 = 8_192;
 
-/// Tokens that a template puts around a turn.
-const TOKENS_PER_TURN: u32 = 5;
+/// Tokens that Qwen's template puts around a turn.
+pub const TOKENS_PER_TURN: u32 = 5;
+/// Side of a picture's token in Qwen3-VL, in pixels.
+pub const QWEN3_VL_SIDE: u32 = 32;
+/// Tokens that stand around a picture.
+const TOKENS_PER_PICTURE: u32 = 2;
 /// Width of the histogram's bars, in tokens.
 const BAR_TOKENS: u32 = 1_024;
 
 /// Counts the tokens of a text.
-pub trait Tokenizer {
+pub trait Tokenizer: fmt::Debug + Send + Sync {
     /// For people: what counts, and how well.
     fn name(&self) -> &str;
     /// How many tokens.
     fn count(&self, text: &str) -> u32;
 }
 
-/// A rule of thumb for English and JSON: a token is four bytes.
+/// A rule of thumb for English and JSON: a token is four bytes. With Qwen's vocabulary our system prompts have 6% less, users'
+/// turns as many, and answers 7% more.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BytesOverFour;
 
@@ -37,11 +43,51 @@ impl Tokenizer for BytesOverFour {
     }
 }
 
-/// Tokens of a picture: one for each square of `side` pixels after rounding the picture to whole squares; the side is 28
-/// for Qwen2.5-VL (patches of 14, two by two) and 32 for Qwen3-VL (patches of 16, two by two).
+/// A model's own tokenizer, from its `tokenizer.json`.
+pub struct TokenizerFile {
+    name: String,
+    tokenizer: tokenizers::Tokenizer,
+}
+
+impl fmt::Debug for TokenizerFile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.name)
+    }
+}
+
+impl TokenizerFile {
+    /// Reads it.
+    ///
+    /// # Errors
+    /// When the file cannot be read or is no tokenizer.
+    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        let error = |reason: String| DatasetError::Tokenizer { reason, path: path.to_owned() };
+        let bytes = fs::read(path).map_err(|reason| error(reason.to_string()))?;
+        let tokenizer = tokenizers::Tokenizer::from_bytes(&bytes).map_err(|reason| error(reason.to_string()))?;
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        Ok(Self { name: format!("{file} {}", Digest::of(&bytes).short()), tokenizer })
+    }
+}
+
+impl Tokenizer for TokenizerFile {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn count(&self, text: &str) -> u32 {
+        match self.tokenizer.encode_fast(text, false) {
+            Ok(encoding) => u32::try_from(encoding.len()).unwrap_or(u32::MAX),
+            // a text that it cannot read is as long as it can be
+            Err(_) => u32::try_from(text.len()).unwrap_or(u32::MAX),
+        }
+    }
+}
+
+/// Tokens of a picture: one for each square of `side` pixels after rounding the picture to whole squares, and what stands
+/// around it; the side is 28 for Qwen2.5-VL (patches of 14, two by two) and 32 for Qwen3-VL (patches of 16, two by two).
 pub fn image_tokens(width: u32, height: u32, side: u32) -> u32 {
     let squares = |pixels: u32| ((pixels + side / 2) / side.max(1)).max(1);
-    squares(width).saturating_mul(squares(height))
+    squares(width).saturating_mul(squares(height)).saturating_add(TOKENS_PER_PICTURE)
 }
 
 /// Tokens of one example.
@@ -165,9 +211,27 @@ mod tests {
 
     #[test]
     fn pictures_as_qwen_counts_them() {
-        assert_eq!(image_tokens(364, 252, 28), 13 * 9);
-        assert_eq!(image_tokens(352, 256, 32), 11 * 8);
-        assert_eq!(image_tokens(1, 1, 28), 1);
+        assert_eq!(image_tokens(364, 252, 28), 13 * 9 + 2);
+        assert_eq!(image_tokens(352, 256, 32), 11 * 8 + 2);
+        assert_eq!(image_tokens(1, 1, 28), 1 + 2);
+    }
+
+    #[test]
+    fn a_models_own_tokenizer_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("tokenizer.json");
+        let vocabulary = r#"{"pick": 0, "the": 1, "mug": 2, "?": 3}"#;
+        let model = format!(r#"{{"type": "WordLevel", "vocab": {vocabulary}, "unk_token": "?"}}"#);
+        fs::write(&path, format!(r#"{{"version": "1.0", "pre_tokenizer": {{"type": "Whitespace"}}, "model": {model}}}"#))
+            .unwrap();
+        let tokenizer = TokenizerFile::open(&path).unwrap();
+        assert_eq!([tokenizer.count("pick the mug"), tokenizer.count("pick a mug, now"), tokenizer.count("")], [3, 5, 0]);
+        assert!(tokenizer.name().starts_with("tokenizer.json "));
+        for (text, word) in [("{}", "no tokenizer"), ("", "no tokenizer")] {
+            fs::write(&path, text).unwrap();
+            let error = TokenizerFile::open(&path).err().unwrap().to_string();
+            assert!(error.contains(word) && error.contains("tokenizer.json"), "{error}");
+        }
     }
 
     #[test]

@@ -164,7 +164,8 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Error> {
         let rows = path.extension().and_then(|it| it.to_str()).is_some_and(|it| matches!(it, "json" | "jsonl" | "parquet"));
         let hidden = entry.file_name().to_string_lossy().starts_with('.');
         let name = entry.file_name().to_string_lossy().into_owned();
-        let beside = matches!(&*name, "dataset_info.json" | reel_dataset::MANIFEST) || name.ends_with(PROVENANCE);
+        let beside = matches!(&*name, reel_dataset::DATASET_INFO | reel_dataset::MANIFEST | reel_dataset::TASK_LIST)
+            || name.ends_with(PROVENANCE);
         if hidden || beside {
             continue;
         }

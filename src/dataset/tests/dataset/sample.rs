@@ -27,6 +27,7 @@ pub fn episode(id: &str, split: Split) -> Episode {
         subtask: "Find \"it\".".into(),
         images: if at == 0 { Vec::new() } else { vec![image(id, at / 2)] },
         learn: true,
+        rollout: None,
     };
     Episode {
         episode_id: id.into(),

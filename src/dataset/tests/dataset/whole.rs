@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fs, path::Path, time::Instant};
 
 use reel_dataset::{
     DatasetWriter, Description, ExampleOptions, Format, MANIFEST, Manifest, PictureOptions, Pictures, Rollout, Secrets, Split,
-    Style, WriterOptions, examples, files, write_rollout_row,
+    Style, WriterOptions, examples, files,
 };
 use reel_world::Digest;
 use serde_json::{Value, json};
@@ -82,17 +82,34 @@ fn the_card_says_what_is_in_it() {
 fn rollouts_carry_what_decisions_were_worth() {
     let folder = tempfile::tempdir().unwrap();
     let pictures = Pictures::new(folder.path(), PictureOptions::default());
-    let episode = episode("e1", Split::Train);
+    let mut episode = episode("e1", Split::Train);
     put_pictures(&episode, &pictures);
+    let steps = episode.steps.len() as u32;
+    for step in &mut episode.steps {
+        let worth = Rollout {
+            group: "g".into(),
+            group_size: 8,
+            rollout: 5,
+            seed: 3,
+            step: step.call,
+            steps,
+            reward: -0.03,
+            episode_return: 7.5,
+            advantage: 1.25,
+            success: true,
+        };
+        step.rollout = Some(worth);
+    }
     let made = examples(&episode, &ExampleOptions { style: Style::SingleTurn, failed_calls: true }, &Secrets::none());
-    let rollout =
-        Rollout { group: "g".into(), group_size: 8, seed: 3, reward: -0.03, episode_return: 7.5, advantage: 1.25, success: true };
-    let mut row = Vec::new();
-    write_rollout_row(&made.examples[2], &rollout, &pictures, &mut row).unwrap();
-    let row: Value = serde_json::from_slice(&row).unwrap();
-    assert_eq!((&row["return"], &row["advantage"], &row["reward"]), (&json!(7.5), &json!(1.25), &json!(-0.03)));
-    assert_eq!(row["completion"].as_array().unwrap().len(), 1);
-    assert_eq!(row["provenance"]["call"], 2);
+    for (format, answers) in [(Format::Trl, "completion"), (Format::MsSwift, "messages")] {
+        let mut row = Vec::new();
+        format.write_row(&made.examples[2], &pictures, &mut row).unwrap();
+        let row: Value = serde_json::from_slice(&row).unwrap();
+        assert_eq!((&row["return"], &row["advantage"], &row["reward"]), (&json!(7.5), &json!(1.25), &json!(-0.03)));
+        assert_eq!((&row["group"], &row["step"], &row["rollout"]), (&json!("g"), &json!(2), &json!(5)));
+        assert!(!row[answers].as_array().unwrap().is_empty());
+        assert_eq!(row["provenance"]["call"], 2);
+    }
 }
 
 /// Prints a speed; asserts none.

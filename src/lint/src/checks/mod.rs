@@ -16,6 +16,9 @@ mod seen;
 mod splits;
 mod told;
 
+use std::sync::Arc;
+
+use reel_dataset::{BytesOverFour, CONTEXT_TOKENS, QWEN3_VL_SIDE, Tokenizer};
 use seen::{Looks, Seen};
 
 use crate::{
@@ -28,8 +31,10 @@ use crate::{
 pub struct Options {
     /// Budget of a context, in tokens.
     pub context_tokens_max: u64,
-    /// Pixels that make one token of a picture: 784 (28 x 28) for Qwen2-VL and Qwen2.5-VL, 1,024 (32 x 32) for Qwen3-VL.
-    pub pixels_per_token: u64,
+    /// Side of a picture's token, in pixels: 28 for Qwen2-VL and Qwen2.5-VL, 32 for Qwen3-VL.
+    pub image_side: u32,
+    /// What counts the tokens of texts.
+    pub tokenizer: Arc<dyn Tokenizer>,
     /// Similarity (Jaccard, of word triples) from which two rows are near-duplicates.
     pub similarity_min: f64,
     /// Rows back to which a row is compared for near-duplicates; sets the memory of that check (about 700 bytes a row).
@@ -43,8 +48,9 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            context_tokens_max: 8192,
-            pixels_per_token: 784,
+            context_tokens_max: CONTEXT_TOKENS.into(),
+            image_side: QWEN3_VL_SIDE,
+            tokenizer: Arc::new(BytesOverFour),
             similarity_min: 0.9,
             near_rows_max: 100_000,
             tool_share_max: 0.5,
@@ -126,7 +132,7 @@ fn all(dataset: &Dataset, options: &Options) -> Vec<Box<dyn Check>> {
         Box::new(label_noise::LabelNoise::default()),
         Box::new(duplicates::Duplicates::default()),
         Box::new(near_duplicates::NearDuplicates::new(options.similarity_min, options.near_rows_max)),
-        Box::new(length::Length::new(options.context_tokens_max, options.pixels_per_token)),
+        Box::new(length::Length::new(options)),
         Box::new(balance::Balance::new(options.tool_share_max)),
     ]
 }
