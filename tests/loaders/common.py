@@ -1,11 +1,17 @@
-"""What the loaders' tests share: the manifest of the dataset in the working folder, and what must hold of its rows."""
+"""What the loaders' tests share: the manifest of the dataset in the working folder, and what must hold of its rows.
+
+Where REEL_FRAMES names a file, the pictures of all rows have to be equal to what it holds: their pixels (8-bit RGB, row by
+row), one picture after the other.
+"""
 
 import json
+import os
 import pathlib
 import sys
 import types
 
 MANIFEST = json.loads(pathlib.Path("manifest.json").read_text())
+FRAMES = open(os.environ["REEL_FRAMES"], "rb") if "REEL_FRAMES" in os.environ else None
 
 
 def shards(split):
@@ -23,6 +29,9 @@ def check_image(image):
     image.load()
     budget = MANIFEST["writer"]["pictures"]["pixels_max"]
     assert image.width > 0 and (budget is None or image.width * image.height <= budget), image.size
+    if FRAMES:
+        pixels = image.convert("RGB").tobytes()
+        assert pixels == FRAMES.read(len(pixels)), "the pixels are not those of the frame"
 
 
 def check_path(path):
@@ -37,7 +46,8 @@ def check_total(rows, images):
     """All rows and pictures that the manifest promises came."""
     assert rows == MANIFEST["counts"]["examples"], (rows, MANIFEST["counts"]["examples"])
     assert images == MANIFEST["counts"]["images"], (images, MANIFEST["counts"]["images"])
-    print(f"{rows} rows, {images} images decoded")
+    assert not (FRAMES and FRAMES.read(1)), "frames that no row showed"
+    print(f"{rows} rows, {images} images decoded" + (" and equal to the frames" if FRAMES else ""))
 
 
 def check_provenance(row):

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Loads datasets with the loaders of their formats: run.sh DATASET_DIR (one dataset, or a folder of them).
 # Prints one line a loader and dataset: ok, FAILED, or skipped with the reason. Exits 1 if one failed.
+# Without the environments of install.sh, $REEL_PYTHON serves for what it has.
 set -u
 here="$(cd "$(dirname "$0")" && pwd)"
 root="${REEL_LOADERS:-$HOME/.cache/reel/loaders}"
@@ -8,7 +9,10 @@ failed=0
 
 load() { # loader, dataset
     local python="$root/$1/bin/python" said code
-    if [ ! -x "$python" ]; then
+    if [ ! -x "$python" ] && [ "$1" = datasets5 ] && "${REEL_PYTHON:-python3}" -c 'import datasets, PIL' 2>/dev/null; then
+        python="${REEL_PYTHON:-python3}"
+    fi
+    if [ ! -x "$(command -v "$python")" ]; then
         echo "$1 $(basename "$2"): skipped: not installed (tests/loaders/install.sh)"
         return
     fi

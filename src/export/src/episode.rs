@@ -1,16 +1,16 @@
-//! A row of the store as an episode in plain text: with the words of its policy, or with words written for it. Never looks
-//! at a file.
+//! A row of the store as an episode in plain text: with the words of its policy, or with words written for it, by rules or in
+//! the file beside its trace.
 
-use std::{borrow::Cow, collections::HashMap};
+use std::{borrow::Cow, collections::HashMap, path::Path};
 
-use reel_annotate::{Marked, Note, PublicTask, Step as Decision, Thing};
-use reel_dataset::{Receptacle, Secrets, Step};
+use reel_annotate::{AnnotateError, Marked, Note, PublicTask, Step as Decision, Thing, notes_path, read_notes};
+use reel_dataset::{Receptacle, Rollout, Secrets, Step};
 use reel_history::{Checker, Deed, Setting, mend};
 use reel_trace::Trace;
-use reel_world::{ErrorCode, ObjectInstance, Scene, Task};
+use reel_world::{Digest, ErrorCode, ObjectInstance, Scene, Task};
 use serde::Deserialize;
 
-use crate::Mending;
+use crate::{Mending, Words, rollouts::Worth};
 
 /// Columns of `episodes` that a [`Row`] is made of.
 pub(crate) const COLUMNS: &[&str] = &[
@@ -25,7 +25,10 @@ pub(crate) const COLUMNS: &[&str] = &[
     "preset",
     "trace",
     "trace_digest",
+    "seed",
+    "success",
     "steps.list.element.step",
+    "steps.list.element.reward",
     "steps.list.element.tool",
     "steps.list.element.call_name",
     "steps.list.element.arguments",
@@ -60,12 +63,16 @@ pub(crate) struct Row<'a> {
     pub preset: &'a str,
     pub trace: &'a str,
     pub trace_digest: &'a str,
+    /// A column of numbers without a sign, which come as text.
+    seed: String,
+    success: Option<bool>,
     pub steps: Vec<StepRow<'a>>,
 }
 
 #[derive(Deserialize)]
 pub(crate) struct StepRow<'a> {
     pub step: u32,
+    reward: f64,
     tool: &'a str,
     call_name: &'a str,
     arguments: &'a str,
@@ -143,7 +150,46 @@ impl Known {
 impl Row<'_> {
     /// Whether a model spoke for itself.
     pub fn has_words(&self) -> bool {
-        self.steps.iter().any(|step| step.raw.is_some())
+        self.steps.iter().any(|step| step.raw.is_some() || step.history.is_some())
+    }
+
+    /// The words of every decision, and whose they are.
+    ///
+    /// # Errors
+    /// When they shall be those of a file that is none.
+    pub fn notes(&self, words: Words, known: &Known, seed: u64) -> Result<(Vec<Note>, String), AnnotateError> {
+        match words {
+            Words::Recorded => Ok((self.recorded(), self.policy.to_owned())),
+            Words::Notes => {
+                let trace = Digest::from_hex(self.trace_digest).unwrap_or_default();
+                let (provenance, entries) = read_notes(&notes_path(Path::new(self.trace)), &trace)?;
+                let notes = entries.into_iter().map(|entry| entry.note).collect();
+                Ok((notes, format!("{}-{}", provenance.annotator, provenance.version.short())))
+            }
+            Words::Auto | Words::Rules => {
+                let steps: Vec<Decision<'_>> = self.steps.iter().map(|step| step.decision(known)).collect();
+                let trace = Digest::from_hex(self.trace_digest).unwrap_or_default();
+                let notes = reel_annotate::annotate(&known.public, &steps, reel_annotate::episode_seed(seed, &trace));
+                Ok((notes, format!("rules-{}", reel_annotate::version().short())))
+            }
+        }
+    }
+
+    /// What a decision was worth.
+    pub fn rollout(&self, worth: &Worth, call: u32) -> Option<Rollout> {
+        let step = self.steps.iter().find(|step| step.step == call)?;
+        Some(Rollout {
+            group: worth.group.to_string(),
+            group_size: worth.group_size,
+            rollout: worth.rollout,
+            seed: self.seed.parse().unwrap_or_default(),
+            step: call,
+            steps: self.steps.len() as u32,
+            reward: step.reward,
+            episode_return: worth.episode_return,
+            advantage: worth.advantage,
+            success: self.success == Some(true),
+        })
     }
 
     /// The decisions, without words, pictures, or anything to learn.
@@ -161,14 +207,8 @@ impl Row<'_> {
         self.steps.iter().map(decision).collect()
     }
 
-    /// Words that the rules write.
-    pub fn written(&self, known: &Known, seed: u64) -> Vec<Note> {
-        let steps: Vec<Decision<'_>> = self.steps.iter().map(|step| step.decision(known)).collect();
-        reel_annotate::annotate(&known.public, &steps, seed)
-    }
-
     /// The policy's own words.
-    pub fn recorded(&self) -> Vec<Note> {
+    fn recorded(&self) -> Vec<Note> {
         let words = |step: &StepRow<'_>| {
             let plan = step.plan.unwrap_or_default();
             let (schedule, subtask) = plan.split_once(SUBTASK).unwrap_or((plan, ""));

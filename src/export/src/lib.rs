@@ -7,6 +7,7 @@
 
 mod episode;
 mod parquet;
+mod rollouts;
 mod rows;
 mod select;
 mod verify;
@@ -21,6 +22,7 @@ use reel_dataset::{DatasetError, Leakage, Ratios, Split, Splits, Style, TokenRep
 use reel_tables::{Store, StoreError};
 use serde::Serialize;
 
+pub use rollouts::RolloutOptions;
 pub use select::Selection;
 
 /// Called with the number of episodes that are done, from several threads.
@@ -37,6 +39,15 @@ pub enum Words {
     Rules,
     /// As recorded, mended.
     Recorded,
+    /// Of the file beside each trace that `reel annotate` wrote.
+    Notes,
+}
+
+impl Words {
+    /// Whether what the policy said may be exported.
+    fn may_be_recorded(self) -> bool {
+        matches!(self, Words::Auto | Words::Recorded)
+    }
 }
 
 /// What is kept together in one part of a dataset.
@@ -52,7 +63,7 @@ pub enum SplitBy {
 
 /// A training set to be made.
 #[derive(Clone, PartialEq, Debug, Serialize)]
-pub struct SftOptions {
+pub struct ExportOptions {
     /// Which episodes and decisions.
     pub selection: Selection,
     /// Format and size of the files, and how pictures are made.
@@ -71,6 +82,11 @@ pub struct SftOptions {
     pub allow_unverified: bool,
     /// Replay what no verdict is kept of.
     pub replay: bool,
+    /// Rows for reinforcement learning: what each decision was worth in its group.
+    pub rollouts: Option<RolloutOptions>,
+    /// A model's `tokenizer.json`, to count tokens by.
+    #[serde(skip)]
+    pub tokenizer: Option<PathBuf>,
     /// What the dataset is called.
     pub name: String,
     /// Its licence, as an SPDX name or `other`.
@@ -81,7 +97,7 @@ pub struct SftOptions {
 
 /// What an export did.
 #[derive(Clone, PartialEq, Debug, Default, Serialize)]
-pub struct SftReport {
+pub struct ExportReport {
     /// Examples by part.
     pub examples: BTreeMap<Split, u64>,
     /// Episodes that gave some.
@@ -168,15 +184,15 @@ pub enum ExportError {
 /// # Errors
 /// When the store cannot be read, the folder cannot be written, or holds another dataset. What cannot be used of the store is
 /// refused in the report, and the rest goes on.
-pub fn sft(
+pub fn export(
     store: &Store,
     out: &Path,
-    options: &SftOptions,
+    options: &ExportOptions,
     verifying: Progress<'_>,
     writing: Progress<'_>,
-) -> Result<SftReport, ExportError> {
-    let mut report = SftReport { table_version: store.version(), ..SftReport::default() };
-    let mut chosen = select::candidates(store, &options.selection, &mut report.left_out)?;
+) -> Result<ExportReport, ExportError> {
+    let mut report = ExportReport { table_version: store.version(), ..ExportReport::default() };
+    let mut chosen = select::candidates(store, &options.selection, options.words, &mut report.left_out)?;
     let verified = verify::verify(store, &chosen, options.replay, verifying)?;
     let mut verdicts = verified.iter();
     chosen.retain_mut(|candidate| match verdicts.next() {
@@ -192,6 +208,9 @@ pub fn sft(
     });
     select::cap_tasks(&mut chosen, &options.selection, &mut report.left_out);
     select::balance(&mut chosen, &options.selection, &mut report.left_out);
+    if let Some(how) = &options.rollouts {
+        rollouts::group(&mut chosen, how, options.selection.seed, &mut report.left_out);
+    }
     let group = |candidate: &select::Candidate| match options.split_by {
         SplitBy::Task => candidate.task_digest.clone(),
         SplitBy::Scene => candidate.scene_id.clone(),

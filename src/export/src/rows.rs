@@ -14,7 +14,7 @@ use std::{
 use rayon::prelude::*;
 use reel_dataset::{
     DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, Manifest, Picture, Pictures, Prepared, Source,
-    Split, Style, examples,
+    Split, Style, TASK_LIST, TokenizerFile, examples, task_list,
 };
 use reel_reward::Preset;
 use reel_tables::{Store, Table};
@@ -23,7 +23,7 @@ use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, NameSet, Profile, record::St
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    ExportError, Mending, Progress, Refusal, SftOptions, SftReport, Words,
+    ExportError, ExportOptions, ExportReport, Mending, Progress, Refusal, Words,
     episode::{COLUMNS, Known, Row, mend_histories},
     parquet,
     select::Candidate,
@@ -49,16 +49,20 @@ struct Made {
 pub(crate) fn write(
     store: &Store,
     out: &Path,
-    options: &SftOptions,
+    options: &ExportOptions,
     places: &HashMap<&str, Place<'_>>,
     progress: Progress<'_>,
-    report: &mut SftReport,
+    report: &mut ExportReport,
 ) -> Result<Manifest, ExportError> {
     let known_pictures = KnownPictures::open(out, options)?;
-    let mut writer = DatasetWriter::new(out, options.writer);
+    let mut writer = match &options.tokenizer {
+        Some(path) => DatasetWriter::with_tokenizer(out, options.writer, Box::new(TokenizerFile::open(path)?)),
+        None => DatasetWriter::new(out, options.writer),
+    };
     let mut parquet: BTreeMap<Split, parquet::Shards> = BTreeMap::new();
     let (tasks, scenes) = (store.documents(Table::Tasks, "task")?, store.documents(Table::Scenes, "scene")?);
     let mut known: HashMap<String, Known> = HashMap::new();
+    let mut task_ids = BTreeSet::new();
     let mut failed = None;
     store.read(Table::Episodes, COLUMNS, |batch| {
         if failed.is_some() {
@@ -98,6 +102,9 @@ pub(crate) fn write(
                     }
                     writer.push(&examples, &prepared)?;
                     report.episodes += u64::from(!examples.is_empty());
+                    if options.rollouts.is_some() {
+                        task_ids.extend(examples.first().map(|example| example.about.task_id.clone()));
+                    }
                     report.unverified += if candidate.verified { 0 } else { examples.len() as u64 };
                     report.history.mended += history.mended;
                     report.history.dropped += history.dropped;
@@ -121,6 +128,10 @@ pub(crate) fn write(
     }
     report.pictures = writer.pictures().count();
     known_pictures.remove()?;
+    if options.rollouts.is_some() {
+        let path = out.join(TASK_LIST);
+        fs::write(&path, task_list(task_ids.iter().map(String::as_str))).map_err(|source| ExportError::Io { source, path })?;
+    }
     let description = Description {
         name: options.name.clone(),
         style: options.style,
@@ -134,7 +145,7 @@ pub(crate) fn write(
 
 /// Makes the rows of episodes.
 struct Maker<'m> {
-    options: &'m SftOptions,
+    options: &'m ExportOptions,
     writer: &'m DatasetWriter,
     pictures: &'m KnownPictures,
     table_version: u64,
@@ -144,12 +155,13 @@ impl Maker<'_> {
     fn make(&self, row: &Row<'_>, (candidate, split): Place<'_>, known: &Known) -> Result<Made, ExportError> {
         let options = self.options;
         let mut made = Made { examples: Vec::new(), prepared: Vec::new(), refused: Vec::new(), history: Mending::default() };
-        let recorded = match options.words {
-            Words::Auto => row.has_words(),
-            Words::Rules => false,
-            Words::Recorded => true,
+        let words = match options.words {
+            Words::Auto if row.has_words() => Words::Recorded,
+            Words::Auto => Words::Rules,
+            words => words,
         };
-        let mends = recorded && row.contradicts();
+        // what a policy is rewarded for is what it said
+        let mends = words == Words::Recorded && options.rollouts.is_none() && row.contradicts();
         let trace = match (options.pictures || mends).then(|| Trace::read(Path::new(row.trace))).transpose() {
             Ok(trace) => trace,
             Err(error) => {
@@ -157,11 +169,12 @@ impl Maker<'_> {
                 return Ok(made);
             }
         };
-        let mut notes = if recorded {
-            row.recorded()
-        } else {
-            let trace = Digest::of(row.trace_digest.as_bytes());
-            row.written(known, reel_annotate::episode_seed(options.selection.seed, &trace))
+        let (mut notes, annotator) = match row.notes(words, known, options.selection.seed) {
+            Ok(notes) => notes,
+            Err(error) => {
+                made.refused.push(candidate.refusal(None, error.to_string()));
+                return Ok(made);
+            }
         };
         if let Some(trace) = trace.as_ref().filter(|_| mends) {
             made.history = mend_histories(&mut notes, trace);
@@ -171,6 +184,7 @@ impl Maker<'_> {
             (step.reasoning, step.history) = (note.reasoning, note.history);
             (step.schedule, step.subtask) = (note.schedule, note.subtask);
             step.learn = candidate.decisions.iter().any(|decision| decision.call == step.call);
+            step.rollout = candidate.worth.as_ref().and_then(|worth| row.rollout(worth, step.call));
         }
         if let Some(trace) = trace.as_ref().filter(|_| options.pictures) {
             let shows = |learn: bool| learn || options.style != Style::SingleTurn;
@@ -199,7 +213,7 @@ impl Maker<'_> {
             names: if row.profile == "real-repo" { Profile::RealRepo.names() } else { NameSet::Paper },
             receptacles: known.receptacles.clone(),
             steps,
-            source: source(row, candidate, recorded, self.table_version),
+            source: source(row, candidate, annotator, self.table_version),
         };
         let how = ExampleOptions { style: options.style, failed_calls: options.selection.mistakes };
         let result = examples(&episode, &how, &known.secrets);
@@ -211,7 +225,7 @@ impl Maker<'_> {
     }
 }
 
-fn source(row: &Row<'_>, candidate: &Candidate, recorded: bool, table_version: u64) -> Source {
+fn source(row: &Row<'_>, candidate: &Candidate, annotator: String, table_version: u64) -> Source {
     let verified = candidate.verified;
     Source {
         trace_digest: row.trace_digest.to_owned(),
@@ -222,7 +236,7 @@ fn source(row: &Row<'_>, candidate: &Candidate, recorded: bool, table_version: u
         preset_digest: Preset::parse(row.preset).map_or_else(String::new, |preset| preset.version().to_string()),
         rules_version: candidate.rules_version.as_deref().unwrap_or_default().to_owned(),
         table_version,
-        annotator: if recorded { row.policy.to_owned() } else { format!("rules-{}", reel_annotate::version().short()) },
+        annotator,
     }
 }
 
@@ -256,7 +270,7 @@ const KNOWN_PICTURES: &str = ".export.jsonl";
 
 impl KnownPictures {
     /// Makes the folder ready: what is left of a run that was broken off, or of the same dataset, is taken up.
-    fn open(out: &Path, options: &SftOptions) -> Result<Self, ExportError> {
+    fn open(out: &Path, options: &ExportOptions) -> Result<Self, ExportError> {
         let io_error = |source| ExportError::Io { source, path: out.to_path_buf() };
         fs::create_dir_all(out).map_err(io_error)?;
         let path = out.join(KNOWN_PICTURES);

@@ -10,7 +10,7 @@ use reel_tables::{Store, StoreError, Table};
 use reel_world::{Digest, Family, ToolSpec};
 use serde::{Deserialize, Serialize};
 
-use crate::Refusal;
+use crate::{Refusal, Words, rollouts::Worth};
 
 /// Which episodes and decisions are wanted.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -30,7 +30,7 @@ pub struct Selection {
     pub recoveries: bool,
     /// Decisions of failed episodes from the decisive step on (table `classes`) are examples too.
     pub after_decisive: bool,
-    /// Decisions whose own History contradicts the record are examples too.
+    /// Decisions whose own History contradicts the record are examples too; said of words that are exported as recorded.
     pub contradictions: bool,
     /// No family has more decisions than the median family.
     pub balance_families: bool,
@@ -73,9 +73,38 @@ pub(crate) struct Candidate {
     pub verified: bool,
     /// The rules that said how it failed, where they did.
     pub rules_version: Option<Arc<str>>,
+    pub policy: String,
+    pub seed: String,
+    /// The prompt group that was recorded with it.
+    pub group_id: Option<String>,
+    /// None where it has no end.
+    pub discounted_return: Option<f64>,
+    /// What it was worth in its group, once that is known.
+    pub worth: Option<Worth>,
 }
 
 impl Candidate {
+    /// One of a task, without decisions.
+    #[cfg(test)]
+    pub fn sample(task: &str) -> Self {
+        Self {
+            episode_id: String::new(),
+            trace: String::new(),
+            trace_digest: String::new(),
+            task_digest: task.to_owned(),
+            scene_id: String::new(),
+            family: Family::ALL[0],
+            decisions: Vec::new(),
+            verified: true,
+            rules_version: None,
+            policy: "model".to_owned(),
+            seed: String::new(),
+            group_id: None,
+            discounted_return: None,
+            worth: None,
+        }
+    }
+
     /// That it, or one of its decisions, is refused.
     pub fn refusal(&self, call: Option<u32>, reason: String) -> Refusal {
         Refusal { episode_id: self.episode_id.clone(), trace: self.trace.clone(), call, reason }
@@ -101,6 +130,10 @@ struct Row<'a> {
     task_digest: &'a str,
     scene_id: &'a str,
     family: &'a str,
+    policy: &'a str,
+    /// A column of numbers without a sign, which come as text.
+    seed: String,
+    group_id: Option<&'a str>,
     success: Option<bool>,
     discounted_return: Option<f64>,
     steps: Vec<StepRow<'a>>,
@@ -123,6 +156,9 @@ const COLUMNS: &[&str] = &[
     "task_digest",
     "scene_id",
     "family",
+    "policy",
+    "seed",
+    "group_id",
     "success",
     "discounted_return",
     "steps.list.element.step",
@@ -134,7 +170,13 @@ const COLUMNS: &[&str] = &[
 ];
 
 /// The episodes that are wanted, with all their decisions, in the order of the store's files.
-pub(crate) fn candidates(store: &Store, wanted: &Selection, left_out: &mut LeftOut) -> Result<Vec<Candidate>, StoreError> {
+pub(crate) fn candidates(
+    store: &Store,
+    wanted: &Selection,
+    words: Words,
+    left_out: &mut LeftOut,
+) -> Result<Vec<Candidate>, StoreError> {
+    let wanted = &Selection { contradictions: wanted.contradictions || !words.may_be_recorded(), ..wanted.clone() };
     let classes = if wanted.failed { classes(store)? } else { HashMap::new() };
     let mut found = Vec::new();
     store.read(Table::Episodes, COLUMNS, |batch| {
@@ -193,6 +235,11 @@ fn candidate(row: &Row<'_>, wanted: &Selection, class: Option<&Class>, left_out:
         decisions,
         verified: true,
         rules_version: class.map(|class| Arc::clone(&class.rules_version)),
+        policy: row.policy.to_owned(),
+        seed: row.seed.clone(),
+        group_id: row.group_id.map(str::to_owned),
+        discounted_return: row.discounted_return,
+        worth: None,
     })
 }
 
@@ -295,12 +342,12 @@ fn cut_to_median(found: &mut [Candidate], seed: u64, group: impl Fn(&Candidate, 
 }
 
 /// A number drawn for an episode, or one of its decisions: the same whatever else is in the set.
-fn draw(seed: u64, episode_id: &str, call: Option<u32>) -> u64 {
+pub(crate) fn draw(seed: u64, episode_id: &str, call: Option<u32>) -> u64 {
     let digest = Digest::of(format!("{seed}/{episode_id}/{call:?}").as_bytes());
     u64::from_le_bytes(digest.0[..8].try_into().expect("eight bytes"))
 }
 
-fn count(left_out: &mut LeftOut, reason: &'static str, number: usize) {
+pub(crate) fn count(left_out: &mut LeftOut, reason: &'static str, number: usize) {
     if number > 0 {
         *left_out.entry(reason).or_default() += number as u64;
     }

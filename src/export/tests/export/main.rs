@@ -1,6 +1,8 @@
 //! Training sets out of a store of played episodes: what a row holds, what is refused, equal bytes, going on after a break,
-//! and that Hugging Face `datasets` reads what comes out.
+//! rollout groups, notes, and that the loaders get the frames that are drawn again.
 
+#[path = "../../../replay/tests/replay/episodes.rs"]
+mod episodes;
 mod played;
 
 use std::{
@@ -12,16 +14,19 @@ use std::{
     sync::atomic::{AtomicUsize, Ordering},
 };
 
+use episodes::{record_seeded, tasks};
 use played::{Played, play};
+use reel_annotate::{Entry, Note, Provenance, notes_path, write_notes};
 use reel_dataset::{Format, PictureOptions, Ratios, Split, Style, WriterOptions};
-use reel_export::{ExportError, Selection, SftOptions, SftReport, SplitBy, Words, sft};
+use reel_export::{ExportError, ExportOptions, ExportReport, RolloutOptions, Selection, SplitBy, Words};
 use reel_tables::Store;
-use reel_trace::Images;
+use reel_trace::{Images, Trace};
+use reel_world::record::StepRecord;
 use serde_json::Value;
 use tempfile::TempDir;
 
-fn options(format: Format) -> SftOptions {
-    SftOptions {
+fn options(format: Format) -> ExportOptions {
+    ExportOptions {
         selection: Selection::default(),
         writer: WriterOptions { rows_max: 20, ..WriterOptions::new(format) },
         style: Style::SingleTurn,
@@ -31,14 +36,16 @@ fn options(format: Format) -> SftOptions {
         pictures: false,
         allow_unverified: false,
         replay: true,
+        rollouts: None,
+        tokenizer: None,
         name: "test".into(),
         licence: "MIT".into(),
         command: "reel export sft".into(),
     }
 }
 
-fn export(store: &Store, out: &Path, options: &SftOptions) -> SftReport {
-    sft(store, out, options, &|_| (), &|_| ()).unwrap()
+fn export(store: &Store, out: &Path, options: &ExportOptions) -> ExportReport {
+    reel_export::export(store, out, options, &|_| (), &|_| ()).unwrap()
 }
 
 /// Every file of a folder with its bytes.
@@ -109,10 +116,10 @@ fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
 
     // a second export replays nothing; asked for, the unverified come too, and say so
     assert_eq!(store.verdicts().unwrap().len(), 6);
-    let known = SftOptions { replay: false, ..options(Format::Trl) };
+    let known = ExportOptions { replay: false, ..options(Format::Trl) };
     assert_eq!(export(&store, &dir.path().join("known"), &known).episodes, 4);
     assert_eq!(store.verdicts().unwrap().len(), 6);
-    let all = SftOptions { allow_unverified: true, ..options(Format::Trl) };
+    let all = ExportOptions { allow_unverified: true, ..options(Format::Trl) };
     let report = export(&store, &dir.path().join("all"), &all);
     assert_eq!((report.episodes, report.refused.len()), (7, 0));
     let unverified =
@@ -126,7 +133,7 @@ fn equal_stores_and_options_give_equal_bytes() {
     let traces = dir.path().join("traces");
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
     store.ingest(&play(&traces, "oracle", Images::Full), &|_, _| ()).unwrap();
-    let how = SftOptions {
+    let how = ExportOptions {
         pictures: true,
         ratios: Ratios::new([0.5, 0.25, 0.25]).unwrap(),
         writer: WriterOptions { pictures: PictureOptions::default(), ..options(Format::MsSwift).writer },
@@ -153,14 +160,14 @@ fn equal_stores_and_options_give_equal_bytes() {
     let out = dir.path().join("broken");
     let written = AtomicUsize::new(0);
     let breaks = |_: usize| assert!(written.fetch_add(1, Ordering::Relaxed) < 2, "broken off on purpose");
-    catch_unwind(AssertUnwindSafe(|| sft(&before, &out, &how, &|_| (), &breaks))).unwrap_err();
+    catch_unwind(AssertUnwindSafe(|| reel_export::export(&before, &out, &how, &|_| (), &breaks))).unwrap_err();
     let left = files(&out);
     assert!(left.keys().any(|name| name.starts_with("images/")) && !left.contains_key("manifest.json"));
     export(&before, &out, &how);
     assert!(one == files(&out), "the break shows");
 
     // what is whole is not overwritten
-    let error = sft(&before, &out, &how, &|_| (), &|_| ()).unwrap_err();
+    let error = reel_export::export(&before, &out, &how, &|_| (), &|_| ()).unwrap_err();
     assert!(matches!(error, ExportError::OtherDataset { .. }), "{error}");
 }
 
@@ -170,7 +177,7 @@ fn mistakes_are_no_examples_but_recoveries_are() {
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
     store.ingest(&play(&dir.path().join("traces"), "wrong-object", Images::None), &|_, _| ()).unwrap();
     let count = |name: &str, selection: Selection| {
-        let report = export(&store, &dir.path().join(name), &SftOptions { selection, ..options(Format::Trl) });
+        let report = export(&store, &dir.path().join(name), &ExportOptions { selection, ..options(Format::Trl) });
         (report.episodes, report.examples.values().sum::<u64>(), report.left_out)
     };
     let all = Selection { failed: true, mistakes: true, ..Selection::default() };
@@ -190,35 +197,119 @@ fn mistakes_are_no_examples_but_recoveries_are() {
 }
 
 #[test]
-fn hugging_face_datasets_decodes_the_images() {
-    let python = std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".into());
-    let importable =
-        Command::new(&python).args(["-c", "import datasets, PIL"]).output().is_ok_and(|output| output.status.success());
-    if !importable {
-        eprintln!("skipped: {python} has no `datasets` and `pillow` (REEL_PYTHON names another one)");
-        return;
-    }
+fn the_loaders_get_the_frames_that_are_drawn_again() {
     let dir = TempDir::new().unwrap();
     let traces = play(&dir.path().join("traces"), "oracle", Images::None);
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
-    store.ingest(&traces, &|_, _| ()).unwrap();
-    let how = SftOptions {
-        pictures: true,
-        writer: WriterOptions {
-            pictures: PictureOptions { pixels_max: None, ..PictureOptions::default() },
-            ..options(Format::Parquet).writer
-        },
-        ..options(Format::Parquet)
+    store.ingest(&traces[..2], &|_, _| ()).unwrap();
+    let sets = dir.path().join("sets");
+    for format in Format::ALL {
+        let pictures = PictureOptions { pixels_max: None, ..PictureOptions::default() };
+        let writer = WriterOptions { pictures, ..options(format).writer };
+        let report = export(&store, &sets.join(format.as_str()), &ExportOptions { pictures: true, writer, ..options(format) });
+        assert_eq!(report.episodes, 2, "{}", format.as_str());
+    }
+    assert!(!sets.join("parquet/images").exists() && !sets.join("parquet/.pictures").exists());
+    // every row's frame, drawn again
+    let frames: Vec<u8> = rows(&sets.join("trl"), "train")
+        .iter()
+        .flat_map(|row| {
+            let provenance = &row["provenance"];
+            let trace = Trace::read(Path::new(provenance["trace_uri"].as_str().unwrap())).unwrap();
+            let before = |step: &&StepRecord| u64::from(step.step) < provenance["call"].as_u64().unwrap();
+            let latest = trace.steps.iter().filter(before).rfind(|step| step.digests.frame.is_some());
+            reel_replay::picture_at(&trace, latest.map(|step| step.step), None).unwrap()
+        })
+        .collect();
+    let file = dir.path().join("frames.rgb");
+    fs::write(&file, frames).unwrap();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/loaders/run.sh");
+    match Command::new("bash").arg(script).arg(&sets).env("REEL_FRAMES", &file).output() {
+        Err(error) => eprintln!("skipped: no bash ({error})"),
+        Ok(output) => {
+            let said = String::from_utf8_lossy(&output.stdout);
+            eprintln!("{said}");
+            assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+            for format in Format::ALL {
+                assert!(said.contains(&format!(" {}: ", format.as_str())), "{} was asked of no loader: {said}", format.as_str());
+            }
+            assert!(!said.contains("decoded\n"), "pictures that were compared with nothing: {said}");
+        }
+    }
+}
+
+#[test]
+fn rollouts_are_worth_what_they_are_better_than_their_group() {
+    let dir = TempDir::new().unwrap();
+    let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
+    let folder = dir.path().join("traces");
+    fs::create_dir_all(&folder).unwrap();
+    let mut paths = Vec::new();
+    for (task, count) in [(0, 3), (1, 1)] {
+        for seed in 0..count {
+            let path = folder.join(format!("{task}-{seed}.mcap"));
+            paths.push(record_seeded(&path, &tasks()[task], "explorer", seed, Images::None));
+        }
+    }
+    store.ingest(&paths, &|_, _| ()).unwrap();
+    let rl = |name: &str, rollouts: RolloutOptions| {
+        let selection =
+            Selection { failed: true, mistakes: true, after_decisive: true, contradictions: true, ..Selection::default() };
+        let how = ExportOptions { selection, rollouts: Some(rollouts), ..options(Format::Trl) };
+        export(&store, &dir.path().join(name), &how)
     };
-    let out = dir.path().join("sft");
-    let report = export(&store, &out, &how);
-    assert!(!out.join("images").exists() && !out.join(".pictures").exists());
-    // the first picture as it is drawn again
-    let trace = reel_trace::Trace::read(&traces[0]).unwrap();
-    fs::write(dir.path().join("first.rgb"), reel_replay::picture_at(&trace, None, None).unwrap()).unwrap();
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/check_datasets.py");
-    let output = Command::new(&python).arg(script).arg(&out).arg(dir.path()).arg(&trace.header.episode_id).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let rows = report.examples[&Split::Train];
-    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), format!("{rows} rows, {rows} images of 640 x 480"));
+    let report = rl("all", RolloutOptions::default());
+    let rows = rows(&dir.path().join("all"), "train");
+    assert_eq!((report.episodes, &report.left_out), (3, &BTreeMap::from([("episodes of groups with too few rollouts", 1)])));
+    let task: Vec<String> = serde_json::from_slice(&fs::read(dir.path().join("all/tasks.json")).unwrap()).unwrap();
+    assert_eq!(task, [rows[0]["provenance"]["task"].as_str().unwrap()]);
+    // rewards, returns and advantages by hand
+    let mut episodes: BTreeMap<&str, Vec<&Value>> = BTreeMap::new();
+    rows.iter().for_each(|row| episodes.entry(row["provenance"]["episode"].as_str().unwrap()).or_default().push(row));
+    let number = |row: &Value, key: &str| row[key].as_f64().unwrap();
+    let returns: Vec<f64> = episodes
+        .values()
+        .map(|rows| rows.iter().map(|row| number(row, "reward") * 0.99_f64.powi(number(row, "step") as i32)).sum())
+        .collect();
+    let mean = returns.iter().sum::<f64>() / 3.0;
+    let deviation = (returns.iter().map(|it| (it - mean) * (it - mean)).sum::<f64>() / 3.0).sqrt();
+    assert!(deviation > 0.1, "{returns:?}");
+    for ((rows, worth), rollout) in episodes.values().zip(&returns).zip(0..) {
+        for row in rows {
+            assert_eq!((row["group_size"].as_u64(), row["rollout"].as_u64()), (Some(3), Some(rollout)));
+            assert_eq!(row["steps"].as_u64().unwrap() as usize, rows.len());
+            assert!((number(row, "return") - worth).abs() < 1e-9, "{row}");
+            assert!((number(row, "advantage") - (worth - mean) / (deviation + 1e-6)).abs() < 1e-9, "{row}");
+        }
+    }
+    let report = rl("two", RolloutOptions { group_size: Some(2), ..RolloutOptions::default() });
+    assert_eq!((report.episodes, report.left_out["episodes beyond the size of their group"]), (2, 1));
+    let report = rl("seeds", RolloutOptions { same_seed: true, ..RolloutOptions::default() });
+    assert_eq!(report.episodes, 0, "no two have the same seed");
+}
+
+#[test]
+fn words_come_from_the_notes_beside_the_traces() {
+    let dir = TempDir::new().unwrap();
+    let traces = play(&dir.path().join("traces"), "oracle", Images::None);
+    let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
+    store.ingest(&traces[..2], &|_, _| ()).unwrap();
+    let trace = Trace::read(&traces[0]).unwrap();
+    let note = Note {
+        reasoning: "I wonder.".into(),
+        history: "I went on.".into(),
+        schedule: "All of it.".into(),
+        subtask: "This.".into(),
+    };
+    let (version, steps) = (reel_world::Digest::of(b"prompt"), trace.steps.len());
+    let provenance = Provenance { trace: trace.chain(), steps, annotator: "a-model".into(), version, seed: 0 };
+    let entries = vec![Entry::from(note); steps];
+    write_notes(&notes_path(&traces[0]), &provenance, &entries).unwrap();
+    let report = export(&store, &dir.path().join("notes"), &ExportOptions { words: Words::Notes, ..options(Format::MsSwift) });
+    assert_eq!((report.episodes, report.refused.len()), (1, 1));
+    assert!(report.refused[0].reason.contains("annotate the trace first"), "{:?}", report.refused);
+    for row in rows(&dir.path().join("notes"), "train") {
+        assert_eq!(row["provenance"]["annotator"], format!("a-model-{}", version.short()));
+        assert!(row["messages"][2]["content"].as_str().unwrap().starts_with("<think>I wonder.</think>"));
+    }
 }

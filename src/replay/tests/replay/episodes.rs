@@ -25,12 +25,17 @@ pub fn tasks() -> &'static [Arc<Task>] {
 
 /// Plays a task and records it.
 pub fn record(path: &Path, task: &Arc<Task>, name: &str, images: Images) -> PathBuf {
+    record_seeded(path, task, name, 3, images)
+}
+
+/// Plays a task under a seed and records it.
+pub fn record_seeded(path: &Path, task: &Arc<Task>, name: &str, seed: u64, images: Images) -> PathBuf {
     let scene = Arc::new(home());
-    let mut policy = policy(name, task, &scene, 3).unwrap();
+    let mut policy = policy(name, task, &scene, seed).unwrap();
     let config = EpisodeConfig {
         task: task.clone(),
         scene,
-        seed: 3,
+        seed,
         profile: Profile::Paper,
         preset: Preset::paper(),
         run_id: "test".into(),

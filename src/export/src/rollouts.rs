@@ -1,0 +1,128 @@
+//! Rollout groups for reinforcement learning (SPEC section 5): which episodes are rollouts of the same prompt, and how much
+//! better each was than its group. Owns the grouping; returns are the table's, advantages are computed by `reel-reward`.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use reel_reward::gspo::advantages;
+use serde::Serialize;
+
+use crate::select::{Candidate, LeftOut, count, draw};
+
+/// How episodes are grouped.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct RolloutOptions {
+    /// Where no prompt group was recorded: only episodes of equal seed are one, not all of a task and policy.
+    pub same_seed: bool,
+    /// Rollouts a group (G): of larger groups so many are drawn, smaller ones are left out. Without it groups are as large as
+    /// they are, from two.
+    pub group_size: Option<usize>,
+    /// Keeps groups of equal returns from dividing by nothing.
+    pub eps: f64,
+}
+
+impl Default for RolloutOptions {
+    fn default() -> Self {
+        Self { same_seed: false, group_size: None, eps: 1e-6 }
+    }
+}
+
+/// What an episode was worth in its group.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Worth {
+    pub group: Arc<str>,
+    pub group_size: u32,
+    pub rollout: u32,
+    pub episode_return: f64,
+    pub advantage: f64,
+}
+
+/// Puts the episodes into groups; those that are in none are left out, with the reason.
+pub(crate) fn group(found: &mut Vec<Candidate>, how: &RolloutOptions, seed: u64, left_out: &mut LeftOut) {
+    let mut groups: BTreeMap<String, Vec<(usize, f64)>> = BTreeMap::new();
+    let mut endless = 0;
+    for (index, candidate) in found.iter().enumerate() {
+        match candidate.discounted_return {
+            Some(worth) => groups.entry(key(candidate, how)).or_default().push((index, worth)),
+            None => endless += 1,
+        }
+    }
+    count(left_out, "episodes without an end", endless);
+    for (name, mut members) in groups {
+        if members.len() < how.group_size.unwrap_or(2).max(1) {
+            count(left_out, "episodes of groups with too few rollouts", members.len());
+            continue;
+        }
+        if let Some(size) = how.group_size {
+            members.sort_by_cached_key(|(index, _)| draw(seed, &found[*index].episode_id, None));
+            count(left_out, "episodes beyond the size of their group", members.len().saturating_sub(size));
+            members.truncate(size);
+        }
+        members.sort_by(|(a, _), (b, _)| found[*a].episode_id.cmp(&found[*b].episode_id));
+        let returns: Vec<f64> = members.iter().map(|(_, worth)| *worth).collect();
+        let (group, group_size) = (Arc::from(name), members.len() as u32);
+        for (rollout, ((index, episode_return), advantage)) in members.iter().zip(advantages(&returns, how.eps)).enumerate() {
+            let (group, rollout, episode_return) = (Arc::clone(&group), rollout as u32, *episode_return);
+            found[*index].worth = Some(Worth { group, group_size, rollout, episode_return, advantage });
+        }
+    }
+    found.retain(|candidate| candidate.worth.is_some());
+}
+
+/// The prompt group that was recorded; else the task, the policy, and the seed where that is wanted.
+fn key(candidate: &Candidate, how: &RolloutOptions) -> String {
+    let Candidate { group_id, policy, task_digest, seed, .. } = candidate;
+    match group_id {
+        Some(group) => group.clone(),
+        None if how.same_seed => format!("{policy}/{}/{seed}", &task_digest[..task_digest.len().min(12)]),
+        None => format!("{policy}/{}", &task_digest[..task_digest.len().min(12)]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn episode(id: &str, task: &str, seed: u64, worth: Option<f64>) -> Candidate {
+        Candidate { episode_id: id.into(), discounted_return: worth, seed: seed.to_string(), ..Candidate::sample(task) }
+    }
+
+    fn worths(found: &[Candidate]) -> Vec<(&str, u32, u32, f64)> {
+        let worth = |it: &Candidate| it.worth.as_ref().map(|worth| (worth.group_size, worth.rollout, worth.advantage)).unwrap();
+        found.iter().map(|it| (it.episode_id.as_str(), worth(it).0, worth(it).1, worth(it).2)).collect()
+    }
+
+    #[test]
+    fn a_rollout_is_worth_what_it_is_better_than_its_group() {
+        let mut found = vec![
+            episode("c", "mug", 1, Some(1.0)),
+            episode("a", "mug", 2, Some(3.0)),
+            episode("lonely", "cup", 1, Some(1.0)),
+            episode("endless", "mug", 3, None),
+        ];
+        let mut left_out = LeftOut::default();
+        let how = RolloutOptions { eps: 0.0, ..RolloutOptions::default() };
+        group(&mut found, &how, 0, &mut left_out);
+        assert_eq!(worths(&found), [("c", 2, 1, -1.0), ("a", 2, 0, 1.0)]);
+        assert_eq!(
+            left_out.into_iter().collect::<Vec<_>>(),
+            [("episodes of groups with too few rollouts", 1), ("episodes without an end", 1)]
+        );
+    }
+
+    #[test]
+    fn groups_have_the_size_that_was_asked_for_and_recorded_groups_stay_together() {
+        let rollouts = |count: u64| (0..count).map(|seed| episode(&format!("e{seed}"), "mug", seed, Some(seed as f64)));
+        let grouped = |how: RolloutOptions, mut found: Vec<Candidate>| {
+            let mut left_out = LeftOut::default();
+            group(&mut found, &how, 7, &mut left_out);
+            (found.len(), left_out.values().sum::<u64>())
+        };
+        let of = |size: usize| RolloutOptions { group_size: Some(size), ..RolloutOptions::default() };
+        assert_eq!(grouped(of(8), rollouts(10).collect()), (8, 2));
+        assert_eq!(grouped(of(8), rollouts(7).collect()), (0, 7));
+        let same_seed = RolloutOptions { same_seed: true, ..RolloutOptions::default() };
+        assert_eq!(grouped(same_seed.clone(), rollouts(5).collect()), (0, 5), "every seed is another group");
+        let recorded = rollouts(5).map(|it| Candidate { group_id: Some("g".into()), ..it });
+        assert_eq!(grouped(same_seed, recorded.collect()), (5, 0));
+    }
+}
