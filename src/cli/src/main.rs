@@ -5,6 +5,8 @@ mod commands;
 #[cfg(feature = "analytics")]
 mod cost;
 mod inputs;
+#[cfg(feature = "analytics")]
+mod model;
 mod progress;
 
 use std::process::ExitCode;
@@ -61,6 +63,9 @@ enum Command {
     /// Score the episodes of a store again, under any reward preset
     #[cfg(feature = "analytics")]
     Reward(commands::reward::Arguments),
+    /// Write reasoning and History for traces that came without words
+    #[cfg(feature = "analytics")]
+    Annotate(commands::annotate::Arguments),
     /// Look into training sets, ours and others': what is wrong, what an example looks like
     #[cfg(feature = "analytics")]
     Dataset(commands::dataset::Arguments),
@@ -107,6 +112,8 @@ fn main() -> ExitCode {
         Command::Query(arguments) => commands::query::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Reward(arguments) => commands::reward::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Annotate(arguments) => commands::annotate::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Dataset(arguments) => commands::dataset::run(&arguments),
         #[cfg(feature = "analytics")]

@@ -1,8 +1,9 @@
 //! `reel dataset`: what is wrong with a training set, and what its examples look like.
 
-use std::{fs, path::PathBuf};
+use std::{fs, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
+use reel_dataset::TokenizerFile;
 use reel_lint::{Dataset, Format, Options, image_bytes, lint, show};
 
 use crate::{Answer, progress};
@@ -29,6 +30,9 @@ enum Command {
         /// Tokens of a context; longer examples are found
         #[arg(long, value_name = "TOKENS", default_value_t = 8_192)]
         budget: u64,
+        /// The `tokenizer.json` of the model that shall learn, to count by; without it a token is four bytes
+        #[arg(long, value_name = "FILE")]
+        tokenizer: Option<PathBuf>,
         /// Likeness (0 to 1, of word triples) from which two examples are near-duplicates
         #[arg(long, value_name = "SHARE", default_value_t = 0.9)]
         similarity: f64,
@@ -72,13 +76,16 @@ struct Input {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
-        Command::Lint { input, budget, similarity, examples, json } => {
-            let options = Options {
+        Command::Lint { input, budget, tokenizer, similarity, examples, json } => {
+            let mut options = Options {
                 context_tokens_max: *budget,
                 similarity_min: *similarity,
                 examples_max: *examples,
                 ..Options::default()
             };
+            if let Some(path) = tokenizer {
+                options.tokenizer = Arc::new(TokenizerFile::open(path)?);
+            }
             let dataset = input.open()?;
             let spinner = progress::spinner();
             spinner.set_message("rows");

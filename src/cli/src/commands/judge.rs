@@ -1,13 +1,9 @@
 //! `reel taxonomy judge`: a model's opinion on failed episodes, beside the rules'.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-    time::{Duration, SystemTime, UNIX_EPOCH},
-};
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use reel_model::{ApiKey, Cache, CallLog, Client, Clock, Endpoint};
+use reel_model::Clock as _;
 use reel_query::Session;
 use reel_tables::{Label, Store};
 use reel_taxonomy::{
@@ -17,7 +13,13 @@ use reel_taxonomy::{
 use reel_trace::Trace;
 use serde_json::json;
 
-use crate::{Answer, commands::taxonomy::classes_of, inputs, progress};
+use crate::{
+    Answer,
+    commands::taxonomy::classes_of,
+    inputs,
+    model::{Model, RealClock},
+    progress,
+};
 
 /// Ask a model behind an OpenAI-compatible endpoint why episodes failed. It sees the transcript, and frames if wanted, but
 /// not what the rules say, and cannot overturn what the simulator proved. Its opinions are kept as labels of kind `judge`;
@@ -31,15 +33,8 @@ pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
-    /// Address up to `/v1`
-    #[arg(long, value_name = "URL")]
-    endpoint: String,
-    /// The model's name there
-    #[arg(long, value_name = "NAME")]
-    model: String,
-    /// Environment variable that holds the key, where one is needed
-    #[arg(long, value_name = "VARIABLE")]
-    key_from: Option<String>,
+    #[command(flatten)]
+    model: Model,
     /// At most so many episodes
     #[arg(long, value_name = "N", default_value_t = 100)]
     max: usize,
@@ -63,26 +58,10 @@ pub struct Arguments {
 /// Episodes whose cases are in memory at a time.
 const PORTION: usize = 32;
 
-/// The system's clock.
-struct RealClock;
-
-impl Clock for RealClock {
-    fn now_ns(&self) -> u64 {
-        SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos() as u64)
-    }
-
-    fn sleep(&self, pause: Duration) {
-        std::thread::sleep(pause);
-    }
-}
-
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let mut endpoint = Endpoint::new(&arguments.endpoint, &arguments.model);
-    endpoint.api_key = arguments.key_from.as_deref().map(ApiKey::from_env).transpose()?;
-    let client = Client::new(endpoint, Arc::new(RealClock))?
-        .with_cache(Cache::open(&arguments.cache)?)
-        .with_log(CallLog::append(&arguments.log)?);
+    let client = arguments.model.client(&arguments.cache, &arguments.log)?;
+    let client = client.context("--endpoint and --model are missing: whom to ask")?;
     let session = Session::new(Store::open(&arguments.store)?)?;
     let mut failed = classes_of(&session, &arguments.store)?;
     failed.truncate(arguments.max);

@@ -1,5 +1,7 @@
 //! One module a command: its arguments, and what it does.
 
+#[cfg(feature = "analytics")]
+pub mod annotate;
 pub mod bench;
 #[cfg(feature = "analytics")]
 pub mod dataset;

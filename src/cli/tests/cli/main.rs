@@ -1,5 +1,7 @@
 //! The `reel` command from outside: the loop a newcomer goes through, and the exit codes scripts rely on.
 
+#[cfg(feature = "analytics")]
+mod endpoint;
 mod gate;
 mod import;
 mod moments;
@@ -9,6 +11,8 @@ mod symbols;
 mod tables;
 #[cfg(feature = "analytics")]
 mod taxonomy;
+#[cfg(feature = "analytics")]
+mod training;
 
 use std::{
     fs,

@@ -1,16 +1,10 @@
 //! Faults injected, classified, labelled and compared: the short form of `make eval-taxonomy`, and the commands around it.
 
-use std::{
-    fs,
-    io::{Read as _, Write as _},
-    net::TcpListener,
-    path::Path,
-    thread,
-};
+use std::{fs, path::Path};
 
 use serde_json::Value;
 
-use super::{complaint, expect};
+use super::{complaint, endpoint::endpoint, expect};
 
 /// Plays faulty episodes, ingests and classifies them.
 fn classified(folder: &Path, count: &str) {
@@ -101,42 +95,6 @@ fn people_label_disagree_and_decide() {
     complaint(folder, 3, &["label", "import", "gone.csv", "--store", "store"]);
 }
 
-/// Answers every chat completion with the same opinion.
-fn endpoint() -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = listener.local_addr().unwrap();
-    thread::spawn(move || {
-        for stream in listener.incoming() {
-            let mut stream = stream.unwrap();
-            let (mut request, mut buffer) = (Vec::new(), [0; 65536]);
-            let whole = |request: &[u8]| {
-                let text = String::from_utf8_lossy(request).to_ascii_lowercase();
-                let Some((head, _)) = text.split_once("\r\n\r\n") else { return false };
-                let length =
-                    head.lines().find_map(|line| line.strip_prefix("content-length: ")).map_or(0, |n| n.parse().unwrap());
-                request.len() >= head.len() + 4 + length
-            };
-            while !whole(&request) {
-                match stream.read(&mut buffer) {
-                    Ok(0) | Err(_) => break,
-                    Ok(count) => request.extend(&buffer[..count]),
-                }
-            }
-            let opinion =
-                r#"{\"class\": \"Other\", \"sub_class\": null, \"step\": 0, \"comment\": \"it rained\", \"confidence\": 0.9}"#;
-            let body = format!(
-                r#"{{"choices": [{{"message": {{"role": "assistant", "content": "{opinion}"}}}}], "usage": {{"prompt_tokens": 5, "completion_tokens": 7}}}}"#
-            );
-            let _ = write!(
-                stream,
-                "HTTP/1.1 200 OK\r\ncontent-type: application/json\r\ncontent-length: {}\r\nconnection: close\r\n\r\n{body}",
-                body.len()
-            );
-        }
-    });
-    format!("http://{address}/v1")
-}
-
 #[test]
 fn a_judge_says_what_it_thinks_and_overturns_nothing() {
     let folder = tempfile::tempdir().unwrap();
@@ -150,7 +108,7 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         )
     };
     let before = classes("store");
-    let url = endpoint();
+    let url = endpoint(r#"{"class": "Other", "sub_class": null, "step": 0, "comment": "it rained", "confidence": 0.9}"#);
     let judge = ["taxonomy", "judge", "--store", "store", "--endpoint", &url, "--model", "scripted", "--max", "4"];
     let said = expect(folder, 0, &judge);
     assert!(said.starts_with("4 episodes judged"), "{said}");

@@ -1,10 +1,14 @@
 //! `reel export`: training sets and recordings for other tools.
 
 #[cfg(feature = "analytics")]
+mod rl;
+#[cfg(feature = "analytics")]
 mod sft;
+#[cfg(feature = "analytics")]
+mod shared;
 
 #[cfg(feature = "analytics")]
-pub use sft::format;
+pub use shared::format;
 
 use std::path::PathBuf;
 
@@ -24,6 +28,9 @@ enum Command {
     /// Supervised training sets: what the agent saw before a decision, and what it should do
     #[cfg(feature = "analytics")]
     Sft(Box<sft::Arguments>),
+    /// Rollout groups for reinforcement learning: rewards, returns and advantages
+    #[cfg(feature = "analytics")]
+    Rl(Box<rl::Arguments>),
     /// One episode as a Rerun recording: pictures, transforms, boxes, transcript, rewards
     #[cfg(feature = "rerun")]
     #[command(verbatim_doc_comment)]
@@ -64,6 +71,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
         #[cfg(feature = "analytics")]
         Command::Sft(arguments) => sft::run(arguments),
+        #[cfg(feature = "analytics")]
+        Command::Rl(arguments) => rl::run(arguments),
         #[cfg(feature = "rerun")]
         Command::Rrd { trace, out, json } => {
             reel_view::rrd(&reel_trace::Trace::read(trace)?, out)?;

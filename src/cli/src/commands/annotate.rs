@@ -1,0 +1,125 @@
+//! `reel annotate`: reasoning, History, schedule and subtask for traces that came without words.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use reel_annotate::{
+    Entry, ModelAnnotator, Provenance, PublicTask, Secrets, Step, annotate, episode_seed, history_check, notes_path, version,
+    write_notes,
+};
+use reel_history::{Deed, Setting};
+use reel_model::Client;
+use reel_trace::Trace;
+use serde_json::json;
+
+use crate::{Answer, inputs, model::Model, progress};
+
+/// Write what an agent might have said along with each decision of a trace: reasoning, History, schedule and subtask, from what
+/// it could know at that moment. By rules in varied words, or by a model behind an OpenAI-compatible endpoint, ten decisions a
+/// request. A model's note stands only if it is complete, says nothing that an agent cannot know and no History that the record
+/// refutes; else the rules' note stands in, and the file says why. The notes go into a file beside the trace,
+/// `<trace>.notes.jsonl`, which `reel export sft --words notes` reads; the trace is not changed. Broken off, the same command
+/// goes on where it stopped. `reel export sft` needs none of this: it writes the rules' words itself.
+///
+/// Example:
+///   reel annotate traces
+///   reel annotate traces --endpoint http://localhost:8000/v1 --model qwen3-vl
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Traces, or folders of them
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    #[command(flatten)]
+    model: Model,
+    /// Folder in which a model's replies are kept
+    #[arg(long, value_name = "DIR", default_value = "annotate-cache")]
+    cache: PathBuf,
+    /// File to which every call of a model is added, one JSON object a line
+    #[arg(long, value_name = "FILE", default_value = "annotate-calls.jsonl")]
+    log: PathBuf,
+    /// Of the rules' choice of words
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Traces at a time
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Print one JSON object a trace
+    #[arg(long)]
+    json: bool,
+}
+
+/// What came of a trace.
+struct Noted {
+    decisions: usize,
+    resumed: usize,
+    /// Why the rules' notes stand in a model's place.
+    fallbacks: Vec<(usize, String)>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let paths = inputs::traces(&arguments.paths)?;
+    let client = arguments.model.client(&arguments.cache, &arguments.log)?;
+    let bar = progress::bar(paths.len(), "annotating");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(arguments.jobs)).build()?;
+    let note = |path: &PathBuf| {
+        let noted = note(path, client.as_ref(), arguments.seed);
+        bar.inc(1);
+        noted
+    };
+    let noted: Vec<anyhow::Result<Noted>> = pool.install(|| paths.par_iter().map(note).collect());
+    bar.finish_and_clear();
+    let (mut decisions, mut fallbacks, mut errors) = (0, 0, 0);
+    for (path, noted) in paths.iter().zip(noted) {
+        match noted {
+            Ok(noted) => {
+                decisions += noted.decisions;
+                fallbacks += noted.fallbacks.len();
+                if arguments.json {
+                    let reasons: Vec<_> =
+                        noted.fallbacks.iter().map(|(call, reason)| json!({ "call": call, "reason": reason })).collect();
+                    let Noted { decisions, resumed, .. } = noted;
+                    println!(
+                        "{}",
+                        json!({ "trace": path, "decisions": decisions, "resumed": resumed, "by_rules_because": reasons })
+                    );
+                }
+            }
+            Err(error) => {
+                errors += 1;
+                eprintln!("reel: {}: {error:#}", path.display());
+            }
+        }
+    }
+    if !arguments.json {
+        let by_rules = if client.is_some() { format!("; {fallbacks} by rules in the model's place") } else { String::new() };
+        println!("{decisions} decisions of {} traces annotated{by_rules}", paths.len() - errors);
+    }
+    Ok(if errors > 0 { Answer::Loss } else { Answer::Yes })
+}
+
+fn note(path: &Path, client: Option<&Client>, seed: u64) -> anyhow::Result<Noted> {
+    let trace = Trace::read(path)?;
+    let public = PublicTask::of(&trace.task, &trace.scene);
+    let steps = Step::all(&trace);
+    let seed = episode_seed(seed, &trace.chain());
+    let notes = notes_path(path);
+    let Some(client) = client else {
+        let entries: Vec<Entry> = annotate(&public, &steps, seed).into_iter().map(Entry::from).collect();
+        let provenance =
+            Provenance { trace: trace.chain(), steps: steps.len(), annotator: "rules".to_owned(), version: version(), seed };
+        write_notes(&notes, &provenance, &entries)?;
+        return Ok(Noted { decisions: entries.len(), resumed: 0, fallbacks: Vec::new() });
+    };
+    let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
+    let check = history_check(setting, trace.steps.iter().map(Deed::of).collect());
+    let annotator = ModelAnnotator { client, seed, check: &check };
+    let written = annotator.annotate(&public, &steps, &Secrets::of(&trace.task), trace.chain(), &notes)?;
+    let fallback = |(call, entry): (usize, Entry)| Some((call, entry.fallback?));
+    Ok(Noted {
+        decisions: written.entries.len(),
+        resumed: written.resumed,
+        fallbacks: written.entries.into_iter().enumerate().filter_map(fallback).collect(),
+    })
+}

@@ -1,0 +1,93 @@
+//! Training sets by the command: words by rules and by a model, rollout groups, tokens by a model's own tokenizer.
+
+use std::fs;
+
+use serde_json::Value;
+
+use super::{complaint, endpoint::endpoint, expect};
+
+fn lines(text: &str) -> Vec<Value> {
+    text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"))).collect()
+}
+
+#[test]
+fn a_models_notes_stand_where_nothing_is_against_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["tasks", "generate", "--count", "2", "--seed", "3", "--out", "tasks"]);
+    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oracle", "--no-images", "--out", "traces"]);
+    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    let bare =
+        complaint(folder, 3, &["export", "sft", "--store", "store", "--words", "notes", "--images", "none", "--out", "bare"]);
+    assert!(bare.contains("annotate the trace first"), "{bare}");
+
+    // the rules' notes are the words that the export writes by itself
+    let said = expect(folder, 0, &["annotate", "traces"]);
+    assert!(said.contains("of 2 traces annotated"), "{said}");
+    let rows = |words: &str| {
+        let export =
+            ["export", "sft", "--store", "store", "--images", "none", "--format", "trl", "--words", words, "--out", words];
+        expect(folder, 0, &export);
+        lines(&fs::read_to_string(folder.join(words).join("train/train-00000.jsonl")).unwrap())
+    };
+    let (notes, rules) = (rows("notes"), rows("rules"));
+    assert!(notes.len() > 10 && notes.len() == rules.len());
+    for (note, rule) in notes.iter().zip(&rules) {
+        assert_eq!(note["completion"], rule["completion"]);
+    }
+
+    // a model: what it says of the first decision is taken, what it claims falsely of the second is not
+    let note = |step: usize, history: &str| {
+        serde_json::json!({
+            "step": step, "reasoning": "Let me think.", "history": history, "schedule": "All of it.", "subtask": "The next thing.",
+        })
+    };
+    let answer = Value::from(vec![note(0, "Nothing was done yet."), note(1, "I placed the object on bed_1.")]).to_string();
+    let url = endpoint(&answer);
+    let said = lines(&expect(folder, 0, &["annotate", "traces", "--endpoint", &url, "--model", "scripted", "--json"]));
+    for trace in &said {
+        let by_rules = trace["by_rules_because"].as_array().unwrap();
+        assert_eq!(by_rules.len() as u64 + 1, trace["decisions"].as_u64().unwrap(), "{trace}");
+        assert!(by_rules[0]["reason"].as_str().unwrap().contains("placed the object"), "{trace}");
+    }
+    let calls = fs::read_to_string(folder.join("annotate-calls.jsonl")).unwrap().lines().count();
+    assert!(calls >= 2);
+    // nothing is asked twice, not even without the endpoint
+    let again = lines(&expect(folder, 0, &["annotate", "traces", "--endpoint", &url, "--model", "scripted", "--json"]));
+    assert!(again.iter().all(|trace| trace["resumed"] == trace["decisions"]), "{again:?}");
+    assert_eq!(fs::read_to_string(folder.join("annotate-calls.jsonl")).unwrap().lines().count(), calls);
+}
+
+#[test]
+fn rollout_groups_and_a_tokenizer() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["tasks", "generate", "--count", "2", "--seed", "3", "--out", "tasks"]);
+    for seed in ["1", "2"] {
+        expect(
+            folder,
+            0,
+            &["run", "--tasks", "tasks", "--seed", seed, "--policy", "wrong-object", "--no-images", "--out", "traces"],
+        );
+    }
+    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    let words = r#"{"type": "WordLevel", "vocab": {"?": 0}, "unk_token": "?"}"#;
+    let tokenizer = format!(r#"{{"version": "1.0", "pre_tokenizer": {{"type": "Whitespace"}}, "model": {words}}}"#);
+    fs::write(folder.join("tokenizer.json"), tokenizer).unwrap();
+    let export = ["export", "rl", "--store", "store", "--images", "none", "--tokenizer", "tokenizer.json", "--group-size", "2"];
+    let report = expect(folder, 0, &[&export[..], &["--out", "rl", "--json"]].concat());
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["episodes"], 4, "{report}");
+    assert!(report["tokens"]["tokenizer"].as_str().unwrap().starts_with("tokenizer.json "), "{report}");
+    for row in lines(&fs::read_to_string(folder.join("rl/train/train-00000.jsonl")).unwrap()) {
+        assert_eq!(row["group_size"], 2);
+        assert!(row["advantage"].is_number() && row["return"].is_number() && row["reward"].is_number());
+    }
+    let tasks: Vec<String> = serde_json::from_str(&fs::read_to_string(folder.join("rl/tasks.json")).unwrap()).unwrap();
+    assert_eq!(tasks.len(), 2);
+    let linted = expect(folder, 0, &["dataset", "lint", "rl", "--tokenizer", "tokenizer.json"]);
+    assert!(linted.contains("counted by tokenizer.json"), "{linted}");
+    let wrong = complaint(folder, 2, &["dataset", "lint", "rl", "--tokenizer", "rl/tasks.json"]);
+    assert!(wrong.contains("no tokenizer") && wrong.contains("tasks.json"), "{wrong}");
+    complaint(folder, 2, &["export", "rl", "--store", "store", "--format", "parquet", "--out", "other"]);
+}
