@@ -148,9 +148,9 @@ impl Known {
 }
 
 impl Row<'_> {
-    /// Whether a model spoke for itself.
+    /// Whether a model spoke for itself. What built-in policies note of themselves are no words of a model.
     pub fn has_words(&self) -> bool {
-        self.steps.iter().any(|step| step.raw.is_some() || step.history.is_some())
+        self.steps.iter().any(|step| step.raw.is_some())
     }
 
     /// The words of every decision, and whose they are.

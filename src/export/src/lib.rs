@@ -44,9 +44,13 @@ pub enum Words {
 }
 
 impl Words {
-    /// Whether what the policy said may be exported.
-    fn may_be_recorded(self) -> bool {
-        matches!(self, Words::Auto | Words::Recorded)
+    /// Whose they are for an episode, by whether a model spoke in it.
+    fn of(self, a_model_spoke: impl FnOnce() -> bool) -> Self {
+        match self {
+            Words::Auto if a_model_spoke() => Words::Recorded,
+            Words::Auto => Words::Rules,
+            words => words,
+        }
     }
 }
 

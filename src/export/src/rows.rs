@@ -155,11 +155,7 @@ impl Maker<'_> {
     fn make(&self, row: &Row<'_>, (candidate, split): Place<'_>, known: &Known) -> Result<Made, ExportError> {
         let options = self.options;
         let mut made = Made { examples: Vec::new(), prepared: Vec::new(), refused: Vec::new(), history: Mending::default() };
-        let words = match options.words {
-            Words::Auto if row.has_words() => Words::Recorded,
-            Words::Auto => Words::Rules,
-            words => words,
-        };
+        let words = options.words.of(|| row.has_words());
         // what a policy is rewarded for is what it said
         let mends = words == Words::Recorded && options.rollouts.is_none() && row.contradicts();
         let trace = match (options.pictures || mends).then(|| Trace::read(Path::new(row.trace))).transpose() {

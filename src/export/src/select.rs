@@ -147,6 +147,7 @@ struct StepRow<'a> {
     goal_object: Option<bool>,
     goal_receptacle: Option<bool>,
     contradictions: u32,
+    raw: Option<&'a str>,
 }
 
 const COLUMNS: &[&str] = &[
@@ -167,6 +168,7 @@ const COLUMNS: &[&str] = &[
     "steps.list.element.goal_object",
     "steps.list.element.goal_receptacle",
     "steps.list.element.contradictions",
+    "steps.list.element.raw",
 ];
 
 /// The episodes that are wanted, with all their decisions, in the order of the store's files.
@@ -176,7 +178,6 @@ pub(crate) fn candidates(
     words: Words,
     left_out: &mut LeftOut,
 ) -> Result<Vec<Candidate>, StoreError> {
-    let wanted = &Selection { contradictions: wanted.contradictions || !words.may_be_recorded(), ..wanted.clone() };
     let classes = if wanted.failed { classes(store)? } else { HashMap::new() };
     let mut found = Vec::new();
     store.read(Table::Episodes, COLUMNS, |batch| {
@@ -184,7 +185,7 @@ pub(crate) fn candidates(
         for row in rows {
             match unwanted(&row, wanted) {
                 Some(reason) => *left_out.entry(reason).or_default() += 1,
-                None => found.extend(candidate(&row, wanted, classes.get(row.episode_id), left_out)),
+                None => found.extend(candidate(&row, wanted, words, classes.get(row.episode_id), left_out)),
             }
         }
         Ok(())
@@ -203,7 +204,14 @@ fn unwanted(row: &Row<'_>, wanted: &Selection) -> Option<&'static str> {
     wanted.return_min.is_some_and(too_low).then_some("episodes of a lower return")
 }
 
-fn candidate(row: &Row<'_>, wanted: &Selection, class: Option<&Class>, left_out: &mut LeftOut) -> Option<Candidate> {
+fn candidate(
+    row: &Row<'_>,
+    wanted: &Selection,
+    words: Words,
+    class: Option<&Class>,
+    left_out: &mut LeftOut,
+) -> Option<Candidate> {
+    let recorded = words.of(|| row.steps.iter().any(|step| step.raw.is_some())) == Words::Recorded;
     let mut decisions = Vec::new();
     let mut after_mistake = false;
     let decisive = class.map(|class| class.step).filter(|_| !wanted.after_decisive);
@@ -214,7 +222,9 @@ fn candidate(row: &Row<'_>, wanted: &Selection, class: Option<&Class>, left_out:
             _ if decisive.is_some_and(|decisive| step.step >= decisive) => "decisions from the decisive step of a failure on",
             _ if mistake && !wanted.mistakes => "decisions that were mistakes",
             _ if after_mistake && !wanted.recoveries => "decisions right after a mistake",
-            _ if step.contradictions > 0 && !wanted.contradictions => "decisions whose History contradicts the record",
+            _ if recorded && step.contradictions > 0 && !wanted.contradictions => {
+                "decisions whose History contradicts the record"
+            }
             None => "decisions that call no tool",
             Some(_) => "",
         };

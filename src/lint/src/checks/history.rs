@@ -45,11 +45,12 @@ impl Histories {
     /// One row of an episode, if it is of the single-turn form.
     fn hold(&mut self, seen: &Seen, found: &mut Findings) {
         let Some(said) = seen.answers.first() else { return };
-        let Some(history) = said.answer.history.clone().filter(|history| !history.is_empty()) else { return };
+        // also without a History a row tells of a deed
+        let history = said.answer.history.clone().unwrap_or_default();
         let prompt: String =
             seen.example.turns[..said.turn].iter().filter(|turn| turn.role != Role::System).map(Turn::text).collect();
         let (Some(episode), Some(number), Ok(last)) = (seen.example.episode(), seen.example.call_number(), last(&prompt)) else {
-            self.unjudged += 1;
+            self.unjudged += u64::from(!history.is_empty());
             return;
         };
         self.clock += 1;
@@ -81,14 +82,16 @@ impl Histories {
             let follows = before.map_or(row.last.is_none(), |before| row.number == before + 1);
             let deed = row.last.as_ref().map(|(call, outcome)| teller.deed(call, outcome));
             if !follows || deed == Some(None) {
-                self.unjudged += (episode.rows.len() - index) as u64;
+                self.unjudged += episode.rows[index..].iter().filter(|row| !row.history.is_empty()).count() as u64;
                 return;
             }
             if let Some(deed) = deed.flatten() {
                 checker.did(deed);
             }
             before = Some(row.number);
-            self.judge(&mut checker, &row.history, row.place, found);
+            if !row.history.is_empty() {
+                self.judge(&mut checker, &row.history, row.place, found);
+            }
         }
     }
 
