@@ -1,6 +1,6 @@
 //! Training sets by the command: words by rules and by a model, rollout groups, tokens by a model's own tokenizer.
 
-use std::fs;
+use std::{fs, path::Path, process::Command};
 
 use serde_json::Value;
 
@@ -90,4 +90,44 @@ fn rollout_groups_and_a_tokenizer() {
     let wrong = complaint(folder, 2, &["dataset", "lint", "rl", "--tokenizer", "rl/tasks.json"]);
     assert!(wrong.contains("no tokenizer") && wrong.contains("tasks.json"), "{wrong}");
     complaint(folder, 2, &["export", "rl", "--store", "store", "--format", "parquet", "--out", "other"]);
+}
+
+/// A script of the repository run by a Python that has packages; none where it has not.
+fn python(variable: &str, packages: &str, script: &str, arguments: &[&str]) -> Option<String> {
+    let python = std::env::var(variable).unwrap_or_else(|_| "python3".into());
+    let importable = Command::new(&python).args(["-c", &format!("import {packages}")]).output();
+    if !importable.is_ok_and(|output| output.status.success()) {
+        eprintln!("skipped: {python} lacks one of {packages} ({variable} names another one)");
+        return None;
+    }
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(script);
+    let output = Command::new(&python).arg(&script).args(arguments).output().unwrap();
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{out}{err}");
+    Some(out.into_owned())
+}
+
+/// The short form of `make bench-export`.
+#[test]
+fn the_benchmarks_script_makes_the_same_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["tasks", "generate", "--count", "2", "--seed", "3", "--out", "tasks"]);
+    for policy in ["oracle", "wrong-object"] {
+        expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "full"]);
+        expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--no-images", "--out", "lean"]);
+    }
+    let path = |name: &str| folder.join(name).display().to_string();
+    let (full, lean, work) = (path("full"), path("lean"), path("work"));
+    fs::create_dir(&work).unwrap();
+    let arguments = ["--full", &full, "--lean", &lean, "--work", &work, "--reel", env!("CARGO_BIN_EXE_reel"), "--check"];
+    let packages = "blake3, datasets, mcap, google.protobuf, orjson, PIL, pyarrow, zstandard";
+    let Some(said) = python("REEL_PYTHON", packages, "tests/bench/export.py", &arguments) else { return };
+    assert_eq!(said.matches("are the same").count(), 3, "{said}");
+}
+
+/// The short form of `make prove-sft`.
+#[test]
+fn the_training_proof_has_tests_of_its_own() {
+    python("REEL_TRAIN_PYTHON", "jax", "tests/training/test.py", &[]);
 }

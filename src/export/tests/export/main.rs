@@ -80,12 +80,14 @@ fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
     let dir = TempDir::new().unwrap();
     let traces = dir.path().join("traces");
     let good = play(&traces, "oracle", Images::None);
-    // one whose outcome is not what its inputs give, one that was changed after it was ingested, one that is gone
-    let Played { diverging, changed, gone, .. } = Played::spoilt(&traces);
+    // one whose outcome is not what its inputs give; and after ingest one that was changed, one recorded anew, one that is gone
+    let Played { diverging, changed, renewed, gone } = Played::spoilt(&traces);
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
-    let paths: Vec<_> = good.iter().chain([&diverging, &changed, &gone]).cloned().collect();
+    let paths: Vec<_> = good.iter().chain([&diverging, &changed, &renewed, &gone]).cloned().collect();
     let ingested = store.ingest(&paths, &|_, _| ()).unwrap();
-    assert_eq!((ingested.added, ingested.quarantined.len()), (7, 0), "{:?}", ingested.quarantined);
+    assert_eq!((ingested.added, ingested.quarantined.len()), (8, 0), "{:?}", ingested.quarantined);
+    fs::remove_file(&renewed).unwrap();
+    record_seeded(&renewed, &tasks()[0], "oracle", 99, Images::None);
     let mut bytes = fs::read(&changed).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
@@ -98,7 +100,8 @@ fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
         let path = path.display().to_string();
         report.refused.iter().find(|refusal| refusal.trace == path).map(|refusal| refusal.reason.clone()).unwrap()
     };
-    assert_eq!(report.refused.len(), 3, "{:?}", report.refused);
+    assert_eq!(report.refused.len(), 4, "{:?}", report.refused);
+    assert!(reason(&renewed).starts_with("the file holds another recording"), "{}", reason(&renewed));
     assert!(reason(&diverging).starts_with("diverged: DIVERGED"), "{}", reason(&diverging));
     assert!(reason(&changed).starts_with("refused: "), "{}", reason(&changed));
     assert!(reason(&gone).starts_with("the trace cannot be read"), "{}", reason(&gone));
@@ -115,13 +118,13 @@ fn every_row_names_its_verified_trace_and_what_cannot_be_trusted_is_refused() {
     }
 
     // a second export replays nothing; asked for, the unverified come too, and say so
-    assert_eq!(store.verdicts().unwrap().len(), 6);
+    assert_eq!(store.verdicts().unwrap().len(), 7);
     let known = ExportOptions { replay: false, ..options(Format::Trl) };
     assert_eq!(export(&store, &dir.path().join("known"), &known).episodes, 4);
-    assert_eq!(store.verdicts().unwrap().len(), 6);
+    assert_eq!(store.verdicts().unwrap().len(), 7);
     let all = ExportOptions { allow_unverified: true, ..options(Format::Trl) };
     let report = export(&store, &dir.path().join("all"), &all);
-    assert_eq!((report.episodes, report.refused.len()), (7, 0));
+    assert_eq!((report.episodes, report.refused.len()), (8, 0));
     let unverified =
         self::rows(&dir.path().join("all"), "train").iter().filter(|row| row["provenance"]["verdict"] == "unverified").count();
     assert!(unverified > 0 && report.unverified == unverified as u64);

@@ -22,17 +22,19 @@ pub struct Played {
     pub diverging: PathBuf,
     /// To be changed.
     pub changed: PathBuf,
+    /// To be recorded anew.
+    pub renewed: PathBuf,
     /// To be removed.
     pub gone: PathBuf,
 }
 
 impl Played {
-    /// Three more episodes, of which one was forged.
+    /// Four more episodes, of which one was forged.
     pub fn spoilt(folder: &Path) -> Self {
         let path = |name: &str| folder.join(format!("{name}.mcap"));
-        let [diverging, changed, gone] = [path("diverging"), path("changed"), path("gone")];
+        let [diverging, changed, renewed, gone] = ["diverging", "changed", "renewed", "gone"].map(path);
         let task = &tasks()[0];
-        for (seed, path) in [(11, &changed), (12, &gone), (13, &diverging)] {
+        for (seed, path) in [(11, &changed), (12, &gone), (13, &diverging), (14, &renewed)] {
             record_seeded(path, task, "oracle", seed, Images::None);
         }
         let mut trace = Trace::read(&diverging).unwrap();
@@ -40,6 +42,6 @@ impl Played {
         relink(&mut trace);
         fs::remove_file(&diverging).unwrap();
         write(&diverging, &trace);
-        Self { diverging, changed, gone }
+        Self { diverging, changed, renewed, gone }
     }
 }
