@@ -34,62 +34,62 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Play tasks with a policy and record every episode as a trace
+    #[command(about = "Play tasks with a policy and record every episode as a trace")]
     Run(commands::run::Arguments),
-    /// Play tasks with a policy that makes mistakes on purpose, and label what went wrong
+    #[command(about = "Play tasks with a policy that makes mistakes on purpose, and label what went wrong")]
     Faults(commands::faults::Arguments),
-    /// Re-execute traces and compare every digest, picture and text
+    #[command(about = "Re-execute traces and compare every digest, picture and text")]
     Replay(commands::replay::Arguments),
-    /// Replay a corpus with this build and another, and list which outcomes change
+    #[command(about = "Replay a corpus with this build and another, and list which outcomes change")]
     Gate(commands::gate::Arguments),
-    /// Write golden traces anew, for a reason
+    #[command(about = "Write golden traces anew, for a reason")]
     Mint(commands::mint::Arguments),
-    /// Print a trace as a readable transcript
+    #[command(about = "Print a trace as a readable transcript")]
     Show(commands::show::Arguments),
-    /// Restore what unfinished, torn or damaged recordings hold
+    #[command(about = "Restore what unfinished, torn or damaged recordings hold")]
     Recover(commands::recover::Arguments),
-    /// Check traces: checksums, index, schemas, order, hash chain, pictures
+    #[command(about = "Check traces: checksums, index, schemas, order, hash chain, pictures")]
     Doctor(commands::doctor::Arguments),
-    /// Write the pictures of a trace as PNG files, and a contact sheet
+    #[command(about = "Write the pictures of a trace as PNG files, and a contact sheet")]
     Frames(commands::frames::Arguments),
-    /// Turn what other frameworks recorded into traces
+    #[command(about = "Turn what other frameworks recorded into traces")]
     Import(commands::import::Arguments),
-    /// Read traces into a store of tables
+    #[command(about = "Read traces into a store of tables")]
     #[cfg(feature = "analytics")]
     Ingest(commands::ingest::Arguments),
-    /// Ask a store in SQL, by text or by a named query
+    #[command(about = "Ask a store in SQL, by text or by a named query")]
     #[cfg(feature = "analytics")]
     Query(commands::query::Arguments),
-    /// Score the episodes of a store again, under any reward preset
+    #[command(about = "Score the episodes of a store again, under any reward preset")]
     #[cfg(feature = "analytics")]
     Reward(commands::reward::Arguments),
-    /// Write reasoning and History for traces that came without words
+    #[command(about = "Write reasoning and History for traces that came without words")]
     #[cfg(feature = "analytics")]
     Annotate(commands::annotate::Arguments),
-    /// Look into training sets, ours and others': what is wrong, what an example looks like
+    #[command(about = "Look into training sets, ours and others': what is wrong, what an example looks like")]
     #[cfg(feature = "analytics")]
     Dataset(commands::dataset::Arguments),
-    /// Say why episodes failed, and how often that is right
+    #[command(about = "Say why episodes failed, and how often that is right")]
     #[cfg(feature = "analytics")]
     Taxonomy(commands::taxonomy::Arguments),
-    /// Keep what people say about failed episodes
+    #[command(about = "Keep what people say about failed episodes")]
     #[cfg(feature = "analytics")]
     Label(commands::label::Arguments),
-    /// Look after a store: versions, quarantine, compaction, vacuum
+    #[command(about = "Look after a store: versions, quarantine, compaction, vacuum")]
     #[cfg(feature = "analytics")]
     Tables(commands::tables::Arguments),
-    /// Drop the pictures of traces; digests stay
+    #[command(about = "Drop the pictures of traces; digests stay")]
     Compact(commands::repack::Compact),
-    /// Draw the pictures of lean traces again
+    #[command(about = "Draw the pictures of lean traces again")]
     Expand(commands::repack::Expand),
-    /// Write training sets and recordings for other tools
+    #[command(about = "Write training sets and recordings for other tools")]
     Export(commands::export::Arguments),
-    /// Check or make task files
+    #[command(about = "Check or make task files")]
     Tasks(commands::tasks::Arguments),
-    /// The whole loop on embedded defaults: run, replay, ingest, query, picture
+    #[command(about = "The whole loop on embedded defaults: run, replay, ingest, query, picture")]
     #[cfg(feature = "analytics")]
     Demo(commands::demo::Arguments),
-    /// Measure: physics, pictures, episodes, replay, trace bytes
+    #[command(about = "Measure: physics, pictures, episodes, replay, trace bytes")]
     Bench(commands::bench::Arguments),
 }
 

@@ -5,11 +5,7 @@ use std::{fmt, sync::Arc};
 
 use serde::Serialize;
 
-use crate::{
-    Episode, ImageId, LeakKind, Rollout, Secrets, Source, Split, Step, json, privileged,
-    prompt::{self, SYSTEM_MULTI_TURN, SYSTEM_SINGLE_TURN},
-    strip,
-};
+use crate::{Episode, ImageId, LeakKind, Rollout, Secrets, Source, Split, Step, json, privileged, prompt, strip};
 
 /// How a decision is put to a model.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
@@ -296,7 +292,7 @@ pub fn examples(episode: &Episode, options: &ExampleOptions, secrets: &Secrets) 
         Example { id, call: step.call, tool, about, style: options.style, turns, tools, rollout }
     };
     if options.style == Style::SingleTurn {
-        let system = Arc::new(Text::new(SYSTEM_SINGLE_TURN.trim_end()));
+        let system = prompt::system(options.style);
         let setting = Arc::new(Text::new(prompt::setting(episode, true)));
         for index in wanted {
             match checks.single_turn(index) {
@@ -315,9 +311,9 @@ pub fn examples(episode: &Episode, options: &ExampleOptions, secrets: &Secrets) 
         }
         return made;
     }
-    let system = Arc::new(Text::new(SYSTEM_MULTI_TURN.trim_end()));
+    let system = prompt::system(options.style);
     let setting = Arc::new(Text::new(prompt::setting(episode, false)));
-    let tools = Arc::new(Text::new(prompt::functions(episode.names).to_string()));
+    let tools = prompt::functions(episode.names);
     let targets = if options.style == Style::MultiTurn { vec![last] } else { wanted.clone() };
     for target in targets {
         if let Some(reason) = checks.conversation(target) {

@@ -1,12 +1,15 @@
 //! The words of an example: what a policy is told before a decision, and what it should answer (SPEC sections 4 and 8).
 //! Owns the wording; knows no format.
 
-use std::fmt::Write as _;
+use std::{
+    fmt::Write as _,
+    sync::{Arc, LazyLock},
+};
 
 use reel_world::{Digest, NameSet, ToolSpec};
 use serde_json::{Value, json};
 
-use crate::{Episode, Step};
+use crate::{Episode, Step, Style, Text};
 
 /// How to behave, one user turn a decision; the answer is text.
 pub const SYSTEM_SINGLE_TURN: &str = include_str!("prompt-single-turn.txt");
@@ -18,7 +21,15 @@ const OUTCOME_LENGTH_MAX: usize = 120;
 
 /// Names the wording of the system messages in every row.
 pub fn prompt_digest() -> Digest {
-    Digest::of([SYSTEM_SINGLE_TURN, SYSTEM_MULTI_TURN].concat().as_bytes())
+    static DIGEST: LazyLock<Digest> = LazyLock::new(|| Digest::of([SYSTEM_SINGLE_TURN, SYSTEM_MULTI_TURN].concat().as_bytes()));
+    *DIGEST
+}
+
+/// The system message.
+pub(crate) fn system(style: Style) -> Arc<Text> {
+    static SINGLE_TURN: LazyLock<Arc<Text>> = LazyLock::new(|| Arc::new(Text::new(SYSTEM_SINGLE_TURN.trim_end())));
+    static MULTI_TURN: LazyLock<Arc<Text>> = LazyLock::new(|| Arc::new(Text::new(SYSTEM_MULTI_TURN.trim_end())));
+    Arc::clone(if style == Style::SingleTurn { &SINGLE_TURN } else { &MULTI_TURN })
 }
 
 /// The eleven tools as a JSON list of `{name, description, parameters}`.
@@ -26,16 +37,35 @@ pub fn tool_list(names: NameSet) -> Value {
     ToolSpec::POLICY.iter().map(|spec| function(spec, names)).collect()
 }
 
+/// [`tool_list`] as text.
+fn tool_list_text(names: NameSet) -> &'static str {
+    static PAPER: LazyLock<String> = LazyLock::new(|| tool_list(NameSet::Paper).to_string());
+    static REAL_REPO: LazyLock<String> = LazyLock::new(|| tool_list(NameSet::RealRepo).to_string());
+    match names {
+        NameSet::Paper => &PAPER,
+        NameSet::RealRepo => &REAL_REPO,
+    }
+}
+
 /// The tools as native tool calling names them: `{type: function, function: {...}}`.
-pub(crate) fn functions(names: NameSet) -> Value {
-    ToolSpec::POLICY.iter().map(|spec| json!({ "type": "function", "function": function(spec, names) })).collect()
+pub(crate) fn functions(names: NameSet) -> Arc<Text> {
+    static PAPER: LazyLock<Arc<Text>> = LazyLock::new(|| native(NameSet::Paper));
+    static REAL_REPO: LazyLock<Arc<Text>> = LazyLock::new(|| native(NameSet::RealRepo));
+    fn native(names: NameSet) -> Arc<Text> {
+        let functions = ToolSpec::POLICY.iter().map(|spec| json!({ "type": "function", "function": function(spec, names) }));
+        Arc::new(Text::new(functions.collect::<Value>().to_string()))
+    }
+    Arc::clone(match names {
+        NameSet::Paper => &PAPER,
+        NameSet::RealRepo => &REAL_REPO,
+    })
 }
 
 /// The part of the user's turn that is the same at every decision of an episode.
 pub(crate) fn setting(episode: &Episode, with_tools: bool) -> String {
     let mut text = format!("Task: {}\n\n", episode.instruction);
     if with_tools {
-        let _ = write!(text, "Tools:\n{}\n\n", tool_list(episode.names));
+        let _ = write!(text, "Tools:\n{}\n\n", tool_list_text(episode.names));
     }
     text.push_str("Receptacles:\n");
     for it in &episode.receptacles {

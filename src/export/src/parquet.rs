@@ -47,24 +47,29 @@ const NUMBER_COLUMNS: [NumberColumn; 2] =
 /// Names the wording of the prompts.
 const PROMPT_COLUMN: &str = "prompt_digest";
 
+/// Rows of a row group: what a reader decodes at a time, pictures included.
+const ROWS_PER_GROUP: usize = 512;
+
 /// Writes the rows of one part into files of bounded size.
 pub(crate) struct Shards {
     root: PathBuf,
     split: Split,
     rows_max: u64,
     open: Option<(BatchedWriter<File>, Shard)>,
+    /// The row group to come.
+    pending: Vec<Example>,
     done: Vec<Shard>,
 }
 
 impl Shards {
     /// Files under `<root>/<split>/`, closed when they have so many rows or more: what is pushed at once stays together.
     pub fn new(root: &Path, split: Split, rows_max: u64) -> Self {
-        Self { root: root.to_owned(), split, rows_max, open: None, done: Vec::new() }
+        Self { root: root.to_owned(), split, rows_max, open: None, pending: Vec::new(), done: Vec::new() }
     }
 
     /// Closes the last file; the files in order.
-    pub fn finish(mut self) -> Result<Vec<Shard>, ExportError> {
-        self.close()?;
+    pub fn finish(mut self, pictures: &Pictures) -> Result<Vec<Shard>, ExportError> {
+        self.close(pictures)?;
         Ok(self.done)
     }
 
@@ -73,20 +78,35 @@ impl Shards {
         if examples.is_empty() {
             return Ok(());
         }
-        if self.open.is_none() {
-            self.open = Some(self.start()?);
-        }
-        if let Some((writer, shard)) = &mut self.open {
-            writer.write_batch(&frame(examples, Some(pictures))?)?;
-            shard.rows += examples.len() as u64;
-            if shard.rows >= self.rows_max {
-                self.close()?;
+        let (_, shard) = match &mut self.open {
+            Some(open) => open,
+            None => {
+                let open = self.start()?;
+                self.open.insert(open)
             }
+        };
+        shard.rows += examples.len() as u64;
+        let full = shard.rows >= self.rows_max;
+        self.pending.extend_from_slice(examples);
+        match full {
+            true => self.close(pictures),
+            false if self.pending.len() >= ROWS_PER_GROUP => self.write_group(pictures),
+            false => Ok(()),
+        }
+    }
+
+    fn write_group(&mut self, pictures: &Pictures) -> Result<(), ExportError> {
+        if let Some((writer, _)) = &mut self.open
+            && !self.pending.is_empty()
+        {
+            writer.write_batch(&frame(&self.pending, Some(pictures))?)?;
+            self.pending.clear();
         }
         Ok(())
     }
 
-    fn close(&mut self) -> Result<(), ExportError> {
+    fn close(&mut self, pictures: &Pictures) -> Result<(), ExportError> {
+        self.write_group(pictures)?;
         let Some((writer, shard)) = self.open.take() else { return Ok(()) };
         writer.finish()?;
         drop(writer);

@@ -120,7 +120,7 @@ pub(crate) fn write(
         return Err(error);
     }
     for (split, shards) in parquet {
-        shards.finish()?.into_iter().for_each(|shard| writer.keep(split, shard));
+        shards.finish(writer.pictures())?.into_iter().for_each(|shard| writer.keep(split, shard));
     }
     report.left_out.iter().for_each(|(reason, count)| writer.leave_out(reason, *count));
     if !report.refused.is_empty() {

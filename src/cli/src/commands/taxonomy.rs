@@ -45,7 +45,7 @@ enum What {
     Agreement(WithLabels),
     /// Compare two sets of episodes: which classes grew, and whether more than chance explains
     Drift(Drift),
-    /// Ask a model behind an OpenAI-compatible endpoint for its opinion on failed episodes
+    #[command(about = "Ask a model behind an OpenAI-compatible endpoint for its opinion on failed episodes")]
     Judge(judge::Arguments),
 }
 

@@ -130,3 +130,29 @@ fn tables_questions_and_training_rows() {
     let full = complaint(folder, 2, &["export", "sft", "--store", "store", "--out", "sft"]);
     assert!(full.contains("not empty"), "{full}");
 }
+
+/// The commands that a help lists.
+fn commands(help: &str) -> Vec<String> {
+    let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    let name = |line: &str| line.strip_prefix("  ").filter(|line| !line.starts_with(' '))?.split(' ').next().map(str::to_owned);
+    listed.filter_map(name).filter(|name| name != "help").collect()
+}
+
+#[test]
+fn every_command_shows_an_example() {
+    let folder = tempfile::tempdir().unwrap();
+    // with whether the group that it belongs to has examples
+    let mut open: Vec<(Vec<String>, bool)> = vec![(Vec::new(), false)];
+    let mut without = Vec::new();
+    while let Some((path, group)) = open.pop() {
+        let arguments: Vec<&str> = path.iter().map(String::as_str).chain(["--help"]).collect();
+        let help = expect(folder.path(), 0, &arguments);
+        let below = commands(&help);
+        let shows = help.contains("Example");
+        if below.is_empty() && !shows && !group {
+            without.push(path.join(" "));
+        }
+        open.extend(below.into_iter().map(|name| ([path.as_slice(), &[name]].concat(), shows)));
+    }
+    assert!(without.is_empty(), "no example in the help of: {}", without.join(", "));
+}

@@ -25,10 +25,10 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Supervised training sets: what the agent saw before a decision, and what it should do
+    #[command(about = "Supervised training sets: what the agent saw before a decision, and what it should do")]
     #[cfg(feature = "analytics")]
     Sft(Box<sft::Arguments>),
-    /// Rollout groups for reinforcement learning: rewards, returns and advantages
+    #[command(about = "Rollout groups for reinforcement learning: rewards, returns and advantages")]
     #[cfg(feature = "analytics")]
     Rl(Box<rl::Arguments>),
     /// One episode as a Rerun recording: pictures, transforms, boxes, transcript, rewards
