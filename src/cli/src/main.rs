@@ -44,6 +44,10 @@ enum Command {
     Mint(commands::mint::Arguments),
     /// Print a trace as a readable transcript
     Show(commands::show::Arguments),
+    /// Play another future of a recorded episode, from any call
+    Branch(commands::branch::Arguments),
+    /// Show two traces of one task side by side, from the first difference on
+    Diff(commands::diff::Arguments),
     /// Restore what unfinished, torn or damaged recordings hold
     Recover(commands::recover::Arguments),
     /// Check traces: checksums, index, schemas, order, hash chain, pictures
@@ -97,6 +101,8 @@ fn main() -> ExitCode {
         Command::Gate(arguments) => commands::gate::run(&arguments),
         Command::Mint(arguments) => commands::mint::run(&arguments),
         Command::Show(arguments) => commands::show::run(&arguments),
+        Command::Branch(arguments) => commands::branch::run(&arguments),
+        Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Doctor(arguments) => commands::doctor::run(&arguments),
         Command::Frames(arguments) => commands::frames::run(&arguments),

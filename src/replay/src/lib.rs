@@ -6,6 +6,8 @@
 mod changes;
 mod difference;
 mod explain;
+mod fork;
+mod lay_beside;
 mod mint;
 mod player;
 mod repack;
@@ -25,6 +27,8 @@ use serde::Serialize;
 pub use changes::{ChangedEnd, ChangedOutcome, Changes, Ending, Judgement, changes, judge_all};
 pub use difference::{Divergence, Moment};
 pub use explain::{Explanation, FieldChange, PictureChange, body_changes, explain, state_at};
+pub use fork::{Descent, Fork, verify_branch};
+pub use lay_beside::{Beside, Deed, EpisodeTitle, OtherTask, Row, lay_beside};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Differing, Replay};
 pub use reel_sim::SIM_VERSION;

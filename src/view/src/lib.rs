@@ -1,4 +1,5 @@
-//! An episode for human eyes: a transcript, a contact sheet, a Rerun recording. A leaf: Rerun brings an Arrow of its own.
+//! An episode for human eyes: a transcript, a contact sheet, two side by side, a Rerun recording. A leaf: Rerun brings
+//! an Arrow of its own.
 //!
 //! Shows what the trace holds; never runs physics, never judges.
 
@@ -8,6 +9,7 @@ mod moment;
 mod picture_difference;
 #[cfg(feature = "rerun")]
 mod rerun_recording;
+mod side_by_side;
 mod transcript;
 
 use std::path::PathBuf;
@@ -17,6 +19,7 @@ pub use moment::moment;
 pub use picture_difference::picture_difference;
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;
+pub use side_by_side::side_by_side;
 pub use transcript::transcript;
 
 /// Why an episode cannot be shown.

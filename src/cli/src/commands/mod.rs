@@ -1,10 +1,12 @@
 //! One module a command: its arguments, and what it does.
 
 pub mod bench;
+pub mod branch;
 #[cfg(feature = "analytics")]
 pub mod dataset;
 #[cfg(feature = "analytics")]
 pub mod demo;
+pub mod diff;
 pub mod doctor;
 pub mod explain;
 pub mod export;

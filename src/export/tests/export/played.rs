@@ -40,6 +40,7 @@ fn record(path: &Path, task: &Arc<Task>, name: &str, seed: u64, images: Images) 
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo { name: name.into(), ..PolicyInfo::default() },
+        parent: None,
     };
     run_episode(config, policy.as_mut(), Some(&RecordTo { path: path.to_owned(), options: images.into() })).unwrap();
 }

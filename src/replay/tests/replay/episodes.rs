@@ -35,6 +35,7 @@ pub fn record(path: &Path, task: &Arc<Task>, name: &str, images: Images) -> Path
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),
+        parent: None,
     };
     run_episode(config, policy.as_mut(), Some(&RecordTo { path: path.to_owned(), options: images.into() })).unwrap();
     path.to_owned()
