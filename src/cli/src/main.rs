@@ -1,6 +1,7 @@
 //! The `reel` command: parses arguments, calls the crates, prints. Results go to stdout, progress and complaints to
 //! stderr. Exit codes: 0 fine, 1 the answer is "no", 2 wrong usage or input, 3 done, but with data loss.
 
+mod camera;
 mod commands;
 #[cfg(feature = "analytics")]
 mod cost;
@@ -54,6 +55,8 @@ enum Command {
     Doctor(commands::doctor::Arguments),
     /// Write the pictures of a trace as PNG files, and a contact sheet
     Frames(commands::frames::Arguments),
+    /// Write an episode as moving pictures, with the calls as captions
+    Video(commands::video::Arguments),
     /// Turn what other frameworks recorded into traces
     Import(commands::import::Arguments),
     /// Read traces into a store of tables
@@ -106,6 +109,7 @@ fn main() -> ExitCode {
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Doctor(arguments) => commands::doctor::run(&arguments),
         Command::Frames(arguments) => commands::frames::run(&arguments),
+        Command::Video(arguments) => commands::video::run(&arguments),
         Command::Import(arguments) => commands::import::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Ingest(arguments) => commands::ingest::run(&arguments),

@@ -36,3 +36,4 @@ pub mod tables;
 pub mod tasks;
 #[cfg(feature = "analytics")]
 pub mod taxonomy;
+pub mod video;

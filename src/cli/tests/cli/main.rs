@@ -1,6 +1,7 @@
 //! The `reel` command from outside: the loop a newcomer goes through, and the exit codes scripts rely on.
 
 mod branches;
+mod films;
 mod gate;
 mod import;
 mod moments;
