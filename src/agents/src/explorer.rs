@@ -239,6 +239,24 @@ impl Policy for Explorer {
         };
         StepInput { call, policy: None, user_reply: None }
     }
+
+    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+        self.learn(context);
+        self.last = Some(match Tool::parse(&input.call) {
+            Ok(Tool::NavTo { .. }) => Deed::Drive,
+            Ok(Tool::WalkAround) => Deed::WalkAround,
+            Ok(Tool::ShowObjectByCategory { .. }) => Deed::ShowObjects,
+            Ok(Tool::ShowReceptacles) => Deed::ShowReceptacles,
+            Ok(Tool::GazeAt { .. }) => Deed::Gaze,
+            Ok(Tool::Pick { .. }) => Deed::Pick,
+            Ok(Tool::Place { .. }) => Deed::Place,
+            Ok(Tool::Open { .. }) => Deed::Open,
+            Ok(Tool::Close { .. }) => Deed::Close,
+            Ok(Tool::Ask { .. }) => Deed::Ask,
+            Ok(Tool::Finish | Tool::Lifecycle(_)) => Deed::List,
+            Err(_) => Deed::Nonsense,
+        });
+    }
 }
 
 fn has_door(name: &str) -> bool {

@@ -172,6 +172,10 @@ impl Policy for Oscillating {
         let receptacle = self.between[turn % 2].clone();
         StepInput { call: Tool::NavTo { receptacle }.to_call(), policy: None, user_reply: None }
     }
+
+    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+        self.oracle.watch(context, input);
+    }
 }
 
 /// The oracle, but about one call in four is nonsense; it goes on as if nothing had happened.
@@ -247,6 +251,13 @@ impl Policy for Gibberish {
         }
         let observation = self.kept.as_ref().unwrap_or(context.observation);
         self.oracle.act(&Context { observation, ..*context })
+    }
+
+    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+        self.old_markers.extend(context.seen.iter().filter(|thing| !thing.furniture).filter_map(|thing| thing.marker));
+        self.kept = None;
+        self.talking_nonsense = false;
+        self.oracle.watch(context, input);
     }
 
     fn gave_up(&self) -> Option<String> {

@@ -15,6 +15,7 @@ mod policy;
 mod random;
 mod record;
 mod runner;
+mod running;
 mod sink;
 
 use std::path::PathBuf;
@@ -30,6 +31,7 @@ pub use planner::{GoalHint, Planner};
 pub use policy::{Context, POLICIES, Policy, Seen, policy};
 pub use record::{RecordTo, TraceSink};
 pub use runner::{EpisodeReport, Job, run_all, run_episode, run_injected};
+pub use running::Running;
 pub use sink::{NoSink, Recorded, Sink, SinkError};
 
 /// What can go wrong around an episode; never what goes wrong in it, which is feedback for the policy.

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use reel_episode::Observation;
 use reel_plan::Intent;
-use reel_world::{Tool, record::PolicyOutput};
+use reel_world::{Tool, ToolCall, record::PolicyOutput};
 
 /// The history of calls, in words.
 #[derive(Clone, Debug, Default)]
@@ -17,12 +17,7 @@ pub struct Narration {
 impl Narration {
     /// Writes down how the last call went, and says why the next one is made.
     pub fn tell(&mut self, tool: &Tool, schedule: &VecDeque<Intent>, observation: &Observation) -> PolicyOutput {
-        if let Some(deed) = self.pending.take() {
-            self.done.push(match observation.error {
-                None => deed,
-                Some(code) => format!("{deed} (failed: {code})"),
-            });
-        }
+        self.settle(observation);
         self.pending = Some(deed(tool));
         let steps: Vec<String> = schedule.iter().map(ToString::to_string).collect();
         let subtask = steps.first().map_or("finish", String::as_str);
@@ -31,6 +26,21 @@ impl Narration {
             history: self.done.join("; "),
             plan: format!("New Schedule: {}. Current subtask: {subtask}.", steps.join("; ")),
             ..PolicyOutput::default()
+        }
+    }
+
+    /// Writes down how the last call went, and that this one was made.
+    pub fn watch(&mut self, call: &ToolCall, observation: &Observation) {
+        self.settle(observation);
+        self.pending = Some(Tool::parse(call).map_or_else(|_| "made an invalid call".into(), |tool| deed(&tool)));
+    }
+
+    fn settle(&mut self, observation: &Observation) {
+        if let Some(deed) = self.pending.take() {
+            self.done.push(match observation.error {
+                None => deed,
+                Some(code) => format!("{deed} (failed: {code})"),
+            });
         }
     }
 }

@@ -139,10 +139,11 @@ impl Oracle {
         if !self.started {
             self.started = true;
             self.start(truth);
-        } else if let Some(code) = context.observation.error {
-            self.failed(code, truth);
-        } else {
-            self.succeeded();
+        } else if self.last.is_some() {
+            match context.observation.error {
+                Some(code) => self.failed(code, truth),
+                None => self.succeeded(),
+            }
         }
         self.leave_out_detours(HORIZON.saturating_sub(context.step));
         // An intent that needs no call is dropped or replaced; a plan is far shorter than this bound.
@@ -406,6 +407,16 @@ impl Policy for Oracle {
         let tool = self.next_tool(context);
         let output = self.narration.tell(&tool, &self.intents, context.observation);
         StepInput { call: tool.to_call(), policy: Some(output), user_reply: None }
+    }
+
+    /// It comes in when something was done already, and plans from what it finds.
+    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+        self.narration.watch(&input.call, context.observation);
+        self.asked |= matches!(Tool::parse(&input.call), Ok(Tool::Ask { .. }));
+        self.last = None;
+        self.resumed = true;
+        // Who cannot plan keeps to its script.
+        self.started &= !self.habits.replans;
     }
 
     fn gave_up(&self) -> Option<String> {

@@ -91,6 +91,10 @@ pub struct Planner {
     failures: u32,
     /// The last call, and the receptacle that a number in it stands for.
     last: Option<(Tool, Option<ReceptacleId>)>,
+    /// Whether somebody else made the last call.
+    watched: bool,
+    /// Whether somebody else took what is in the hand by mistake: it has to go back.
+    astray: bool,
 }
 
 impl Planner {
@@ -117,6 +121,8 @@ impl Planner {
             reply: String::new(),
             failures: 0,
             last: None,
+            watched: false,
+            astray: false,
         }
     }
 
@@ -124,8 +130,11 @@ impl Planner {
     fn learn(&mut self, context: &Context<'_>) {
         let Some((tool, receptacle)) = self.last.take() else { return };
         let error = context.observation.error;
-        if error.is_some() {
-            return self.learn_failure(&tool, receptacle, error);
+        let watched = std::mem::take(&mut self.watched);
+        match error {
+            Some(error) if watched => return self.learn_watched_failure(&tool, receptacle, error),
+            Some(_) => return self.learn_failure(&tool, receptacle, error),
+            None => {}
         }
         match tool {
             Tool::NavTo { receptacle } => {
@@ -154,7 +163,14 @@ impl Planner {
             }
             Tool::Place { .. } => {
                 self.holding = false;
-                if self.in_the_way.is_none() {
+                if std::mem::take(&mut self.astray) {
+                    // What was taken by mistake is out of the hand; nothing is gained.
+                } else if let Some(wrong) = receptacle.filter(|id| watched && !self.is_destination(id, context)) {
+                    if let Some(hint) = self.hints.get_mut(self.current) {
+                        hint.sources = vec![wrong];
+                    }
+                    self.rejected.clear();
+                } else if self.in_the_way.is_none() {
                     self.current += 1;
                     self.rejected.clear();
                 }
@@ -201,6 +217,37 @@ impl Planner {
         }
     }
 
+    /// What fails for somebody else says something of doors only.
+    fn learn_watched_failure(&mut self, tool: &Tool, receptacle: Option<ReceptacleId>, error: ErrorCode) {
+        match tool {
+            Tool::Place { .. } if error == ErrorCode::DoorClosed => self.in_the_way = receptacle,
+            Tool::Open { .. } if error != ErrorCode::HandNotFree => self.doorless.extend(receptacle),
+            Tool::Pick { .. } if !self.holding => self.astray = false,
+            _ => {}
+        }
+    }
+
+    /// Whether somebody else's place for the held object may be right, as far as it can tell.
+    fn is_destination(&self, id: &ReceptacleId, context: &Context<'_>) -> bool {
+        let Some(hint) = self.hints.get(self.current) else { return true };
+        let chosen = || self.choose(&hint.destinations, context, |after| after <= WORDS_AFTER_DESTINATION);
+        hint.destinations.contains(id) && (!self.captions.contains_key(id) || chosen().as_ref() == Some(id))
+    }
+
+    /// Whether somebody else takes what it would take, for the object at work or a later one, which then comes first.
+    fn is_wanted(&mut self, marker: u32, context: &Context<'_>) -> bool {
+        let Some(here) = self.at.clone() else { return false };
+        let is_source = |hint: &GoalHint| {
+            let chosen = || self.choose(&hint.sources, context, |after| after > WORDS_AFTER_DESTINATION);
+            hint.sources.contains(&here) && (!self.captions.contains_key(&here) || chosen().as_ref() == Some(&here))
+        };
+        let takes =
+            |hint: &GoalHint| is_source(hint) && self.fitting(hint, &here).iter().any(|thing| thing.marker == Some(marker));
+        let Some(wanted) = (self.current..self.hints.len()).find(|index| takes(&self.hints[*index])) else { return false };
+        self.hints.swap(self.current, wanted);
+        true
+    }
+
     fn forget_view(&mut self) {
         self.view.clear();
         (self.probed, self.walked, self.gazed, self.marked) = (false, false, false, false);
@@ -214,6 +261,7 @@ impl Planner {
         if self.holding {
             let goal = match (&self.in_the_way, &self.origin) {
                 (Some(_), Some(origin)) => Some(origin.clone()),
+                (None, Some(origin)) if self.astray => Some(origin.clone()),
                 _ => self.choose(&hint.destinations, context, |after| after <= WORDS_AFTER_DESTINATION),
             };
             let Some(receptacle) = goal else { return (Tool::Finish, None) };
@@ -370,6 +418,32 @@ impl Policy for Planner {
         let (tool, receptacle) = self.decide(context);
         self.last = Some((tool.clone(), receptacle));
         StepInput { call: tool.to_call(), policy: None, user_reply: None }
+    }
+
+    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+        self.learn(context);
+        let Ok(tool) = Tool::parse(&input.call) else { return };
+        let numbered = |marker: u32| context.seen.iter().find(|thing| thing.marker == Some(marker));
+        let mut receptacle = None;
+        match &tool {
+            Tool::Place { marker } | Tool::Open { marker } | Tool::Close { marker } => {
+                receptacle = numbered(*marker).filter(|thing| thing.furniture).and_then(|thing| thing.receptacle_hint.clone());
+                self.marked = false;
+            }
+            Tool::Pick { marker } if !self.holding => self.astray = !self.is_wanted(*marker, context),
+            Tool::GazeAt { marker } => {
+                // It has looked only where it looked at the thing it would take.
+                self.gazed = false;
+                if !self.is_wanted(*marker, context) {
+                    return;
+                }
+            }
+            Tool::ShowReceptacles => self.forget_view(),
+            Tool::Ask { .. } => self.asked = true,
+            _ => {}
+        }
+        self.last = Some((tool, receptacle));
+        self.watched = true;
     }
 }
 

@@ -21,6 +21,11 @@ pub trait Policy {
     /// The next call.
     fn act(&mut self, context: &Context<'_>) -> StepInput;
 
+    /// Is shown a call that somebody else decided where it would have been asked, before what comes of it: takes in what it
+    /// would have learnt and remembered had it made this call itself. There is no truth in the context. Who keeps nothing
+    /// from call to call has nothing to do.
+    fn watch(&mut self, _context: &Context<'_>, _input: &StepInput) {}
+
     /// Why it gave up on the goal, if it did.
     fn gave_up(&self) -> Option<String> {
         None

@@ -38,8 +38,8 @@ impl TraceSink {
 }
 
 impl Sink for TraceSink {
-    fn start(&mut self, start: &StartRecord, frame: &Frame) -> Result<(), SinkError> {
-        Ok(self.recorder.start(start, Some(frame))?)
+    fn start(&mut self, start: &StartRecord, frame: Option<&Frame>) -> Result<(), SinkError> {
+        Ok(self.recorder.start(start, frame)?)
     }
 
     fn input(&mut self, step: u32, input: &StepInput) -> Result<(), SinkError> {

@@ -1,5 +1,4 @@
-//! Plays an episode with a policy and records it, and plays many on several threads. Never decides anything:
-//! it carries calls to the episode and records to the trace, inputs before they are used.
+//! Plays an episode with a policy and records it, and plays many on several threads. Never decides anything.
 
 use std::{
     any::Any,
@@ -8,14 +7,10 @@ use std::{
 };
 
 use rayon::prelude::*;
-use reel_episode::{Episode, EpisodeConfig, Observation};
-use reel_world::{Family, HORIZON, record::EndReason};
+use reel_episode::EpisodeConfig;
+use reel_world::{Family, record::EndReason};
 
-use crate::{
-    AgentError, Context, Injected, Injection, Label, Policy, perception, policy,
-    record::{RecordTo, TraceSink},
-    sink::{NoSink, Sink, SinkError},
-};
+use crate::{AgentError, Injected, Injection, Label, Policy, policy, record::RecordTo, running::Running};
 
 /// How an episode went.
 #[derive(Clone, PartialEq, Debug)]
@@ -73,61 +68,9 @@ pub fn run_episode(
     record: Option<&RecordTo>,
 ) -> Result<EpisodeReport, AgentError> {
     config.policy = policy.info();
-    let (task, scene, seed, name) = (config.task.clone(), config.scene.clone(), config.seed, config.policy.name.clone());
-    let fail = |source: SinkError| AgentError::Trace {
-        task: task.task_id.clone(),
-        seed,
-        path: record.map(|record| record.path.clone()).unwrap_or_default(),
-        source,
-    };
-    let (mut episode, start, frame) =
-        Episode::start(config).map_err(|source| AgentError::Start { task: task.task_id.clone(), source })?;
-    let mut sink: Box<dyn Sink> = match record {
-        Some(RecordTo { path, options }) => {
-            Box::new(TraceSink::create(path, *options, episode.header(), &task, &scene).map_err(fail)?)
-        }
-        None => Box::new(NoSink),
-    };
-    sink.start(&start, &frame).map_err(fail)?;
-
-    let briefing = episode.briefing();
-    let mut seen = perception::at_start(&task, &scene, &start);
-    let mut observation = Observation { text: String::new(), error: None, frame: Some(frame) };
-    let mut step = 0;
-    while episode.ended().is_none() && step < HORIZON {
-        let input = {
-            let truth = policy.wants_truth().then(|| episode.privileged());
-            policy.act(&Context { briefing: &briefing, observation: &observation, seen: &seen, truth: truth.as_ref(), step })
-        };
-        sink.input(step, &input).map_err(fail)?;
-        let output = episode.step(input);
-        sink.step(&output.record, output.frame.as_ref()).map_err(fail)?;
-        seen = perception::after_step(&task, &scene, episode.privileged().graph, &output.record);
-        let outcome = output.record.outcome;
-        observation = Observation { text: outcome.text, error: outcome.error, frame: output.frame };
-        step += 1;
-    }
-
-    let episode_id = episode.header().episode_id.clone();
-    let end = episode.end();
-    let recorded = sink.end(&end).map_err(fail)?;
-    let metrics = end.metrics;
-    Ok(EpisodeReport {
-        episode_id,
-        task_id: task.task_id.clone(),
-        family: task.family,
-        policy: name,
-        seed,
-        success: metrics.success,
-        completion: metrics.completion,
-        total_reward: metrics.total_reward,
-        length: end.steps,
-        asks: metrics.asks,
-        end_reason: end.reason,
-        bytes: recorded.as_ref().map_or(0, |recorded| recorded.bytes),
-        trace: recorded.map(|recorded| recorded.path),
-        unreachable: policy.gave_up().filter(|_| !metrics.success),
-    })
+    let mut running = Running::start(config, record)?;
+    running.play(policy)?;
+    running.end(policy.gave_up())
 }
 
 /// Plays one episode in which what the injection says goes wrong, and labels it. Where it is recorded, the label is written
@@ -225,6 +168,7 @@ mod tests {
             profile: Profile::Paper,
             run_id: "run".into(),
             policy: PolicyInfo::default(),
+            parent: None,
         };
         Job { config, policy: "oracle".into(), record: None, command: "reel run --seed 11".into() }
     }

@@ -22,7 +22,7 @@ pub struct Recorded {
 /// Takes the records of one episode, in order.
 pub trait Sink {
     /// The state after the start.
-    fn start(&mut self, start: &StartRecord, frame: &Frame) -> Result<(), SinkError>;
+    fn start(&mut self, start: &StartRecord, frame: Option<&Frame>) -> Result<(), SinkError>;
     /// A decision, before it is used.
     fn input(&mut self, step: u32, input: &StepInput) -> Result<(), SinkError>;
     /// What came of it.
@@ -36,7 +36,7 @@ pub trait Sink {
 pub struct NoSink;
 
 impl Sink for NoSink {
-    fn start(&mut self, _: &StartRecord, _: &Frame) -> Result<(), SinkError> {
+    fn start(&mut self, _: &StartRecord, _: Option<&Frame>) -> Result<(), SinkError> {
         Ok(())
     }
 

@@ -1,6 +1,7 @@
 //! The `reel` command: parses arguments, calls the crates, prints. Results go to stdout, progress and complaints to
 //! stderr. Exit codes: 0 fine, 1 the answer is "no", 2 wrong usage or input, 3 done, but with data loss.
 
+mod camera;
 mod commands;
 #[cfg(feature = "analytics")]
 mod cost;
@@ -46,12 +47,18 @@ enum Command {
     Mint(commands::mint::Arguments),
     #[command(about = "Print a trace as a readable transcript")]
     Show(commands::show::Arguments),
+    #[command(about = "Play another future of a recorded episode, from any call")]
+    Branch(commands::branch::Arguments),
+    #[command(about = "Show two traces of one task side by side, from the first difference on")]
+    Diff(commands::diff::Arguments),
     #[command(about = "Restore what unfinished, torn or damaged recordings hold")]
     Recover(commands::recover::Arguments),
     #[command(about = "Check traces: checksums, index, schemas, order, hash chain, pictures")]
     Doctor(commands::doctor::Arguments),
     #[command(about = "Write the pictures of a trace as PNG files, and a contact sheet")]
     Frames(commands::frames::Arguments),
+    #[command(about = "Write an episode as moving pictures, with the calls as captions")]
+    Video(commands::video::Arguments),
     #[command(about = "Turn what other frameworks recorded into traces")]
     Import(commands::import::Arguments),
     #[command(about = "Read traces into a store of tables")]
@@ -102,9 +109,12 @@ fn main() -> ExitCode {
         Command::Gate(arguments) => commands::gate::run(&arguments),
         Command::Mint(arguments) => commands::mint::run(&arguments),
         Command::Show(arguments) => commands::show::run(&arguments),
+        Command::Branch(arguments) => commands::branch::run(&arguments),
+        Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Doctor(arguments) => commands::doctor::run(&arguments),
         Command::Frames(arguments) => commands::frames::run(&arguments),
+        Command::Video(arguments) => commands::video::run(&arguments),
         Command::Import(arguments) => commands::import::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Ingest(arguments) => commands::ingest::run(&arguments),

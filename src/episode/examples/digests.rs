@@ -105,6 +105,7 @@ fn play(recorded: &Recorded, restored: bool) -> Digest {
         preset: Preset::parse(&header.reward_preset).expect("a known preset"),
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),
+        parent: header.parent.clone(),
     };
     let (mut episode, start, _) = Episode::start(config.clone()).expect("task and scene belong together");
     let mut steps = Vec::new();

@@ -1,11 +1,11 @@
 //! A running episode: the step function itself.
 
-use std::fmt;
+use std::{fmt, sync::Arc};
 
 use reel_reward::{Rewarder, metrics};
 use reel_sim::{SIM_VERSION, Simulator, Snapshot, ToolResult, render::Detail};
 use reel_world::{
-    Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Tool, chain, invariants,
+    Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Scene, Task, Tool, chain, invariants,
     record::{
         Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord, StateDigests, StepInput,
         StepRecord, UserReply,
@@ -104,6 +104,24 @@ impl Episode {
         Ok(episode)
     }
 
+    /// Another future of a recorded episode: `config.parent` says of which, `start` and `steps` are its records up to the
+    /// snapshot. They become the branch's own, linked anew under its header. `detail` is of the pictures to come.
+    ///
+    /// # Errors
+    /// As [`Episode::resume`].
+    pub fn branch(
+        config: EpisodeConfig,
+        mut start: StartRecord,
+        mut steps: Vec<StepRecord>,
+        snapshot: &Snapshot,
+        detail: Detail,
+    ) -> Result<Episode, EpisodeError> {
+        relink(&header(&config), &mut start, &mut steps);
+        let mut episode = Self::resume(config, start, steps, snapshot)?;
+        episode.simulator.set_detail(detail);
+        Ok(episode)
+    }
+
     /// The state of the simulator after the last call, to go on from.
     pub fn snapshot(&self) -> Snapshot {
         self.simulator.snapshot()
@@ -112,6 +130,26 @@ impl Episode {
     /// The header of the trace.
     pub fn header(&self) -> &EpisodeHeader {
         &self.header
+    }
+
+    /// The task.
+    pub fn task(&self) -> &Arc<Task> {
+        &self.config.task
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.config.scene
+    }
+
+    /// The state before the first call.
+    pub fn start_record(&self) -> &StartRecord {
+        &self.start
+    }
+
+    /// The calls so far, and what came of them.
+    pub fn steps(&self) -> &[StepRecord] {
+        &self.steps
     }
 
     /// What the agent is told.
@@ -259,6 +297,16 @@ impl Episode {
     }
 }
 
+/// Links records anew, as an episode under this header would have linked them.
+pub fn relink(header: &EpisodeHeader, start: &mut StartRecord, steps: &mut [StepRecord]) {
+    start.digests.chain = chain::start_link(header, start);
+    let mut link = start.digests.chain;
+    for step in steps {
+        step.digests.chain = chain::step_link(&link, step);
+        link = step.digests.chain;
+    }
+}
+
 fn check_scene(config: &EpisodeConfig) -> Result<(), EpisodeError> {
     let (task, scene) = (&config.task, &config.scene);
     if task.scene_id == scene.scene_id {
@@ -301,7 +349,7 @@ fn header(config: &EpisodeConfig) -> EpisodeHeader {
         reward_preset: config.preset.name().to_owned(),
         policy: config.policy.clone(),
         backend: Backend::Sim,
-        parent: None,
+        parent: config.parent.clone(),
     };
     header.episode_id = Digest::of_json(&header).to_string()[..16].to_owned();
     header.build = env!("CARGO_PKG_VERSION").to_owned();

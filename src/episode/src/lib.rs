@@ -9,10 +9,10 @@ use std::sync::Arc;
 use reel_reward::Preset;
 use reel_world::{
     Digest, ErrorCode, Frame, InstanceId, Profile, ReceptacleId, Scene, Task, WorldGraph,
-    record::{Marker, PolicyInfo, StepRecord},
+    record::{Marker, Parent, PolicyInfo, StepRecord},
 };
 
-pub use episode::Episode;
+pub use episode::{Episode, relink};
 
 /// What an episode is a function of, besides its calls.
 #[derive(Clone, Debug)]
@@ -31,6 +31,8 @@ pub struct EpisodeConfig {
     pub run_id: String,
     /// Who decides.
     pub policy: PolicyInfo,
+    /// The trace and call it branches from, if any.
+    pub parent: Option<Parent>,
 }
 
 /// What a step gives back: the record for the trace and the picture for the policy.

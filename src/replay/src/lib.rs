@@ -6,10 +6,13 @@
 mod changes;
 mod difference;
 mod explain;
+mod fork;
+mod lay_beside;
 mod mint;
 mod player;
 mod repack;
 mod seek;
+mod viewpoint;
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
@@ -25,11 +28,14 @@ use serde::Serialize;
 pub use changes::{ChangedEnd, ChangedOutcome, Changes, Ending, Judgement, changes, judge_all};
 pub use difference::{Divergence, Moment};
 pub use explain::{Explanation, FieldChange, PictureChange, body_changes, explain, state_at};
+pub use fork::{Descent, Fork, verify_branch};
+pub use lay_beside::{Beside, Deed, EpisodeTitle, OtherTask, Row, lay_beside};
 pub use mint::{MintError, MintOptions, Minted, MintedTrace, corpus, mint};
 pub use player::{Differing, Replay};
 pub use reel_sim::SIM_VERSION;
 pub use repack::{RepackError, compact, expand};
 pub use seek::{SnapshotCache, picture_at, pictures_at, seek, verify_restored};
+pub use viewpoint::{Viewpoint, view_at, views};
 
 /// What a replay found.
 #[derive(Clone, Debug, PartialEq, Serialize)]

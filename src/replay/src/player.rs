@@ -157,6 +157,7 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
         preset,
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),
+        parent: header.parent.clone(),
     })
 }
 

@@ -106,7 +106,7 @@ pub fn pictures_at(trace: &Trace, moments: &BTreeSet<Option<u32>>) -> Result<BTr
     }
 }
 
-fn no_call(trace: &Trace, call: usize) -> Verdict {
+pub(crate) fn no_call(trace: &Trace, call: usize) -> Verdict {
     let count = trace.steps.len();
     Verdict::Refused { reason: format!("there is no call {call}: the episode has {count} calls, from 0") }
 }

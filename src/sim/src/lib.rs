@@ -12,6 +12,7 @@ pub mod render;
 pub mod stress;
 
 mod math;
+mod outside;
 mod simulator;
 mod snapshot;
 mod tools;

@@ -269,6 +269,11 @@ impl Simulator {
 
     /// The picture from any camera; changes nothing.
     pub fn picture_from(&self, camera: &Camera) -> Frame {
+        self.picture_with(camera, &[], self.detail)
+    }
+
+    /// The picture from any camera, with more in it than the scene.
+    pub(crate) fn picture_with(&self, camera: &Camera, extra: &[Drawable<'_>], detail: Detail) -> Frame {
         let shell = Drawable { parts: &self.model.shell, pose: Pose::IDENTITY, entity: SHELL_ENTITY };
         let mut drawables = vec![shell];
         for (index, furniture) in self.model.furniture.iter().enumerate() {
@@ -284,7 +289,8 @@ impl Simulator {
                 drawables.push(Drawable { parts: &shape.parts, pose: motion.pose, entity: self.object_entity(index) });
             }
         }
-        render(camera, &drawables, self.detail)
+        drawables.extend_from_slice(extra);
+        render(camera, &drawables, detail)
     }
 
     /// The head camera.

@@ -10,6 +10,8 @@ pub(crate) type Colour = [u8; 3];
 pub(crate) enum Font {
     Small,
     SmallBold,
+    Medium,
+    MediumBold,
     Title,
 }
 
@@ -18,6 +20,8 @@ impl Font {
         match self {
             Font::Small => (FontWeight::Regular, RasterHeight::Size16),
             Font::SmallBold => (FontWeight::Bold, RasterHeight::Size16),
+            Font::Medium => (FontWeight::Regular, RasterHeight::Size20),
+            Font::MediumBold => (FontWeight::Bold, RasterHeight::Size20),
             Font::Title => (FontWeight::Bold, RasterHeight::Size24),
         }
     }
@@ -89,6 +93,11 @@ impl Canvas {
                 }
             }
         }
+    }
+
+    /// The pixels.
+    pub(crate) fn into_rgb(self) -> Vec<u8> {
+        self.rgb
     }
 
     /// The picture as PNG.

@@ -18,14 +18,14 @@ const CALL_LINES: usize = 2;
 const OUTCOME_LINES: usize = 3;
 const LINE: usize = 18;
 
-const PAPER: Colour = [241, 243, 246];
-const CARD: Colour = [255, 255, 255];
+pub(crate) const PAPER: Colour = [241, 243, 246];
+pub(crate) const CARD: Colour = [255, 255, 255];
 const NO_PICTURE: Colour = [225, 229, 235];
-const INK: Colour = [28, 34, 44];
-const FAINT: Colour = [104, 114, 130];
-const GREEN: Colour = [28, 132, 76];
-const RED: Colour = [190, 42, 48];
-const BLUE: Colour = [52, 98, 178];
+pub(crate) const INK: Colour = [28, 34, 44];
+pub(crate) const FAINT: Colour = [104, 114, 130];
+pub(crate) const GREEN: Colour = [28, 132, 76];
+pub(crate) const RED: Colour = [190, 42, 48];
+pub(crate) const BLUE: Colour = [52, 98, 178];
 
 /// One card of the sheet.
 struct Card {
@@ -111,7 +111,8 @@ fn call(record: &StepRecord) -> String {
     format!("{} {}", record.input.call.name, values.join(", "))
 }
 
-fn outcome(record: &StepRecord) -> String {
+/// What the agent was told, an error by its code.
+pub(crate) fn outcome(record: &StepRecord) -> String {
     match record.outcome.error {
         Some(code) => format!("{code}: {}", record.outcome.text),
         None => record.outcome.text.clone(),

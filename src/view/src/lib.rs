@@ -1,22 +1,27 @@
-//! An episode for human eyes: a transcript, a contact sheet, a Rerun recording. A leaf: Rerun brings an Arrow of its own.
+//! An episode for human eyes: a transcript, a contact sheet, a film, two side by side, a Rerun recording. A leaf: Rerun brings
+//! an Arrow of its own.
 //!
 //! Shows what the trace holds; never runs physics, never judges.
 
 mod canvas;
 mod contact_sheet;
+mod film;
 mod moment;
 mod picture_difference;
 #[cfg(feature = "rerun")]
 mod rerun_recording;
+mod side_by_side;
 mod transcript;
 
 use std::path::PathBuf;
 
 pub use contact_sheet::contact_sheet;
+pub use film::{Film, Part};
 pub use moment::moment;
 pub use picture_difference::picture_difference;
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;
+pub use side_by_side::side_by_side;
 pub use transcript::transcript;
 
 /// Why an episode cannot be shown.
@@ -28,6 +33,17 @@ pub enum ViewError {
     /// A PNG cannot be made.
     #[error("cannot encode a picture: {0}")]
     Png(#[from] png::EncodingError),
+    /// A film cannot be encoded.
+    #[error("cannot encode the film: {0}")]
+    Gif(#[from] gif::EncodingError),
+    /// A film is too large.
+    #[error("a GIF has at most 65,535 x 65,535 pixels, not {width} x {height}")]
+    FilmSize {
+        /// In pixels.
+        width: usize,
+        /// In pixels.
+        height: usize,
+    },
     /// The Rerun recording cannot be written.
     #[error("cannot write the Rerun recording: {reason}: {path}", path = path.display())]
     Rerun {

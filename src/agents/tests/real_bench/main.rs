@@ -32,6 +32,7 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task() {
             preset: Preset::paper(),
             run_id: "real-bench".into(),
             policy: PolicyInfo::default(),
+            parent: None,
         },
         policy: "oracle".into(),
         record: None,

@@ -189,6 +189,7 @@ fn job(scene: &Arc<Scene>, task: &Arc<Task>, record: Option<(PathBuf, Images)>) 
             preset: Preset::paper(),
             run_id: "bench".into(),
             policy: PolicyInfo::default(),
+            parent: None,
         },
         policy: "oracle".into(),
         record: record.map(|(path, images)| RecordTo { path, options: images.into() }),

@@ -261,6 +261,7 @@ impl Maker<'_> {
             preset: Preset::paper(),
             run_id: format!("faults-{}", self.run.seed),
             policy: PolicyInfo::default(),
+            parent: None,
         };
         let options = RecordOptions { images, durability: Durability::Write };
         Ok(run_injected(config, injection, Some(&RecordTo { path: path.to_owned(), options }))?)

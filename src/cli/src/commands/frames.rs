@@ -10,14 +10,18 @@ use reel_trace::{Trace, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde_json::json;
 
-use crate::{Answer, inputs};
+use crate::{Answer, camera::Camera, inputs};
 
 /// Write the pictures of a trace as PNG files, and a contact sheet of all of them.
-/// Pictures that the trace leaves out are rendered again.
+/// Pictures that the trace leaves out are rendered again; so are those from another camera than the agent's, in which the
+/// robot is seen.
 ///
-/// Example:
+/// Examples:
 ///   reel frames traces-out/FDP_home_0001--oracle--0.mcap --out pictures
 ///   reel frames trace.mcap --out pictures --at 4      # the picture of call 4 alone, rendered again
+///   reel frames trace.mcap --out pictures --at 4 --camera top-down
+///   reel frames trace.mcap --out pictures --camera follow:target
+///   reel frames trace.mcap --out pictures --camera free --eye 1,1,1.8 --look-at 3,2,0.8
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -31,6 +35,8 @@ pub struct Arguments {
     /// gave none
     #[arg(long, value_name = "CALL")]
     at: Option<u32>,
+    #[command(flatten)]
+    camera: Camera,
     #[command(flatten)]
     cache: inputs::Cache,
     /// Only the contact sheet
@@ -48,16 +54,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let mut files = Vec::new();
     if let Some(call) = arguments.at {
         let path = arguments.out.join(file_name(Some(call)));
-        write(&path, &png(&picture_at(&trace, call, &arguments.cache)?))?;
+        write(&path, &png(&picture_at(&trace, call, arguments)?))?;
         files.push(path);
     } else if !arguments.sheet_only {
-        for (step, rgb) in pictures(&trace)? {
+        for (step, rgb) in pictures(&trace, &arguments.camera)? {
             let path = arguments.out.join(file_name(step));
             write(&path, &png(&rgb))?;
             files.push(path);
         }
     }
-    if arguments.at.is_none() && trace.image_count() > 0 {
+    if arguments.at.is_none() && trace.image_count() > 0 && arguments.camera.is_head() {
         let path = arguments.out.join("contact_sheet.png");
         write(&path, &reel_view::contact_sheet(&trace)?)?;
         files.push(path);
@@ -72,9 +78,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     Ok(Answer::Yes)
 }
 
-/// The pictures as the trace holds them; where it holds none, rendered again by an exact replay.
-fn pictures(trace: &Trace) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
+/// The pictures as the trace holds them; where it holds none, or from another camera, rendered again by an exact replay.
+fn pictures(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
     let mut pictures = Vec::new();
+    if !camera.is_head() {
+        let views = reel_replay::views(trace, &camera.viewpoint(&trace.task)?);
+        let views = views.map_err(|verdict| anyhow!("{}: the pictures cannot be made: {verdict}", trace.path.display()))?;
+        let moments = std::iter::once(None).chain(trace.steps.iter().map(|step| Some(step.step)));
+        return Ok(moments.zip(views).collect());
+    }
     for step in std::iter::once(None).chain(trace.steps.iter().map(|step| Some(step.step))) {
         if let Some(rgb) = trace.frame_rgb(step)? {
             pictures.push((step, rgb));
@@ -90,8 +102,9 @@ fn pictures(trace: &Trace) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
 }
 
 /// The picture of one call, rendered again.
-fn picture_at(trace: &Trace, call: u32, cache: &inputs::Cache) -> anyhow::Result<Vec<u8>> {
-    let picture = reel_replay::picture_at(trace, Some(call), cache.open().as_ref());
+fn picture_at(trace: &Trace, call: u32, arguments: &Arguments) -> anyhow::Result<Vec<u8>> {
+    let viewpoint = arguments.camera.viewpoint(&trace.task)?;
+    let picture = reel_replay::view_at(trace, Some(call), &viewpoint, arguments.cache.open().as_ref());
     picture.map_err(|verdict| anyhow!("{}: cannot go to call {call}: {verdict}", trace.path.display()))
 }
 

@@ -3,10 +3,12 @@
 #[cfg(feature = "analytics")]
 pub mod annotate;
 pub mod bench;
+pub mod branch;
 #[cfg(feature = "analytics")]
 pub mod dataset;
 #[cfg(feature = "analytics")]
 pub mod demo;
+pub mod diff;
 pub mod doctor;
 pub mod explain;
 pub mod export;
@@ -36,3 +38,4 @@ pub mod tables;
 pub mod tasks;
 #[cfg(feature = "analytics")]
 pub mod taxonomy;
+pub mod video;

@@ -173,6 +173,7 @@ pub fn play(
                 preset: Preset::paper(),
                 run_id: format!("{}-{}", plan.policy, plan.seed),
                 policy: PolicyInfo::default(),
+                parent: None,
             },
             policy: plan.policy.to_owned(),
             record: Some(RecordTo { path, options: RecordOptions { images, durability: plan.durability } }),
@@ -187,7 +188,7 @@ pub fn play(
 
 /// Removes what an interrupted run left of an episode: it is made again from the same inputs. A part whose recorder still
 /// lives is locked, and stays.
-fn remove_abandoned(part: &Path) {
+pub fn remove_abandoned(part: &Path) {
     if fs::File::open(part).is_ok_and(|file| file.try_lock().is_ok()) {
         let _ = fs::remove_file(part);
     }

@@ -1,7 +1,9 @@
 //! The `reel` command from outside: the loop a newcomer goes through, and the exit codes scripts rely on.
 
+mod branches;
 #[cfg(feature = "analytics")]
 mod endpoint;
+mod films;
 mod gate;
 mod import;
 mod moments;

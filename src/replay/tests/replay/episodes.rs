@@ -40,6 +40,7 @@ pub fn record_seeded(path: &Path, task: &Arc<Task>, name: &str, seed: u64, image
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),
+        parent: None,
     };
     run_episode(config, policy.as_mut(), Some(&RecordTo { path: path.to_owned(), options: images.into() })).unwrap();
     path.to_owned()

@@ -15,6 +15,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("agents", &["world", "plan", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
     ("replay", &["world", "sim", "reward", "plan", "episode", "trace"]),
+    ("branch", &["world", "sim", "trace", "agents", "replay"]),
     ("history", &["world"]),
     ("tables", &["world", "reward", "trace", "history"]),
     ("pattern", &[]),
@@ -46,7 +47,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("prost*", &["trace"]),
     ("rerun*", &["view"]),
     ("tokio", &["tables", "query", "server"]),
-    ("rayon", &["agents", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
+    ("rayon", &["agents", "branch", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents", "annotate", "query"]),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["pattern", "reward"]),

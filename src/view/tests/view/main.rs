@@ -5,8 +5,9 @@
 mod play;
 
 use play::{DISTRACTOR, Play, success};
-use reel_trace::Images;
-use reel_view::{contact_sheet, transcript};
+use reel_replay::lay_beside;
+use reel_trace::{Images, Trace};
+use reel_view::{Film, Part, contact_sheet, side_by_side, transcript};
 use reel_world::{
     ErrorCode, Family,
     record::{EndReason, PolicyOutput},
@@ -80,6 +81,52 @@ fn a_sheet_has_a_card_for_every_moment() {
     assert_eq!(sheet, contact_sheet(&trace).unwrap());
     let lean = Play::new("lean", Family::FDP, 1).ended(EndReason::Aborted).record(dir.path(), Images::None);
     assert_eq!(size(&contact_sheet(&lean).unwrap()).0, 16 + 2 * (320 + 16), "a lean trace without a step is still a sheet");
+}
+
+#[test]
+fn a_film_has_a_picture_for_every_moment_and_waits_for_the_longer_one() {
+    let dir = TempDir::new().unwrap();
+    let long = success("oracle", Family::SUL, 1).record(dir.path(), Images::None);
+    let short = Play::new("lean", Family::SUL, 1).nav("table_1").ended(EndReason::Aborted).record(dir.path(), Images::None);
+    let grey = |trace: &Trace| vec![vec![90; 640 * 480 * 3]; trace.steps.len() + 1];
+    let (a, b) = (grey(&long), grey(&short));
+    let film = Film::new(&[Part { trace: &long, pictures: &a }, Part { trace: &short, pictures: &b }]);
+    assert_eq!((film.width, film.pictures.len()), (2 * 640 + 8, long.steps.len() + 1));
+    assert!(film.height % 2 == 0 && film.pictures.iter().all(|picture| picture.len() == film.width * film.height * 3));
+    let right = |moment: usize| -> Vec<u8> {
+        film.pictures[moment].chunks(film.width * 3).flat_map(|row| row[648 * 3..].to_vec()).collect()
+    };
+    assert!(right(0) != right(1) && right(1) == right(2), "the shorter one waits in its last picture");
+    assert_eq!(film.stream().count(), film.pictures.len() + 2);
+
+    let mut gif = gif::DecodeOptions::new().read_info(std::io::Cursor::new(film.gif(2.0).unwrap())).unwrap();
+    let mut delays = Vec::new();
+    while let Some(frame) = gif.read_next_frame().unwrap() {
+        assert_eq!((usize::from(frame.width), usize::from(frame.height)), (film.width, film.height));
+        delays.push(frame.delay);
+    }
+    assert_eq!((delays.len(), delays[0], *delays.last().unwrap()), (film.pictures.len(), 50, 150));
+}
+
+#[test]
+fn two_episodes_side_by_side() {
+    let dir = TempDir::new().unwrap();
+    let a =
+        Play::new("a", Family::SUL, 3).nav("table_1").find("clock").pick(DISTRACTOR).finish().record(dir.path(), Images::None);
+    let b = Play::new("b", Family::SUL, 3).nav("table_1").fails("pick", ErrorCode::NoMarkerMap).find("clock").pick(DISTRACTOR);
+    let b = b.finish().record(dir.path(), Images::None);
+    let text = side_by_side(&lay_beside(&a, &b).unwrap());
+    if std::env::var_os("REEL_TEST_OUTPUT").is_some() {
+        eprintln!("{text}");
+    }
+    assert!(text.contains("call 0 is the same"), "{text}");
+    let lines: Vec<&str> = text.lines().collect();
+    let row = |what: &str| *lines.iter().find(|line| line.contains(what)).unwrap_or_else(|| panic!("no {what} in\n{text}"));
+    // Where a call is more on one side, the rest stands beside its like.
+    assert!(row("no_marker_map").trim_start().starts_with("ERROR"), "{text}");
+    let find = row("show_object_by_category");
+    assert_eq!(find.matches("show_object_by_category").count(), 2, "{text}");
+    assert!(lines.iter().all(|line| line.chars().count() <= 58 * 2 + 3), "{text}");
 }
 
 #[cfg(feature = "rerun")]

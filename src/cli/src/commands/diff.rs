@@ -1,0 +1,42 @@
+//! `reel diff`: two traces of one task side by side.
+
+use std::path::PathBuf;
+
+use reel_replay::lay_beside;
+use reel_trace::Trace;
+
+use crate::Answer;
+
+/// Show two traces of one task side by side, from the first difference on: calls, what came of them, changes of the world
+/// graph, reward. Between the columns stands | where the calls differ, ~ where the same call came to something else, = where
+/// all is the same.
+///
+/// Examples:
+///   reel diff trace.mcap branch.mcap
+///   reel diff a.mcap b.mcap --json | jq '.rows[0]'
+///
+/// Exit code 0: the same episode; 1: they differ; 2: they play different tasks, or cannot be read.
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// The first trace
+    #[arg(value_name = "A")]
+    a: PathBuf,
+    /// The second trace
+    #[arg(value_name = "B")]
+    b: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let beside = lay_beside(&Trace::read(&arguments.a)?, &Trace::read(&arguments.b)?)?;
+    if arguments.json {
+        println!("{}", serde_json::to_string(&beside)?);
+    } else {
+        print!("{}", reel_view::side_by_side(&beside));
+    }
+    Ok(if beside.is_same() { Answer::Yes } else { Answer::No })
+}

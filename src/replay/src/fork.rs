@@ -1,0 +1,156 @@
+//! Moments of a recorded episode from which another future can be played, as often as wanted, and whether a trace branches
+//! from another. What is played from there is somebody else's decision.
+
+use reel_episode::{Episode, relink};
+use reel_sim::{Snapshot, render::Detail};
+use reel_trace::Trace;
+use reel_world::record::{EpisodeHeader, Parent, PolicyInfo};
+use serde::Serialize;
+
+use crate::{Divergence, Moment, Replay, SnapshotCache, Verdict, difference, player, seek, verify_trace};
+
+/// The moment before a call of a recorded episode: the state there, and all that led to it, compared with the record.
+#[derive(Clone, Debug)]
+pub struct Fork<'t> {
+    parent: &'t Trace,
+    call: usize,
+    snapshot: Snapshot,
+}
+
+impl<'t> Fork<'t> {
+    /// Goes to the moment before call `call`; that after the last call, where the episode had not ended.
+    ///
+    /// # Errors
+    /// Why nothing can be executed, the first difference on the way, or that nothing can come there.
+    pub fn at(parent: &'t Trace, call: usize, cache: Option<&SnapshotCache>) -> Result<Self, Verdict> {
+        let replay = seek(parent, call, cache)?;
+        Self::here(parent, &replay).ok_or_else(|| Verdict::Refused {
+            reason: format!("the episode ended with call {}: branch at one of the calls 0 to {0}", call.saturating_sub(1)),
+        })
+    }
+
+    /// Every such moment, in order, by executing the episode once. Pictures are not compared.
+    ///
+    /// # Errors
+    /// Why nothing can be executed, or the first difference.
+    pub fn everywhere(parent: &'t Trace) -> Result<Vec<Self>, Verdict> {
+        let (mut replay, _) = Replay::start(parent, Detail::Geometry)?;
+        let mut forks: Vec<Self> = Self::here(parent, &replay).into_iter().collect();
+        while replay.step()?.is_some() {
+            forks.extend(Self::here(parent, &replay));
+        }
+        Ok(forks)
+    }
+
+    /// The trace it is a moment of.
+    pub fn parent(&self) -> &'t Trace {
+        self.parent
+    }
+
+    /// How many calls of it were before: the first call that may differ.
+    pub fn call(&self) -> usize {
+        self.call
+    }
+
+    /// An episode that went as the parent did up to here. `policy` says who decides from now on, `detail` how much of the
+    /// pictures to come is drawn; only with all of it can the episode be recorded.
+    ///
+    /// # Errors
+    /// Why nothing can be executed.
+    pub fn open(&self, policy: PolicyInfo, detail: Detail) -> Result<Episode, Verdict> {
+        let mut config = player::config(self.parent)?;
+        config.run_id = format!("branch-{}", self.parent.header.episode_id);
+        config.policy = policy;
+        let call = u32::try_from(self.call).unwrap_or(u32::MAX);
+        config.parent = Some(Parent { trace: self.parent.chain(), call });
+        let (start, steps) = (self.parent.start.clone(), self.parent.steps[..self.call].to_vec());
+        Episode::branch(config, start, steps, &self.snapshot, detail)
+            .map_err(|error| Verdict::Refused { reason: error.to_string() })
+    }
+
+    fn here(parent: &'t Trace, replay: &Replay<'t>) -> Option<Self> {
+        let episode = replay.episode();
+        episode.ended().is_none().then(|| Self { parent, call: replay.calls(), snapshot: episode.snapshot() })
+    }
+}
+
+/// Whether a trace is a branch of another, and exact.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Descent {
+    /// Why it is none of that trace at all: no branch, or another's.
+    pub stranger: Option<String>,
+    /// The first difference between what they have in common: `recorded` is the parent's.
+    pub prefix: Option<Divergence>,
+    /// What a replay of the branch found.
+    #[serde(flatten)]
+    pub verdict: Verdict,
+}
+
+impl Descent {
+    /// Whether all of it holds.
+    pub fn holds(&self) -> bool {
+        self.stranger.is_none() && self.prefix.is_none() && self.verdict.is_exact()
+    }
+}
+
+/// Compares a branch with its parent up to the call it branches at, and replays it.
+pub fn verify_branch(branch: &Trace, parent: &Trace) -> Descent {
+    let verdict = verify_trace(branch);
+    let (stranger, prefix) = match stranger(branch, parent) {
+        Err(stranger) => (Some(stranger), None),
+        Ok(calls) => (None, prefix_difference(branch, parent, calls)),
+    };
+    Descent { stranger, prefix, verdict }
+}
+
+/// How many calls it has from that trace, if it branches from it.
+fn stranger(branch: &Trace, parent: &Trace) -> Result<usize, String> {
+    let Some(Parent { trace, call }) = &branch.header.parent else { return Err("it is no branch".to_owned()) };
+    if *trace != parent.chain() {
+        return Err(format!("it branches from the trace {trace}, and this is {}", parent.chain()));
+    }
+    let calls = *call as usize;
+    match parent.steps.len() {
+        steps if steps < calls => Err(format!("it branches at call {calls}, but this has {steps} calls")),
+        // A recording that broke off early holds less than what it took over.
+        _ => Ok(calls.min(branch.steps.len())),
+    }
+}
+
+/// The first difference in what a branch took over; its links are those of its own header.
+fn prefix_difference(branch: &Trace, parent: &Trace, calls: usize) -> Option<Divergence> {
+    let (mut start, mut steps) = (parent.start.clone(), parent.steps[..calls].to_vec());
+    relink(&branch.header, &mut start, &mut steps);
+    let compared = inputs(&parent.header, &branch.header)
+        .and_then(|()| difference::start(&start, &branch.start))
+        .and_then(|()| steps.iter().zip(&branch.steps).try_for_each(|(ours, theirs)| difference::step(ours, theirs)))
+        .and_then(|()| substituted(branch, calls));
+    compared.err().map(|divergence| *divergence)
+}
+
+/// Compares what a branch has from its parent's header.
+fn inputs(parent: &EpisodeHeader, branch: &EpisodeHeader) -> Result<(), Box<Divergence>> {
+    let inherited = EpisodeHeader {
+        episode_id: branch.episode_id.clone(),
+        run_id: branch.run_id.clone(),
+        group_id: branch.group_id.clone(),
+        rollout_index: branch.rollout_index,
+        policy: branch.policy.clone(),
+        parent: branch.parent.clone(),
+        ..parent.clone()
+    };
+    difference::header(&inherited, branch)
+}
+
+/// Compares the calls that the header says were substituted with those that were made.
+fn substituted(branch: &Trace, calls: usize) -> Result<(), Box<Divergence>> {
+    let Some(told) = branch.header.policy.parameters.get("calls").and_then(|calls| calls.as_array()) else { return Ok(()) };
+    for (told, step) in told.iter().zip(&branch.steps[calls..]) {
+        let made = serde_json::to_value(&step.input.call).expect("a call is always JSON");
+        if *told != made {
+            let (told, made) = (told.to_string(), made.to_string());
+            return Err(Box::new(Divergence::text(Moment::Call(step.step), "substituted call", &told, &made)));
+        }
+    }
+    Ok(())
+}
