@@ -241,8 +241,12 @@ impl Planner {
             let chosen = || self.choose(&hint.sources, context, |after| after > WORDS_AFTER_DESTINATION);
             hint.sources.contains(&here) && (!self.captions.contains_key(&here) || chosen().as_ref() == Some(&here))
         };
-        let takes =
-            |hint: &GoalHint| is_source(hint) && self.fitting(hint, &here).iter().any(|thing| thing.marker == Some(marker));
+        // Where the thing itself is not in view, what fits best is still another thing.
+        let is_kind = |hint: &GoalHint, thing: &Seen| hint.caption.is_none() || thing.category == hint.category;
+        let takes = |hint: &GoalHint| {
+            let is_it = |thing: &&Seen| thing.marker == Some(marker) && is_kind(hint, thing);
+            is_source(hint) && self.fitting(hint, &here).iter().any(is_it)
+        };
         let Some(wanted) = (self.current..self.hints.len()).find(|index| takes(&self.hints[*index])) else { return false };
         self.hints.swap(self.current, wanted);
         true

@@ -8,6 +8,7 @@ mod takeover;
 use std::sync::Arc;
 
 use reel_branch::{Branch, BranchError, POLICY_NAME, Then, fork};
+use reel_episode::relink;
 use reel_replay::{Fork, Verdict, compact, lay_beside, verify_branch, verify_trace};
 use reel_trace::{Images, Trace};
 use reel_world::{
@@ -143,6 +144,8 @@ fn a_past_that_is_not_the_parents_is_found() {
     assert!(verify_branch(&other_seed, &parent).prefix.unwrap().field.contains("seed"));
     let mut claims = branch.clone();
     claims.header.policy.parameters.insert("calls".into(), json!([{ "name": "finish", "arguments": {} }]));
+    let header = claims.header.clone();
+    relink(&header, &mut claims.start, &mut claims.steps);
     assert!(verify_branch(&claims, &parent).prefix.unwrap().field.contains("substituted"));
 
     let stranger = |branch: &Trace, parent: &Trace| verify_branch(branch, parent).stranger.unwrap();
