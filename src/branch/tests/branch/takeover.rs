@@ -28,26 +28,6 @@ fn the_oracle_saves_what_can_be_saved() {
 }
 
 #[test]
-fn the_planner_puts_back_what_was_taken_by_mistake() {
-    let folder = Folder::new();
-    let mut put_back = 0;
-    for task in &tasks()[..2] {
-        let parent = folder.play(task, "wrong-object", Images::None);
-        let alone = folder.play(task, "planner", Images::None).end.unwrap().metrics.success;
-        let Some(picked) = parent.steps.iter().position(|step| step.held.is_some()) else { continue };
-        let held = parent.steps[picked].held.clone();
-        assert_ne!(held.as_ref(), Some(&task.target));
-        let made = folder.branch(&Branch::policy("planner", 1), &parent, picked + 1, Images::None);
-        let end = made.end.as_ref().unwrap();
-        let home = task.object(held.as_ref().unwrap()).unwrap().receptacle.clone();
-        assert_eq!(end.graphs.physics.place_of(held.as_ref().unwrap()), Some(&home), "{}", task.task_id);
-        assert_eq!(end.metrics.success, alone, "{}", task.task_id);
-        put_back += 1;
-    }
-    assert!(put_back > 0);
-}
-
-#[test]
 fn who_watched_itself_goes_on_as_it_would_have() {
     let folder = Folder::new();
     let parent = folder.play(&tasks()[0], "planner", Images::None);
