@@ -17,7 +17,7 @@ class Example:
     receptacles: str
     last: dict | None  # the action before this step
     outcome: str  # what it came to
-    answer: str  # the text of the assistant, and the call
+    answer: str  # the call, as chat templates write it
     action: dict  # {"tool_name": .., "args": {..}}
 
     @property
@@ -37,7 +37,7 @@ def read(paths):
 
 
 def steps(row):
-    """The steps of one episode. What is equal in all episodes (how to behave, the tools) is left out, and so are the pictures."""
+    """The steps of one episode. Left out are what is equal in all episodes (how to behave, the tools), the pictures and the reasoning."""
     about, turns = row["provenance"], [turn for turn in row["messages"] if turn["role"] != "system"]
     opening = plain(turns[0]["content"])
     if turns[0]["role"] != "user" or len(turns) % 2:
@@ -48,7 +48,7 @@ def steps(row):
         action = {"tool_name": called["function"]["name"], "args": json.loads(called["function"]["arguments"])}
         yield Example(
             about["episode"], call, about["scene"], about["family"], section(opening, "Task"), section(opening, "Receptacles"),
-            last, plain(told["content"]).strip() if last else "", plain(said["content"]).strip() + "\n" + written(action), action,
+            last, plain(told["content"]).strip() if last else "", written(action), action,
         )
         last = action
 

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # `make prove-sft`: plays tasks in many homes, exports what the oracle did, trains a small language model from scratch on most of
-# them and measures it on the rest. Exits 1 when it learned too little (see prove.py). Made once, a home is used again.
+# them and measures it on the rest. Exits 1 when it learned too little (see prove.py). What was made once
+# is used again, and a training that was broken off goes on.
 #
 # REEL (a binary; else one is built), REEL_TRAIN_PYTHON (a Python with jax; else a venv is made),
-# TRAINING_DIR (default ~/.cache/reel/training), EPOCHS, SMOKE=1 (few homes, one epoch, no bounds).
+# TRAINING_DIR (default ~/.cache/reel/training), SMOKE=1 (few homes, few updates, no bounds).
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 here=tests/training
@@ -12,9 +13,9 @@ TRAINING_DIR="${TRAINING_DIR:-$HOME/.cache/reel/training}"
 # Seeds of the homes (scenes.py) and of their tasks. Settings were chosen on the shipped home and on homes 101 and 102;
 # the homes that are measured here were never looked at before.
 train=$(seq 1 40) train_tasks=24
-report="201 202 203" report_tasks=40
+report="201 202 203" report_tasks=40 updates=1400
 if [[ -n ${SMOKE:-} ]]; then
-  train="1 2 3 4" train_tasks=8 report=201 report_tasks=8
+  train="1 2 3 4" train_tasks=8 report=201 report_tasks=8 updates=200
 fi
 
 mkdir -p "$TRAINING_DIR"
@@ -40,7 +41,7 @@ play() {
   "$REEL" tasks generate --scene "$scene" --count "$2" --seed "$1" --out "$tasks" >/dev/null
   "$REEL" run --scene "$scene" --tasks "$tasks" --policy oracle --no-images --out "$traces.part" >/dev/null
   mv "$traces.part" "$traces"
-  rm -rf "$data/store" "$data/set"
+  rm -rf "$data/store" "$data/set" "$data/training.pickle"
 }
 count() { find "$data/traces" -name '*.mcap' | wc -l; }
 
@@ -61,4 +62,5 @@ echo "$(count) episodes, $(find "$data/set" -name '*.jsonl' -print0 | xargs -0 c
 held=()
 for seed in $report; do held+=("home_$seed"); done
 find "$data/set" -name '*.jsonl' -print0 | sort -z | xargs -0 \
-  "$PYTHON" $here/prove.py --held-out "${held[@]}" --json "$TRAINING_DIR/result.json" --epochs "${EPOCHS:-4}" ${SMOKE:+--smoke} --sets
+  "$PYTHON" $here/prove.py --held-out "${held[@]}" --json "$TRAINING_DIR/result.json" --checkpoint "$data/training.pickle" \
+  --updates "$updates" ${SMOKE:+--smoke} --sets

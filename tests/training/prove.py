@@ -80,8 +80,9 @@ def main():
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--sets", nargs="+", required=True, type=pathlib.Path, help="JSONL files of `reel export sft --format trl --style multi-turn`")
     options.add_argument("--held-out", nargs="+", required=True, help="the scenes to measure on; training never sees them")
-    options.add_argument("--epochs", type=int, default=4)
+    options.add_argument("--updates", type=int, default=1400)
     options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--checkpoint", type=pathlib.Path, help="where to keep the training, and to go on from")
     options.add_argument("--json", type=pathlib.Path, help="where to write all figures")
     options.add_argument("--smoke", action="store_true", help="only check that all runs and that the loss falls")
     options = options.parse_args()
@@ -99,7 +100,7 @@ def main():
     for name, some in (("train", learnt), ("held out", held)):
         print(f"{name}: {len(some)} steps, {count(some, lambda one: one.episode)} episodes, {count(some, lambda one: one.scene)} scenes")
     print(f"{len(tokenizer)} pieces, {sum(map(len, sequences)) / len(sequences):.0f} tokens an episode, seed {options.seed}", flush=True)
-    parameters, losses = train.train(config, sequences, options.epochs, options.seed)
+    parameters, losses = train.train(config, sequences, options.updates, options.seed, checkpoint=options.checkpoint)
     most = max(len(tokenizer.ids(example.answer)) for example in learnt) + 1
     answers = answer_all(parameters, config, tokenizer, held, most)
 

@@ -1,7 +1,9 @@
-"""Training from scratch: loss on the answers only, AdamW, one cycle of the learning rate."""
+"""Training from scratch: loss on the answers only, AdamW, a learning rate that is held and then falls."""
 
+import dataclasses
 import functools
 import itertools
+import pickle
 import time
 
 import jax
@@ -13,6 +15,8 @@ from tokenizer import ANSWER, BEGIN, END, PAD
 
 TOKENS_A_BATCH = 2048
 STEP = 128
+REPORT = 50
+WARM = 50
 
 
 def sequences(tokenizer, examples):
@@ -73,20 +77,48 @@ def update(parameters, moments, tokens, step, rate, config):
     return jax.tree.map(move, parameters, first, second), (first, second), value
 
 
-def train(config, some, epochs, seed, rate=3e-3, say=print):
-    """The trained parameters and the mean loss of each epoch."""
+def kept(path, config):
+    """Parameters, moments, step and losses of a training that was broken off; None where there is none of this shape."""
+    if path is None or not path.exists():
+        return None
+    at = pickle.loads(path.read_bytes())
+    return at["state"] if at["config"] == dataclasses.asdict(config) else None
+
+
+def keep(path, config, *state):
+    if path is not None:
+        part = path.with_suffix(".part")
+        part.write_bytes(pickle.dumps({"config": dataclasses.asdict(config), "state": jax.tree.map(numpy.asarray, state)}))
+        part.rename(path)
+
+
+def train(config, some, updates, seed, rate=3e-3, checkpoint=None, say=print):
+    """The trained parameters and the mean loss of each REPORT updates; goes on from the checkpoint, if there is one."""
     parameters = model.initialise(config, seed)
     moments = (jax.tree.map(jnp.zeros_like, parameters), jax.tree.map(jnp.zeros_like, parameters))
-    draw = numpy.random.default_rng(seed)
-    total = epochs * sum(1 for _ in batches(some, numpy.random.default_rng(seed)))
-    step, losses, began = 0, [], time.perf_counter()
-    for epoch in range(epochs):
-        values = []
-        for tokens in batches(some, draw):
-            step += 1
-            now = rate * min(step / (0.05 * total + 1), (total - step) / (0.95 * total) + 0.02)
-            parameters, moments, value = update(parameters, moments, tokens, jnp.float32(step), jnp.float32(now), config)
-            values.append(value)
-        losses.append(float(numpy.mean(values)))
-        say(f"  epoch {epoch + 1:2} of {epochs}: loss {losses[-1]:.4f}, {time.perf_counter() - began:.0f} s")
+    began, done, losses = time.perf_counter(), 0, []
+    found = kept(checkpoint, config)
+    if found:
+        parameters, moments, done, losses = found
+        done, losses = int(done), [float(loss) for loss in losses]
+        say(f"  goes on after update {done}: {checkpoint}")
+    values = []
+    for step, tokens in enumerate(itertools.islice(endless(some, seed), updates), 1):
+        if step <= done:
+            continue
+        now = rate * min(1, step / WARM, (updates - step) / (0.4 * updates) + 0.02)
+        parameters, moments, value = update(parameters, moments, tokens, jnp.float32(step), jnp.float32(now), config)
+        values.append(value)
+        if step % REPORT == 0 or step == updates:
+            losses.append(float(numpy.mean(values)))
+            values = []
+            say(f"  update {step:4} of {updates}: loss {losses[-1]:.4f}, {time.perf_counter() - began:.0f} s")
+            keep(checkpoint, config, parameters, moments, step, losses)
     return parameters, losses
+
+
+def endless(some, seed):
+    """Batches, epoch after epoch."""
+    draw = numpy.random.default_rng(seed)
+    while True:
+        yield from batches(some, draw)
