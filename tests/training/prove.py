@@ -27,14 +27,15 @@ ROWS = 32
 
 def answer_all(parameters, config, tokenizer, examples, most):
     """Greedy answers, parsed: {(episode, call): action or None}. What came before each step is as it was recorded."""
-    answers = {}
-    prompts = sorted(zip(train.prompts(tokenizer, examples), range(len(examples))), key=lambda prompt: len(prompt[0]))
-    for start in range(0, len(prompts), ROWS):
-        some = prompts[start : start + ROWS]
-        # The last batch is filled up, so that nothing is compiled for it alone.
-        given = [ids for ids, _ in some] + [some[0][0]] * (ROWS - len(some))
-        written = numpy.asarray(model.generate(parameters, train.padded(given, ROWS), config, most))
-        for (_, index), ids in zip(some, written):
+    answers, prompts = {}, train.prompts(tokenizer, examples)
+    order = sorted(range(len(prompts)), key=lambda index: len(prompts[index]))
+    for start in range(0, len(order), ROWS):
+        some = order[start : start + ROWS]
+        given = [prompts[index] for index in some] + [prompts[some[0]]] * (ROWS - len(some))
+        # All batches have one shape: to compute on padding takes less time than to compile for each.
+        tokens = train.padded(given, ROWS, longest=len(prompts[order[-1]]))
+        written = numpy.asarray(model.generate(parameters, tokens, config, most))
+        for index, ids in zip(some, written):
             ids = ids.tolist()
             text = tokenizer.text(ids[: ids.index(END)] if END in ids else ids)
             answers[examples[index].episode, examples[index].call] = data.parse(text)
@@ -80,7 +81,7 @@ def main():
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--sets", nargs="+", required=True, type=pathlib.Path, help="JSONL files of `reel export sft --format trl --style multi-turn`")
     options.add_argument("--held-out", nargs="+", required=True, help="the scenes to measure on; training never sees them")
-    options.add_argument("--updates", type=int, default=1400)
+    options.add_argument("--updates", type=int, default=1000)
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--checkpoint", type=pathlib.Path, help="where to keep the training, and to go on from")
     options.add_argument("--json", type=pathlib.Path, help="where to write all figures")

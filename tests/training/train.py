@@ -43,9 +43,9 @@ def up(length):
     return -(-length // STEP) * STEP
 
 
-def padded(some, rows):
+def padded(some, rows, longest=0):
     """Sequences as one array, padding at their ends."""
-    tokens = numpy.full((rows, up(max(map(len, some)))), PAD, numpy.int32)
+    tokens = numpy.full((rows, up(max([longest, *map(len, some)]))), PAD, numpy.int32)
     for row, ids in enumerate(some):
         tokens[row, : len(ids)] = ids
     return tokens
