@@ -107,23 +107,22 @@ def seen(tokens):
 
 
 def forward(parameters, tokens, config):
-    """The last hidden states; keys, values and inputs of each block; keys of the pointer. Padding stands at the end."""
+    """The last hidden states and the keys of the pointer. Padding stands at the end."""
     positions = jnp.arange(tokens.shape[1])[None]
     visible = seen(tokens)
-    x, kept = parameters["embedding"][tokens] * config.width**0.5, []
+    x = parameters["embedding"][tokens] * config.width**0.5
     for block in parameters["blocks"]:
         normed = norm(x, block["norm_attention"])
         before = jnp.pad(normed, ((0, 0), (1, 0), (0, 0)))[:, :-1]
         query, key, value = queries_keys_values(block, normed, before, positions, config.heads)
-        kept.append((key, value, normed))
         x = finish_block(block, x, attend_chunks(query, key, value, visible))
-    return norm(x, parameters["norm"]), kept, pointer_keys(parameters["pointer"], normed, before)
+    return norm(x, parameters["norm"]), pointer_keys(parameters["pointer"], normed, before)
 
 
 def loss(parameters, tokens, config):
     """Mean cross-entropy of the answers: of what stands between `ANSWER` and `END`, and of `END`."""
     given, targets = tokens[:, :-1], tokens[:, 1:]
-    hidden, _, keys = forward(parameters, given, config)
+    hidden, keys = forward(parameters, given, config)
     where, share = looks(parameters["pointer"], hidden, keys, seen(given))
     copied = jnp.sum(where * (given[:, None] == targets[..., None]), -1)
     written = jnp.take_along_axis(jax.nn.softmax(hidden @ parameters["embedding"].T, -1), targets[..., None], -1)[..., 0]
@@ -131,43 +130,14 @@ def loss(parameters, tokens, config):
     return -jnp.sum(jnp.log(share * copied + (1 - share) * written + 1e-9) * answers) / jnp.sum(answers)
 
 
-def probabilities(parameters, hidden, keys, tokens, visible):
-    """Of the next token after one position, [batch, vocabulary]; hidden is [batch, 1, width]."""
-    where, share = looks(parameters["pointer"], hidden, keys, visible)
-    rows = jnp.arange(len(tokens))[:, None]
-    copied = jnp.zeros((len(tokens), len(parameters["embedding"]))).at[rows, tokens].add(where[:, 0])
-    return share * copied + (1 - share) * jax.nn.softmax(hidden[:, 0] @ parameters["embedding"].T, -1)
+def probabilities(parameters, tokens, config):
+    """Of the next token after every position, given all tokens up to it: [batch, time, vocabulary]."""
+    hidden, keys = forward(parameters, tokens, config)
+    where, share = looks(parameters["pointer"], hidden, keys, seen(tokens))
+    copied = where @ jax.nn.one_hot(tokens, len(parameters["embedding"]))
+    return share[..., None] * copied + (1 - share[..., None]) * jax.nn.softmax(hidden @ parameters["embedding"].T, -1)
 
 
-@functools.partial(jax.jit, static_argnames=("config", "most"))
-def generate(parameters, tokens, config, most):
-    """Greedy continuations, [batch, most]; sequences stop at `END`, and what follows it means nothing."""
-    rows = len(tokens)
-    lengths = jnp.sum(tokens != PAD, 1)
-    tokens = jnp.pad(tokens, ((0, 0), (0, most)))
-    hidden, kept, keys = forward(parameters, tokens, config)
-    every, steps = jnp.arange(rows), jnp.arange(tokens.shape[1])
-    last = lambda x: x[every, lengths - 1]
-    choose = lambda some: jnp.argmax(some, -1).astype(tokens.dtype)
-    first = probabilities(parameters, last(hidden)[:, None], keys, tokens, (steps < lengths[:, None])[:, None])
-
-    def step(state):
-        index, token, cache, keys, text, done, out = state
-        out, position = out.at[:, index].set(token), lengths + index
-        text = text.at[every, position].set(token)
-        x = parameters["embedding"][token][:, None] * config.width**0.5
-        visible = (steps <= position[:, None])[:, None]
-        after = []
-        for block, (known, values, before) in zip(parameters["blocks"], cache):
-            normed = norm(x, block["norm_attention"])
-            query, key, value = queries_keys_values(block, normed, before, position[:, None], config.heads)
-            known, values = known.at[every, position].set(key[:, 0]), values.at[every, position].set(value[:, 0])
-            x = finish_block(block, x, attend(query, known, values, visible))
-            after.append((known, values, normed))
-        keys = keys.at[every, position].set(pointer_keys(parameters["pointer"], normed, before)[:, 0])
-        some = probabilities(parameters, norm(x, parameters["norm"]), keys, text, visible)
-        return index + 1, choose(some), after, keys, text, done | (token == END), out
-
-    cache = [(key, value, last(normed)[:, None]) for key, value, normed in kept]
-    start = (0, choose(first), cache, keys, tokens, jnp.zeros(rows, bool), jnp.full((rows, most), END, tokens.dtype))
-    return jax.lax.while_loop(lambda state: (state[0] < most) & ~jnp.all(state[-2]), step, start)[-1]
+@functools.partial(jax.jit, static_argnames="config")
+def likeliest(parameters, tokens, config):
+    return jnp.argmax(probabilities(parameters, tokens, config), -1)

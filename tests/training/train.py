@@ -28,24 +28,13 @@ def sequences(tokenizer, examples):
         yield ids
 
 
-def prompts(tokenizer, examples):
-    """The token ids before each answer: the episode as it was up to there."""
-    ids, found = [], []
-    for one in examples:
-        ids = ids if one.last else [BEGIN]
-        ids = [*ids, *tokenizer.ids(one.given), ANSWER]
-        found.append(ids)
-        ids = [*ids, *tokenizer.ids(one.answer), END]
-    return found
-
-
 def up(length):
     return -(-length // STEP) * STEP
 
 
-def padded(some, rows, longest=0):
+def padded(some, rows):
     """Sequences as one array, padding at their ends."""
-    tokens = numpy.full((rows, up(max([longest, *map(len, some)]))), PAD, numpy.int32)
+    tokens = numpy.full((rows, up(max(map(len, some)))), PAD, numpy.int32)
     for row, ids in enumerate(some):
         tokens[row, : len(ids)] = ids
     return tokens
@@ -112,8 +101,8 @@ def train(config, some, updates, seed, rate=3e-3, checkpoint=None, say=print):
         if step % REPORT == 0 or step == updates:
             losses.append(float(numpy.mean(values)))
             values = []
-            say(f"  update {step:4} of {updates}: loss {losses[-1]:.4f}, {time.perf_counter() - began:.0f} s")
             keep(checkpoint, config, parameters, moments, step, losses)
+            say(f"  update {step:4} of {updates}: loss {losses[-1]:.4f}, {time.perf_counter() - began:.0f} s")
     return parameters, losses
 
 
