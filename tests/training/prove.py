@@ -83,7 +83,7 @@ def main():
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--sets", nargs="+", required=True, type=pathlib.Path, help="JSONL files of `reel export sft --format trl --style multi-turn`")
     options.add_argument("--held-out", nargs="+", required=True, help="the scenes to measure on; training never sees them")
-    options.add_argument("--updates", type=int, default=500)
+    options.add_argument("--updates", type=int, default=2000)
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--checkpoint", type=pathlib.Path, help="where to keep the training, and to go on from")
     options.add_argument("--json", type=pathlib.Path, help="where to write all figures")
