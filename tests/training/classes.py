@@ -1,13 +1,11 @@
 """What decides an argument: the text, the picture, or neither.
 
-The rule reads prompts (of this step and of earlier ones of the episode), never the label of the step nor an answer.
+The rule reads the task, the calls before a step and their outcomes, never the label of the step nor an answer.
 """
 
 import dataclasses
-import json
+import pathlib
 import re
-
-import data
 
 TEXT, IMAGE, NEITHER = "text", "image", "neither"
 
@@ -72,9 +70,9 @@ def numbered(outcome):
     return listed or {int(number): None for number in re.findall(r"marker (\d+)", outcome)}
 
 
-def furniture(prompt):
-    """{id: (category, words of its room)} of the prompt's list."""
-    found = re.findall(r"^- (\S+) \(([^,()]+), ([^()]+)\)", data.section(prompt, "Receptacles"), flags=re.MULTILINE)
+def furniture(receptacles):
+    """{id: (category, words of its room)} of the list that the agent is given."""
+    found = re.findall(r"^- (\S+) \(([^,()]+), ([^()]+)\)", receptacles, flags=re.MULTILINE)
     return {place: (category, set(re.findall(r"[a-z]+", room)) - {"room"}) for place, category, room in found}
 
 
@@ -83,9 +81,8 @@ def situations(examples):
     before, now = {}, {}
     for example in sorted(examples, key=lambda one: (one.episode, one.call)):
         situation = now.setdefault(example.episode, Situation())
-        call = data.section(example.prompt, "Last action")
-        if call.startswith("{"):
-            situation.learn(json.loads(call), data.section(example.prompt, "Last outcome"))
+        if example.last:
+            situation.learn(example.last, example.outcome)
         before[example.episode, example.call] = dataclasses.replace(
             situation, opened=set(situation.opened), visited=list(situation.visited), markers=dict(situation.markers)
         )
@@ -100,7 +97,7 @@ def known(examples):
         categories.add(arguments.get("target_category"))
         if example.action["tool_name"] == "open":
             place = before[example.episode, example.call].markers.get(arguments.get("marker_id"))
-            doors.add(furniture(example.prompt).get(place, (None,))[0])
+            doors.add(furniture(example.receptacles).get(place, (None,))[0])
     return Known(categories - {None}, doors - {None})
 
 
@@ -124,22 +121,15 @@ def meant(phrase, places):
     return rooms or near or alike
 
 
-# How `reel tasks generate` words instructions (`src/tasks/src/wording.rs`).
-WORDINGS = [
-    "Navigate to {src}, grasp {object}, and carry it to {dest}.",
-    "First, drive to {src} to find {object}, then deliver it to {dest}.",
-    "Go to {src}, pick up {object}, then travel to {dest} to place it.",
-    "Move {object} located at {src} to {dest}.",
-    "Retrieve {object} from {src} and deposit it at {dest}.",
-    "Pick up {object} from {src} and place it {at} {dest}.",
-    "Head over to {src}, fetch {object}, and bring it to {dest}.",
-    "Transport {object} at {src} to {dest}.",
-    "Take {object} from {src} and put it {at} {dest}.",
-    "Bring {object} from {src} to {dest}.",
-    "Get {object} from {src} and move it to {dest}.",
-]
+def wordings():
+    """How `reel tasks generate` words instructions, out of its source."""
+    source = (pathlib.Path(__file__).parents[2] / "src/tasks/src/wording.rs").read_text(encoding="utf-8")
+    templates = re.search(r"const TEMPLATES: .*?= &\[\n(.*?)\n\];", source, flags=re.DOTALL).group(1)
+    return re.findall(r'"([^"]+)"', templates)
+
+
 GAPS = {"src": "(?P<src>the .+?)", "dest": "(?P<dest>the .+)", "object": "(?P<object>.+?)", "at": "(?:on|in)"}
-PATTERNS = [re.compile(wording.rstrip(".").format(**GAPS) + r"\.") for wording in WORDINGS]
+PATTERNS = [re.compile(wording.rstrip(".").format(**GAPS) + r"\.") for wording in wordings()]
 
 
 def ends(task):
@@ -150,8 +140,8 @@ def ends(task):
 
 def goes_to(example, situation, learned):
     """The places that a `nav_to` may mean."""
-    places = furniture(example.prompt)
-    source, destination = ends(data.section(example.prompt, "Task"))
+    places = furniture(example.receptacles)
+    source, destination = ends(example.task)
     first = [category for _, category in mentions(destination, places)][:1]
     if situation.placed and situation.opened:
         candidates = sorted(place for place in situation.opened if place)
@@ -167,7 +157,7 @@ def choice(example, tool, situation, learned):
     if tool == "nav_to":
         candidates = goes_to(example, situation, learned)
     elif tool == "show_object_by_category":
-        text = (data.section(example.prompt, "Task") + situation.told).lower()
+        text = (example.task + situation.told).lower()
         return Choice(TEXT if any(category in text for category in learned.categories) else NEITHER, [])
     elif tool == "ask":
         return Choice(NEITHER, [])

@@ -1,4 +1,4 @@
-"""Examples of a TRL file (`reel export sft --format trl`), and the part of their text that the model is shown."""
+"""Episodes of a TRL file (`reel export sft --format trl --style multi-turn`), step by step, and the text that the model is shown."""
 
 import dataclasses
 import json
@@ -13,28 +13,44 @@ class Example:
     call: int
     scene: str
     family: str
-    prompt: str  # what changes from step to step: see `shown`
-    answer: str  # the whole text of the assistant
+    task: str
+    receptacles: str
+    last: dict | None  # the action before this step
+    outcome: str  # what it came to
+    answer: str  # the call, as chat templates write it
     action: dict  # {"tool_name": .., "args": {..}}
+
+    @property
+    def given(self):
+        """What the user or a tool says right before this step."""
+        return self.outcome if self.last else f"Task: {self.task}\n\nReceptacles:\n{self.receptacles}\n"
 
 
 def read(paths):
-    """The examples of JSONL files, episode by episode."""
+    """The steps of the episodes in JSONL files, in order."""
     examples = []
     for path in paths:
         with open(path, encoding="utf-8") as lines:
-            examples.extend(example(json.loads(line)) for line in lines if line.strip())
+            for line in lines:
+                examples.extend(steps(json.loads(line)))
     return sorted(examples, key=lambda one: (one.scene, one.episode, one.call))
 
 
-def example(row):
-    about = row["provenance"]
-    text = {turn["role"]: plain(turn["content"]) for turn in [*row["prompt"], *row["completion"]]}
-    answer = text["assistant"]
-    action = parse(answer)
-    if action is None:
-        raise ValueError(f"no action in the answer of {about['example']}")
-    return Example(about["episode"], about["call"], about["scene"], about["family"], shown(text["user"]), answer, action)
+def steps(row):
+    """The steps of one episode. Left out are what is equal in all episodes (how to behave, the tools), the pictures and the reasoning."""
+    about, turns = row["provenance"], [turn for turn in row["messages"] if turn["role"] != "system"]
+    opening = plain(turns[0]["content"])
+    if turns[0]["role"] != "user" or len(turns) % 2:
+        raise ValueError(f"the turns of {about['episode']} do not take turns")
+    last = None
+    for call, (told, said) in enumerate(zip(turns[::2], turns[1::2])):
+        (called,) = said["tool_calls"]
+        action = {"tool_name": called["function"]["name"], "args": json.loads(called["function"]["arguments"])}
+        yield Example(
+            about["episode"], call, about["scene"], about["family"], section(opening, "Task"), section(opening, "Receptacles"),
+            last, plain(told["content"]).strip() if last else "", written(action), action,
+        )
+        last = action
 
 
 def plain(content):
@@ -44,28 +60,25 @@ def plain(content):
     return "".join(part["text"] for part in content if part["type"] == "text")
 
 
-def shown(user):
-    """The prompt without what is equal in all examples (the JSON of the tools) and without the tag of the picture."""
-    without_tools = re.sub(r"Tools:\n.*?\n\n", "", user, count=1, flags=re.DOTALL)
-    return re.sub(r"\s*Current view:.*$", "", without_tools, flags=re.DOTALL).strip()
-
-
-def section(prompt, name):
-    """What stands under `name:` in a prompt, up to the next empty line or field."""
-    found = re.search(rf"^{re.escape(name)}:[ \n](.*?)(?=\n\n|\n[A-Z][a-z ]+: ?|\Z)", prompt, flags=re.DOTALL | re.MULTILINE)
+def section(text, name):
+    """What stands under `name:`, up to the next empty line."""
+    found = re.search(rf"^{re.escape(name)}:\s(.*?)(?=\n\n|\Z)", text, flags=re.DOTALL | re.MULTILINE)
     return found.group(1).strip() if found else ""
 
 
+def written(action):
+    """A call as chat templates write it."""
+    return "<tool_call>" + json.dumps({"name": action["tool_name"], "arguments": action["args"]}, separators=(",", ":")) + "</tool_call>"
+
+
 def parse(answer):
-    """The action of an answer, read leniently: after the reasoning, from the last `next_action`; None if there is none."""
-    text = answer.split("</think>")[-1]
-    for start in reversed([found.end() for found in re.finditer(r'"next[_ ]action"\s*:\s*', text)]):
+    """The action of an answer: its last call; None if there is none that can be read."""
+    for text in reversed(answer.split("<tool_call>")[1:]):
         try:
-            action, _ = json.JSONDecoder().raw_decode(text[start:])
-        except json.JSONDecodeError:
+            action, _ = json.JSONDecoder().raw_decode(text.strip())
+            name, arguments = action["name"], action["arguments"]
+        except (ValueError, KeyError, TypeError):
             continue
-        name = action.get("tool_name", action.get("name")) if isinstance(action, dict) else None
-        arguments = action.get("args", action.get("arguments", {})) if isinstance(action, dict) else None
         if isinstance(name, str) and isinstance(arguments, dict):
             return {"tool_name": name, "args": arguments}
     return None

@@ -4,10 +4,9 @@ import collections
 import json
 import math
 
-import data
 from classes import IMAGE, NEITHER, TEXT, choice, goes_to, situations
 
-LONGEST = 6
+LONGEST = 10
 
 
 class BackOff:
@@ -34,10 +33,8 @@ def histories(examples):
     now = {}
     for example in sorted(examples, key=lambda one: (one.episode, one.call)):
         history = now.setdefault(example.episode, ["begin"])
-        call = data.section(example.prompt, "Last action")
-        if call.startswith("{"):
-            outcome = data.section(example.prompt, "Last outcome").split(" ")[0]
-            history.append(f"{json.loads(call)['tool_name']} {outcome}")
+        if example.last:
+            history.append(f"{example.last['tool_name']} {example.outcome.split(' ')[0]}")
         yield example, list(history)
 
 
@@ -84,8 +81,7 @@ def share(rights):
 
 def arrived_at_one_of_several(example, situation, learned):
     """Whether the robot has just come to a place that looks by its name like others: the picture says if it is the one."""
-    call = data.section(example.prompt, "Last action")
-    if not call.startswith("{") or json.loads(call)["tool_name"] != "nav_to":
+    if not example.last or example.last["tool_name"] != "nav_to":
         return False
     before = list(situation.visited)
     situation.visited = before[:-1]

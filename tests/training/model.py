@@ -1,8 +1,9 @@
-"""A decoder-only transformer of half a million parameters, in plain JAX.
+"""A decoder-only transformer of less than a million parameters, in plain JAX.
 
-Two things let so small a model copy names it never saw from little text. Keys and values look one token back as well (a
-causal convolution of width two). And the output is a mixture of the vocabulary and of a pointer into the context
-(See et al. 2017, pointer-generator networks).
+Three things let so small a model copy names it never saw from little text. What stands before the first answer is read in
+both directions (a prefix language model), so that a name knows what is said of it later in its line. Keys and values look
+one token back as well (a causal convolution of width two). And the output is a mixture of the vocabulary and of a pointer
+into the context (See et al. 2017, pointer-generator networks).
 """
 
 import dataclasses
@@ -13,12 +14,14 @@ import jax.numpy as jnp
 
 from tokenizer import ANSWER, END, PAD
 
+CHUNK = 256
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:
     vocabulary: int
     width: int = 128
-    layers: int = 2
+    layers: int = 3
     heads: int = 2
 
 
@@ -67,90 +70,74 @@ def queries_keys_values(block, x, before, positions, heads):
     return rotate(split(x @ block["query"]), positions), rotate(split(mixed[0] @ weight_key), positions), split(mixed[1] @ weight_value)
 
 
+def attend_chunks(query, key, value, visible):
+    """As `attend`, without computing what lies behind a chunk of queries; nor is what stands there seen."""
+    ends = range(CHUNK, query.shape[1] + CHUNK, CHUNK)
+    chunks = [attend(query[:, end - CHUNK : end], key[:, :end], value[:, :end], visible[:, end - CHUNK : end, :end]) for end in ends]
+    return jnp.concatenate(chunks, 1)
+
+
 def attend(query, key, value, visible):
-    """`visible` is [batch or 1, 1, time of the query, time of the key]."""
-    scores = jnp.einsum("bqhd,bkhd->bhqk", query, key) * query.shape[-1] ** -0.5
-    weights = jax.nn.softmax(jnp.where(visible, scores, -1e9), -1)
+    """`visible` is [batch, time of the query, time of the key]."""
+    scores = jnp.einsum("bqhd,bkhd->bhqk", query * query.shape[-1] ** -0.5, key)
+    weights = jax.nn.softmax(jnp.where(visible[:, None], scores, -1e9), -1)
     return jnp.einsum("bhqk,bkhd->bqhd", weights, value).reshape(*query.shape[:2], -1)
 
 
 def finish_block(block, x, attended):
     x = x + attended @ block["out"]
-    return x + jax.nn.gelu(norm(x, block["norm_mlp"]) @ block["up"]) @ block["down"]
+    return x + jnp.square(jax.nn.relu(norm(x, block["norm_mlp"]) @ block["up"])) @ block["down"]
 
 
 def pointer_keys(pointer, normed, before):
     return (normed + (before - normed) * pointer["back"]) @ pointer["key"]
 
 
-def log_probabilities(parameters, hidden, keys, tokens, visible):
-    """Of the next token, [batch, time, vocabulary]: from the vocabulary, or copied from where the pointer looks."""
-    pointer, size = parameters["pointer"], hidden.shape[-1]
-    scores = jnp.einsum("bqd,bkd->bqk", hidden @ pointer["query"], keys) * size**-0.5
-    looks = jax.nn.softmax(jnp.where(visible, scores, -1e9), -1)
-    copied = jnp.einsum("bqk,bkv->bqv", looks, jax.nn.one_hot(tokens, len(parameters["embedding"])))
-    share = jax.nn.sigmoid(hidden @ pointer["gate"])[..., None]
-    return jnp.log(share * copied + (1 - share) * jax.nn.softmax(hidden @ parameters["embedding"].T, -1) + 1e-9)
+def looks(pointer, hidden, keys, visible):
+    """Where the pointer looks, [batch, time of the query, time of the key], and how much it counts."""
+    scores = jnp.einsum("bqd,bkd->bqk", hidden @ pointer["query"] * hidden.shape[-1] ** -0.5, keys)
+    return jax.nn.softmax(jnp.where(visible, scores, -1e9), -1), jax.nn.sigmoid(hidden @ pointer["gate"])
 
 
-def forward(parameters, tokens, tail, config):
-    """Log-probabilities after the last `tail` positions; keys, values and last inputs of each block; keys of the pointer.
-
-    Sequences end together: what is shorter begins with padding. Nothing before the tail has a loss, so the last block
-    computes only keys and values there.
-    """
+def seen(tokens):
+    """What each position sees: what stands before it, and all that stands before the first answer."""
     time = tokens.shape[1]
-    positions = jnp.arange(time)[None]
-    visible = jnp.tril(jnp.ones((time, time), bool))[None, None] & (tokens != PAD)[:, None, None]
-    x, kept = parameters["embedding"][tokens] * config.width**0.5, []
-    for number, block in enumerate(parameters["blocks"]):
+    given = (jnp.cumsum(tokens == ANSWER, 1) == 0) & (tokens != PAD)
+    return jnp.tril(jnp.ones((time, time), bool))[None] | given[:, None]
+
+
+def forward(parameters, tokens, config):
+    """The last hidden states and the keys of the pointer. Padding stands at the end."""
+    positions = jnp.arange(tokens.shape[1])[None]
+    visible = seen(tokens)
+    x = parameters["embedding"][tokens] * config.width**0.5
+    for block in parameters["blocks"]:
         normed = norm(x, block["norm_attention"])
         before = jnp.pad(normed, ((0, 0), (1, 0), (0, 0)))[:, :-1]
         query, key, value = queries_keys_values(block, normed, before, positions, config.heads)
-        kept.append((key, value, normed[:, -1]))
-        if number == config.layers - 1:
-            keys = pointer_keys(parameters["pointer"], normed, before)
-            x, query, visible = x[:, -tail:], query[:, -tail:], visible[:, :, -tail:]
-        x = finish_block(block, x, attend(query, key, value, visible))
-    return log_probabilities(parameters, norm(x, parameters["norm"]), keys, tokens, visible[:, 0]), kept, keys
+        x = finish_block(block, x, attend_chunks(query, key, value, visible))
+    return norm(x, parameters["norm"]), pointer_keys(parameters["pointer"], normed, before)
 
 
-def loss(parameters, tokens, tail, config):
-    """Mean cross-entropy of the last `tail` tokens after `ANSWER`."""
-    logarithms, *_ = forward(parameters, tokens[:, :-1], tail, config)
-    targets = tokens[:, -logarithms.shape[1] :]
-    answers = jnp.cumsum(tokens == ANSWER, 1)[:, -logarithms.shape[1] - 1 : -1] > 0
-    of_target = jnp.take_along_axis(logarithms, targets[..., None], -1)[..., 0]
-    return -jnp.sum(of_target * answers) / jnp.sum(answers)
+def loss(parameters, tokens, config):
+    """Mean cross-entropy of the answers: of what stands between `ANSWER` and `END`, and of `END`."""
+    given, targets = tokens[:, :-1], tokens[:, 1:]
+    hidden, keys = forward(parameters, given, config)
+    where, share = looks(parameters["pointer"], hidden, keys, seen(given))
+    copied = jnp.sum(where * (given[:, None] == targets[..., None]), -1)
+    written = jnp.take_along_axis(jax.nn.softmax(hidden @ parameters["embedding"].T, -1), targets[..., None], -1)[..., 0]
+    answers = jnp.cumsum(given == ANSWER, 1) > jnp.cumsum(given == END, 1)
+    return -jnp.sum(jnp.log(share * copied + (1 - share) * written + 1e-9) * answers) / jnp.sum(answers)
 
 
-@functools.partial(jax.jit, static_argnames=("config", "most"))
-def generate(parameters, tokens, config, most):
-    """Greedy continuations, [batch, most]; sequences stop at `END`, and what follows it means nothing."""
-    rows, time = tokens.shape
-    logarithms, kept, pointed = forward(parameters, tokens, 1, config)
-    room = lambda kept: jnp.pad(kept, ((0, 0), (0, most), *((0, 0),) * (kept.ndim - 2)))
-    cache = [(room(key), room(value), normed) for key, value, normed in kept]
-    choose = lambda logarithms: jnp.argmax(logarithms[:, 0], -1).astype(tokens.dtype)
-    steps = jnp.arange(time + most)
+def probabilities(parameters, tokens, config):
+    """Of the next token after every position, given all tokens up to it: [batch, time, vocabulary]."""
+    hidden, keys = forward(parameters, tokens, config)
+    where, share = looks(parameters["pointer"], hidden, keys, seen(tokens))
+    copied = where @ jax.nn.one_hot(tokens, len(parameters["embedding"]))
+    return share[..., None] * copied + (1 - share[..., None]) * jax.nn.softmax(hidden @ parameters["embedding"].T, -1)
 
-    def step(state):
-        index, token, cache, pointed, text, done, out = state
-        out, position = out.at[:, index].set(token), time + index
-        text = text.at[:, position].set(token)
-        x = parameters["embedding"][token][:, None] * config.width**0.5
-        visible = ((room(tokens) != PAD) | ((steps >= time) & (steps <= position)))[:, None, None]
-        after = []
-        for block, (keys, values, before) in zip(parameters["blocks"], cache):
-            normed = norm(x, block["norm_attention"])
-            here = jnp.full((rows, 1), position)
-            query, key, value = queries_keys_values(block, normed, before[:, None], here, config.heads)
-            keys, values = keys.at[:, position].set(key[:, 0]), values.at[:, position].set(value[:, 0])
-            x = finish_block(block, x, attend(query, keys, values, visible))
-            after.append((keys, values, normed[:, 0]))
-        pointed = pointed.at[:, position].set(pointer_keys(parameters["pointer"], normed, before[:, None])[:, 0])
-        logarithms = log_probabilities(parameters, norm(x, parameters["norm"]), pointed, text, visible[:, 0])
-        return index + 1, choose(logarithms), after, pointed, text, done | (token == END), out
 
-    start = (0, choose(logarithms), cache, room(pointed), room(tokens), jnp.zeros(rows, bool), jnp.full((rows, most), END, tokens.dtype))
-    return jax.lax.while_loop(lambda state: (state[0] < most) & ~jnp.all(state[-2]), step, start)[-1]
+@functools.partial(jax.jit, static_argnames="config")
+def likeliest(parameters, tokens, config):
+    return jnp.argmax(probabilities(parameters, tokens, config), -1)

@@ -3,7 +3,7 @@
 A split by scene needs several scenes. Rooms and the places of the furniture stay, so that whatever is generated in
 the original is possible in its variants; what a policy reads of a scene changes: room names, categories, ids, captions.
 
-    python3 scenes.py src/tasks/src/data/home.json OUT --count 6
+    python3 scenes.py src/tasks/src/data/home.json OUT 1 2 3
 """
 
 import argparse
@@ -60,11 +60,11 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("home", type=pathlib.Path)
     arguments.add_argument("out", type=pathlib.Path)
-    arguments.add_argument("--count", type=int, default=6)
+    arguments.add_argument("seeds", type=int, nargs="+", help="one home for each")
     arguments = arguments.parse_args()
     home = json.loads(arguments.home.read_text())
     arguments.out.mkdir(parents=True, exist_ok=True)
-    for seed in range(1, arguments.count + 1):
+    for seed in arguments.seeds:
         scene = variant(home, seed)
         (arguments.out / f"{scene['scene_id']}.json").write_text(json.dumps(scene, indent=1))
 

@@ -3,11 +3,15 @@
     $REEL_TRAIN_PYTHON tests/training/test.py
 """
 
+import dataclasses
 import importlib.util
 import json
 import math
+import pathlib
 import sys
+import tempfile
 import unittest
+import unittest.mock
 
 if importlib.util.find_spec("jax") is None:
     print("skipped: jax is not installed (tests/training/requirements.txt)", file=sys.stderr)
@@ -22,44 +26,45 @@ import evaluate
 import model
 import prove
 import train
-from tokenizer import ANSWER, BEGIN, END, Tokenizer
+from tokenizer import ANSWER, BEGIN, END, PAD, Tokenizer
 
 TASK = "Take a mug from the table in the hall and put it on the bed."
 FURNITURE = ["table_3 (table, hall/0)", "table_11 (table, kitchen/0)", "bed_2 (bed, hall/0)", "bed_7 (bed, bedroom/1)"]
 
 
-def row(scene, episode, call, last, outcome, action, task=TASK, progress="Nothing done yet."):
-    """A row as `reel export sft --format trl` writes it."""
-    receptacles = "".join(f"- {one}\n" for one in FURNITURE)
-    user = f"Task: {task}\n\nTools:\n[]\n\nReceptacles:\n{receptacles}\nProgress:\n{progress}\n\nLast action: {last}\nLast outcome: {outcome}\n\nCurrent view: "
-    answer = f'<think>It says "next_action": {{}}.</think>\n{json.dumps({"History": "", "next_action": action})}'
+def row(scene, name, calls, task=TASK):
+    """An episode as `reel export sft --format trl --style multi-turn` writes it; calls are (tool, arguments, outcome)."""
     part = lambda text: [{"type": "text", "text": text}]
-    return {
-        "prompt": [{"role": "system", "content": part("Behave.")}, {"role": "user", "content": [*part(user), {"type": "image"}]}],
-        "completion": [{"role": "assistant", "content": part(answer)}],
-        "images": ["images/0.png"],
-        "provenance": {"example": f"{episode}/{call}", "episode": episode, "call": call, "scene": scene, "family": "FDP"},
-    }
+    receptacles = "".join(f"- {one}\n" for one in FURNITURE)
+    messages = [{"role": "system", "content": part("Behave.")}]
+    messages.append({"role": "user", "content": [*part(f"Task: {task}\n\nReceptacles:\n{receptacles}"), {"type": "image"}]})
+    for number, (tool, arguments, outcome) in enumerate(calls):
+        function = {"name": tool, "arguments": json.dumps(arguments)}
+        called = [{"id": f"call_{number}", "type": "function", "function": function}]
+        messages.append({"role": "assistant", "content": part(f"<think>Now {tool}.</think>\n"), "tool_calls": called})
+        messages.append({"role": "tool", "tool_call_id": f"call_{number}", "name": tool, "content": [*part(outcome), {"type": "image"}]})
+    return {"messages": messages[:-1], "images": [], "tools": [], "provenance": {"episode": name, "scene": scene, "family": "FDP"}}
 
 
 def episode(scene, name, place):
     """Go to a place, look for mugs, gaze at one of two, finish."""
-    calls = [
+    return row(scene, name, [
         ("nav_to", {"receptacle_name": place}, f"Arrived at {place}."),
         ("show_object_by_category", {"target_category": "mug"}, "Found 2 object(s) matching 'mug': marker 1, marker 2."),
         ("gaze_at", {"marker_id": 2}, "Looking at marker 2."),
         ("finish", {}, ""),
-    ]
-    last, outcome = "none", "The episode begins."
-    for call, (tool, arguments, told) in enumerate(calls):
-        action = {"tool_name": tool, "args": arguments}
-        yield row(scene, name, call, last, outcome, action)
-        last, outcome = json.dumps(action), told
+    ])
 
 
 def examples():
-    rows = [one for scene in ("a", "b") for n in range(6) for one in episode(scene, f"{scene}{n}", FURNITURE[n % 2].split()[0])]
-    return [data.example(one) for one in rows]
+    rows = [episode(scene, f"{scene}{n}", FURNITURE[n % 2].split()[0]) for scene in ("a", "b") for n in range(6)]
+    return [step for one in rows for step in data.steps(one)]
+
+
+def trained_on(some, width):
+    """A tokenizer, the sequences and a configuration for some steps."""
+    tokenizer = Tokenizer([f"{one.given}\n{one.answer}" for one in some])
+    return tokenizer, list(train.sequences(tokenizer, some)), model.Config(len(tokenizer), width=width, layers=2)
 
 
 class Pieces(unittest.TestCase):
@@ -68,18 +73,34 @@ class Pieces(unittest.TestCase):
         for text in ["Go to table_1 (a, b/0).\n- x: {\"y\":\"z\"}", "ottoman_42 at Ottoman's 7 beds - 3: {\"q\":12}", "a b 1 2, 3 c"]:
             self.assertEqual(tokenizer.text(tokenizer.ids(text)), text)
 
-    def test_prompts_keep_what_changes(self):
-        one = examples()[1]
-        self.assertNotIn("Tools:", one.prompt)
-        self.assertNotIn("Current view", one.prompt)
-        self.assertEqual(data.section(one.prompt, "Task"), TASK)
-        self.assertEqual(data.section(one.prompt, "Last outcome"), "Arrived at table_3.")
+    def test_steps_of_an_episode(self):
+        one, two = examples()[:2]
+        self.assertEqual(one.given, f"Task: {TASK}\n\nReceptacles:\n" + "\n".join(f"- {line}" for line in FURNITURE) + "\n")
+        self.assertEqual((one.task, one.last, two.task), (TASK, None, TASK))
+        self.assertEqual((two.call, two.last, two.given), (1, one.action, "Arrived at table_3."))
+        self.assertEqual(data.parse(one.answer), {"tool_name": "nav_to", "args": {"receptacle_name": "table_3"}})
 
-    def test_actions_are_read_after_the_reasoning(self):
-        self.assertEqual(data.parse('<think>"next_action": {}</think>```json\n{"next_action": {"name": "pick", "arguments": {"marker_id": 1}}}'),
-                         {"tool_name": "pick", "args": {"marker_id": 1}})
-        self.assertIsNone(data.parse('{"next_action": {"tool_name": 3}}'))
+    def test_an_episode_is_one_sequence(self):
+        some = examples()
+        tokenizer, sequences, _ = trained_on(some, 16)
+        self.assertEqual(len(sequences), 12)
+        self.assertEqual([(ids.count(ANSWER), ids.count(END)) for ids in sequences], [(4, 4)] * 12)
+        begin, end = sequences[0].index(ANSWER), sequences[0].index(END)
+        self.assertEqual(tokenizer.text(sequences[0][1:begin]), some[0].given)
+        self.assertEqual(tokenizer.text(sequences[0][begin + 1 : end]), some[0].answer)
+
+    def test_the_last_call_is_read(self):
+        action = {"tool_name": "pick", "args": {"marker_id": 1}}
+        self.assertEqual(data.parse('<think><tool_call>{}</think>\n' + data.written(action)), action)
+        self.assertIsNone(data.parse('<tool_call>{"name":3,"arguments":{}}</tool_call>'))
         self.assertIsNone(data.parse("pick 1"))
+
+    def test_wordings_are_found(self):
+        self.assertGreater(len(classes.PATTERNS), 5)
+        for wording in classes.wordings():
+            self.assertTrue(all(gap in wording for gap in ("{src}", "{dest}", "{object}")), wording)
+            task = wording.format(src="the red table", dest="the bed", object="a mug", at="on")
+            self.assertEqual(classes.ends(task), ("the red table", "the bed"))
 
     def test_who_decides(self):
         some = [one for one in examples() if one.episode == "a0"]
@@ -90,7 +111,7 @@ class Pieces(unittest.TestCase):
         self.assertEqual([(one.decides, one.candidates) for one in decided],
                          [(classes.TEXT, ["table_3"]), (classes.TEXT, []), (classes.IMAGE, [1, 2])])
         open_ = some[0]
-        open_.prompt = open_.prompt.replace("table in the hall", "brown table").replace("a mug", "a drink container")
+        open_.task = open_.task.replace("table in the hall", "brown table").replace("a mug", "a drink container")
         situation = classes.Situation()
         self.assertEqual(classes.choice(open_, "nav_to", situation, learned).candidates, ["table_3", "table_11"])
         self.assertEqual(classes.choice(open_, "show_object_by_category", situation, learned).decides, classes.NEITHER)
@@ -112,50 +133,54 @@ class Pieces(unittest.TestCase):
 
 
 class Model(unittest.TestCase):
-    def test_generation_with_a_cache_is_that_without(self):
-        config = model.Config(40, width=16, layers=3, heads=2)
-        parameters = model.initialise(config, 1)
-        given = [[BEGIN, 9, 8, 7, ANSWER], [BEGIN, 20, 21, 22, 23, 24, 9, ANSWER]]
-        most = 6
-        forward = jax.jit(model.forward, static_argnames=("tail", "config"))
-        cached = numpy.asarray(model.generate(parameters, train.padded(given, 2), config, most))
-        for ids, found in zip(given, cached):
-            written = list(ids)
-            for _ in range(most):
-                logarithms, *_ = forward(parameters, train.padded([written], 1), 1, config)
-                written.append(int(numpy.argmax(numpy.asarray(logarithms[0, -1]))))
-                if written[-1] == END:
-                    break
-            answer = written[len(ids) :]
-            self.assertEqual(found.tolist()[: len(answer)], answer)
-
-    def test_only_the_answer_has_a_loss(self):
+    def test_what_comes_later_decides_nothing(self):
         config = model.Config(40, width=16, layers=2, heads=2)
         parameters = model.initialise(config, 1)
-        tokens = train.padded([[BEGIN, 9, 8, ANSWER, 7, 6, END]], 1)
-        logits = numpy.asarray(model.forward(parameters, tokens[:, :-1], 3, config)[0][0])
-        expected = -numpy.mean([logits[0, 7], logits[1, 6], logits[2, END]])
-        for tail in (3, 10, 40):
-            self.assertTrue(math.isclose(float(model.loss(parameters, tokens, tail, config)), expected, rel_tol=1e-4))
+        tokens = numpy.random.default_rng(0).integers(4, 40, (1, train.STEP))
+        tokens[0, [20, 50]], tokens[0, 30] = ANSWER, END
+        whole = numpy.asarray(model.likeliest(parameters, tokens, config))[0]
+        for at in (20, 31, 60):
+            cut = numpy.where(numpy.arange(train.STEP) > at, PAD, tokens)
+            self.assertEqual(numpy.asarray(model.likeliest(parameters, cut, config))[0, : at + 1][20:].tolist(), whole[20 : at + 1].tolist())
+
+    def test_only_answers_have_a_loss(self):
+        config = model.Config(40, width=16, layers=2, heads=2)
+        parameters = model.initialise(config, 1)
+        tokens = train.padded([[BEGIN, 9, 8, ANSWER, 7, END, 6, ANSWER, 5, END]], 1)
+        given = jax.jit(model.probabilities, static_argnames="config")(parameters, tokens, config)[0]
+        expected = -numpy.mean([math.log(given[at, tokens[0, at + 1]]) for at in (3, 4, 7, 8)])
+        found = jax.jit(model.loss, static_argnames="config")(parameters, tokens, config)
+        self.assertTrue(math.isclose(float(found), expected, rel_tol=1e-4))
+
+    def test_only_the_opening_is_read_both_ways(self):
+        seen = numpy.asarray(model.seen(numpy.array([[BEGIN, 9, ANSWER, 7, END, 8, PAD]])))[0]
+        self.assertTrue(seen[0, 1] and seen[3, 0] and seen[5, 4])
+        self.assertFalse(seen[0, 2] or seen[2, 3] or seen[3, 5] or seen[0, 6])
 
     def test_it_learns(self):
         some = examples()
-        tokenizer = Tokenizer([f"{one.prompt}\n{prove.target(one)}" for one in some])
-        sequences = [train.sequence(tokenizer, one.prompt, prove.target(one)) for one in some]
-        config = model.Config(len(tokenizer), width=32)
-        parameters, losses = train.train(config, sequences, 25, 0, say=lambda _: None)
-        self.assertLess(losses[-1], 0.2 * losses[0])
-        answers = prove.answer_all(parameters, config, tokenizer, some, 64)
+        tokenizer, sequences, config = trained_on(some, 32)
+        parameters, losses = train.train(config, sequences, 100, 0, say=lambda _: None)
+        self.assertLess(losses[-1], 0.5 * losses[0])
+        answers = prove.answer_all(parameters, config, tokenizer, some)
         scores = evaluate.score(some, answers, classes.known(some))
         self.assertGreater(scores["tool"]["all"]["share"], 0.9)
 
-    def test_equal_seeds_learn_alike(self):
-        some = examples()
-        tokenizer = Tokenizer([one.prompt for one in some])
-        sequences = [train.sequence(tokenizer, one.prompt, prove.target(one)) for one in some]
-        config = model.Config(len(tokenizer), width=16)
-        losses = [train.train(config, sequences, 2, 7, say=lambda _: None)[1] for _ in range(2)]
-        self.assertEqual(losses[0], losses[1])
+    def test_a_training_that_was_broken_off_goes_on(self):
+        _, sequences, config = trained_on(examples(), 32)
+
+        def stop(said):
+            raise KeyboardInterrupt(said)
+
+        with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(train, "REPORT", 4):
+            path = pathlib.Path(folder) / "training.pickle"
+            with self.assertRaises(KeyboardInterrupt):
+                train.train(config, sequences, 8, 7, checkpoint=path, say=stop)
+            self.assertIsNone(train.kept(path, dataclasses.replace(config, width=16)))
+            broken = train.train(config, sequences, 8, 7, checkpoint=path, say=lambda _: None)
+            whole = train.train(config, sequences, 8, 7, say=lambda _: None)
+        self.assertEqual(broken[1], whole[1])
+        self.assertTrue(numpy.array_equal(broken[0]["embedding"], whole[0]["embedding"]))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ home) can be read and copied.
 import collections
 import re
 
-PIECE = re.compile(r"[A-Za-z]+|_?[0-9]+|\s*(?:(?!_[0-9])[^A-Za-z0-9\s]+?\s*)+|\s+")
+PIECE = re.compile(r"</?[a-z_]+>|[A-Za-z]+(?:_[A-Za-z]+)*|[_/]?[0-9]+|\s*(?:(?![_/][0-9]|</?[a-z_]+>)[^A-Za-z0-9\s]+?\s*)+|\s+")
 PAD, BEGIN, ANSWER, END = range(4)
 SPECIAL = ["<pad>", "<begin>", "<answer>", "<end>"]
 

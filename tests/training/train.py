@@ -1,6 +1,9 @@
-"""Training from scratch: loss on the answer only, AdamW, one cycle of the learning rate."""
+"""Training from scratch: loss on the answers only, AdamW, a learning rate that is held and then falls."""
 
+import dataclasses
 import functools
+import itertools
+import pickle
 import time
 
 import jax
@@ -10,47 +13,49 @@ import numpy
 import model
 from tokenizer import ANSWER, BEGIN, END, PAD
 
-TOKENS_A_BATCH = 4096
-STEP = 64
+TOKENS_A_BATCH = 2048
+STEP = 128
+REPORT = 50
+WARM = 50
 
 
-def sequence(tokenizer, prompt, answer):
-    """Token ids, and how many of them are given."""
-    given = [BEGIN, *tokenizer.ids(prompt), ANSWER]
-    return given + tokenizer.ids(answer) + [END], len(given)
+def sequences(tokenizer, examples):
+    """One sequence of token ids for each episode: what was given, the answer, what was given, the answer, and so on."""
+    for _, steps in itertools.groupby(examples, lambda one: one.episode):
+        ids = [BEGIN]
+        for one in steps:
+            ids += [*tokenizer.ids(one.given), ANSWER, *tokenizer.ids(one.answer), END]
+        yield ids
 
 
 def up(length):
     return -(-length // STEP) * STEP
 
 
-def padded(sequences, rows):
-    """Sequences that end together, as one array."""
-    tokens = numpy.full((rows, up(max(map(len, sequences)))), PAD, numpy.int32)
-    for row, ids in enumerate(sequences):
-        tokens[row, -len(ids) :] = ids
+def padded(some, rows):
+    """Sequences as one array, padding at their ends."""
+    tokens = numpy.full((rows, up(max(map(len, some)))), PAD, numpy.int32)
+    for row, ids in enumerate(some):
+        tokens[row, : len(ids)] = ids
     return tokens
 
 
-def batches(sequences, draw):
-    """Batches of like lengths, in random order, and the length of the longest answer, rounded up."""
-    tail = up(max(len(ids) - given for ids, given in sequences))
+def batches(some, draw):
+    """Batches of like lengths, in random order."""
     widths, chunks = {}, []
-    for index in draw.permutation(len(sequences)):
-        ids = sequences[index][0]
-        widths.setdefault(up(len(ids)), []).append(ids)
+    for index in draw.permutation(len(some)):
+        widths.setdefault(up(len(some[index])), []).append(some[index])
     for width, members in sorted(widths.items()):
         rows = max(1, TOKENS_A_BATCH // width)
         chunks += [(members[start : start + rows], rows) for start in range(0, len(members), rows)]
     for index in draw.permutation(len(chunks)):
-        members, rows = chunks[index]
-        yield padded(members, rows), tail
+        yield padded(*chunks[index])
 
 
-@functools.partial(jax.jit, static_argnames=("tail", "config"), donate_argnums=(0, 1))
-def update(parameters, moments, tokens, tail, step, rate, config):
+@functools.partial(jax.jit, static_argnames=("config",), donate_argnums=(0, 1))
+def update(parameters, moments, tokens, step, rate, config):
     """One step of AdamW with the gradient's norm cut at one."""
-    value, slopes = jax.value_and_grad(model.loss)(parameters, tokens, tail, config)
+    value, slopes = jax.value_and_grad(model.loss)(parameters, tokens, config)
     length = jnp.sqrt(sum(jnp.sum(slope**2) for slope in jax.tree.leaves(slopes)))
     slopes = jax.tree.map(lambda slope: slope / jnp.maximum(1, length), slopes)
     first = jax.tree.map(lambda moment, slope: 0.9 * moment + 0.1 * slope, moments[0], slopes)
@@ -61,20 +66,48 @@ def update(parameters, moments, tokens, tail, step, rate, config):
     return jax.tree.map(move, parameters, first, second), (first, second), value
 
 
-def train(config, sequences, epochs, seed, rate=3e-3, say=print):
-    """The trained parameters and the mean loss of each epoch."""
+def kept(path, config):
+    """Parameters, moments, step and losses of a training that was broken off; None where there is none of this shape."""
+    if path is None or not path.exists():
+        return None
+    at = pickle.loads(path.read_bytes())
+    return at["state"] if at["config"] == dataclasses.asdict(config) else None
+
+
+def keep(path, config, *state):
+    if path is not None:
+        part = path.with_suffix(".part")
+        part.write_bytes(pickle.dumps({"config": dataclasses.asdict(config), "state": jax.tree.map(numpy.asarray, state)}))
+        part.rename(path)
+
+
+def train(config, some, updates, seed, rate=3e-3, checkpoint=None, say=print):
+    """The trained parameters and the mean loss of each REPORT updates; goes on from the checkpoint, if there is one."""
     parameters = model.initialise(config, seed)
     moments = (jax.tree.map(jnp.zeros_like, parameters), jax.tree.map(jnp.zeros_like, parameters))
-    draw = numpy.random.default_rng(seed)
-    total = epochs * sum(1 for _ in batches(sequences, numpy.random.default_rng(seed)))
-    step, losses, began = 0, [], time.perf_counter()
-    for epoch in range(epochs):
-        values = []
-        for tokens, tail in batches(sequences, draw):
-            step += 1
-            now = rate * min(step / (0.05 * total + 1), (total - step) / (0.95 * total) + 0.02)
-            parameters, moments, value = update(parameters, moments, tokens, tail, jnp.float32(step), jnp.float32(now), config)
-            values.append(value)
-        losses.append(float(numpy.mean(values)))
-        say(f"  epoch {epoch + 1:2} of {epochs}: loss {losses[-1]:.4f}, {time.perf_counter() - began:.0f} s")
+    began, done, losses = time.perf_counter(), 0, []
+    found = kept(checkpoint, config)
+    if found:
+        parameters, moments, done, losses = found
+        done, losses = int(done), [float(loss) for loss in losses]
+        say(f"  goes on after update {done}: {checkpoint}")
+    values = []
+    for step, tokens in enumerate(itertools.islice(endless(some, seed), updates), 1):
+        if step <= done:
+            continue
+        now = rate * min(1, step / WARM, (updates - step) / (0.4 * updates) + 0.02)
+        parameters, moments, value = update(parameters, moments, tokens, jnp.float32(step), jnp.float32(now), config)
+        values.append(value)
+        if step % REPORT == 0 or step == updates:
+            losses.append(float(numpy.mean(values)))
+            values = []
+            keep(checkpoint, config, parameters, moments, step, losses)
+            say(f"  update {step:4} of {updates}: loss {losses[-1]:.4f}, {time.perf_counter() - began:.0f} s")
     return parameters, losses
+
+
+def endless(some, seed):
+    """Batches, epoch after epoch."""
+    draw = numpy.random.default_rng(seed)
+    while True:
+        yield from batches(some, draw)
