@@ -45,7 +45,8 @@ fn a_branch_is_made_checked_compared_and_branched_again() {
     assert!(beside.contains("branches from A at call 2") && beside.contains("calls 0 to 1 are the same"), "{beside}");
     assert!(beside.contains("the world of B in the end, beside that of A"), "{beside}");
     let beside = json(expect(folder, 1, &["diff", trace, "b.mcap", "--json"]));
-    assert_eq!((&beside["same_calls"], &beside["rows"][0]["a"]["call"]), (&2.into(), &2.into()));
+    let first = |side: &str| beside["rows"][0][side]["call"].as_u64();
+    assert_eq!((&beside["same_calls"], first("a").or(first("b"))), (&2.into(), Some(2)), "{beside}");
     assert!(expect(folder, 0, &["diff", trace, trace]).contains("all that came of them"));
 }
 
