@@ -11,7 +11,7 @@ here=tests/training
 TRAINING_DIR="${TRAINING_DIR:-$HOME/.cache/reel/training}"
 
 # Seeds of the homes (scenes.py) and of their tasks. The shipped home and homes 101, 102 and 201 to 206 were looked at while
-# this was made; those measured here never were.
+# this was made; those measured here were not, before the figures of docs/training.md.
 train=$(seq 1 40) train_tasks=24
 report="207 208 209" report_tasks=40 updates=3000
 if [[ -n ${SMOKE:-} ]]; then
