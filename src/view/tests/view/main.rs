@@ -92,7 +92,7 @@ fn a_film_has_a_picture_for_every_moment_and_waits_for_the_longer_one() {
     let (a, b) = (grey(&long), grey(&short));
     let film = Film::new(&[Part { trace: &long, pictures: &a }, Part { trace: &short, pictures: &b }]);
     assert_eq!((film.width, film.pictures.len()), (2 * 640 + 8, long.steps.len() + 1));
-    assert!(film.height % 2 == 0 && film.pictures.iter().all(|picture| picture.len() == film.width * film.height * 3));
+    assert!(film.height.is_multiple_of(2) && film.pictures.iter().all(|picture| picture.len() == film.width * film.height * 3));
     let right = |moment: usize| -> Vec<u8> {
         film.pictures[moment].chunks(film.width * 3).flat_map(|row| row[648 * 3..].to_vec()).collect()
     };
