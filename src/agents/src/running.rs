@@ -1,12 +1,12 @@
 //! An episode under way: the episode, where it is recorded, and what is known of its last call. Carries calls to the
 //! episode and records to the trace, inputs before they are used. Never decides anything.
 
-use std::{path::PathBuf, sync::Arc};
+use std::path::{Path, PathBuf};
 
 use reel_episode::{Briefing, Episode, EpisodeConfig, Observation, StepOutput};
 use reel_world::{
-    Frame, Scene, Task, WorldGraph,
-    record::{StepInput, StepRecord},
+    Frame, WorldGraph,
+    record::{EpisodeHeader, StepInput, StepRecord},
 };
 
 use crate::{
@@ -20,9 +20,7 @@ pub struct Running {
     episode: Episode,
     sink: Box<dyn Sink>,
     path: PathBuf,
-    briefing: Briefing,
-    observation: Observation,
-    seen: Vec<Seen>,
+    known: Known,
 }
 
 impl Running {
@@ -31,14 +29,12 @@ impl Running {
     /// # Errors
     /// When the episode cannot start or its trace cannot be written.
     pub fn start(config: EpisodeConfig, record: Option<&RecordTo>) -> Result<Self, AgentError> {
-        let task = config.task.clone();
-        let (episode, start, frame) =
-            Episode::start(config).map_err(|source| AgentError::Start { task: task.task_id.clone(), source })?;
+        let task_id = config.task.task_id.clone();
+        let (episode, start, frame) = Episode::start(config).map_err(|source| AgentError::Start { task: task_id, source })?;
         let (mut sink, path) = open(&episode, record)?;
-        sink.start(&start, Some(&frame)).map_err(|source| unwritten(&episode, &path, source))?;
-        let observation = Observation { text: String::new(), error: None, frame: Some(frame) };
-        let seen = perception::at_start(&task, episode.scene(), &start);
-        Ok(Self { briefing: episode.briefing(), episode, sink, path, observation, seen })
+        sink.start(&start, Some(&frame)).map_err(|source| unwritten(episode.header(), &path, source))?;
+        let known = Known::at_start(&episode, Some(frame));
+        Ok(Self { episode, sink, path, known })
     }
 
     /// Goes on with an episode of which some calls were made, recording these first; `rgb` gives the picture after a step
@@ -53,20 +49,22 @@ impl Running {
         mut witness: Option<&mut dyn Policy>,
     ) -> Result<Self, AgentError> {
         let (mut sink, path) = open(&episode, record)?;
-        let fail = |source| unwritten(&episode, &path, source);
+        let fail = |source| unwritten(episode.header(), &path, source);
         let mut frame = |step| rgb(step).map(|rgb| Frame { rgb, ids: Vec::new(), depth_mm: Vec::new() });
-        sink.start(episode.start_record(), frame(None).as_ref()).map_err(fail)?;
-        let mut past = Past::new(&episode);
+        let start = episode.start_record();
+        sink.start(start, frame(None).as_ref()).map_err(fail)?;
+        // Pictures are not among what is known again: built-in policies have what they would see in them from `perception`.
+        let (mut known, mut graph) = (Known::at_start(&episode, None), start.graphs.physics.clone());
         for step in episode.steps() {
             if let Some(witness) = witness.as_deref_mut() {
-                witness.watch(&past.context(), &step.input);
+                witness.watch(&known.context(), &step.input);
             }
             sink.input(step.step, &step.input).map_err(fail)?;
             sink.step(step, frame(Some(step.step)).as_ref()).map_err(fail)?;
-            past.after(step);
+            graph.apply(&step.changes.physics);
+            known.after(&episode, &graph, step, None);
         }
-        let Past { briefing, observation, seen, .. } = past;
-        Ok(Self { episode, sink, path, briefing, observation, seen })
+        Ok(Self { episode, sink, path, known })
     }
 
     /// The episode, as far as it was played.
@@ -80,7 +78,7 @@ impl Running {
     /// When the trace cannot be written.
     pub fn make(&mut self, input: StepInput, witness: Option<&mut dyn Policy>) -> Result<(), AgentError> {
         if let Some(witness) = witness {
-            witness.watch(&self.context(), &input);
+            witness.watch(&self.known.context(), &input);
         }
         self.step(input)
     }
@@ -93,7 +91,7 @@ impl Running {
         while self.episode.ended().is_none() {
             let input = {
                 let truth = policy.wants_truth().then(|| self.episode.privileged());
-                policy.act(&Context { truth: truth.as_ref(), ..self.context() })
+                policy.act(&Context { truth: truth.as_ref(), ..self.known.context() })
             };
             self.step(input)?;
         }
@@ -108,12 +106,7 @@ impl Running {
         let Self { episode, sink, path, .. } = self;
         let header = episode.header().clone();
         let end = episode.end();
-        let recorded = sink.end(&end).map_err(|source| AgentError::Trace {
-            task: header.task_id.clone(),
-            seed: header.seed,
-            path,
-            source,
-        })?;
+        let recorded = sink.end(&end).map_err(|source| unwritten(&header, &path, source))?;
         let metrics = end.metrics;
         Ok(EpisodeReport {
             episode_id: header.episode_id,
@@ -133,46 +126,31 @@ impl Running {
         })
     }
 
-    fn context(&self) -> Context<'_> {
-        let step = number(self.episode.steps().len());
-        Context { briefing: &self.briefing, observation: &self.observation, seen: &self.seen, truth: None, step }
-    }
-
     fn step(&mut self, input: StepInput) -> Result<(), AgentError> {
-        let step = number(self.episode.steps().len());
-        self.sink.input(step, &input).map_err(|source| unwritten(&self.episode, &self.path, source))?;
-        let StepOutput { record, frame } = self.episode.step(input);
-        self.sink.step(&record, frame.as_ref()).map_err(|source| unwritten(&self.episode, &self.path, source))?;
-        let graph = self.episode.privileged().graph;
-        self.seen = perception::after_step(self.episode.task(), self.episode.scene(), graph, &record);
-        self.observation = Observation { text: record.outcome.text, error: record.outcome.error, frame };
+        let Self { episode, sink, path, known } = self;
+        sink.input(known.calls, &input).map_err(|source| unwritten(episode.header(), path, source))?;
+        let StepOutput { record, frame } = episode.step(input);
+        sink.step(&record, frame.as_ref()).map_err(|source| unwritten(episode.header(), path, source))?;
+        known.after(episode, episode.privileged().graph, &record, frame);
         Ok(())
     }
 }
 
-/// What an agent knew at each moment of an episode that was played already. Pictures are not among it: built-in policies
-/// have what they would see in them from [`perception`].
-struct Past<'e> {
-    task: &'e Arc<Task>,
-    scene: &'e Arc<Scene>,
-    graph: WorldGraph,
-    calls: u32,
+/// What an agent knows at a moment of an episode.
+struct Known {
     briefing: Briefing,
     observation: Observation,
     seen: Vec<Seen>,
+    calls: u32,
 }
 
-impl<'e> Past<'e> {
-    fn new(episode: &'e Episode) -> Self {
-        let (task, scene, start) = (episode.task(), episode.scene(), episode.start_record());
+impl Known {
+    fn at_start(episode: &Episode, frame: Option<Frame>) -> Self {
         Self {
-            task,
-            scene,
-            graph: start.graphs.physics.clone(),
-            calls: 0,
             briefing: episode.briefing(),
-            observation: Observation { text: String::new(), error: None, frame: None },
-            seen: perception::at_start(task, scene, start),
+            observation: Observation { text: String::new(), error: None, frame },
+            seen: perception::at_start(episode.task(), episode.scene(), episode.start_record()),
+            calls: 0,
         }
     }
 
@@ -180,25 +158,20 @@ impl<'e> Past<'e> {
         Context { briefing: &self.briefing, observation: &self.observation, seen: &self.seen, truth: None, step: self.calls }
     }
 
-    fn after(&mut self, step: &StepRecord) {
-        self.graph.apply(&step.changes.physics);
+    /// Takes in what came of a call; `graph` is where physics says the objects are then.
+    fn after(&mut self, episode: &Episode, graph: &WorldGraph, step: &StepRecord, frame: Option<Frame>) {
         self.calls = step.step + 1;
-        self.seen = perception::after_step(self.task, self.scene, &self.graph, step);
-        self.observation = Observation { text: step.outcome.text.clone(), error: step.outcome.error, frame: None };
+        self.seen = perception::after_step(episode.task(), episode.scene(), graph, step);
+        self.observation = Observation { text: step.outcome.text.clone(), error: step.outcome.error, frame };
     }
 }
 
 fn open(episode: &Episode, record: Option<&RecordTo>) -> Result<(Box<dyn Sink>, PathBuf), AgentError> {
     let Some(RecordTo { path, options }) = record else { return Ok((Box::new(NoSink), PathBuf::new())) };
     let sink = TraceSink::create(path, *options, episode.header(), episode.task(), episode.scene());
-    Ok((Box::new(sink.map_err(|source| unwritten(episode, path, source))?), path.clone()))
+    Ok((Box::new(sink.map_err(|source| unwritten(episode.header(), path, source))?), path.clone()))
 }
 
-fn unwritten(episode: &Episode, path: &std::path::Path, source: SinkError) -> AgentError {
-    let header = episode.header();
+fn unwritten(header: &EpisodeHeader, path: &Path, source: SinkError) -> AgentError {
     AgentError::Trace { task: header.task_id.clone(), seed: header.seed, path: path.to_owned(), source }
-}
-
-fn number(steps: usize) -> u32 {
-    u32::try_from(steps).expect("an episode has few steps")
 }

@@ -116,7 +116,7 @@ impl Episode {
         snapshot: &Snapshot,
         detail: Detail,
     ) -> Result<Episode, EpisodeError> {
-        relink(&header(&config), &mut start, &mut steps);
+        chain::relink(&header(&config), &mut start, &mut steps);
         let mut episode = Self::resume(config, start, steps, snapshot)?;
         episode.simulator.set_detail(detail);
         Ok(episode)
@@ -294,16 +294,6 @@ impl Episode {
                 panic!("task {}, seed {}: {violation}", self.config.task.task_id, self.config.seed);
             }
         }
-    }
-}
-
-/// Links records anew, as an episode under this header would have linked them.
-pub fn relink(header: &EpisodeHeader, start: &mut StartRecord, steps: &mut [StepRecord]) {
-    start.digests.chain = chain::start_link(header, start);
-    let mut link = start.digests.chain;
-    for step in steps {
-        step.digests.chain = chain::step_link(&link, step);
-        link = step.digests.chain;
     }
 }
 

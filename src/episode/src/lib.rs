@@ -12,7 +12,7 @@ use reel_world::{
     record::{Marker, Parent, PolicyInfo, StepRecord},
 };
 
-pub use episode::{Episode, relink};
+pub use episode::Episode;
 
 /// What an episode is a function of, besides its calls.
 #[derive(Clone, Debug)]

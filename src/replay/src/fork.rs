@@ -1,10 +1,13 @@
 //! Moments of a recorded episode from which another future can be played, as often as wanted, and whether a trace branches
 //! from another. What is played from there is somebody else's decision.
 
-use reel_episode::{Episode, relink};
+use reel_episode::Episode;
 use reel_sim::{Snapshot, render::Detail};
 use reel_trace::Trace;
-use reel_world::record::{EpisodeHeader, Parent, PolicyInfo};
+use reel_world::{
+    chain,
+    record::{EpisodeHeader, Parent, PolicyInfo},
+};
 use serde::Serialize;
 
 use crate::{Divergence, Moment, Replay, SnapshotCache, Verdict, difference, player, seek, verify_trace};
@@ -120,7 +123,7 @@ fn stranger(branch: &Trace, parent: &Trace) -> Result<usize, String> {
 /// The first difference in what a branch took over; its links are those of its own header.
 fn prefix_difference(branch: &Trace, parent: &Trace, calls: usize) -> Option<Divergence> {
     let (mut start, mut steps) = (parent.start.clone(), parent.steps[..calls].to_vec());
-    relink(&branch.header, &mut start, &mut steps);
+    chain::relink(&branch.header, &mut start, &mut steps);
     let compared = inputs(&parent.header, &branch.header)
         .and_then(|()| difference::start(&start, &branch.start))
         .and_then(|()| steps.iter().zip(&branch.steps).try_for_each(|(ours, theirs)| difference::step(ours, theirs)))

@@ -1,10 +1,10 @@
 //! The scene from any camera, with the robot in it: for people. No agent sees these pictures, and taking one changes nothing.
 
-use reel_world::{Frame, InstanceId};
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, InstanceId};
 
 use crate::{
     Simulator,
-    geometry::{Camera, Part, Pattern, Pose, Shape, dot, sub},
+    geometry::{Camera, FOCAL_PX, Part, Pattern, Pose, Shape, dot, sub},
     nav::{CAMERA_HEIGHT_M, ROBOT_RADIUS_M},
     render::{Detail, Drawable},
 };
@@ -18,7 +18,7 @@ const FOLLOW_M: [[f32; 2]; 3] = [[0.75, 0.55], [0.9, 1.1], [0.35, 1.3]];
 /// Directions around the object that are tried.
 const DIRECTIONS: usize = 12;
 /// Pictures are this many times their focal length wide and high.
-const FIELD: [f32; 2] = [1.6, 1.2];
+const FIELD: [f32; 2] = [FRAME_WIDTH as f32 / FOCAL_PX, FRAME_HEIGHT as f32 / FOCAL_PX];
 
 impl Simulator {
     /// The picture from any camera, the robot and what it holds drawn too.

@@ -5,6 +5,19 @@ use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_wid
 /// 8-bit red, green, blue.
 pub(crate) type Colour = [u8; 3];
 
+/// What pictures of episodes are drawn in.
+pub(crate) mod colours {
+    use super::Colour;
+
+    pub(crate) const PAPER: Colour = [241, 243, 246];
+    pub(crate) const CARD: Colour = [255, 255, 255];
+    pub(crate) const INK: Colour = [28, 34, 44];
+    pub(crate) const FAINT: Colour = [104, 114, 130];
+    pub(crate) const GREEN: Colour = [28, 132, 76];
+    pub(crate) const RED: Colour = [190, 42, 48];
+    pub(crate) const BLUE: Colour = [52, 98, 178];
+}
+
 /// Size and weight of text.
 #[derive(Clone, Copy)]
 pub(crate) enum Font {

@@ -5,7 +5,11 @@ use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, record::EndReason, record::StepRecor
 
 use crate::{
     ViewError,
-    canvas::{Canvas, Colour, Font, wrap},
+    canvas::{
+        Canvas, Colour, Font,
+        colours::{BLUE, CARD, FAINT, GREEN, INK, PAPER, RED},
+        wrap,
+    },
 };
 
 const COLUMNS_MAX: usize = 4;
@@ -18,14 +22,7 @@ const CALL_LINES: usize = 2;
 const OUTCOME_LINES: usize = 3;
 const LINE: usize = 18;
 
-pub(crate) const PAPER: Colour = [241, 243, 246];
-pub(crate) const CARD: Colour = [255, 255, 255];
 const NO_PICTURE: Colour = [225, 229, 235];
-pub(crate) const INK: Colour = [28, 34, 44];
-pub(crate) const FAINT: Colour = [104, 114, 130];
-pub(crate) const GREEN: Colour = [28, 132, 76];
-pub(crate) const RED: Colour = [190, 42, 48];
-pub(crate) const BLUE: Colour = [52, 98, 178];
 
 /// One card of the sheet.
 struct Card {

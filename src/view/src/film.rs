@@ -8,8 +8,12 @@ use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
 use crate::{
     ViewError,
-    canvas::{Canvas, Colour, Font, wrap},
-    contact_sheet::{self, BLUE, CARD, FAINT, GREEN, INK, PAPER, RED},
+    canvas::{
+        Canvas, Colour, Font,
+        colours::{BLUE, CARD, FAINT, GREEN, INK, PAPER, RED},
+        wrap,
+    },
+    contact_sheet,
 };
 
 const PADDING: usize = 10;

@@ -25,3 +25,14 @@ pub fn step_link(before: &Digest, step: &StepRecord) -> Digest {
     }
     Digest::of(canonical_json(&(before, &step)).as_bytes())
 }
+
+/// Links records anew, as an episode under this header would have linked them; gives the last link.
+pub fn relink(header: &EpisodeHeader, start: &mut StartRecord, steps: &mut [StepRecord]) -> Digest {
+    start.digests.chain = start_link(header, start);
+    let mut link = start.digests.chain;
+    for step in steps {
+        step.digests.chain = step_link(&link, step);
+        link = step.digests.chain;
+    }
+    link
+}

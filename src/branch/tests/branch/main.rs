@@ -1,14 +1,16 @@
 //! Branches of recorded episodes: random ones, of branches too and of what was compacted and recovered, verified to the last
 //! bit; what they hold; and what is refused.
 
+#[path = "../../../replay/tests/replay/episodes.rs"]
+#[expect(dead_code, reason = "not every crate's tests need all of it")]
 mod episodes;
+mod folder;
 mod random;
 mod takeover;
 
 use std::sync::Arc;
 
 use reel_branch::{Branch, BranchError, POLICY_NAME, Then, fork};
-use reel_episode::relink;
 use reel_replay::{Fork, Verdict, compact, lay_beside, verify_branch, verify_trace};
 use reel_trace::{Images, Trace};
 use reel_world::{
@@ -17,7 +19,10 @@ use reel_world::{
 };
 use serde_json::json;
 
-use crate::episodes::{Folder, tasks};
+use crate::{
+    episodes::{relink, tasks},
+    folder::Folder,
+};
 
 fn walk() -> ToolCall {
     ToolCall::new("walk_around", json!({}))
@@ -144,8 +149,7 @@ fn a_past_that_is_not_the_parents_is_found() {
     assert!(verify_branch(&other_seed, &parent).prefix.unwrap().field.contains("seed"));
     let mut claims = branch.clone();
     claims.header.policy.parameters.insert("calls".into(), json!([{ "name": "finish", "arguments": {} }]));
-    let header = claims.header.clone();
-    relink(&header, &mut claims.start, &mut claims.steps);
+    relink(&mut claims);
     assert!(verify_branch(&claims, &parent).prefix.unwrap().field.contains("substituted"));
 
     let stranger = |branch: &Trace, parent: &Trace| verify_branch(branch, parent).stranger.unwrap();

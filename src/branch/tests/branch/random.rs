@@ -16,7 +16,7 @@ use reel_trace::{Images, Recorder, Trace, recover};
 use reel_world::{Digest, ToolCall, record::EndReason};
 use serde_json::json;
 
-use crate::episodes::{Folder, tasks};
+use crate::{episodes::tasks, folder::Folder};
 
 /// Numbers drawn from a key.
 struct Draw {

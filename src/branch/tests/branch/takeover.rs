@@ -7,7 +7,7 @@ use reel_replay::Fork;
 use reel_trace::{Images, Trace};
 use reel_world::Task;
 
-use crate::episodes::{Folder, tasks};
+use crate::{episodes::tasks, folder::Folder};
 
 /// At how many of the calls of an episode a policy that takes over still reaches the goal; of how many.
 fn rescued(folder: &Folder, task: &Arc<Task>, faulty: &str, heir: &str) -> (usize, usize, Trace) {

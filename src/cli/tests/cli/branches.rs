@@ -4,15 +4,13 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::{complaint, expect, first_trace};
+use crate::{complaint, expect, failed_episode, first_trace};
 
 #[test]
 fn a_branch_is_made_checked_compared_and_branched_again() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "1", "--families", "FDP", "--seed", "4", "--out", "tasks"]);
-    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "wrong-object", "--out", "traces", "--no-images"]);
-    let trace = first_trace(folder);
+    let trace = failed_episode(folder);
     let trace = trace.to_str().unwrap();
     let json = |text: String| -> Value { serde_json::from_str(&text).unwrap() };
 

@@ -2,15 +2,13 @@
 
 use std::fs;
 
-use crate::{complaint, expect, first_trace};
+use crate::{complaint, expect, failed_episode};
 
 #[test]
 fn cameras_and_films() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "1", "--families", "FDP", "--seed", "4", "--out", "tasks"]);
-    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "wrong-object", "--out", "traces", "--no-images"]);
-    let trace = first_trace(folder);
+    let trace = failed_episode(folder);
     let trace = trace.to_str().unwrap();
     let free = ["--camera", "free", "--eye", "1.5,-1,2", "--look-at", "2,2,0.5"];
     for (out, camera) in [("above", &["--camera", "top-down"][..]), ("target", &["--camera", "follow:target"]), ("free", &free)] {

@@ -47,6 +47,13 @@ fn first_trace(folder: &Path) -> PathBuf {
     traces.remove(0)
 }
 
+/// A lean trace in which the wrong object was brought.
+fn failed_episode(folder: &Path) -> PathBuf {
+    expect(folder, 0, &["tasks", "generate", "--count", "1", "--families", "FDP", "--seed", "4", "--out", "tasks"]);
+    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "wrong-object", "--out", "traces", "--no-images"]);
+    first_trace(folder)
+}
+
 #[test]
 fn the_loop_end_to_end() {
     let folder = tempfile::tempdir().unwrap();

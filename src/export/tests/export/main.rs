@@ -14,14 +14,14 @@ use std::{
     sync::atomic::{AtomicUsize, Ordering},
 };
 
-use episodes::{record_seeded, tasks};
+use episodes::{record_seeded, relink, tasks, write};
 use played::{Played, play};
 use reel_annotate::{Entry, Note, Provenance, notes_path, write_notes};
 use reel_dataset::{Format, PictureOptions, Ratios, Split, Style, WriterOptions};
 use reel_export::{ExportError, ExportOptions, ExportReport, RolloutOptions, Selection, SplitBy, Words};
 use reel_tables::Store;
 use reel_trace::{Images, Trace};
-use reel_world::record::StepRecord;
+use reel_world::record::{PolicyOutput, StepRecord};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -315,4 +315,41 @@ fn words_come_from_the_notes_beside_the_traces() {
         assert_eq!(row["provenance"]["annotator"], format!("a-model-{}", version.short()));
         assert!(row["messages"][2]["content"].as_str().unwrap().starts_with("<think>I wonder.</think>"));
     }
+}
+
+#[test]
+fn a_models_own_history_is_mended_left_out_or_left_alone() {
+    let dir = TempDir::new().unwrap();
+    let traces = dir.path().join("traces");
+    let path = play(&traces, "oracle", Images::None).remove(0);
+    // a model said of the third decision what never happened, and of the fourth what did
+    let mut trace = Trace::read(&path).unwrap();
+    let said = |history: &str| PolicyOutput { raw: "as it came".into(), history: history.into(), ..PolicyOutput::default() };
+    trace.steps[2].input.policy = Some(said("I looked around. I placed the object on bed_1."));
+    trace.steps[3].input.policy = Some(said("I looked around."));
+    relink(&mut trace);
+    fs::remove_file(&path).unwrap();
+    write(&path, &trace);
+    let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
+    store.ingest(&[path], &|_, _| ()).unwrap();
+    let export = |name: &str, how: ExportOptions| {
+        let report = export(&store, &dir.path().join(name), &how);
+        let row = rows(&dir.path().join(name), "train").into_iter().find(|row| row["provenance"]["call"] == 2);
+        (report, row.map(|row| row["completion"][0]["content"][0]["text"].as_str().unwrap().to_owned()))
+    };
+    let (report, row) = export("left-out", options(Format::Trl));
+    assert_eq!((report.left_out["decisions whose History contradicts the record"], row), (1, None));
+    let all = Selection { contradictions: true, ..Selection::default() };
+    let (report, row) = export("mended", ExportOptions { selection: all.clone(), ..options(Format::Trl) });
+    assert_eq!(report.history.mended + report.history.dropped, 1);
+    assert!(row.as_ref().is_some_and(|row| row.contains("I looked around.") && !row.contains("bed_1")), "{row:?}");
+    // words that nobody exports are no reason
+    let (report, row) = export("rules", ExportOptions { words: Words::Rules, ..options(Format::Trl) });
+    assert!(!report.left_out.contains_key("decisions whose History contradicts the record"), "{:?}", report.left_out);
+    assert!(row.is_some_and(|row| !row.contains("bed_1")));
+    // what is rewarded is what was said
+    let alone = RolloutOptions { group_size: Some(1), ..RolloutOptions::default() };
+    let (report, row) = export("rollouts", ExportOptions { selection: all, rollouts: Some(alone), ..options(Format::Trl) });
+    assert_eq!(report.history.mended + report.history.dropped, 0);
+    assert!(row.is_some_and(|row| row.contains("I placed the object on bed_1.")));
 }

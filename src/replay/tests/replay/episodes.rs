@@ -48,12 +48,7 @@ pub fn record_seeded(path: &Path, task: &Arc<Task>, name: &str, seed: u64, image
 
 /// Makes the chain of a changed trace hold again, and the end fit it.
 pub fn relink(trace: &mut Trace) {
-    trace.start.digests.chain = chain::start_link(&trace.header, &trace.start);
-    let mut link = trace.start.digests.chain;
-    for step in &mut trace.steps {
-        step.digests.chain = chain::step_link(&link, step);
-        link = step.digests.chain;
-    }
+    let link = chain::relink(&trace.header, &mut trace.start, &mut trace.steps);
     let end = trace.end.as_mut().unwrap();
     (end.chain, end.steps) = (link, trace.steps.len() as u32);
 }
