@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy prove-sft lint acceptance determinism determinism-cross clean
+.PHONY: help demo test bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy eval-blame prove-sft lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -34,6 +34,9 @@ bench-taxonomy: ## the failure rules over up to a million made-up episodes
 eval-taxonomy: ## how often the failure taxonomy is right, on 3,000 episodes with injected faults (ten minutes)
 	tests/eval-taxonomy.sh
 
+eval-blame: ## how often the decisive step is right, on 600 episodes with injected faults (ten minutes)
+	tests/eval-blame.sh
+
 prove-sft: ## train a small language model on an exported set and measure it in a home it never saw (needs Python)
 	tests/training/prove-sft.sh
 
@@ -45,6 +48,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/acceptance.sh
 	tests/determinism.sh
 	tests/eval-taxonomy.sh
+	tests/eval-blame.sh
 
 determinism: ## execute the golden traces in every build and condition of this machine: one table
 	tests/determinism.sh

@@ -31,7 +31,7 @@ pub use planner::{GoalHint, Planner};
 pub use policy::{Context, POLICIES, Policy, Seen, policy};
 pub use record::{RecordTo, TraceSink};
 pub use runner::{EpisodeReport, Job, run_all, run_episode, run_injected};
-pub use running::Running;
+pub use running::{Running, retrace};
 pub use sink::{NoSink, Recorded, Sink, SinkError};
 
 /// What can go wrong around an episode; never what goes wrong in it, which is feedback for the policy.

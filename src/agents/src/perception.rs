@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use reel_world::{
-    InstanceId, ReceptacleId, Scene, Task, WorldGraph,
+    Attributes, InstanceId, ReceptacleId, Scene, Task, WorldGraph,
     record::{Marker, MarkerTarget, StartRecord, StepRecord},
 };
 
@@ -46,7 +46,9 @@ fn object(task: &Task, graph: &WorldGraph, id: &InstanceId, marker: Option<u32>)
         furniture: false,
         category: known.category.clone(),
         caption: known.caption.clone(),
+        attributes: known.attributes.clone(),
         receptacle_hint: graph.place_of(id).cloned(),
+        thing: task.objects.iter().position(|object| object.instance == *id).and_then(|index| index.try_into().ok()),
     })
 }
 
@@ -59,7 +61,9 @@ fn receptacle(task: &Task, scene: &Scene, id: &ReceptacleId, marker: u32) -> Opt
         furniture: true,
         category: known.category.clone(),
         caption: told.map(String::as_str).or(known.main_caption()).map(str::to_owned),
+        attributes: Attributes::new(),
         receptacle_hint: Some(id.clone()),
+        thing: None,
     })
 }
 

@@ -1,33 +1,32 @@
-//! A policy that sees only what an agent sees: it searches candidate receptacles, remembers what it saw,
-//! compares captions with what it was told, and asks when several things fit. Never the simulator's truth.
+//! A policy that sees only what an agent sees: it keeps what it learns as a belief, and does what a competent agent does
+//! next with it. Never the simulator's truth; what the words of the instruction mean is taken as understood.
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use reel_plan::{Belief, Deed, Errand, Move, Thing, View};
 use reel_world::{
-    ErrorCode, ReceptacleId, Task, Tool,
+    ErrorCode, FLOOR, ObjectInstance, ReceptacleId, Task, Tool, language,
     record::{PolicyInfo, StepInput},
 };
 
 use crate::{Context, Policy, Seen, oracle::question, policy};
 
-/// Failed calls after which it stops.
+/// Failed calls of its own after which it stops.
 const FAILURES_MAX: u32 = 6;
-/// A destination is mentioned last in an instruction: at most so many words ("to place it") follow it.
-const WORDS_AFTER_DESTINATION: usize = 3;
 /// Furniture that one expects to have a closed door.
 pub(crate) const DOOR_WORDS: [&str; 6] = ["fridge", "refrigerator", "microwave", "washing", "dishwasher", "electriccooker"];
+/// What the user says as long as the object was not seen.
+const NOT_SEEN: [&str; 2] = ["please check", "look around"];
 
-/// One object to move, as far as the instruction and the list of receptacles tell.
+/// One object to move, as the instruction and the list of receptacles tell one who understands them.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct GoalHint {
     /// What to look for: a category, or a purpose where the instruction is underspecified.
     pub category: String,
     /// How it is described, where the instruction is precise.
     pub caption: Option<String>,
-    /// Where it may stand, in identifier order.
-    pub sources: Vec<ReceptacleId>,
-    /// Where it may have to go, in identifier order.
-    pub destinations: Vec<ReceptacleId>,
+    /// Where it may stand and may have to go, in identifier order, and which of these the words mean.
+    pub errand: Errand,
 }
 
 impl GoalHint {
@@ -43,368 +42,207 @@ impl GoalHint {
             .filter(|object| task.initial.place_of(&object.instance) != task.goal.place_of(&object.instance))
             .collect();
         moved.sort_by_key(|object| object.instance != task.target);
-        let hint = |object: &&reel_world::ObjectInstance| {
+        let hint = |object: &&ObjectInstance| {
             let is_target = object.instance == task.target;
             let to = task.goal.place_of(&object.instance).unwrap_or(&task.dest);
             let purpose = task.purpose.clone().filter(|_| task.fuzzy && is_target);
             GoalHint {
                 caption: object.caption.clone().filter(|_| purpose.is_none()),
+                errand: Errand {
+                    sources: sorted(&object.receptacle, if is_target { &task.src_distractors } else { &[] }),
+                    source: object.receptacle.clone(),
+                    destinations: sorted(to, if is_target { &task.dest_distractors } else { &[] }),
+                    destination: to.clone(),
+                    vague: purpose.is_some(),
+                },
                 category: purpose.unwrap_or_else(|| object.category.clone()),
-                sources: sorted(&object.receptacle, if is_target { &task.src_distractors } else { &[] }),
-                destinations: sorted(to, if is_target { &task.dest_distractors } else { &[] }),
             }
         };
         moved.iter().map(hint).collect()
     }
+
+    /// The same for one who knows which receptacles are meant.
+    #[must_use]
+    pub fn in_hindsight(&self) -> GoalHint {
+        let errand = Errand {
+            sources: vec![self.errand.source.clone()],
+            destinations: vec![self.errand.destination.clone()],
+            ..self.errand.clone()
+        };
+        GoalHint { errand, ..self.clone() }
+    }
+
+    /// Whether the instruction may mean a thing that looks like this.
+    fn fits(&self, seen: &Seen, instruction: &str) -> bool {
+        match self.errand.vague {
+            false => seen.category == self.category && (self.caption.is_none() || seen.caption == self.caption),
+            true => {
+                language::fits(instruction, &seen.described(), Some(&self.category))
+                    || language::is_a(&seen.category, &self.category)
+                    // Who does not know what serves the purpose has to ask.
+                    || !language::is_known_kind(&self.category)
+            }
+        }
+    }
 }
 
-/// Searches, remembers, asks.
+/// Searches, remembers, asks, puts back.
 #[derive(Debug)]
 pub struct Planner {
     seed: u64,
     hints: Vec<GoalHint>,
-    /// The hint at work.
-    current: usize,
-    at: Option<ReceptacleId>,
-    holding: bool,
-    /// Captions of receptacles, as read.
-    captions: BTreeMap<ReceptacleId, String>,
-    /// Receptacles that are of no use for this hint.
-    rejected: BTreeSet<ReceptacleId>,
-    /// Doors it opened.
-    opened: BTreeSet<ReceptacleId>,
-    /// Receptacles that turned out to have no door to open.
-    doorless: BTreeSet<ReceptacleId>,
-    /// A door that must be opened before the held object can be placed.
-    in_the_way: Option<ReceptacleId>,
-    /// Where the held object was taken from.
-    origin: Option<ReceptacleId>,
-    /// Where it looked last for something to pick: what it saw, and how it looked.
-    view: Vec<Seen>,
-    probed: bool,
-    walked: bool,
-    gazed: bool,
-    /// Whether the receptacles in view have numbers.
-    marked: bool,
-    asked: bool,
-    reply: String,
+    /// What it knows; none before it saw anything.
+    belief: Option<Belief>,
+    /// How the things look that it saw.
+    looks: BTreeMap<Thing, Seen>,
+    replies: Vec<String>,
     failures: u32,
-    /// The last call, and the receptacle that a number in it stands for.
-    last: Option<(Tool, Option<ReceptacleId>)>,
-    /// Whether somebody else made the last call.
-    watched: bool,
-    /// Whether somebody else took what is in the hand by mistake: it has to go back.
-    astray: bool,
+    /// The last call, if it was one of a tool, and what was in view when it was made.
+    last: Option<Last>,
+}
+
+#[derive(Debug)]
+struct Last {
+    tool: Option<Tool>,
+    seen: Vec<Seen>,
+    /// Whether it made the call itself.
+    own: bool,
 }
 
 impl Planner {
     /// A planner for what the instruction tells. It draws nothing at random; `seed` is only written down.
     pub fn new(hints: Vec<GoalHint>, seed: u64) -> Self {
-        Self {
-            seed,
-            hints,
-            current: 0,
-            at: None,
-            holding: false,
-            captions: BTreeMap::new(),
-            rejected: BTreeSet::new(),
-            opened: BTreeSet::new(),
-            doorless: BTreeSet::new(),
-            in_the_way: None,
-            origin: None,
-            view: Vec::new(),
-            probed: false,
-            walked: false,
-            gazed: false,
-            marked: false,
-            asked: false,
-            reply: String::new(),
-            failures: 0,
-            last: None,
-            watched: false,
-            astray: false,
-        }
+        let (looks, replies) = (BTreeMap::new(), Vec::new());
+        Self { seed, hints, belief: None, looks, replies, failures: 0, last: None }
     }
 
-    /// Takes in what the last call gave.
-    fn learn(&mut self, context: &Context<'_>) {
-        let Some((tool, receptacle)) = self.last.take() else { return };
-        let error = context.observation.error;
-        let watched = std::mem::take(&mut self.watched);
-        match error {
-            Some(error) if watched => return self.learn_watched_failure(&tool, receptacle, error),
-            Some(_) => return self.learn_failure(&tool, receptacle, error),
-            None => {}
+    /// What it knows now: takes in what came of the last call.
+    pub fn belief(&mut self, context: &Context<'_>) -> &Belief {
+        let last = self.last.take();
+        if let Some(Last { tool: Some(Tool::Ask { .. }), .. }) = &last
+            && context.observation.error.is_none()
+        {
+            self.replies.push(context.observation.text.clone());
         }
-        match tool {
-            Tool::NavTo { receptacle } => {
-                self.at = Some(receptacle);
-                self.forget_view();
+        for seen in context.seen {
+            if let Some(thing) = seen.thing {
+                self.looks.insert(thing, seen.clone());
             }
-            Tool::ShowReceptacles => {
-                self.marked = true;
-                let furniture = context.seen.iter().filter(|thing| thing.furniture);
-                for thing in furniture {
-                    if let Some(id) = &thing.receptacle_hint {
-                        self.captions.insert(id.clone(), thing.caption.clone().unwrap_or_default());
-                    }
+        }
+        let view = self.view(context);
+        let mut belief = self.belief.take().unwrap_or_else(|| self.at_start(context));
+        match last {
+            None => belief.see(&view),
+            Some(Last { tool, seen, own }) => {
+                self.failures += u32::from(own && context.observation.error.is_some());
+                let at = belief.at().cloned();
+                let deeds = tool.map_or_else(Vec::new, |tool| self.deeds(&tool, at, context, &seen));
+                deeds.iter().for_each(|deed| belief.learn(deed, &view));
+                if deeds.is_empty() {
+                    belief.see(&view);
+                }
+                for (thing, seen) in &self.looks {
+                    belief.fits(*thing, self.fits(seen, context));
                 }
             }
-            Tool::ShowObjectByCategory { .. } | Tool::WalkAround => {
-                self.probed = true;
-                self.walked |= tool == Tool::WalkAround;
-                self.marked = false;
-                self.view = context.seen.iter().filter(|thing| !thing.furniture).cloned().collect();
+        }
+        self.belief.insert(belief)
+    }
+
+    /// The call it would make now.
+    pub fn advice(&mut self, context: &Context<'_>) -> Tool {
+        let next = self.belief(context).next();
+        let number = |is_it: &dyn Fn(&Seen) -> bool| context.seen.iter().filter(|seen| is_it(seen)).find_map(|seen| seen.marker);
+        let of_thing = |thing: Thing| number(&|seen: &Seen| seen.thing == Some(thing));
+        let of_place = |id: &ReceptacleId| number(&|seen: &Seen| seen.furniture && seen.receptacle_hint.as_ref() == Some(id));
+        let tool = match &next {
+            Move::NavTo(receptacle) => Some(Tool::NavTo { receptacle: receptacle.clone() }),
+            Move::ShowReceptacles => Some(Tool::ShowReceptacles),
+            Move::Find(thing) => self.looks.get(thing).map(|seen| Tool::ShowObjectByCategory { category: seen.category.clone() }),
+            Move::WalkAround => Some(Tool::WalkAround),
+            Move::Gaze(thing) => of_thing(*thing).map(|marker| Tool::GazeAt { marker }),
+            Move::Pick(thing) => of_thing(*thing).map(|marker| Tool::Pick { marker }),
+            Move::Place(receptacle) => of_place(receptacle).map(|marker| Tool::Place { marker }),
+            Move::Open(receptacle) => of_place(receptacle).map(|marker| Tool::Open { marker }),
+            Move::Close(receptacle) => of_place(receptacle).map(|marker| Tool::Close { marker }),
+            Move::Ask(errand) => {
+                let category = self.hints.get(*errand).map(|hint| hint.category.as_str());
+                Some(Tool::Ask { question: question(context.seen, category) })
             }
-            Tool::GazeAt { .. } => self.gazed = true,
-            Tool::Pick { .. } => {
-                self.holding = true;
-                self.origin = self.at.clone();
-            }
-            Tool::Place { .. } => {
-                self.holding = false;
-                if std::mem::take(&mut self.astray) {
-                    // What was taken by mistake is out of the hand; nothing is gained.
-                } else if let Some(wrong) = receptacle.filter(|id| watched && !self.is_destination(id, context)) {
-                    if let Some(hint) = self.hints.get_mut(self.current) {
-                        hint.sources = vec![wrong];
-                    }
-                    self.rejected.clear();
-                } else if self.in_the_way.is_none() {
-                    self.current += 1;
-                    self.rejected.clear();
+            Move::Finish(_) => None,
+        };
+        tool.filter(|_| self.failures < FAILURES_MAX).unwrap_or(Tool::Finish)
+    }
+
+    fn at_start(&self, context: &Context<'_>) -> Belief {
+        let has_door = |category: &str| DOOR_WORDS.iter().any(|word| category.contains(word));
+        let doors = context.briefing.receptacles.iter().filter(|(_, category, _)| has_door(category));
+        let errands = self.hints.iter().map(|hint| hint.errand.clone()).collect();
+        Belief::new(errands, doors.map(|(id, ..)| id.clone()).collect())
+    }
+
+    fn fits(&self, seen: &Seen, context: &Context<'_>) -> Vec<bool> {
+        let object = seen.described();
+        let fits = |hint: &GoalHint| {
+            let told = || self.replies.iter().all(|reply| language::fits(reply, &object, None));
+            hint.fits(seen, &context.briefing.instruction) && (!hint.errand.vague || told())
+        };
+        self.hints.iter().map(fits).collect()
+    }
+
+    fn view(&self, context: &Context<'_>) -> View {
+        let mut view = View::default();
+        for seen in context.seen {
+            let place = seen.receptacle_hint.clone().filter(|place| place.as_str() != FLOOR);
+            match (seen.thing, place) {
+                (Some(thing), place) => {
+                    view.things.push((thing, place, self.fits(seen, context)));
+                    view.numbered.extend(seen.marker.map(|_| thing));
                 }
-                self.forget_view();
-            }
-            Tool::Open { .. } => {
-                self.opened.extend(receptacle);
-                self.in_the_way = None;
-            }
-            Tool::Close { .. } => {
-                receptacle.iter().for_each(|id| _ = self.opened.remove(id));
-            }
-            Tool::Ask { .. } => self.reply = context.observation.text.clone(),
-            Tool::Finish | Tool::Lifecycle(_) => {}
-        }
-    }
-
-    fn learn_failure(&mut self, tool: &Tool, receptacle: Option<ReceptacleId>, error: Option<ErrorCode>) {
-        match tool {
-            Tool::ShowObjectByCategory { .. } => self.probed = true,
-            Tool::WalkAround => self.walked = true,
-            Tool::GazeAt { .. } => self.gazed = true,
-            Tool::Ask { .. } => {}
-            Tool::NavTo { receptacle } => {
-                self.rejected.insert(receptacle.clone());
-                self.opened.remove(receptacle);
-                self.failures += 1;
-            }
-            Tool::Place { .. } if error == Some(ErrorCode::DoorClosed) => {
-                self.in_the_way = receptacle;
-                self.failures += 1;
-            }
-            Tool::Open { .. } => {
-                self.doorless.extend(receptacle);
-                self.in_the_way = None;
-            }
-            Tool::Close { .. } => {
-                receptacle.iter().for_each(|id| _ = self.opened.remove(id));
-            }
-            _ => {
-                self.rejected.extend(self.at.take());
-                self.failures += 1;
+                (None, Some(place)) if seen.marker.is_some() => _ = view.receptacles.insert(place),
+                (None, _) => {}
             }
         }
+        view
     }
 
-    /// What fails for somebody else says something of doors only.
-    fn learn_watched_failure(&mut self, tool: &Tool, receptacle: Option<ReceptacleId>, error: ErrorCode) {
-        match tool {
-            Tool::Place { .. } if error == ErrorCode::DoorClosed => self.in_the_way = receptacle,
-            Tool::Open { .. } if error != ErrorCode::HandNotFree => self.doorless.extend(receptacle),
-            Tool::Pick { .. } if !self.holding => self.astray = false,
-            _ => {}
-        }
-    }
-
-    /// Whether somebody else's place for the held object may be right, as far as it can tell.
-    fn is_destination(&self, id: &ReceptacleId, context: &Context<'_>) -> bool {
-        let Some(hint) = self.hints.get(self.current) else { return true };
-        let chosen = || self.choose(&hint.destinations, context, |after| after <= WORDS_AFTER_DESTINATION);
-        hint.destinations.contains(id) && (!self.captions.contains_key(id) || chosen().as_ref() == Some(id))
-    }
-
-    /// Whether somebody else takes what it would take, for the object at work or a later one, which then comes first.
-    fn is_wanted(&mut self, marker: u32, context: &Context<'_>) -> bool {
-        let Some(here) = self.at.clone() else { return false };
-        let is_source = |hint: &GoalHint| {
-            let chosen = || self.choose(&hint.sources, context, |after| after > WORDS_AFTER_DESTINATION);
-            hint.sources.contains(&here) && (!self.captions.contains_key(&here) || chosen().as_ref() == Some(&here))
+    /// What a call did; `at` is where the robot stood, `seen` what was in view then.
+    fn deeds(&self, tool: &Tool, at: Option<ReceptacleId>, context: &Context<'_>, seen: &[Seen]) -> Vec<Deed> {
+        let marked = |marker: &u32| seen.iter().find(|thing| thing.marker == Some(*marker));
+        let thing = |marker: &u32| marked(marker).and_then(|seen| seen.thing);
+        let place = |marker: &u32| marked(marker).filter(|seen| seen.furniture).and_then(|seen| seen.receptacle_hint.clone());
+        let deed = match (tool, context.observation.error) {
+            (Tool::NavTo { receptacle }, None) => Some(Deed::NavTo(receptacle.clone())),
+            (Tool::NavTo { receptacle }, Some(_)) => Some(Deed::Useless(receptacle.clone())),
+            (Tool::ShowReceptacles, error) => {
+                let is_here = |seen: &Seen| seen.furniture && seen.receptacle_hint == at;
+                let unseen = at.clone().filter(|_| !context.seen.iter().any(is_here)).map(Deed::Useless);
+                return error.is_none().then_some(Deed::ShowReceptacles).into_iter().chain(unseen).collect();
+            }
+            (Tool::ShowObjectByCategory { .. }, None | Some(ErrorCode::NothingFound)) => Some(Deed::Find),
+            (Tool::WalkAround, None | Some(ErrorCode::NothingFound)) => Some(Deed::WalkAround),
+            (Tool::GazeAt { marker }, None) => thing(marker).map(Deed::Gaze).or_else(|| place(marker).map(Deed::NavTo)),
+            // It may be in reach all the same.
+            (Tool::GazeAt { marker }, Some(ErrorCode::NoViewpoint)) => thing(marker).map(Deed::Gaze),
+            (Tool::Pick { marker }, None) => thing(marker).map(Deed::Pick),
+            (Tool::Pick { marker }, Some(ErrorCode::MarkerNotInView | ErrorCode::OutOfReach)) => thing(marker).map(Deed::Lost),
+            (Tool::Place { marker }, None) => place(marker).map(Deed::Place),
+            (Tool::Place { marker }, Some(ErrorCode::DoorClosed)) => place(marker).map(Deed::DoorClosed),
+            (Tool::Place { marker }, Some(ErrorCode::NoFreeSpot | ErrorCode::NotASurface)) => place(marker).map(Deed::Useless),
+            (Tool::Open { marker }, None) => place(marker).map(Deed::Open),
+            (Tool::Close { marker }, None) => place(marker).map(Deed::Close),
+            (Tool::Open { marker } | Tool::Close { marker }, Some(ErrorCode::NoDoor)) => place(marker).map(Deed::NoDoor),
+            (Tool::Ask { .. }, None) => {
+                let text = context.observation.text.to_lowercase();
+                Some(Deed::Ask(!NOT_SEEN.iter().any(|words| text.contains(words))))
+            }
+            _ => None,
         };
-        // Where the thing itself is not in view, what fits best is still another thing.
-        let is_kind = |hint: &GoalHint, thing: &Seen| hint.caption.is_none() || thing.category == hint.category;
-        let takes = |hint: &GoalHint| {
-            let is_it = |thing: &&Seen| thing.marker == Some(marker) && is_kind(hint, thing);
-            is_source(hint) && self.fitting(hint, &here).iter().any(is_it)
-        };
-        let Some(wanted) = (self.current..self.hints.len()).find(|index| takes(&self.hints[*index])) else { return false };
-        self.hints.swap(self.current, wanted);
-        true
+        deed.into_iter().collect()
     }
 
-    fn forget_view(&mut self) {
-        self.view.clear();
-        (self.probed, self.walked, self.gazed, self.marked) = (false, false, false, false);
-    }
-
-    fn decide(&mut self, context: &Context<'_>) -> (Tool, Option<ReceptacleId>) {
-        if self.failures >= FAILURES_MAX {
-            return (Tool::Finish, None);
-        }
-        let Some(hint) = self.hints.get(self.current).cloned() else { return self.wrap_up(context) };
-        if self.holding {
-            let goal = match (&self.in_the_way, &self.origin) {
-                (Some(_), Some(origin)) => Some(origin.clone()),
-                (None, Some(origin)) if self.astray => Some(origin.clone()),
-                _ => self.choose(&hint.destinations, context, |after| after <= WORDS_AFTER_DESTINATION),
-            };
-            let Some(receptacle) = goal else { return (Tool::Finish, None) };
-            return self.at_number(&receptacle, context, |marker| Tool::Place { marker });
-        }
-        // A hand must be free to open a door, so the destination's comes first.
-        let only = if hint.destinations.len() == 1 { hint.destinations.first() } else { None };
-        if let Some(door) = self.in_the_way.clone().or_else(|| only.filter(|id| self.is_shut(id, context)).cloned()) {
-            return self.at_number(&door, context, |marker| Tool::Open { marker });
-        }
-        match self.choose(&hint.sources, context, |after| after > WORDS_AFTER_DESTINATION) {
-            Some(source) => self.take_from(&source, &hint, context),
-            None => (Tool::Finish, None),
-        }
-    }
-
-    /// The candidate whose caption stands at the right place of the instruction; else one it knows nothing of;
-    /// else the one that has most words in common with the instruction.
-    fn choose(
-        &self,
-        candidates: &[ReceptacleId],
-        context: &Context<'_>,
-        is_right: impl Fn(usize) -> bool,
-    ) -> Option<ReceptacleId> {
-        let pool: Vec<&ReceptacleId> = candidates.iter().filter(|id| !self.rejected.contains(*id)).collect();
-        let instruction = words(&context.briefing.instruction);
-        let fits = |id: &ReceptacleId| {
-            self.captions.get(id).is_some_and(|caption| words_after(&instruction, &words(caption)).is_some_and(&is_right))
-        };
-        let overlap = |id: &ReceptacleId| self.captions.get(id).map_or(0, |caption| share(&words(caption), &instruction));
-        let known = pool.iter().find(|id| fits(id));
-        let unknown = || pool.iter().find(|id| !self.captions.contains_key(**id));
-        // `max_by_key` takes the last of equals; candidates come in order, so look from the back.
-        let best = || pool.iter().rev().max_by_key(|id| overlap(id));
-        known.or_else(unknown).or_else(best).map(|id| (*id).clone())
-    }
-
-    /// Looks for the object on a receptacle, and takes it.
-    fn take_from(&mut self, source: &ReceptacleId, hint: &GoalHint, context: &Context<'_>) -> (Tool, Option<ReceptacleId>) {
-        if self.at.as_ref() != Some(source) {
-            return (Tool::NavTo { receptacle: source.clone() }, None);
-        }
-        if hint.sources.len() > 1 && !self.captions.contains_key(source) {
-            if !self.marked {
-                return (Tool::ShowReceptacles, None);
-            }
-            // It is not in view from its own viewpoint: nothing is known of it, which is something to know.
-            self.captions.insert(source.clone(), String::new());
-            return self.decide(context);
-        }
-        if self.is_shut(source, context) {
-            return self.at_number(source, context, |marker| Tool::Open { marker });
-        }
-        if !self.probed {
-            return (Tool::ShowObjectByCategory { category: hint.category.clone() }, None);
-        }
-        let fitting = self.fitting(hint, source);
-        let underspecified = hint.caption.is_none() && self.reply.is_empty();
-        if !self.asked && underspecified && (2..).contains(&fitting.len()) {
-            self.asked = true;
-            return (Tool::Ask { question: question(&self.view, Some(&hint.category)) }, None);
-        }
-        match fitting.first().map(|thing| thing.marker) {
-            Some(Some(marker)) if !self.gazed => (Tool::GazeAt { marker }, None),
-            Some(Some(marker)) => (Tool::Pick { marker }, None),
-            _ if !self.walked => (Tool::WalkAround, None),
-            _ => {
-                self.rejected.insert(source.clone());
-                self.decide(context)
-            }
-        }
-    }
-
-    /// What fits best of what was seen here: several where it cannot tell them apart.
-    fn fitting(&self, hint: &GoalHint, source: &ReceptacleId) -> Vec<&Seen> {
-        let told = words(&[&hint.category, hint.caption.as_deref().unwrap_or(""), &self.reply].join(" "));
-        let here = |thing: &&Seen| thing.receptacle_hint.as_ref().is_none_or(|id| id == source);
-        let mut things: Vec<(&Seen, usize)> = Vec::new();
-        for thing in self.view.iter().filter(here) {
-            let described = words(&[&thing.category, thing.caption.as_deref().unwrap_or("")].join(" "));
-            things.push((thing, share(&described, &told)));
-        }
-        let of_category = things.iter().any(|(thing, _)| thing.category == hint.category);
-        if of_category {
-            things.retain(|(thing, _)| thing.category == hint.category);
-        }
-        let numbered = things.iter().any(|(thing, _)| thing.marker.is_some());
-        let told_apart = hint.caption.is_some() || !self.reply.is_empty();
-        let best = things.iter().map(|(_, share)| *share).max().filter(|_| told_apart);
-        things.retain(|(_, share)| best.is_none_or(|best| *share == best));
-        // Numbered ones first: only they can be taken.
-        things.sort_by_key(|(thing, _)| thing.marker.is_none());
-        if numbered || self.walked { things.into_iter().map(|(thing, _)| thing).collect() } else { Vec::new() }
-    }
-
-    /// Closes what it opened, then finishes.
-    fn wrap_up(&mut self, context: &Context<'_>) -> (Tool, Option<ReceptacleId>) {
-        let here = self.opened.iter().find(|id| self.at.as_ref() == Some(id));
-        match here.or_else(|| self.opened.first()).cloned() {
-            Some(door) => self.at_number(&door, context, |marker| Tool::Close { marker }),
-            None => (Tool::Finish, None),
-        }
-    }
-
-    /// Goes to the receptacle, gets it numbered, and uses the number.
-    fn at_number(
-        &mut self,
-        receptacle: &ReceptacleId,
-        context: &Context<'_>,
-        call: impl Fn(u32) -> Tool,
-    ) -> (Tool, Option<ReceptacleId>) {
-        if self.at.as_ref() != Some(receptacle) {
-            return (Tool::NavTo { receptacle: receptacle.clone() }, None);
-        }
-        if !self.marked {
-            return (Tool::ShowReceptacles, None);
-        }
-        let is_it = |thing: &&Seen| thing.furniture && thing.receptacle_hint.as_ref() == Some(receptacle);
-        let marker = context.seen.iter().filter(is_it).find_map(|thing| thing.marker);
-        // The numbers hold for one use; the next one looks again.
-        self.marked = false;
-        match marker {
-            Some(marker) => (call(marker), Some(receptacle.clone())),
-            None => {
-                self.failures += 1;
-                self.rejected.insert(receptacle.clone());
-                self.opened.remove(receptacle);
-                self.doorless.insert(receptacle.clone());
-                self.in_the_way = None;
-                self.decide(context)
-            }
-        }
-    }
-
-    fn is_shut(&self, id: &ReceptacleId, context: &Context<'_>) -> bool {
-        let category =
-            context.briefing.receptacles.iter().find(|(known, ..)| known == id).map_or("", |(_, category, _)| category);
-        let has_door = DOOR_WORDS.iter().any(|word| category.contains(word));
-        has_door && !self.opened.contains(id) && !self.doorless.contains(id) && !self.rejected.contains(id)
+    fn remember(&mut self, tool: Option<Tool>, context: &Context<'_>, own: bool) {
+        self.last = Some(Last { tool, seen: context.seen.to_vec(), own });
     }
 }
 
@@ -418,76 +256,14 @@ impl Policy for Planner {
     }
 
     fn act(&mut self, context: &Context<'_>) -> StepInput {
-        self.learn(context);
-        let (tool, receptacle) = self.decide(context);
-        self.last = Some((tool.clone(), receptacle));
-        StepInput { call: tool.to_call(), policy: None, user_reply: None }
+        let tool = self.advice(context);
+        let call = tool.to_call();
+        self.remember(Some(tool), context, true);
+        StepInput { call, policy: None, user_reply: None }
     }
 
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
-        self.learn(context);
-        let Ok(tool) = Tool::parse(&input.call) else { return };
-        let numbered = |marker: u32| context.seen.iter().find(|thing| thing.marker == Some(marker));
-        let mut receptacle = None;
-        match &tool {
-            Tool::Place { marker } | Tool::Open { marker } | Tool::Close { marker } => {
-                receptacle = numbered(*marker).filter(|thing| thing.furniture).and_then(|thing| thing.receptacle_hint.clone());
-                self.marked = false;
-            }
-            Tool::Pick { marker } if !self.holding => self.astray = !self.is_wanted(*marker, context),
-            Tool::GazeAt { marker } => {
-                // It has looked only where it looked at the thing it would take.
-                self.gazed = false;
-                if !self.is_wanted(*marker, context) {
-                    return;
-                }
-            }
-            Tool::ShowReceptacles => self.forget_view(),
-            Tool::Ask { .. } => self.asked = true,
-            _ => {}
-        }
-        self.last = Some((tool, receptacle));
-        self.watched = true;
-    }
-}
-
-/// Lower-case words without articles.
-fn words(text: &str) -> Vec<String> {
-    let parts = text.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
-    parts.map(str::to_lowercase).filter(|word| !["the", "a", "an"].contains(&word.as_str())).collect()
-}
-
-/// How many words of the text follow the last mention of the phrase; none where it is not mentioned.
-fn words_after(text: &[String], phrase: &[String]) -> Option<usize> {
-    if phrase.is_empty() {
-        return None;
-    }
-    let start = text.windows(phrase.len()).rposition(|window| window == phrase)?;
-    Some(text.len() - start - phrase.len())
-}
-
-/// Per mille of the words that stand among the others.
-fn share(of: &[String], among: &[String]) -> usize {
-    let common = of.iter().filter(|word| among.contains(word)).count();
-    if of.is_empty() { 0 } else { common * 1000 / of.len() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_mention_is_found_without_articles_and_case() {
-        let text = words("Navigate to the table to place my snack, grasp it, and carry it to the Table much larger.");
-        assert_eq!(words_after(&text, &words("the table much larger")), Some(0));
-        assert!(words_after(&text, &words("table to place my snack")).unwrap() > WORDS_AFTER_DESTINATION);
-        assert_eq!(words_after(&text, &words("the bed")), None);
-        assert_eq!(words_after(&text, &[]), None);
-    }
-
-    #[test]
-    fn a_share_is_of_the_first() {
-        assert_eq!(share(&words("round green apple"), &words("the green one, an apple")), 666);
-        assert_eq!(share(&[], &words("apple")), 0);
+        self.belief(context);
+        self.remember(Tool::parse(&input.call).ok(), context, false);
     }
 }

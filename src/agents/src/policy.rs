@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use reel_episode::{Briefing, Observation, Privileged};
+use reel_plan::Thing;
 use reel_world::{
-    ReceptacleId, Scene, Task,
+    Attributes, ObjectInstance, ReceptacleId, Scene, Task,
     record::{PolicyInfo, StepInput},
 };
 
@@ -60,8 +61,30 @@ pub struct Seen {
     /// How one would describe it. Of a receptacle's captions the one that stands in the instruction, if any:
     /// who knows the instruction sees that it fits.
     pub caption: Option<String>,
+    /// Colour, material, shape and size words of an object, as one sees them.
+    pub attributes: Attributes,
     /// For an object the receptacle it is seen on; for a receptacle which of the briefing's it is.
     pub receptacle_hint: Option<ReceptacleId>,
+    /// For an object a number that it keeps for the whole episode: who follows things with the eyes knows them again.
+    pub thing: Option<Thing>,
+}
+
+impl Seen {
+    /// As an object that has a look and no name.
+    pub(crate) fn described(&self) -> ObjectInstance {
+        ObjectInstance {
+            instance: String::new().into(),
+            asset: String::new().into(),
+            category: self.category.clone(),
+            caption: self.caption.clone(),
+            attributes: self.attributes.clone(),
+            size: [0.0; 3],
+            position: [0.0; 3],
+            yaw: 0.0,
+            receptacle: String::new().into(),
+            reference_rest: None,
+        }
+    }
 }
 
 /// Every built-in policy: name and what it does, in one line.

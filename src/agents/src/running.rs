@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use reel_episode::{Briefing, Episode, EpisodeConfig, Observation, StepOutput};
 use reel_world::{
-    Frame, WorldGraph,
-    record::{EpisodeHeader, StepInput, StepRecord},
+    Frame, Scene, Task, WorldGraph,
+    record::{EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
 
 use crate::{
@@ -33,7 +33,7 @@ impl Running {
         let (episode, start, frame) = Episode::start(config).map_err(|source| AgentError::Start { task: task_id, source })?;
         let (mut sink, path) = open(&episode, record)?;
         sink.start(&start, Some(&frame)).map_err(|source| unwritten(episode.header(), &path, source))?;
-        let known = Known::at_start(&episode, Some(frame));
+        let known = Known::at_start(episode.task(), episode.scene(), &start, Some(frame));
         Ok(Self { episode, sink, path, known })
     }
 
@@ -54,7 +54,8 @@ impl Running {
         let start = episode.start_record();
         sink.start(start, frame(None).as_ref()).map_err(fail)?;
         // Pictures are not among what is known again: built-in policies have what they would see in them from `perception`.
-        let (mut known, mut graph) = (Known::at_start(&episode, None), start.graphs.physics.clone());
+        let (mut known, mut graph) =
+            (Known::at_start(episode.task(), episode.scene(), start, None), start.graphs.physics.clone());
         for step in episode.steps() {
             if let Some(witness) = witness.as_deref_mut() {
                 witness.watch(&known.context(), &step.input);
@@ -62,7 +63,7 @@ impl Running {
             sink.input(step.step, &step.input).map_err(fail)?;
             sink.step(step, frame(Some(step.step)).as_ref()).map_err(fail)?;
             graph.apply(&step.changes.physics);
-            known.after(&episode, &graph, step, None);
+            known.after(episode.task(), episode.scene(), &graph, step, None);
         }
         Ok(Self { episode, sink, path, known })
     }
@@ -131,9 +132,27 @@ impl Running {
         sink.input(known.calls, &input).map_err(|source| unwritten(episode.header(), path, source))?;
         let StepOutput { record, frame } = episode.step(input);
         sink.step(&record, frame.as_ref()).map_err(|source| unwritten(episode.header(), path, source))?;
-        known.after(episode, episode.privileged().graph, &record, frame);
+        known.after(episode.task(), episode.scene(), episode.privileged().graph, &record, frame);
         Ok(())
     }
+}
+
+/// Shows somebody every moment of a recorded episode as its agent knew it, without pictures: what was known, and the step that
+/// came then; none at the end.
+pub fn retrace(
+    task: &Task,
+    scene: &Scene,
+    start: &StartRecord,
+    steps: &[StepRecord],
+    mut show: impl FnMut(&Context<'_>, Option<&StepRecord>),
+) {
+    let (mut known, mut graph) = (Known::at_start(task, scene, start, None), start.graphs.physics.clone());
+    for step in steps {
+        show(&known.context(), Some(step));
+        graph.apply(&step.changes.physics);
+        known.after(task, scene, &graph, step, None);
+    }
+    show(&known.context(), None);
 }
 
 /// What an agent knows at a moment of an episode.
@@ -145,11 +164,11 @@ struct Known {
 }
 
 impl Known {
-    fn at_start(episode: &Episode, frame: Option<Frame>) -> Self {
+    fn at_start(task: &Task, scene: &Scene, start: &StartRecord, frame: Option<Frame>) -> Self {
         Self {
-            briefing: episode.briefing(),
+            briefing: Briefing::new(task, scene),
             observation: Observation { text: String::new(), error: None, frame },
-            seen: perception::at_start(episode.task(), episode.scene(), episode.start_record()),
+            seen: perception::at_start(task, scene, start),
             calls: 0,
         }
     }
@@ -159,9 +178,9 @@ impl Known {
     }
 
     /// Takes in what came of a call; `graph` is where physics says the objects are then.
-    fn after(&mut self, episode: &Episode, graph: &WorldGraph, step: &StepRecord, frame: Option<Frame>) {
+    fn after(&mut self, task: &Task, scene: &Scene, graph: &WorldGraph, step: &StepRecord, frame: Option<Frame>) {
         self.calls = step.step + 1;
-        self.seen = perception::after_step(episode.task(), episode.scene(), graph, step);
+        self.seen = perception::after_step(task, scene, graph, step);
         self.observation = Observation { text: step.outcome.text.clone(), error: step.outcome.error, frame };
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use reel_agents::{EpisodeReport, Policy, RecordTo, Running, policy};
+use reel_episode::Episode;
 use reel_replay::{Fork, pictures_at};
 use reel_sim::render::Detail;
 use reel_trace::{Images, Trace};
@@ -79,6 +80,27 @@ impl Branch {
     /// When the policy or a call to go on with does not exist, the parent's pictures cannot be had, or the trace cannot be
     /// written.
     pub fn play(&self, fork: &Fork<'_>, record: Option<&RecordTo>) -> Result<EpisodeReport, BranchError> {
+        self.play_shown(fork, record, |_| ())
+    }
+
+    /// Plays it unrecorded, and gives its calls besides.
+    ///
+    /// # Errors
+    /// As [`Branch::play`].
+    pub fn play_for_calls(&self, fork: &Fork<'_>) -> Result<(EpisodeReport, Vec<ToolCall>), BranchError> {
+        let mut calls = Vec::new();
+        let report = self.play_shown(fork, None, |episode| {
+            calls = episode.steps()[fork.call()..].iter().map(|step| step.input.call.clone()).collect();
+        })?;
+        Ok((report, calls))
+    }
+
+    fn play_shown(
+        &self,
+        fork: &Fork<'_>,
+        record: Option<&RecordTo>,
+        show: impl FnOnce(&Episode),
+    ) -> Result<EpisodeReport, BranchError> {
         let parent = fork.parent();
         if let Then::Parent(from) = self.then
             && from > parent.steps.len()
@@ -105,9 +127,11 @@ impl Branch {
                 make(&mut running, StepInput { policy: None, ..step.input.clone() }, &mut heir)?;
             }
         }
-        let Some(mut heir) = heir else { return Ok(running.end(None)?) };
-        running.play(heir.as_mut())?;
-        Ok(running.end(heir.gave_up())?)
+        if let Some(heir) = heir.as_deref_mut() {
+            running.play(heir)?;
+        }
+        show(running.episode());
+        Ok(running.end(heir.and_then(|heir| heir.gave_up()))?)
     }
 
     /// Goes to the moment before call `at` of the parent and plays it from there; see [`Fork::at`] and [`Branch::play`].

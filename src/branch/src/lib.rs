@@ -63,6 +63,14 @@ pub enum BranchError {
         /// Why.
         source: Box<BranchError>,
     },
+    /// A branch cannot be read again.
+    #[error("the branch cannot be read again: {error}: {path}", path = path.display())]
+    Unreadable {
+        /// The trace.
+        path: PathBuf,
+        /// Why.
+        error: String,
+    },
     /// The policy is unknown, or the trace cannot be written.
     #[error(transparent)]
     Agent(#[from] reel_agents::AgentError),

@@ -49,6 +49,10 @@ enum Command {
     Show(commands::show::Arguments),
     #[command(about = "Play another future of a recorded episode, from any call")]
     Branch(commands::branch::Arguments),
+    #[command(about = "Measure why episodes failed: the step that decided, and what would have been better")]
+    Blame(commands::blame::Arguments),
+    #[command(about = "Find the smallest change of a failed episode's calls that makes it succeed")]
+    Repair(commands::repair::Arguments),
     #[command(about = "Show two traces of one task side by side, from the first difference on")]
     Diff(commands::diff::Arguments),
     #[command(about = "Restore what unfinished, torn or damaged recordings hold")]
@@ -110,6 +114,8 @@ fn main() -> ExitCode {
         Command::Mint(arguments) => commands::mint::run(&arguments),
         Command::Show(arguments) => commands::show::run(&arguments),
         Command::Branch(arguments) => commands::branch::run(&arguments),
+        Command::Blame(arguments) => commands::blame::run(&arguments),
+        Command::Repair(arguments) => commands::repair::run(&arguments),
         Command::Diff(arguments) => commands::diff::run(&arguments),
         Command::Recover(arguments) => commands::recover::run(&arguments),
         Command::Doctor(arguments) => commands::doctor::run(&arguments),

@@ -154,12 +154,7 @@ impl Episode {
 
     /// What the agent is told.
     pub fn briefing(&self) -> Briefing {
-        let entry =
-            |receptacle: &reel_world::Receptacle| (receptacle.id.clone(), receptacle.category.clone(), receptacle.room.clone());
-        Briefing {
-            instruction: self.config.task.instruction.clone(),
-            receptacles: self.config.scene.receptacles.iter().map(entry).collect(),
-        }
+        Briefing::new(&self.config.task, &self.config.scene)
     }
 
     /// Takes one decision. After the end every call is an `episode_over` error that changes nothing.

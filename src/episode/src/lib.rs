@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use reel_reward::Preset;
 use reel_world::{
-    Digest, ErrorCode, Frame, InstanceId, Profile, ReceptacleId, Scene, Task, WorldGraph,
+    Digest, ErrorCode, Frame, InstanceId, Profile, Receptacle, ReceptacleId, Scene, Task, WorldGraph,
     record::{Marker, Parent, PolicyInfo, StepRecord},
 };
 
@@ -79,6 +79,14 @@ pub struct Briefing {
     pub instruction: String,
     /// Receptacle ids with category and room.
     pub receptacles: Vec<(ReceptacleId, String, String)>,
+}
+
+impl Briefing {
+    /// What an agent is told of a task in its scene.
+    pub fn new(task: &Task, scene: &Scene) -> Self {
+        let entry = |receptacle: &Receptacle| (receptacle.id.clone(), receptacle.category.clone(), receptacle.room.clone());
+        Self { instruction: task.instruction.clone(), receptacles: scene.receptacles.iter().map(entry).collect() }
+    }
 }
 
 /// What an agent gets after a decision (and before the first): nothing privileged.

@@ -4,6 +4,7 @@
 //! Pure functions. Never perception, geometry, randomness or the simulator: who turns an intent into calls
 //! is a policy.
 
+mod belief;
 mod cost;
 mod planner;
 mod published;
@@ -12,6 +13,7 @@ use std::fmt;
 
 use reel_world::{InstanceId, ReceptacleId, Scene, Task, WorldGraph};
 
+pub use belief::{Belief, Deed, Errand, Move, Objection, Sighting, Thing, View};
 pub use cost::{calls, cost_to_go};
 pub use planner::plan;
 pub use published::published_plan;

@@ -326,7 +326,17 @@ fn turning(draft: &mut Draft<'_>, index: usize, fault: &Fault, between: usize) -
     let gives_up = draft.chance(20);
     let long = between * 4 + draft.draw(4);
     let times = if fault.repaired { Some(turns) } else { gives_up.then_some(long) };
-    one(index, fault, at, vec![Leg::Do { deeds: circle.iter().map(nav).collect(), times }], vec![finish()])
+    let mut deeds: Vec<Deed> = circle.iter().map(nav).collect();
+    if at == Until::Looking {
+        return one(index, fault, at, vec![Leg::Do { deeds, times }], vec![finish()]);
+    }
+    // To where it should go it goes rightly once; the fault begins when it leaves again.
+    let rightly = deeds[0].clone();
+    deeds.rotate_left(1);
+    let times = times.map(|times| times - 1);
+    let mut inserts = one(index, fault, at, vec![Leg::Do { deeds, times }], vec![finish()]);
+    inserts[0].legs.insert(0, Leg::one(rightly));
+    inserts
 }
 
 fn repeated_failure(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {

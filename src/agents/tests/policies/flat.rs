@@ -5,7 +5,7 @@ use std::{collections::BTreeSet, sync::Arc};
 use reel_agents::{Context, Policy, Seen};
 use reel_episode::{Briefing, Observation, Privileged};
 use reel_world::{
-    DoorState, ErrorCode, FLOOR, HORIZON, InstanceId, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph,
+    Attributes, DoorState, ErrorCode, FLOOR, HORIZON, InstanceId, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph,
     record::{Marker, MarkerTarget, StepInput},
 };
 use serde_json::json;
@@ -157,7 +157,9 @@ impl Flat {
                 furniture: false,
                 category: known.category.clone(),
                 caption: known.caption.clone(),
+                attributes: known.attributes.clone(),
                 receptacle_hint: self.graph.place_of(id).cloned(),
+                thing: self.task.objects.iter().position(|object| object.instance == *id).map(|index| index as u32),
             }
         };
         let mut seen = Vec::new();
@@ -175,7 +177,9 @@ impl Flat {
                         furniture: true,
                         category: known.category.clone(),
                         caption: known.main_caption().map(str::to_owned),
+                        attributes: Attributes::new(),
                         receptacle_hint: Some(id.clone()),
+                        thing: None,
                     }
                 }
             });

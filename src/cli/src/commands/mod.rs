@@ -3,6 +3,7 @@
 #[cfg(feature = "analytics")]
 pub mod annotate;
 pub mod bench;
+pub mod blame;
 pub mod branch;
 #[cfg(feature = "analytics")]
 pub mod dataset;
@@ -28,6 +29,7 @@ pub mod paranoid;
 pub mod query;
 pub mod recover;
 pub mod repack;
+pub mod repair;
 pub mod replay;
 #[cfg(feature = "analytics")]
 pub mod reward;

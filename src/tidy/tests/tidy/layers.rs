@@ -15,7 +15,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("agents", &["world", "plan", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
     ("replay", &["world", "sim", "reward", "plan", "episode", "trace"]),
-    ("branch", &["world", "sim", "trace", "agents", "replay"]),
+    ("branch", &["world", "sim", "episode", "trace", "agents", "replay"]),
+    ("blame", &["world", "plan", "trace", "agents", "replay", "branch"]),
     ("history", &["world"]),
     ("tables", &["world", "reward", "trace", "history"]),
     ("pattern", &[]),
@@ -47,7 +48,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("prost*", &["trace"]),
     ("rerun*", &["view"]),
     ("tokio", &["tables", "query", "server"]),
-    ("rayon", &["agents", "branch", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
+    ("rayon", &["agents", "blame", "branch", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents", "annotate", "query"]),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["pattern", "reward"]),

@@ -71,6 +71,11 @@ pub fn is_a(category: &str, kind: &str) -> bool {
     vocabulary().lineage(&normal(category)).contains(&vocabulary().canonical(&normal(kind)))
 }
 
+/// Whether it is known of any category that it is of this kind; else [`is_a`] only finds what is called so.
+pub fn is_known_kind(kind: &str) -> bool {
+    vocabulary().has_kinds(&vocabulary().canonical(&normal(kind)))
+}
+
 /// Colour, material, shape and size words of a caption, as they were said, in their order.
 pub fn attribute_words(text: &str) -> Attributes {
     let mut found = Attributes::new();

@@ -58,6 +58,11 @@ impl Vocabulary {
         self.canonical.contains_key(name) || self.compact.contains_key(&name.replace(' ', ""))
     }
 
+    /// Whether something in the vocabulary is a kind of this, by its canonical name.
+    pub(super) fn has_kinds(&self, name: &str) -> bool {
+        self.parents.values().flatten().any(|parent| parent == name)
+    }
+
     /// The canonical name of a name in normal form; the name itself where it is unknown.
     pub(super) fn canonical(&self, name: &str) -> String {
         let found = self.canonical.get(name).or_else(|| self.compact.get(&name.replace(' ', "")));

@@ -1,0 +1,167 @@
+//! What is left to do at every moment of an episode: for a competent agent that knows what its agent knew, and in truth.
+//! Never who is to blame.
+
+use std::collections::BTreeSet;
+
+use reel_agents::{Context, GoalHint, Planner, Policy, retrace};
+use reel_plan::{Move, Objection};
+use reel_trace::Trace;
+use reel_world::{DoorState, FLOOR, HORIZON, InstanceId, Profile, ReceptacleId, Task, Tool, WorldGraph, record::StepRecord};
+use serde::Serialize;
+
+/// A moment of an episode: before a call, or after the last.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Moment {
+    /// Decisions after which a competent agent is sure to have succeeded, at worst; none where it cannot be sure of it.
+    pub cost: Option<u32>,
+    /// The same for one who knows besides which receptacles are meant: nothing falls by a lucky find.
+    pub hindsight: Option<u32>,
+    /// The least that is left to do in truth, wherever the robot stands and whatever is in view; none: out of reach.
+    pub work: Option<u32>,
+    /// Decisions left.
+    pub budget: u32,
+    /// What the competent agent would do.
+    pub advice: Tool,
+    /// What speaks against the call that came then.
+    pub objection: Option<Objection>,
+}
+
+/// What one step cost. The costs are of what its agent knew, at worst, in decisions.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+pub struct StepCost {
+    /// From 0.
+    pub step: u32,
+    /// Before it; none where success could not be had for sure within the decisions left.
+    pub before: Option<u32>,
+    /// After it.
+    pub after: Option<u32>,
+    /// Decisions it lost: how far the cost did not fall by one. None where success was out of reach before or after.
+    pub regret: Option<u32>,
+}
+
+impl Moment {
+    /// The cost, where there is time for it.
+    pub fn affordable(&self) -> Option<u32> {
+        self.cost.filter(|cost| *cost <= self.budget)
+    }
+}
+
+/// Every moment of an episode, one more than it has steps.
+pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
+    let hints = GoalHint::of_task(&trace.task);
+    let mut knowing = Planner::new(hints.iter().map(GoalHint::in_hindsight).collect(), 0);
+    let mut planner = Planner::new(hints, 0);
+    let mut truth = Truth::new(trace);
+    let mut moments = Vec::with_capacity(trace.steps.len() + 1);
+    let ended = trace.end.as_ref().map(|end| end.metrics.success);
+    retrace(&trace.task, &trace.scene, &trace.start, &trace.steps, |context, step| {
+        let advice = planner.advice(context);
+        let belief = planner.belief(context);
+        let objection = step.and_then(|step| belief.objection(&made(&trace.task, context, step)?));
+        let (cost, hindsight) = match (step, ended) {
+            (None, Some(success)) => (success.then_some(0), success.then_some(0)),
+            _ => (belief.cost_to_go(), knowing.belief(context).cost_to_go()),
+        };
+        let budget = HORIZON.saturating_sub(context.step);
+        moments.push(Moment { cost, hindsight, work: truth.work(), budget, advice, objection });
+        if let Some(step) = step {
+            planner.watch(context, &step.input);
+            knowing.watch(context, &step.input);
+            truth.follow(step);
+        }
+    });
+    moments
+}
+
+/// What every step cost.
+pub(crate) fn step_costs(moments: &[Moment]) -> Vec<StepCost> {
+    let cost = |(step, pair): (usize, &[Moment])| {
+        let (before, after) = (pair[0].affordable(), pair[1].affordable());
+        let regret = before.zip(after).map(|(before, after)| (after + 1).saturating_sub(before));
+        StepCost { step: step as u32, before, after, regret }
+    };
+    moments.windows(2).enumerate().map(cost).collect()
+}
+
+/// The call of a step as a move; none where it is none that one could object to.
+fn made(task: &Task, context: &Context<'_>, step: &StepRecord) -> Option<Move> {
+    let object = |marker: u32| context.seen.iter().find(|seen| seen.marker == Some(marker)).and_then(|seen| seen.thing);
+    let place = |marker: u32| {
+        let marked = context.seen.iter().find(|seen| seen.furniture && seen.marker == Some(marker));
+        marked.and_then(|seen| seen.receptacle_hint.clone())
+    };
+    let picked = || {
+        let index = task.objects.iter().position(|known| Some(&known.instance) == step.object.as_ref())?;
+        u32::try_from(index).ok()
+    };
+    Some(match Tool::parse(&step.input.call).ok()? {
+        Tool::NavTo { receptacle } => Move::NavTo(receptacle),
+        Tool::WalkAround | Tool::ShowObjectByCategory { .. } => Move::WalkAround,
+        Tool::ShowReceptacles => Move::ShowReceptacles,
+        Tool::GazeAt { marker } => Move::Gaze(object(marker)?),
+        Tool::Pick { marker } => Move::Pick(object(marker).or_else(picked)?),
+        Tool::Place { marker } => Move::Place(place(marker)?),
+        Tool::Ask { .. } => Move::Ask(0),
+        Tool::Open { .. } | Tool::Close { .. } | Tool::Finish | Tool::Lifecycle(_) => return None,
+    })
+}
+
+/// The truth of an episode, followed through its records.
+struct Truth<'t> {
+    task: &'t Task,
+    by_registry: bool,
+    graph: WorldGraph,
+    held: Option<InstanceId>,
+    /// What was in the hand at some time.
+    taken: BTreeSet<InstanceId>,
+}
+
+/// Calls that bring a held thing to its place: `nav_to`, `show_receptacles`, `place`.
+const BRING: u32 = 3;
+/// Calls that take a thing: `nav_to`, a look, `gaze_at`, `pick`.
+const TAKE: u32 = 4;
+/// Calls that open a door: `nav_to`, `show_receptacles`, `open`.
+const OPEN: u32 = 3;
+
+impl<'t> Truth<'t> {
+    fn new(trace: &'t Trace) -> Self {
+        let by_registry = trace.header.profile == Profile::RealRepo;
+        let graphs = &trace.start.graphs;
+        let graph = if by_registry { graphs.registry.clone() } else { graphs.physics.clone() };
+        Self { task: &trace.task, by_registry, graph, held: None, taken: BTreeSet::new() }
+    }
+
+    fn follow(&mut self, step: &StepRecord) {
+        let changes = if self.by_registry { &step.changes.registry } else { &step.changes.physics };
+        self.graph.apply(changes);
+        self.held.clone_from(&step.held);
+        self.taken.extend(step.held.clone());
+    }
+
+    /// What is left to do: everything that the goal moves, and what was taken, has to come to where the goal has it.
+    fn work(&self) -> Option<u32> {
+        let mut work = 1;
+        let mut doors: BTreeSet<&ReceptacleId> = BTreeSet::new();
+        for object in &self.task.objects {
+            let id = &object.instance;
+            let wanted = self.task.goal.place_of(id);
+            let moved = wanted != self.task.initial.place_of(id);
+            let held = self.held.as_ref() == Some(id);
+            let place = self.graph.place_of(id);
+            if !(moved || self.taken.contains(id)) || (place == wanted && !held) {
+                continue;
+            }
+            let to = wanted?;
+            let closed = |id: &ReceptacleId| self.graph.door(id) == Some(DoorState::Closed);
+            if held {
+                work += BRING;
+            } else {
+                let from = place.filter(|place| place.as_str() != FLOOR)?;
+                work += TAKE + BRING;
+                doors.extend(Some(from).filter(|from| closed(from)));
+            }
+            doors.extend(Some(to).filter(|to| closed(to)));
+        }
+        Some(work + OPEN * doors.len() as u32)
+    }
+}

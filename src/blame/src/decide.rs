@@ -1,0 +1,58 @@
+//! Which step of a failed episode decided, from what every moment still cost. Never what caused it.
+//!
+//! A step does harm when more is left to do after it than before, and it is repaid when the loss was made good. What changes
+//! the world (`pick`, `place`, `open`, `close`) is measured by the work that is left in truth; what changes only the view, the
+//! place of the robot or the time, by the cost for one who knows what the agent knew. Harm to the world comes first: who
+//! drives to a wrong table and puts the thing there goes wrong where it is put.
+
+use reel_trace::Trace;
+use reel_world::Tool;
+use serde::{Deserialize, Serialize};
+
+use crate::cost::Moment;
+
+/// Decisions lost in vain after which an agent that finishes has given up rather than ended too early.
+const IN_VAIN: u32 = 4;
+
+/// What kind of harm the decisive step did.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Harm {
+    /// It changed the world for the worse.
+    World,
+    /// It ended the episode although success was still to be had.
+    Ending,
+    /// With it the agent left the way to success and never came back, until it ended or the decisions ran out.
+    Time,
+}
+
+/// The decisive step of an episode that failed, with its harm; none where nothing was lost.
+pub(crate) fn decisive(trace: &Trace, moments: &[Moment]) -> Option<(usize, Harm)> {
+    let steps = trace.steps.len();
+    let tools: Vec<Option<Tool>> = trace.steps.iter().map(|step| Tool::parse(&step.input.call).ok()).collect();
+    let mut settled = 0;
+    for (step, tool) in tools.iter().enumerate() {
+        let done = trace.steps[step].outcome.error.is_none();
+        let deed = matches!(tool, Some(Tool::Pick { .. } | Tool::Place { .. } | Tool::Open { .. } | Tool::Close { .. }));
+        let work = |moment: usize| moments[moment].work.unwrap_or(u32::MAX);
+        if done && deed && work(step + 1) > work(step) {
+            match (step + 2..=steps).find(|later| work(*later) <= work(step)) {
+                Some(repaid) => settled = settled.max(repaid),
+                None => return Some((step, Harm::World)),
+            }
+        }
+    }
+    let cost = |moment: usize| moments[moment].hindsight.unwrap_or(u32::MAX);
+    let lost = |step: usize| cost(step + 1).saturating_add(1).saturating_sub(cost(step));
+    let never_repaid = |step: usize| (step + 1..=steps).all(|later| cost(later) >= cost(step));
+    let unpaid: Vec<usize> = (settled..steps).filter(|step| lost(*step) > 0 && never_repaid(*step)).collect();
+    let first = *unpaid.first()?;
+    let Some(end) = unpaid.last().copied().filter(|step| tools[*step] == Some(Tool::Finish)) else {
+        return Some((first, Harm::Time));
+    };
+    let worse = unpaid.iter().copied().find(|step| cost(step + 1) > cost(*step));
+    let in_vain: u32 = unpaid.iter().take_while(|step| **step < end).map(|step| lost(*step)).sum();
+    let in_time = moments[end].hindsight.is_some_and(|cost| cost <= moments[end].budget);
+    let ended = worse == Some(end) && in_time && in_vain < IN_VAIN;
+    Some(if ended { (end, Harm::Ending) } else { (first, Harm::Time) })
+}

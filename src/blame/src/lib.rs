@@ -1,0 +1,18 @@
+//! Why an episode failed, measured: what every step cost, the step that decided, what would have been better then, played and
+//! verified, and the smallest change of its calls that makes it succeed.
+//!
+//! Never labels, rules of the taxonomy or words of the policy: only what was done and what could be known.
+
+mod alternative;
+mod cost;
+mod decide;
+mod many;
+mod repair;
+mod report;
+
+pub use alternative::{Alternative, alternative};
+pub use cost::StepCost;
+pub use decide::Harm;
+pub use many::{Measured, Options, blame_all};
+pub use repair::{Edit, Repair, repair};
+pub use report::{Blame, Cause, Decisive, Shares, blame};

@@ -1,0 +1,22 @@
+//! Measured episodes: what their steps cost, and which of them decided.
+
+mod faulty;
+mod stage;
+
+use reel_blame::blame;
+
+use crate::stage::{Stage, told};
+
+#[test]
+fn the_planner_regrets_nothing() {
+    let stage = Stage::new(48, 11);
+    let mut bad = Vec::new();
+    for task in &stage.tasks {
+        let trace = stage.play(task, "planner");
+        let blame = blame(&trace);
+        if blame.wasted > 0 || blame.success != Some(true) {
+            bad.push(format!("{} {:?}\n{}", task.task_id, blame.success, told(&trace, &blame)));
+        }
+    }
+    assert!(bad.is_empty(), "{} of {}:\n{}", bad.len(), stage.tasks.len(), bad.join("\n"));
+}

@@ -1,0 +1,80 @@
+//! Tasks in the home, and episodes of them.
+
+use std::{path::PathBuf, sync::Arc};
+
+use reel_agents::{Injection, Label, RecordTo, policy, run_episode, run_injected};
+use reel_blame::Blame;
+use reel_episode::EpisodeConfig;
+use reel_reward::Preset;
+use reel_tasks::{GenerateOptions, generate, home};
+use reel_trace::{Images, RecordOptions, Trace};
+use reel_world::{Family, Profile, Scene, Task, record::PolicyInfo};
+use tempfile::TempDir;
+
+/// Tasks in their scene, and a folder for traces.
+pub struct Stage {
+    pub tasks: Vec<Arc<Task>>,
+    pub scene: Arc<Scene>,
+    folder: TempDir,
+}
+
+impl Stage {
+    pub fn new(count: usize, seed: u64) -> Self {
+        let scene = home();
+        let options = GenerateOptions { scene: &scene, families: &Family::ALL, count, seed };
+        let tasks = generate(&options).tasks.into_iter().map(Arc::new).collect();
+        Self { tasks, scene: Arc::new(scene), folder: tempfile::tempdir().unwrap() }
+    }
+
+    /// Plays a task with a policy by name.
+    pub fn play(&self, task: &Arc<Task>, name: &str) -> Trace {
+        let config = self.config(task, 3);
+        let mut policy = policy(name, task, &self.scene, 3).unwrap();
+        let path = self.path(task, name);
+        run_episode(config, policy.as_mut(), Some(&to(&path))).unwrap();
+        Trace::read(&path).unwrap()
+    }
+
+    /// Plays a task in which something goes wrong.
+    pub fn play_injected(&self, task: &Arc<Task>, injection: &Injection) -> (Trace, Label) {
+        let path = self.path(task, &injection.seed.to_string());
+        let (_, label) = run_injected(self.config(task, injection.seed), injection, Some(&to(&path))).unwrap();
+        (Trace::read(&path).unwrap(), label)
+    }
+
+    pub fn folder(&self) -> &std::path::Path {
+        self.folder.path()
+    }
+
+    fn path(&self, task: &Task, name: &str) -> PathBuf {
+        self.folder.path().join(format!("{}-{name}.mcap", task.task_id.replace('/', "-")))
+    }
+
+    fn config(&self, task: &Arc<Task>, seed: u64) -> EpisodeConfig {
+        EpisodeConfig {
+            task: task.clone(),
+            scene: self.scene.clone(),
+            seed,
+            profile: Profile::Paper,
+            preset: Preset::paper(),
+            run_id: "test".into(),
+            policy: PolicyInfo::default(),
+            parent: None,
+        }
+    }
+}
+
+fn to(path: &std::path::Path) -> RecordTo {
+    RecordTo { path: path.to_owned(), options: RecordOptions::from(Images::None) }
+}
+
+/// An episode with its costs, a line a step.
+pub fn told(trace: &Trace, blame: &Blame) -> String {
+    let number = |number: Option<u32>| number.map_or("-".to_owned(), |number| number.to_string());
+    let lines = trace.steps.iter().zip(&blame.costs).map(|(step, cost)| {
+        let text = step.outcome.text.replace('\n', " ");
+        let call = step.input.call.to_string();
+        format!("{:>3} {call:<56} {:>3} {:>2}  {text:.60}", step.step, number(cost.before), number(cost.regret))
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}

@@ -1,0 +1,158 @@
+//! `reel blame`: measures failed episodes; `evaluation` holds the result against injected faults.
+
+mod evaluation;
+
+use std::path::PathBuf;
+
+use reel_blame::{Blame, Cause, Measured, Options, blame_all};
+use reel_trace::Trace;
+
+use crate::{Answer, inputs, progress};
+
+/// Measure why episodes failed. From every step of an episode reel computes how many decisions a competent agent that knows
+/// what this agent knew still needs at worst: it looks before it picks, asks where several things fit, and puts back what was
+/// taken by mistake. A step that loses decisions has a regret; the decisive step is the first harm that was never repaid.
+/// Then a competent agent takes over at that step, which is verified by a replay where the branch is kept.
+///
+/// Examples:
+///   reel blame trace.mcap                        # the decisive step, why, and what would have been better
+///   reel blame trace.mcap --steps                # what every step cost
+///   reel blame traces-out --branches better      # of every failed one a branch that succeeds, replayed
+///   reel blame traces-out --json | jq -r '.decisive.cause'
+///   reel blame faulty --labels                   # how often it is right, on what `reel faults run` wrote
+///
+/// Costs and regrets are in decisions. Causes: perception (the wrong candidate, although its look told it apart),
+/// communication (nobody was asked although several fitted), memory (against what was known), other.
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Trace files, or folders of them
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// Print what every step cost
+    #[arg(long)]
+    steps: bool,
+    /// Keep the branch in which the alternative succeeds, and replay it
+    #[arg(long, value_name = "DIR")]
+    branches: Option<PathBuf>,
+    /// Do not play alternatives: only what the records tell, some thousand episodes a second
+    #[arg(long, conflicts_with = "branches")]
+    no_alternatives: bool,
+    /// Compare with the labels of injected faults that lie beside the traces
+    #[arg(long)]
+    labels: bool,
+    /// Traces at a time; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Print one JSON object a trace
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let paths = inputs::traces(&arguments.paths)?;
+    if let Some(folder) = &arguments.branches {
+        std::fs::create_dir_all(folder)?;
+    }
+    let bar = progress::bar(paths.len(), "blame");
+    let options = Options { alternatives: !arguments.no_alternatives, branches: arguments.branches.clone() };
+    let measured = blame_all(&paths, inputs::workers(arguments.jobs), &options, || bar.inc(1));
+    bar.finish_and_clear();
+    let mut unreadable = false;
+    for (path, measured) in paths.iter().zip(&measured) {
+        match measured {
+            Err(reason) => {
+                eprintln!("reel: {reason}");
+                unreadable = true;
+            }
+            Ok(measured) if arguments.json => println!("{}", serde_json::to_string(measured)?),
+            Ok(_) if arguments.labels => {}
+            Ok(measured) => print(measured, &Trace::read(path)?, arguments.steps),
+        }
+    }
+    let measured: Vec<Measured> = measured.into_iter().flatten().collect();
+    if arguments.labels && !arguments.json {
+        evaluation::print(&measured)?;
+    } else if !arguments.json && measured.len() > 1 {
+        print_summary(&measured);
+    }
+    Ok(if unreadable { Answer::No } else { Answer::Yes })
+}
+
+fn print(measured: &Measured, trace: &Trace, steps: bool) {
+    let Measured { blame, alternative, no_alternative, .. } = measured;
+    let how = match blame.success {
+        Some(true) => "succeeded",
+        Some(false) => "failed",
+        None => "broken off",
+    };
+    println!("{}: {how} after {} calls, {} decisions lost", measured.trace.display(), trace.steps.len(), blame.wasted);
+    if steps {
+        print_steps(blame, trace);
+    }
+    let Some(decisive) = &blame.decisive else { return };
+    println!("  decisive  call {}  {}   {}", decisive.step, decisive.call, decisive.outcome);
+    println!("  why       {}", decisive.why);
+    println!("  cause     {}", cause(decisive.cause));
+    match (alternative, no_alternative) {
+        (Some(found), _) => {
+            let who = match found.policy.as_str() {
+                "planner" => "a competent agent goes on and succeeds",
+                _ => "only the oracle, which knows the truth, goes on and succeeds",
+            };
+            println!("  better    {}; {who} after {} calls", decisive.advice, found.length);
+            if let Some(path) = &found.trace {
+                let verdict = if found.verified { "replays exactly" } else { "DOES NOT REPLAY EXACTLY" };
+                println!("  branch    {}: {verdict}", path.display());
+            }
+        }
+        (None, Some(reason)) => println!("  better    nothing: {reason}"),
+        (None, None) => println!("  better    {}", decisive.advice),
+    }
+    match (blame.repairable_at_end, blame.point_of_no_return) {
+        (true, _) => println!("  in time   success was still to be had before the last call"),
+        (false, Some(step)) => println!("  in time   success went out of reach with call {step}"),
+        (false, None) => {}
+    }
+}
+
+fn print_steps(blame: &Blame, trace: &Trace) {
+    println!("  call  cost  after  regret");
+    let number = |number: Option<u32>| number.map_or_else(|| "-".to_owned(), |number| number.to_string());
+    for (step, cost) in trace.steps.iter().zip(&blame.costs) {
+        let regret = cost.regret.map_or_else(|| "-".to_owned(), |lost| if lost == 0 { String::new() } else { lost.to_string() });
+        let error = step.outcome.error.map_or_else(String::new, |code| format!("   {code}"));
+        let (before, after) = (number(cost.before), number(cost.after));
+        println!("  {:>4} {before:>5} {after:>6} {regret:>7}   {}{error}", step.step, step.input.call);
+    }
+}
+
+fn cause(cause: Cause) -> &'static str {
+    match cause {
+        Cause::Perception => "perception: its look told it apart from what was meant",
+        Cause::Communication => "communication: several things fitted, and nobody was asked",
+        Cause::Memory => "memory: it was known already that this leads nowhere",
+        Cause::Other => "other: something due was left out, or what came was no call",
+    }
+}
+
+fn print_summary(measured: &[Measured]) {
+    let failed: Vec<&Measured> = measured.iter().filter(|one| one.blame.success == Some(false)).collect();
+    println!("{} of {} episodes failed", failed.len(), measured.len());
+    let better = failed.iter().filter(|one| one.alternative.is_some()).count();
+    let verified = failed.iter().filter(|one| one.alternative.as_ref().is_some_and(|found| found.verified)).count();
+    let in_time = failed.iter().filter(|one| one.blame.repairable_at_end).count();
+    println!(
+        "  in {better} the alternative succeeds ({verified} replayed exactly), in {in_time} success was to be had to the end"
+    );
+    let shares = |share: fn(&Blame) -> f64| failed.iter().map(|one| share(&one.blame)).sum::<f64>() / failed.len().max(1) as f64;
+    for (name, share) in [
+        ("perception", shares(|blame| blame.shares.perception)),
+        ("communication", shares(|blame| blame.shares.communication)),
+        ("memory", shares(|blame| blame.shares.memory)),
+        ("other", shares(|blame| blame.shares.other)),
+    ] {
+        println!("  {name:<14} {:>5.1}% of what was lost for good", 100.0 * share);
+    }
+}

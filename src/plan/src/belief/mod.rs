@@ -1,0 +1,284 @@
+//! What a competent agent knows in the middle of an episode, what it does next, and how many decisions it needs at worst.
+//!
+//! It reads which of several like receptacles is meant before it relies on one, looks before it picks, asks where several
+//! things fit, opens a destination while its hand is free, puts back what was taken by mistake and closes what was opened.
+//! Never the truth: what the words of the instruction mean is compared only with what was read or seen.
+
+mod course;
+mod imagine;
+mod objection;
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use reel_world::ReceptacleId;
+
+pub use objection::Objection;
+
+/// A thing that was seen, by a number of the agent's own: who follows things with the eyes knows them again.
+pub type Thing = u32;
+
+/// One object to bring somewhere, as the words tell.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Errand {
+    /// Where it may stand, before anything was read.
+    pub sources: Vec<ReceptacleId>,
+    /// The one of them that the words mean; it is known when it was read, or when no other is left.
+    pub source: ReceptacleId,
+    /// Where it may have to go, before anything was read.
+    pub destinations: Vec<ReceptacleId>,
+    /// The one of them that the words mean.
+    pub destination: ReceptacleId,
+    /// Whether the words leave open which object is meant.
+    pub vague: bool,
+}
+
+/// What is known of a thing that was seen.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Sighting {
+    /// Where it is, as far as one knows; none: in the hand, or lost.
+    pub place: Option<ReceptacleId>,
+    /// Where it was seen first.
+    pub origin: Option<ReceptacleId>,
+    /// For each errand whether the words fit it, those of the answers included.
+    pub fits: Vec<bool>,
+}
+
+/// What is in the picture, or was told, after a call.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct View {
+    /// Things, with their places and whether the words fit them.
+    pub things: Vec<(Thing, Option<ReceptacleId>, Vec<bool>)>,
+    /// Those of them that have a number.
+    pub numbered: BTreeSet<Thing>,
+    /// Receptacles that have a number.
+    pub receptacles: BTreeSet<ReceptacleId>,
+}
+
+/// What a call did. One that failed and taught nothing is none of these.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Deed {
+    /// Stands at the receptacle.
+    NavTo(ReceptacleId),
+    /// Has the receptacles in view numbered, and so read.
+    ShowReceptacles,
+    /// Looked for one category.
+    Find,
+    /// Took stock of all that is where it stands.
+    WalkAround,
+    /// Stands before the thing.
+    Gaze(Thing),
+    /// Holds it.
+    Pick(Thing),
+    /// Put what it held there.
+    Place(ReceptacleId),
+    /// Opened the door.
+    Open(ReceptacleId),
+    /// Closed the door.
+    Close(ReceptacleId),
+    /// Was answered; whether the answer names the object.
+    Ask(bool),
+    /// Found the door closed when it wanted to use what is behind it.
+    DoorClosed(ReceptacleId),
+    /// Found that there is no door to open or close.
+    NoDoor(ReceptacleId),
+    /// Found that this receptacle is of no use: nobody can stand there, or nothing be put there.
+    Useless(ReceptacleId),
+    /// Could not take the thing from there: it has to be looked for again.
+    Lost(Thing),
+}
+
+/// What to do next, in the agent's own terms.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Move {
+    /// `nav_to`
+    NavTo(ReceptacleId),
+    /// `show_receptacles`
+    ShowReceptacles,
+    /// `show_object_by_category`, of the category of that thing.
+    Find(Thing),
+    /// `walk_around`
+    WalkAround,
+    /// `gaze_at`
+    Gaze(Thing),
+    /// `pick`
+    Pick(Thing),
+    /// `place`
+    Place(ReceptacleId),
+    /// `open`
+    Open(ReceptacleId),
+    /// `close`
+    Close(ReceptacleId),
+    /// `ask` which object this errand is about.
+    Ask(usize),
+    /// `finish`, and whether everything is done; else it gives up.
+    Finish(bool),
+}
+
+/// What an agent knows.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Belief {
+    errands: Vec<Errand>,
+    /// Where it stands.
+    at: Option<ReceptacleId>,
+    held: Option<Thing>,
+    /// Receptacles whose look and name were brought together.
+    read: BTreeSet<ReceptacleId>,
+    /// Receptacles of which all that stands there is known.
+    surveyed: BTreeSet<ReceptacleId>,
+    /// Of no use, as it turned out.
+    useless: BTreeSet<ReceptacleId>,
+    /// Closed, as far as it knows.
+    closed: BTreeSet<ReceptacleId>,
+    /// Open, and closed at the start.
+    opened: BTreeSet<ReceptacleId>,
+    things: BTreeMap<Thing, Sighting>,
+    /// Things that were in the hand.
+    taken: BTreeSet<Thing>,
+    in_view: BTreeSet<Thing>,
+    numbered: BTreeSet<Thing>,
+    receptacles: BTreeSet<ReceptacleId>,
+    gazed: Option<Thing>,
+    /// Whether an answer named the object of the vague errand.
+    settled: bool,
+    asks: u32,
+}
+
+impl Belief {
+    /// Before the first call. `closed` are the receptacles that have a door, as far as one knows; all stand closed.
+    pub fn new(errands: Vec<Errand>, closed: BTreeSet<ReceptacleId>) -> Self {
+        Self {
+            errands,
+            at: None,
+            held: None,
+            read: BTreeSet::new(),
+            surveyed: BTreeSet::new(),
+            useless: BTreeSet::new(),
+            closed,
+            opened: BTreeSet::new(),
+            things: BTreeMap::new(),
+            taken: BTreeSet::new(),
+            in_view: BTreeSet::new(),
+            numbered: BTreeSet::new(),
+            receptacles: BTreeSet::new(),
+            gazed: None,
+            settled: false,
+            asks: 0,
+        }
+    }
+
+    /// Where it stands.
+    pub fn at(&self) -> Option<&ReceptacleId> {
+        self.at.as_ref()
+    }
+
+    /// What it holds.
+    pub fn held(&self) -> Option<Thing> {
+        self.held
+    }
+
+    /// Takes in what is in view, without a call: before the first, or after one that failed.
+    pub fn see(&mut self, view: &View) {
+        for (thing, place, fits) in &view.things {
+            let known = self.things.entry(*thing);
+            let sighting = known.or_insert_with(|| Sighting { place: None, origin: place.clone(), fits: Vec::new() });
+            if self.held != Some(*thing) {
+                sighting.place.clone_from(place);
+            }
+            sighting.fits.clone_from(fits);
+        }
+        self.in_view = view.things.iter().map(|(thing, ..)| *thing).collect();
+        self.numbered.clone_from(&view.numbered);
+        self.receptacles.clone_from(&view.receptacles);
+    }
+
+    /// Takes in what a call did, and what is in view then.
+    pub fn learn(&mut self, deed: &Deed, view: &View) {
+        let before = self.at.clone();
+        self.see(view);
+        match deed {
+            Deed::NavTo(receptacle) => self.go(receptacle),
+            Deed::ShowReceptacles => self.read.extend(view.receptacles.iter().cloned()),
+            Deed::Find => self.read.extend(before),
+            Deed::WalkAround => {
+                let here = |sighting: &Sighting| sighting.place.is_some() && sighting.place == before;
+                for (thing, sighting) in &mut self.things {
+                    if here(sighting) && !view.numbered.contains(thing) {
+                        sighting.place = None;
+                    }
+                }
+                self.read.extend(before.clone());
+                self.surveyed.extend(before);
+            }
+            Deed::Gaze(thing) => self.gazed = Some(*thing),
+            Deed::Pick(thing) => self.take(*thing),
+            Deed::Place(receptacle) => self.put(receptacle),
+            Deed::Open(receptacle) => self.open(receptacle),
+            Deed::Close(receptacle) => self.close(receptacle),
+            Deed::Ask(names_it) => {
+                self.asks += 1;
+                self.settled |= names_it;
+            }
+            Deed::DoorClosed(receptacle) => {
+                self.closed.insert(receptacle.clone());
+            }
+            Deed::NoDoor(receptacle) => {
+                self.closed.remove(receptacle);
+                self.opened.remove(receptacle);
+            }
+            Deed::Useless(receptacle) => {
+                self.useless.insert(receptacle.clone());
+                self.opened.remove(receptacle);
+            }
+            Deed::Lost(thing) => {
+                self.gazed = None;
+                self.numbered.remove(thing);
+                self.in_view.remove(thing);
+            }
+        }
+    }
+
+    /// Changes what the words fit, after an answer.
+    pub fn fits(&mut self, thing: Thing, fits: Vec<bool>) {
+        if let Some(sighting) = self.things.get_mut(&thing) {
+            sighting.fits = fits;
+        }
+    }
+
+    fn go(&mut self, receptacle: &ReceptacleId) {
+        self.at = Some(receptacle.clone());
+        self.gazed = None;
+    }
+
+    fn take(&mut self, thing: Thing) {
+        let here = self.at.clone();
+        let fits = vec![false; self.errands.len()];
+        let sighting = self.things.entry(thing).or_insert(Sighting { place: None, origin: here, fits });
+        sighting.place = None;
+        self.held = Some(thing);
+        self.taken.insert(thing);
+        self.gazed = None;
+        self.numbered.remove(&thing);
+        self.in_view.remove(&thing);
+    }
+
+    fn put(&mut self, receptacle: &ReceptacleId) {
+        if let Some(thing) = self.held.take()
+            && let Some(sighting) = self.things.get_mut(&thing)
+        {
+            sighting.place = Some(receptacle.clone());
+            sighting.origin.get_or_insert_with(|| receptacle.clone());
+        }
+        self.gazed = None;
+    }
+
+    fn open(&mut self, receptacle: &ReceptacleId) {
+        self.closed.remove(receptacle);
+        self.opened.insert(receptacle.clone());
+        self.surveyed.remove(receptacle);
+    }
+
+    fn close(&mut self, receptacle: &ReceptacleId) {
+        self.closed.insert(receptacle.clone());
+        self.opened.remove(receptacle);
+    }
+}
