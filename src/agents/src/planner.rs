@@ -183,10 +183,11 @@ impl Planner {
 
     fn fits(&self, seen: &Seen, context: &Context<'_>) -> Vec<bool> {
         let object = seen.described();
-        let fits = |hint: &GoalHint| {
-            let told = || self.replies.iter().all(|reply| language::fits(reply, &object, None));
-            hint.fits(seen, &context.briefing.instruction) && (!hint.errand.vague || told())
-        };
+        // What an answer names is meant, whatever one took the instruction to mean.
+        let mut named = self.replies.iter().filter(|reply| names_it(reply)).peekable();
+        let told = named.peek().is_some().then(|| named.all(|reply| language::fits(reply, &object, None)));
+        let instruction = &context.briefing.instruction;
+        let fits = |hint: &GoalHint| told.filter(|_| hint.errand.vague).unwrap_or_else(|| hint.fits(seen, instruction));
         self.hints.iter().map(fits).collect()
     }
 
@@ -232,10 +233,7 @@ impl Planner {
             (Tool::Open { marker }, None) => place(marker).map(Deed::Open),
             (Tool::Close { marker }, None) => place(marker).map(Deed::Close),
             (Tool::Open { marker } | Tool::Close { marker }, Some(ErrorCode::NoDoor)) => place(marker).map(Deed::NoDoor),
-            (Tool::Ask { .. }, None) => {
-                let text = context.observation.text.to_lowercase();
-                Some(Deed::Ask(!NOT_SEEN.iter().any(|words| text.contains(words))))
-            }
+            (Tool::Ask { .. }, None) => Some(Deed::Ask(names_it(&context.observation.text))),
             _ => None,
         };
         deed.into_iter().collect()
@@ -244,6 +242,12 @@ impl Planner {
     fn remember(&mut self, tool: Option<Tool>, context: &Context<'_>, own: bool) {
         self.last = Some(Last { tool, seen: context.seen.to_vec(), own });
     }
+}
+
+/// Whether an answer names the object: not as long as the user only says where to look.
+fn names_it(reply: &str) -> bool {
+    let reply = reply.to_lowercase();
+    !NOT_SEEN.iter().any(|words| reply.contains(words))
 }
 
 impl Policy for Planner {

@@ -26,6 +26,17 @@ pub enum Harm {
     Time,
 }
 
+impl Harm {
+    /// As it stands in JSON and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Harm::World => "world",
+            Harm::Ending => "ending",
+            Harm::Time => "time",
+        }
+    }
+}
+
 /// The decisive step of an episode that failed, with its harm; none where nothing was lost.
 pub(crate) fn decisive(trace: &Trace, moments: &[Moment]) -> Option<(usize, Harm)> {
     let steps = trace.steps.len();

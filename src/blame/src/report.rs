@@ -2,7 +2,7 @@
 
 use reel_plan::Objection;
 use reel_trace::Trace;
-use reel_world::{InstanceId, ToolCall, record::StepRecord};
+use reel_world::{Digest, InstanceId, ToolCall, record::StepRecord};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -23,6 +23,18 @@ pub enum Cause {
     Memory,
     /// None of these: it left out what was due, or put out what was no call.
     Other,
+}
+
+impl Cause {
+    /// As it stands in JSON and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Cause::Perception => "perception",
+            Cause::Communication => "communication",
+            Cause::Memory => "memory",
+            Cause::Other => "other",
+        }
+    }
 }
 
 /// How much of what was lost for good is due to each capacity, from 0 to 1; all 0 where nothing was lost.
@@ -64,6 +76,8 @@ pub struct Decisive {
 pub struct Blame {
     /// The episode.
     pub episode_id: String,
+    /// Chain digest of the trace.
+    pub trace_digest: Digest,
     /// Its task.
     pub task_id: String,
     /// Whether it succeeded; none: it was broken off.
@@ -91,6 +105,7 @@ pub fn blame(trace: &Trace) -> Blame {
     let lost = |pair: &[Moment]| pair[0].affordable().is_some() && pair[1].affordable().is_none();
     Blame {
         episode_id: trace.header.episode_id.clone(),
+        trace_digest: trace.chain(),
         task_id: trace.header.task_id.clone(),
         success,
         wasted: costs.iter().filter_map(|cost| cost.regret).sum(),

@@ -388,9 +388,7 @@ impl Inner {
 
 /// Whether a plan calls a function that opens traces.
 fn opens_traces(plan: &LogicalPlan) -> Result<bool, DataFusionError> {
-    let call = |expression: &Expr| {
-        Ok(matches!(expression, Expr::ScalarFunction(call) if functions::simulator::NAMES.contains(&call.name())))
-    };
+    let call = |expression: &Expr| Ok(matches!(expression, Expr::ScalarFunction(call) if functions::opens_traces(call.name())));
     let mut found = false;
     plan.apply_with_subqueries(|node| {
         for expression in node.expressions() {

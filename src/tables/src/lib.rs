@@ -16,7 +16,7 @@ pub use rescore::ScoredEpisode;
 pub use rows::RowsError;
 pub use schema::{Table, View, views};
 pub use store::{
-    Class, Commit, CompactReport, Finding, IngestReport, Label, Location, Progress, RescoreReport, STACK_BYTES, Store,
+    Blamed, Class, Commit, CompactReport, Finding, IngestReport, Label, Location, Progress, RescoreReport, STACK_BYTES, Store,
     StoreError, TraceVerdict, VacuumReport,
 };
 pub use synthetic::synthesize;

@@ -23,6 +23,8 @@ pub enum Table {
     Quarantine,
     /// Why failed episodes failed, by the rules.
     Classes,
+    /// Why episodes failed, measured.
+    Blame,
     /// Why they failed, by people, judges and those who injected the fault. The rules never read it.
     Labels,
     /// What replaying trace files found. Bound to no version of the store.
@@ -322,6 +324,37 @@ const CLASSES: &[Column] = &[
     must("secondary", List(&Struct(FINDING)), "what else was found, in the order of their priority"),
 ];
 
+const BLAME: &[Column] = &[
+    must("episode_id", Text, "the episode"),
+    must("trace_digest", Text, "of the trace that was measured"),
+    may("step", Int, "the decisive step; null, as what follows, where nothing was lost"),
+    may("tool", Text, "its tool"),
+    may(
+        "harm",
+        Text,
+        "`world`: it changed the world for the worse; `ending`: it ended too early; `time`: the way was lost there",
+    ),
+    may("cause", Text, "`perception`, `communication`, `memory` or `other`: which capacity failed"),
+    may("why", Text, "in a sentence"),
+    may("advice", Text, "what a competent agent would have called then"),
+    must("wasted", Int, "decisions lost in all"),
+    may("point_of_no_return", Int, "the step with which success went out of reach"),
+    must("repairable_at_end", Flag, "whether success was still to be had before the last step"),
+    must("perception", Float, "share of what was lost for good that is due to it; the four add up to 1"),
+    must("communication", Float, "the same"),
+    must("memory", Float, "the same"),
+    must("other", Float, "the same"),
+    may(
+        "alternative",
+        Text,
+        "the policy that succeeds from the decisive step on: `planner` knows what the agent knew, `oracle` the truth",
+    ),
+    may("alternative_length", Int, "decisions of the whole episode then"),
+    may("alternative_trace", Text, "the branch, where it was kept"),
+    must("verified", Flag, "whether that branch was replayed and is exact"),
+    may("reason", Text, "why there is no alternative"),
+];
+
 const LABELS: &[Column] = &[
     must("episode_id", Text, "the episode"),
     must("author", Text, "who says so: a person, a model, or `injected`"),
@@ -345,13 +378,14 @@ const VERDICTS: &[Column] = &[
 
 impl Table {
     /// Every table, in the order of the documents.
-    pub const ALL: [Table; 8] = [
+    pub const ALL: [Table; 9] = [
         Table::Episodes,
         Table::Tasks,
         Table::Scenes,
         Table::Rescored,
         Table::Quarantine,
         Table::Classes,
+        Table::Blame,
         Table::Labels,
         Table::Verdicts,
     ];
@@ -365,6 +399,7 @@ impl Table {
             Table::Rescored => "rescored",
             Table::Quarantine => "quarantine",
             Table::Classes => "classes",
+            Table::Blame => "blame",
             Table::Labels => "labels",
             Table::Verdicts => "verdicts",
         }
@@ -379,6 +414,9 @@ impl Table {
             Table::Rescored => "One row an episode and version of a preset, written by `reel reward`.",
             Table::Quarantine => "One row a file that `reel ingest` left out.",
             Table::Classes => "One row a failed episode: why it failed, by the rules; written by `reel taxonomy`.",
+            Table::Blame => {
+                "One row a failed episode: the step that decided, measured, and what is better; written by `reel blame`."
+            }
             Table::Labels => {
                 "One row an episode and author: why it failed, by people, judges and injected faults; written by `reel label`."
             }
@@ -397,6 +435,7 @@ impl Table {
             Table::Rescored => RESCORED,
             Table::Quarantine => QUARANTINE,
             Table::Classes => CLASSES,
+            Table::Blame => BLAME,
             Table::Labels => LABELS,
             Table::Verdicts => VERDICTS,
         }

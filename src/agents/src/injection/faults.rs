@@ -327,7 +327,9 @@ fn turning(draft: &mut Draft<'_>, index: usize, fault: &Fault, between: usize) -
     let long = between * 4 + draft.draw(4);
     let times = if fault.repaired { Some(turns) } else { gives_up.then_some(long) };
     let mut deeds: Vec<Deed> = circle.iter().map(nav).collect();
-    if at == Until::Looking {
+    // Where a door has to be opened first it is wrong to go to the object at once.
+    let door_first = at == Until::Start && choices::is_closed(draft.task, choices::destination(draft.task));
+    if at == Until::Looking || door_first {
         return one(index, fault, at, vec![Leg::Do { deeds, times }], vec![finish()]);
     }
     // To where it should go it goes rightly once; the fault begins when it leaves again.

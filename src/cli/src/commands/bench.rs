@@ -9,6 +9,7 @@ use std::{
 
 use anyhow::{Context, anyhow};
 use reel_agents::{Job, RecordTo, run_all};
+use reel_blame::{alternative, blame};
 use reel_episode::EpisodeConfig;
 use reel_replay::{SnapshotCache, seek, verify_with};
 use reel_reward::Preset;
@@ -25,12 +26,15 @@ const PHYSICS_STEPS: u32 = 200;
 const PHYSICS_ROUNDS: u32 = 12;
 const PICTURES: u32 = 60;
 
+/// Policies whose failures are measured.
+const FAULTY: [&str; 3] = ["wrong-object", "wrong-receptacle", "oscillating"];
+
 /// Rounds of what is compared, in turn; the best of each counts.
 const ROUNDS: usize = 3;
 
 /// Measure on embedded defaults, ratios in one run and in turn: physics against the same rapier world stepped with
 /// nothing of ours; pictures and their encoding; recording with and without a trace and on two workers; replay with and
-/// without shading; seeking by a snapshot; bytes of a trace.
+/// without shading; seeking by a snapshot; blame of failed episodes; bytes of a trace.
 ///
 /// Example:
 ///   cargo run --release -p reel-cli --no-default-features -- bench
@@ -71,6 +75,8 @@ struct Figures {
     seek_cached_ms: f64,
     seek_from_start_ms: f64,
     seek_cached_to_start: f64,
+    /// Of failed episodes: measured from the records, with the alternative played, and with it recorded and replayed.
+    blame_to_replay: [f64; 3],
     bytes_full: f64,
     bytes_lean: f64,
 }
@@ -153,6 +159,7 @@ fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
         seek_cached_ms: cached,
         seek_from_start_ms: from_start,
         seek_cached_to_start: cached / from_start,
+        blame_to_replay: blames(&scene, &tasks, &arguments.out.join("failed"))?,
         bytes_full: mean_bytes(&full)?,
         bytes_lean: mean_bytes(&lean)?,
     })
@@ -175,8 +182,43 @@ fn print(figures: &Figures) {
     row("  ids and depth, no shading", ratio, "everything but RGB compared".to_owned());
     let note = format!("{:.1} ms executed from the start: {:.2}", figures.seek_from_start_ms, figures.seek_cached_to_start);
     row("seek to a call, by snapshot", format!("{:.1} ms", figures.seek_cached_ms), note);
+    let [records, played, replayed] = figures.blame_to_replay;
+    let note = format!("{records:.3} from the records alone, {replayed:.2} with the branch recorded and replayed; medians");
+    row("blame to replay time", format!("{played:.2}"), note);
     let note = format!("{:.0} without pictures", figures.bytes_lean);
     row("trace bytes per episode", format!("{:.0}", figures.bytes_full), note);
+}
+
+/// What blame costs of a failed episode to what its replay does: from the records, with the better future played, and with
+/// that recorded and replayed. Medians.
+fn blames(scene: &Arc<Scene>, tasks: &[Arc<Task>], folder: &Path) -> anyhow::Result<[f64; 3]> {
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let jobs = tasks.iter().enumerate().flat_map(|(index, task)| {
+        FAULTY.map(|policy| {
+            let path = folder.join(format!("{index}-{policy}.mcap"));
+            Job { policy: policy.into(), ..job(scene, task, Some((path, Images::None))) }
+        })
+    });
+    let reports = run_all(jobs.collect(), 1, |_| {}).into_iter().collect::<Result<Vec<_>, _>>()?;
+    let mut ratios: [Vec<f64>; 3] = Default::default();
+    for path in reports.into_iter().filter(|report| !report.success).filter_map(|report| report.trace) {
+        let trace = Trace::read(&path)?;
+        let seconds = |work: &mut dyn FnMut() -> anyhow::Result<()>| -> anyhow::Result<f64> {
+            let begun = Instant::now();
+            work()?;
+            Ok(begun.elapsed().as_secs_f64())
+        };
+        let replay = seconds(&mut || Ok(_ = std::hint::black_box(verify_with(&trace, Detail::Picture))))?;
+        let Some(decisive) = blame(&trace).decisive else { continue };
+        let better = path.with_extension("better.mcap");
+        let records = seconds(&mut || Ok(_ = std::hint::black_box(blame(&trace))))?;
+        let played = seconds(&mut || Ok(_ = alternative(&trace, &decisive, None)?))?;
+        let replayed = seconds(&mut || Ok(_ = alternative(&trace, &decisive, Some(&better))?))?;
+        for (ratios, cost) in ratios.iter_mut().zip([records, records + played, records + replayed]) {
+            ratios.push(cost / replay);
+        }
+    }
+    Ok(ratios.map(median))
 }
 
 fn job(scene: &Arc<Scene>, task: &Arc<Task>, record: Option<(PathBuf, Images)>) -> Job {

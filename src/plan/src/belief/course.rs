@@ -43,13 +43,9 @@ impl Belief {
         self.held == Some(thing) || sighting.place != sighting.origin
     }
 
-    /// Whether the words leave open which thing is meant, as far as it knows.
+    /// Whether the words leave open which thing is meant. Even where one alone seems to fit, they may mean another.
     pub(super) fn wants_to_ask(&self, errand: usize) -> bool {
-        let known = || {
-            let survey = self.source(errand).is_some_and(|source| self.surveyed.contains(source));
-            survey && self.candidates(errand).count() == 1
-        };
-        self.errands[errand].vague && !self.settled && self.asks < ASKS_MAX && !known()
+        self.errands[errand].vague && !self.settled && self.asks < ASKS_MAX
     }
 
     /// Whether a thing may be the one that is meant: the words fit, and it comes from where the words say, as far as read.
@@ -153,6 +149,10 @@ impl Belief {
                 return Move::Ask(errand);
             }
             return self.take_from(thing, &place);
+        }
+        // Nothing there is called what is wanted: then one does not know what is meant.
+        if source.is_some_and(|source| self.surveyed.contains(source)) && self.wants_to_ask(errand) {
+            return Move::Ask(errand);
         }
         let place = source.filter(|source| !self.surveyed.contains(*source));
         let place = place.or_else(|| self.next_unread(self.open_sources(errand)).filter(|_| source.is_none()));

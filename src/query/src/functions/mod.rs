@@ -1,6 +1,7 @@
 //! SQL functions of our own. Each file holds a family: what they are called, what they take and give, and an example that
 //! the tests run. Nothing here plans or runs a query.
 
+pub mod blame;
 mod conditions;
 pub mod sequence;
 pub mod simulator;
@@ -23,10 +24,20 @@ pub struct FunctionHelp {
 
 /// Every function, in the order of the documents.
 pub fn help() -> impl Iterator<Item = FunctionHelp> {
-    sequence::HELP.iter().chain(statistics::HELP).chain(simulator::HELP).copied()
+    sequence::HELP.iter().chain(statistics::HELP).chain(simulator::HELP).chain([&blame::HELP]).copied()
+}
+
+/// Whether a function opens traces.
+pub(crate) fn opens_traces(name: &str) -> bool {
+    simulator::NAMES.contains(&name) || name == blame::NAME
 }
 
 /// Every function, for a session.
 pub(crate) fn all(control: &std::sync::Arc<Control>) -> Vec<ScalarUDF> {
-    sequence::functions().into_iter().chain(statistics::functions()).chain(simulator::functions(control)).collect()
+    sequence::functions()
+        .into_iter()
+        .chain(statistics::functions())
+        .chain(simulator::functions(control))
+        .chain([blame::function(control)])
+        .collect()
 }

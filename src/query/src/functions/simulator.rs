@@ -171,7 +171,7 @@ fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
 }
 
 /// Works off the traces of a column, several at a time; null stays null.
-fn each<T: Send>(
+pub(super) fn each<T: Send>(
     traces: &ArrayRef,
     control: &Control,
     work: impl Fn(&Path, usize) -> Result<T> + Sync,

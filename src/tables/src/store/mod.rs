@@ -33,14 +33,15 @@ use url::Url;
 pub use ingest::{IngestReport, Progress};
 pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
-pub use opinions::{Class, Finding, Label};
+pub use opinions::{Blamed, Class, Finding, Label};
 pub use rescored::RescoreReport;
 pub use verdicts::TraceVerdict;
 
 use crate::Table;
 
 /// Tables that hang on `episodes`, in the order in which they are committed before it.
-const SIDE: [Table; 6] = [Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine, Table::Classes, Table::Labels];
+const SIDE: [Table; 7] =
+    [Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine, Table::Classes, Table::Blame, Table::Labels];
 
 /// Stack of the threads that plan and run queries, in bytes: deep expressions are walked by recursion.
 pub const STACK_BYTES: usize = 64 << 20;

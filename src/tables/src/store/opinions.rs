@@ -1,5 +1,5 @@
-//! Why episodes failed: the classes that the rules give, and the labels of people, judges and injected faults. Never judges
-//! anything itself.
+//! Why episodes failed: the classes that the rules give, what was measured, and the labels of people, judges and injected
+//! faults. Never judges anything itself.
 
 use std::collections::BTreeMap;
 
@@ -51,6 +51,32 @@ pub struct Finding<'a> {
     pub last_step: i32,
 }
 
+/// A failed episode with the step that decided, measured: a row of `blame`. See the columns of that table.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the schema of the table says what each is")]
+pub struct Blamed {
+    pub episode_id: String,
+    pub trace_digest: String,
+    pub step: Option<i32>,
+    pub tool: Option<String>,
+    pub harm: Option<String>,
+    pub cause: Option<String>,
+    pub why: Option<String>,
+    pub advice: Option<String>,
+    pub wasted: i32,
+    pub point_of_no_return: Option<i32>,
+    pub repairable_at_end: bool,
+    pub perception: f64,
+    pub communication: f64,
+    pub memory: f64,
+    pub other: f64,
+    pub alternative: Option<String>,
+    pub alternative_length: Option<i32>,
+    pub alternative_trace: Option<String>,
+    pub verified: bool,
+    pub reason: Option<String>,
+}
+
 /// What somebody says about an episode: a row of `labels`.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Label {
@@ -90,6 +116,33 @@ impl Store {
     /// When the store cannot be written.
     pub fn replace_classes<'a, I: Iterator<Item = Class<'a>>>(&mut self, classes: impl Fn() -> I) -> Result<(), StoreError> {
         self.replace(Table::Classes, |_| Ok(Some(classes())))
+    }
+
+    /// Puts these rows of `blame` in the place of those that are there.
+    ///
+    /// # Errors
+    /// When the store cannot be written.
+    pub fn replace_blame(&mut self, rows: &[Blamed]) -> Result<(), StoreError> {
+        self.replace(Table::Blame, |_| Ok(Some(rows)))
+    }
+
+    /// The traces of the episodes that failed, in the order of the store.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn failed_traces(&self) -> Result<Vec<String>, StoreError> {
+        #[derive(Deserialize)]
+        struct Row {
+            trace: String,
+            success: Option<bool>,
+        }
+        let mut traces = Vec::new();
+        self.read(Table::Episodes, &["trace", "success"], |batch| {
+            let rows: Vec<Row> = crate::rows_from(&batch)?;
+            traces.extend(rows.into_iter().filter(|row| row.success == Some(false)).map(|row| row.trace));
+            Ok(())
+        })?;
+        Ok(traces)
     }
 
     /// Every label.

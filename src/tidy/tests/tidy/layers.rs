@@ -20,7 +20,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("history", &["world"]),
     ("tables", &["world", "reward", "trace", "history"]),
     ("pattern", &[]),
-    ("query", &["world", "reward", "trace", "tables", "replay", "pattern"]),
+    ("query", &["world", "reward", "trace", "tables", "replay", "blame", "pattern"]),
     ("model", &["world"]),
     ("annotate", &["world", "trace", "history", "model"]),
     ("dataset", &["world"]),

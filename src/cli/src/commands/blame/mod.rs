@@ -5,9 +5,17 @@ mod evaluation;
 use std::path::PathBuf;
 
 use reel_blame::{Blame, Cause, Measured, Options, blame_all};
+#[cfg(feature = "analytics")]
+use reel_tables::{Blamed, Store};
 use reel_trace::Trace;
 
 use crate::{Answer, inputs, progress};
+
+/// What stands for paths.
+#[cfg(feature = "analytics")]
+const STORE: [&str; 1] = ["store"];
+#[cfg(not(feature = "analytics"))]
+const STORE: [&str; 0] = [];
 
 /// Measure why episodes failed. From every step of an episode reel computes how many decisions a competent agent that knows
 /// what this agent knew still needs at worst: it looks before it picks, asks where several things fit, and puts back what was
@@ -19,6 +27,7 @@ use crate::{Answer, inputs, progress};
 ///   reel blame trace.mcap --steps                # what every step cost
 ///   reel blame traces-out --branches better      # of every failed one a branch that succeeds, replayed
 ///   reel blame traces-out --json | jq -r '.decisive.cause'
+///   reel blame --store store && reel query --store store "SELECT cause, count(*) FROM blame GROUP BY cause"
 ///   reel blame faulty --labels                   # how often it is right, on what `reel faults run` wrote
 ///
 /// Costs and regrets are in decisions. Causes: perception (the wrong candidate, although its look told it apart),
@@ -27,7 +36,7 @@ use crate::{Answer, inputs, progress};
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// Trace files, or folders of them
-    #[arg(required = true, value_name = "PATH")]
+    #[arg(value_name = "PATH", required_unless_present_any = STORE)]
     paths: Vec<PathBuf>,
     /// Print what every step cost
     #[arg(long)]
@@ -38,6 +47,10 @@ pub struct Arguments {
     /// Do not play alternatives: only what the records tell, some thousand episodes a second
     #[arg(long, conflicts_with = "branches")]
     no_alternatives: bool,
+    /// Measure every failed episode of this store, and keep the results in its table `blame`
+    #[cfg(feature = "analytics")]
+    #[arg(long, value_name = "STORE", conflicts_with_all = ["paths", "labels"])]
+    store: Option<String>,
     /// Compare with the labels of injected faults that lie beside the traces
     #[arg(long)]
     labels: bool,
@@ -51,6 +64,14 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    #[cfg(feature = "analytics")]
+    let mut store = arguments.store.as_ref().map(Store::open).transpose()?;
+    #[cfg(feature = "analytics")]
+    let paths = match &store {
+        Some(store) => store.failed_traces()?.into_iter().map(PathBuf::from).collect(),
+        None => inputs::traces(&arguments.paths)?,
+    };
+    #[cfg(not(feature = "analytics"))]
     let paths = inputs::traces(&arguments.paths)?;
     if let Some(folder) = &arguments.branches {
         std::fs::create_dir_all(folder)?;
@@ -68,10 +89,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             }
             Ok(measured) if arguments.json => println!("{}", serde_json::to_string(measured)?),
             Ok(_) if arguments.labels => {}
+            #[cfg(feature = "analytics")]
+            Ok(_) if store.is_some() => {}
             Ok(measured) => print(measured, &Trace::read(path)?, arguments.steps),
         }
     }
     let measured: Vec<Measured> = measured.into_iter().flatten().collect();
+    #[cfg(feature = "analytics")]
+    if let Some(store) = &mut store {
+        store.replace_blame(&measured.iter().map(stored).collect::<Vec<_>>())?;
+        if !arguments.json {
+            print_summary(&measured);
+            println!("kept in table `blame` of {}", store.location());
+        }
+        return Ok(if unreadable { Answer::No } else { Answer::Yes });
+    }
     if arguments.labels && !arguments.json {
         evaluation::print(&measured)?;
     } else if !arguments.json && measured.len() > 1 {
@@ -114,6 +146,36 @@ fn print(measured: &Measured, trace: &Trace, steps: bool) {
         (true, _) => println!("  in time   success was still to be had before the last call"),
         (false, Some(step)) => println!("  in time   success went out of reach with call {step}"),
         (false, None) => {}
+    }
+}
+
+/// A row of table `blame`.
+#[cfg(feature = "analytics")]
+fn stored(measured: &Measured) -> Blamed {
+    let Measured { blame, alternative, no_alternative, .. } = measured;
+    let decisive = blame.decisive.as_ref();
+    let small = |number: u32| i32::try_from(number).unwrap_or(i32::MAX);
+    Blamed {
+        episode_id: blame.episode_id.clone(),
+        trace_digest: blame.trace_digest.to_string(),
+        step: decisive.map(|decisive| small(decisive.step)),
+        tool: decisive.map(|decisive| decisive.tool.clone()),
+        harm: decisive.map(|decisive| decisive.harm.name().to_owned()),
+        cause: decisive.map(|decisive| decisive.cause.name().to_owned()),
+        why: decisive.map(|decisive| decisive.why.clone()),
+        advice: decisive.map(|decisive| decisive.advice.to_string()),
+        wasted: small(blame.wasted),
+        point_of_no_return: blame.point_of_no_return.map(small),
+        repairable_at_end: blame.repairable_at_end,
+        perception: blame.shares.perception,
+        communication: blame.shares.communication,
+        memory: blame.shares.memory,
+        other: blame.shares.other,
+        alternative: alternative.as_ref().map(|found| found.policy.clone()),
+        alternative_length: alternative.as_ref().map(|found| small(found.length)),
+        alternative_trace: alternative.as_ref().and_then(|found| Some(found.trace.as_ref()?.display().to_string())),
+        verified: alternative.as_ref().is_some_and(|found| found.verified),
+        reason: no_alternative.clone(),
     }
 }
 
