@@ -26,6 +26,10 @@ evaluate() {
   "$reel" taxonomy --store "$work/$out-store" --sankey "$work/$out.svg" --sankey "$work/$out.png"
   "$reel" label import "$work/$out" --store "$work/$out-store"
   "$reel" taxonomy agreement --store "$work/$out-store" --with injected --baseline --show "${SHOW:-10}"
+  echo "--- the decisive steps measured by reel blame"
+  "$reel" blame --store "$work/$out-store" --no-alternatives >/dev/null
+  "$reel" taxonomy --store "$work/$out-store" >/dev/null
+  "$reel" taxonomy agreement --store "$work/$out-store" --with injected --show 0 | grep -i "step"
 }
 
 evaluate "single faults" single "$count" "$seed"

@@ -174,7 +174,9 @@ fn why(trace: &Trace, moments: &[Moment], record: &StepRecord, harm: Harm, cause
     let task = &trace.task;
     let named = |id: &InstanceId| {
         let known = task.object(id);
-        known.map_or_else(|| id.to_string(), |known| known.caption.clone().unwrap_or_else(|| format!("a {}", known.category)))
+        let caption = known.and_then(|known| known.caption.as_deref());
+        let caption = caption.map(|caption| format!("the {}", caption.trim_end_matches('.').to_lowercase()));
+        caption.or_else(|| Some(format!("the {}", known?.category))).unwrap_or_else(|| id.to_string())
     };
     let (target, wanted) = (named(&task.target), task.goal.place_of(&task.target).unwrap_or(&task.dest));
     let (tool, object, receptacle) = (record.tool_name(), record.object.as_ref(), record.receptacle.as_ref());
@@ -204,8 +206,8 @@ fn why(trace: &Trace, moments: &[Moment], record: &StepRecord, harm: Harm, cause
             format!("it ended the episode with {left} decisions left, of which {needed} were enough to succeed for sure")
         }
         (Harm::Time, ..) => {
-            let after = trace.steps.len() - step;
-            format!("with it the agent left the way to success: in the {after} calls from here on it never came nearer again")
+            let (after, due) = (trace.steps.len() - step, moments[step].advice.to_call());
+            format!("it left the way to success, on which {due} was next: in the {after} calls from here on it never came nearer")
         }
     }
 }

@@ -317,7 +317,7 @@ const CLASSES: &[Column] = &[
     must("class", Text, "`Object Confusion`, `Key Action Missing`, `Lost Memory`, `Other` (paper, Failure Mode Taxonomy)"),
     must("sub_class", Text, "what within that class, e.g. `missing_ask`"),
     must("rule", Text, "the rule that decided"),
-    must("step", Int, "the decisive step: the first that the rule's evidence names"),
+    must("step", Int, "the decisive step: as `reel blame` measured it, else the first that the rule's evidence names"),
     must("last_step", Int, "the last step of the evidence"),
     must("fields", List(&Text), "columns of `episodes` and `steps` that the rule looked at"),
     must("evidence", Text, "`full`; `reduced` where the trace has no physics behind it and the rules saw less"),

@@ -1,7 +1,7 @@
 //! The rules over the episodes: asks all of them in one pass and picks the class of each failed episode. Reads no labels and
 //! writes nothing.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use arrow::{
     array::{Array, AsArray, BooleanArray, Int32Array, RecordBatch, StringArray},
@@ -25,6 +25,8 @@ pub struct Verdicts {
     fields: Vec<Vec<String>>,
     batches: Vec<RecordBatch>,
     found: Vec<Verdict>,
+    /// The decisive steps that were measured, by episode and trace.
+    measured: BTreeMap<(String, String), i32>,
 }
 
 /// One episode: where it stands, and what was found, the most important first.
@@ -61,7 +63,19 @@ pub fn classify(session: &Session, rules: &RuleSet, condition: Option<&str>) -> 
         }
     }
     let fields = rules.rules().iter().map(|rule| looked_at(session, rule)).collect::<Result<Vec<_>, _>>()?;
-    Ok(Verdicts { rules: rules.rules().to_vec(), version: rules.version().to_string(), fields, batches, found })
+    let (rules, version) = (rules.rules().to_vec(), rules.version().to_string());
+    Ok(Verdicts { rules, version, fields, batches, found, measured: measured(session)? })
+}
+
+/// What `reel blame` measured, where it did.
+fn measured(session: &Session) -> Result<BTreeMap<(String, String), i32>, QueryError> {
+    let batches = session.run("SELECT episode_id, trace_digest, step FROM blame WHERE step IS NOT NULL")?;
+    let rows = batches.iter().flat_map(|batch| {
+        let text = |column: usize, row: usize| batch.column(column).as_string::<i32>().value(row).to_owned();
+        let steps = batch.column(2).as_primitive::<Int32Type>();
+        (0..batch.num_rows()).map(move |row| ((text(0, row), text(1, row)), steps.value(row)))
+    });
+    Ok(rows.collect())
 }
 
 /// The columns of `episodes` that a rule reads, steps by their fields.
@@ -137,15 +151,18 @@ impl Verdicts {
                     });
                 }
             }
+            let (episode_id, trace_digest) = (text("episode_id"), text("trace_digest"));
+            let measured = self.measured.get(&(episode_id.to_owned(), trace_digest.to_owned())).copied();
+            let step = measured.unwrap_or(primary.1);
             Some(Class {
-                episode_id: text("episode_id"),
-                trace_digest: text("trace_digest"),
+                episode_id,
+                trace_digest,
                 rules_version: &self.version,
                 class: rule.class,
                 sub_class: &rule.sub_class,
                 rule: &rule.name,
-                step: primary.1,
-                last_step: primary.2,
+                step,
+                last_step: primary.2.max(step),
                 fields: &self.fields[usize::from(primary.0)],
                 evidence: if text("backend") == "sim" { "full" } else { "reduced" },
                 secondary,

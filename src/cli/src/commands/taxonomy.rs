@@ -20,7 +20,8 @@ use crate::{Answer, commands::judge, progress};
 
 /// Say why every failed episode of a store failed: its class (paper, Failure Mode Taxonomy), what within it, the decisive
 /// step and the evidence. The rules are SQL, one file each (`reel taxonomy rules`), and see the recorded episodes only,
-/// never a label. The result is kept in table `classes`.
+/// never a label. The result is kept in table `classes`; where `reel blame --store` measured the decisive step before, with
+/// that one.
 ///
 /// Examples:
 ///   reel taxonomy --store store

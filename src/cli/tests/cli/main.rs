@@ -1,5 +1,6 @@
 //! The `reel` command from outside: the loop a newcomer goes through, and the exit codes scripts rely on.
 
+mod blame;
 mod branches;
 #[cfg(feature = "analytics")]
 mod endpoint;

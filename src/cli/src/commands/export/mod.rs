@@ -1,6 +1,8 @@
 //! `reel export`: training sets and recordings for other tools.
 
 #[cfg(feature = "analytics")]
+mod preferences;
+#[cfg(feature = "analytics")]
 mod rl;
 #[cfg(feature = "analytics")]
 mod sft;
@@ -31,6 +33,9 @@ enum Command {
     #[command(about = "Rollout groups for reinforcement learning: rewards, returns and advantages")]
     #[cfg(feature = "analytics")]
     Rl(Box<rl::Arguments>),
+    #[command(about = "Preference pairs: failed decisions beside their smallest repairs, and value targets")]
+    #[cfg(feature = "analytics")]
+    Preferences(preferences::Arguments),
     /// One episode as a Rerun recording: pictures, transforms, boxes, transcript, rewards
     #[cfg(feature = "rerun")]
     #[command(verbatim_doc_comment)]
@@ -73,6 +78,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         Command::Sft(arguments) => sft::run(arguments),
         #[cfg(feature = "analytics")]
         Command::Rl(arguments) => rl::run(arguments),
+        #[cfg(feature = "analytics")]
+        Command::Preferences(arguments) => preferences::run(arguments),
         #[cfg(feature = "rerun")]
         Command::Rrd { trace, out, json } => {
             reel_view::rrd(&reel_trace::Trace::read(trace)?, out)?;

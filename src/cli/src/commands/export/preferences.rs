@@ -1,0 +1,213 @@
+//! `reel export preferences`: failed episodes beside their smallest repairs, as pairs, and what every moment still cost.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::{BufWriter, Write},
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, bail};
+use rayon::prelude::*;
+use reel_blame::{Blame, Repair, blame, repair};
+use reel_dataset::{Encoding, Format, PictureOptions, Ratios, Style, WriterOptions};
+use reel_export::{ExportOptions, Selection, SplitBy, Words};
+use reel_replay::verify_trace;
+use reel_tables::Store;
+use reel_trace::Trace;
+use serde_json::{Value, json};
+
+use crate::{Answer, inputs, progress};
+
+/// Discount of the value targets (paper, Training Objective).
+const GAMMA: f64 = 0.99;
+
+/// Preference pairs from the failed episodes of a store: each is repaired by the smallest change of its calls, replayed, and
+/// becomes a pair at the first call that differs: the same prompt, the repaired decision chosen, the recorded one rejected
+/// (`preferences.jsonl`, prompt/chosen/rejected as TRL loads them). `values.jsonl` has the cost-to-go of every step of both:
+/// the decisions that a competent agent needed at worst, and 0.99 to that power as a value target.
+///
+/// Example:
+///   reel ingest traces --store store
+///   reel export preferences --store store --out preferences
+///   python -c "import datasets; print(datasets.load_dataset('json', data_files='preferences/preferences.jsonl'))"
+///
+/// An episode that does not replay bit for bit, or that nothing repairs, gives no pair; the report says why.
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// The store: a folder or s3://bucket/folder
+    #[arg(long, value_name = "STORE", default_value = "store")]
+    store: String,
+    /// Folder of the dataset; the repaired traces lie in its folder `traces`
+    #[arg(long, value_name = "DIR", default_value = "preferences")]
+    out: PathBuf,
+    /// Pairs have no pictures
+    #[arg(long)]
+    no_images: bool,
+    /// Most pixels of a picture; 0: as they were taken (640 x 480)
+    #[arg(long, value_name = "PIXELS", default_value_t = 100_352)]
+    pixels: u32,
+    /// Episodes at a time; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Print the report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// A failed episode and its repair.
+struct Pair {
+    failed: Trace,
+    blame: Blame,
+    repaired: Trace,
+    repair: Repair,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let Arguments { out, .. } = arguments;
+    if out.exists() && fs::read_dir(out)?.next().is_some() {
+        bail!("the folder {} is not empty", out.display());
+    }
+    let traces = out.join("traces");
+    fs::create_dir_all(&traces).with_context(|| format!("cannot make the folder {}", traces.display()))?;
+    let failed = Store::open(&arguments.store)?.failed_traces()?;
+    let bar = progress::bar(failed.len(), "repair");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(arguments.jobs)).build()?;
+    let one = |path: &String| {
+        let made = pair(Path::new(path), &traces).map_err(|reason| (path.clone(), format!("{reason:#}")));
+        bar.inc(1);
+        made
+    };
+    let made: Vec<Result<Pair, (String, String)>> = pool.install(|| failed.par_iter().with_max_len(1).map(one).collect());
+    bar.finish_and_clear();
+    let (mut pairs, mut refused) = (Vec::new(), Vec::new());
+    for made in made {
+        match made {
+            Ok(pair) => pairs.push(pair),
+            Err(refusal) => refused.push(refusal),
+        }
+    }
+    let count = pool.install(|| write(arguments, &pairs))?;
+    if arguments.json {
+        let refused: Vec<Value> = refused.iter().map(|(trace, reason)| json!({ "trace": trace, "reason": reason })).collect();
+        println!("{}", json!({ "failed": failed.len(), "pairs": count, "refused": refused, "out": out }));
+        return Ok(Answer::Yes);
+    }
+    println!("{count} pairs of {} failed episodes in {}", failed.len(), out.display());
+    for (trace, reason) in refused {
+        println!("  none of {trace}: {reason}");
+    }
+    Ok(Answer::Yes)
+}
+
+fn pair(path: &Path, traces: &Path) -> anyhow::Result<Pair> {
+    let failed = Trace::read(path)?;
+    let verdict = verify_trace(&failed);
+    if !verdict.is_exact() {
+        bail!("it does not replay exactly: {verdict}");
+    }
+    let blame = blame(&failed);
+    let decisive = blame.decisive.as_ref().context("nothing was lost in it")?;
+    let name = path.file_stem().map_or_else(|| "trace".into(), |stem| stem.to_string_lossy().into_owned());
+    let record = traces.join(format!("{name}--repaired.mcap"));
+    let repair = repair(&failed, decisive, Some(&record))?.map_err(anyhow::Error::msg)?;
+    if !repair.verified {
+        bail!("its repair does not replay exactly");
+    }
+    Ok(Pair { repaired: Trace::read(&record)?, failed, blame, repair })
+}
+
+/// Makes the examples of all these episodes with the exporter of training sets, and pairs them.
+fn write(arguments: &Arguments, pairs: &[Pair]) -> anyhow::Result<usize> {
+    let Arguments { out, .. } = arguments;
+    let (work, examples) = (out.join(".store"), out.join(".examples"));
+    let paths: Vec<PathBuf> = pairs.iter().flat_map(|pair| [pair.failed.path.clone(), pair.repaired.path.clone()]).collect();
+    let mut store = Store::open_or_create(&work)?;
+    store.ingest(&paths, &|_, _| ())?;
+    reel_export::export(&store, &examples, &options(arguments), &|_| (), &|_| ())?;
+    let rows = rows(&examples)?;
+    let mut preferences = BufWriter::new(fs::File::create(out.join("preferences.jsonl"))?);
+    let mut values = BufWriter::new(fs::File::create(out.join("values.jsonl"))?);
+    let mut count = 0;
+    for pair in pairs {
+        let row = |trace: &Trace| rows.get(&format!("{}/{}", trace.header.episode_id, pair.repair.at));
+        if let (Some(rejected), Some(chosen)) = (row(&pair.failed), row(&pair.repaired)) {
+            writeln!(preferences, "{}", preference(pair, rejected, chosen))?;
+            count += 1;
+        }
+        for (trace, measured) in [(&pair.failed, &pair.blame), (&pair.repaired, &blame(&pair.repaired))] {
+            for cost in &measured.costs {
+                let value = cost.before.map_or(0.0, |cost| GAMMA.powi(cost as i32));
+                writeln!(
+                    values,
+                    "{}",
+                    json!({ "example": format!("{}/{}", measured.episode_id, cost.step), "trace_digest": measured.trace_digest,
+                        "call": trace.steps[cost.step as usize].input.call, "cost_to_go": cost.before, "regret": cost.regret,
+                        "value": value })
+                )?;
+            }
+        }
+    }
+    preferences.flush()?;
+    values.flush()?;
+    let pictures = examples.join("images");
+    if pictures.exists() {
+        fs::rename(pictures, out.join("images"))?;
+    }
+    fs::remove_dir_all(&examples)?;
+    fs::remove_dir_all(&work)?;
+    Ok(count)
+}
+
+fn preference(pair: &Pair, rejected: &Value, chosen: &Value) -> Value {
+    let decisive = pair.blame.decisive.as_ref();
+    json!({
+        "prompt": rejected["prompt"], "chosen": chosen["completion"], "rejected": rejected["completion"], "images": rejected["images"],
+        "provenance": {
+            "rejected": rejected["provenance"], "chosen": chosen["provenance"], "call": pair.repair.at, "edits": pair.repair.edits,
+            "decisive_step": decisive.map(|decisive| decisive.step), "cause": decisive.map(|decisive| decisive.cause),
+        },
+    })
+}
+
+/// The rows of a dataset by the name of their example.
+fn rows(folder: &Path) -> anyhow::Result<BTreeMap<String, Value>> {
+    let mut rows = BTreeMap::new();
+    let parts = folder.join("train");
+    if !parts.exists() {
+        return Ok(rows);
+    }
+    for entry in fs::read_dir(parts)? {
+        for line in fs::read_to_string(entry?.path())?.lines() {
+            let row: Value = serde_json::from_str(line)?;
+            let name = row["provenance"]["example"].as_str().unwrap_or_default().to_owned();
+            rows.insert(name, row);
+        }
+    }
+    Ok(rows)
+}
+
+fn options(arguments: &Arguments) -> ExportOptions {
+    let pixels_max = (arguments.pixels > 0).then_some(arguments.pixels);
+    ExportOptions {
+        selection: Selection { failed: true, mistakes: true, after_decisive: true, contradictions: true, ..Selection::default() },
+        writer: WriterOptions {
+            pictures: PictureOptions { encoding: Encoding::Png, pixels_max, ..PictureOptions::default() },
+            ..WriterOptions::new(Format::Trl)
+        },
+        style: Style::SingleTurn,
+        words: Words::Auto,
+        split_by: SplitBy::Task,
+        ratios: Ratios::new([1.0, 0.0, 0.0]).expect("all of it is one part"),
+        pictures: !arguments.no_images,
+        allow_unverified: false,
+        replay: true,
+        rollouts: None,
+        tokenizer: None,
+        name: "reel-preferences".to_owned(),
+        licence: "other".to_owned(),
+        command: "reel export preferences".to_owned(),
+    }
+}

@@ -1,0 +1,87 @@
+//! Why an episode failed and what would repair it, from outside.
+
+use serde_json::Value;
+
+use crate::{complaint, expect, failed_episode};
+
+#[test]
+fn a_failure_is_measured_explained_and_repaired() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let trace = failed_episode(folder);
+    let trace = trace.to_str().unwrap();
+    let json = |text: String| -> Value { serde_json::from_str(&text).unwrap() };
+
+    let told = expect(folder, 0, &["blame", trace, "--steps", "--branches", "better"]);
+    assert!(told.contains("decisive  call") && told.contains("pick(marker_id="), "{told}");
+    assert!(told.contains("perception") && told.contains("a competent agent goes on and succeeds"), "{told}");
+    assert!(told.contains("replays exactly") && told.contains("  call  cost  after  regret"), "{told}");
+    let found = json(expect(folder, 0, &["blame", trace, "--json", "--branches", "better"]));
+    let better = found["alternative"]["trace"].as_str().unwrap();
+    assert!(expect(folder, 0, &["replay", better]).contains("exact"));
+    let step = found["decisive"]["step"].as_u64().unwrap();
+    assert!(expect(folder, 0, &["branch", trace, "--check", better]).contains(&format!("branches at call {step}")));
+    let lean = json(expect(folder, 0, &["blame", trace, "--json", "--no-alternatives"]));
+    assert_eq!((&lean["decisive"], &lean["alternative"]), (&found["decisive"], &Value::Null));
+    assert!(complaint(folder, 2, &["blame", trace, "--labels"]).contains("no label beside"));
+    assert!(complaint(folder, 2, &["blame"]).contains("required"));
+
+    let repaired = json(expect(folder, 0, &["repair", trace, "--out", "repaired.mcap", "--json"]));
+    assert_eq!((&repaired["verified"], repaired["edits"].as_array().unwrap().is_empty()), (&true.into(), false), "{repaired}");
+    let pair = &repaired["preference"];
+    assert!(pair["chosen"][0] != pair["rejected"][0] && pair["after"].as_u64().unwrap() >= step, "{pair}");
+    assert!(expect(folder, 0, &["blame", "repaired.mcap"]).contains("succeeded"));
+    let nothing = complaint(folder, 1, &["repair", "repaired.mcap"]);
+    assert!(nothing.contains("nothing to repair"), "{nothing}");
+    assert!(complaint(folder, 2, &["repair", trace, "--out", trace]).contains("another name"));
+}
+
+#[cfg(feature = "analytics")]
+#[test]
+fn a_store_keeps_what_was_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    failed_episode(folder);
+    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oracle", "--out", "traces", "--no-images"]);
+    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    let told = expect(folder, 0, &["blame", "--store", "store"]);
+    assert!(told.contains("1 of 1 episodes failed") && told.contains("table `blame`"), "{told}");
+    let ask = |sql: &str| expect(folder, 0, &["query", "--store", "store", "--format", "csv", sql]);
+    let kept = ask("SELECT tool, harm, cause, alternative FROM blame");
+    assert_eq!(kept, "tool,harm,cause,alternative\npick,world,perception,planner\n");
+    let same = ask("SELECT count(*) AS n FROM blame b JOIN episodes e ON b.episode_id = e.episode_id \
+                    WHERE blame(e.trace).step = b.step AND blame(e.trace).why = b.why");
+    assert_eq!(same, "n\n1\n");
+    let of_success = ask("SELECT blame(trace).step IS NULL AS none FROM episodes WHERE success");
+    assert_eq!(of_success, "none\ntrue\n");
+}
+
+#[cfg(feature = "analytics")]
+#[test]
+fn failures_become_preferences_and_value_targets() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    failed_episode(folder);
+    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    let report = expect(folder, 0, &["export", "preferences", "--store", "store", "--out", "pairs", "--json"]);
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!((&report["failed"], &report["pairs"]), (&1.into(), &1.into()), "{report}");
+    let lines = |name: &str| -> Vec<Value> {
+        let text = std::fs::read_to_string(folder.join("pairs").join(name)).unwrap();
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    };
+    let pair = &lines("preferences.jsonl")[0];
+    let said = |side: &str| pair[side][0]["content"][0]["text"].as_str().unwrap().to_owned();
+    assert!(said("chosen") != said("rejected") && said("chosen").contains("next_action"), "{pair}");
+    let origin = &pair["provenance"];
+    assert_eq!(origin["chosen"]["verdict"], "exact");
+    assert_eq!((&origin["chosen"]["call"], &origin["rejected"]["call"]), (&origin["call"], &origin["call"]));
+    for picture in pair["images"].as_array().unwrap() {
+        assert!(folder.join("pairs").join(picture.as_str().unwrap()).exists(), "{picture}");
+    }
+    let values = lines("values.jsonl");
+    assert_eq!(values.last().unwrap()["cost_to_go"], 1, "the repaired episode ends with finish");
+    assert!(values.iter().all(|row| (0.0..=1.0).contains(&row["value"].as_f64().unwrap())));
+    assert!(!folder.join("pairs/.store").exists() && !folder.join("pairs/.examples").exists());
+    assert!(complaint(folder, 2, &["export", "preferences", "--store", "store", "--out", "pairs"]).contains("not empty"));
+}
