@@ -1,13 +1,15 @@
 //! The published tasks in our simulator: the oracle reaches their goals, and what stayed where it was put in the simulator
 //! they were made with stays here too (SPEC section 10). Reads the data from `REEL_REAL_BENCH` or beside the repository.
 
-use std::{path::PathBuf, sync::Arc};
+mod data;
+
+use std::sync::Arc;
 
 use reel_agents::{Job, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_sim::{Simulator, model::Surface};
-use reel_world::{Family, ObjectInstance, Profile, Scene, Task, record::PolicyInfo};
+use reel_world::{Family, ObjectInstance, Profile, Task, record::PolicyInfo};
 
 /// How far aside of the surface's rectangle a reference rest still counts as over it, in metres.
 const ASIDE_M: f64 = 0.05;
@@ -16,7 +18,7 @@ const HEIGHT_M: f64 = 0.15;
 
 #[test]
 fn the_oracle_reaches_the_goal_of_every_eighth_task() {
-    let Some((scene, tasks)) = real_bench() else { return };
+    let Some((scene, tasks)) = data::real_bench() else { return };
     let mut by_family: Vec<Arc<Task>> = Vec::new();
     for family in Family::ALL {
         by_family.extend(tasks.iter().filter(|task| task.family == family).cloned());
@@ -53,7 +55,7 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task() {
 
 #[test]
 fn what_stayed_on_its_receptacle_there_stays_here() {
-    let Some((scene, tasks)) = real_bench() else { return };
+    let Some((scene, tasks)) = data::real_bench() else { return };
     let (mut stayed, mut excluded, mut ejected, mut without) = (0_u32, 0_u32, 0_u32, 0_u32);
     let mut exceptions = Vec::new();
     for task in &tasks {
@@ -105,18 +107,4 @@ fn rests_on(surface: &Surface, object: &ObjectInstance, rest: [f64; 3]) -> bool 
     let over = (0..2)
         .all(|axis| (f64::from(surface.min[axis]) - ASIDE_M..=f64::from(surface.max[axis]) + ASIDE_M).contains(&rest[axis]));
     over && (rest[2] - object.size[2] / 2.0 - f64::from(surface.z)).abs() <= HEIGHT_M
-}
-
-/// The published scene and tasks, if they are there.
-fn real_bench() -> Option<(Arc<Scene>, Vec<Arc<Task>>)> {
-    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/real-bench"));
-    let path = std::env::var_os("REEL_REAL_BENCH").map_or_else(beside, PathBuf::from);
-    if !path.is_dir() {
-        eprintln!("skipped: no REAL-Bench data at {} (set REEL_REAL_BENCH)", path.display());
-        return None;
-    }
-    let scene = reel_tasks::scene::load(&path.join("s7_scene.json")).unwrap().scene;
-    let tasks: Vec<_> = reel_tasks::load(&path.join("tasks"), &scene).tasks.into_iter().map(Arc::new).collect();
-    assert_eq!(tasks.len(), 180);
-    Some((Arc::new(scene), tasks))
 }

@@ -1,6 +1,7 @@
 //! Measured episodes: what their steps cost, and which of them decided.
 
 mod faulty;
+mod real_bench;
 mod stage;
 
 use reel_blame::blame;

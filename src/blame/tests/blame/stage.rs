@@ -1,4 +1,4 @@
-//! Tasks in the home, and episodes of them.
+//! Tasks, and episodes of them.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -22,8 +22,11 @@ impl Stage {
     pub fn new(count: usize, seed: u64) -> Self {
         let scene = home();
         let options = GenerateOptions { scene: &scene, families: &Family::ALL, count, seed };
-        let tasks = generate(&options).tasks.into_iter().map(Arc::new).collect();
-        Self { tasks, scene: Arc::new(scene), folder: tempfile::tempdir().unwrap() }
+        Self::of(generate(&options).tasks.into_iter().map(Arc::new).collect(), Arc::new(scene))
+    }
+
+    pub fn of(tasks: Vec<Arc<Task>>, scene: Arc<Scene>) -> Self {
+        Self { tasks, scene, folder: tempfile::tempdir().unwrap() }
     }
 
     /// Plays a task with a policy by name.

@@ -39,8 +39,13 @@ impl Belief {
             Move::ShowReceptacles => {
                 self.see_nothing();
                 if let Some(here) = self.at.clone() {
+                    self.receptacles = BTreeSet::from([here.clone()]);
+                    let found = self.closed.contains(&here).then(|| self.read_as_meant(&here));
                     self.read_at_worst(&here);
-                    self.receptacles = BTreeSet::from([here]);
+                    // Behind a closed door it is worse to find what one looks for than to go on.
+                    if let Some(found) = found.filter(|found| found.effort() > self.effort()) {
+                        *self = found;
+                    }
                 }
             }
             Move::Find(thing) => self.look_at_worst(Some(*thing)),
@@ -59,6 +64,25 @@ impl Belief {
         self.in_view.clear();
         self.numbered.clear();
         self.receptacles.clear();
+    }
+
+    fn effort(&self) -> u32 {
+        self.cost_to_go().unwrap_or(u32::MAX)
+    }
+
+    /// The world in which it is the one that is meant.
+    fn read_as_meant(&self, here: &ReceptacleId) -> Self {
+        let mut found = self.clone();
+        for errand in 0..found.errands.len() {
+            if self.open_sources(errand).any(|id| id == here) {
+                found.errands[errand].source = here.clone();
+            }
+            if self.open_destinations(errand).any(|id| id == here) {
+                found.errands[errand].destination = here.clone();
+            }
+        }
+        found.read.insert(here.clone());
+        found
     }
 
     /// It is not the one that is meant, unless no other is left.

@@ -7,6 +7,8 @@
 mod course;
 mod imagine;
 mod objection;
+#[cfg(test)]
+mod tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 
