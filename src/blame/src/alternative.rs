@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::Decisive;
 
 /// Who may take over, the one that knows less first.
-const HEIRS: [&str; 2] = ["planner", "oracle"];
+pub(crate) const HEIRS: [&str; 2] = ["planner", "oracle"];
 
 /// What would have been better.
 #[derive(Clone, PartialEq, Debug, Serialize)]

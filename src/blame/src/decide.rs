@@ -62,7 +62,7 @@ pub(crate) fn decisive(trace: &Trace, moments: &[Moment]) -> Option<(usize, Harm
         return Some((first, Harm::Time));
     };
     let worse = unpaid.iter().copied().find(|step| cost(step + 1) > cost(*step));
-    let in_vain: u32 = unpaid.iter().take_while(|step| **step < end).map(|step| lost(*step)).sum();
+    let in_vain = unpaid.iter().take_while(|step| **step < end).fold(0_u32, |sum, step| sum.saturating_add(lost(*step)));
     let in_time = moments[end].hindsight.is_some_and(|cost| cost <= moments[end].budget);
     let ended = worse == Some(end) && in_time && in_vain < IN_VAIN;
     Some(if ended { (end, Harm::Ending) } else { (first, Harm::Time) })

@@ -9,7 +9,10 @@ use reel_trace::Trace;
 use reel_world::{Tool, ToolCall};
 use serde::Serialize;
 
-use crate::{Decisive, alternative::recorded};
+use crate::{
+    Decisive,
+    alternative::{HEIRS, recorded},
+};
 
 /// One change of a list of calls; numbers are of the parent's calls.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -128,7 +131,7 @@ impl Search<'_, '_> {
 
     /// What the first who succeeds from there calls.
     fn better_future(&mut self, trace: &Trace) -> Result<Option<Vec<ToolCall>>, BranchError> {
-        for heir in ["planner", "oracle"] {
+        for heir in HEIRS {
             self.tried += 1;
             let (report, calls) = Branch::policy(heir, trace.header.seed).play_for_calls(self.fork)?;
             if report.success {
@@ -138,7 +141,7 @@ impl Search<'_, '_> {
         Ok(None)
     }
 
-    /// Takes changes back one after the other, as long as it still succeeds: replaced calls first as a whole.
+    /// Takes changes back one after the other, as long as it still succeeds.
     fn least(&mut self, mut script: Vec<Op>) -> Result<Vec<Op>, BranchError> {
         loop {
             let mut changed = false;

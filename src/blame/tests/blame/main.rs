@@ -21,3 +21,17 @@ fn the_planner_regrets_nothing() {
     }
     assert!(bad.is_empty(), "{} of {}:\n{}", bad.len(), stage.tasks.len(), bad.join("\n"));
 }
+
+#[test]
+fn what_broke_off_or_never_began_is_measured_too() {
+    let stage = Stage::new(1, 11);
+    let whole = stage.play(&stage.tasks[0], "wrong-object");
+    for steps in 0..whole.steps.len() {
+        let mut trace = whole.clone();
+        trace.steps.truncate(steps);
+        trace.end = None;
+        let found = blame(&trace);
+        assert_eq!((found.costs.len(), found.success), (steps, None));
+        assert!(found.decisive.is_none_or(|decisive| (decisive.step as usize) < steps));
+    }
+}

@@ -173,11 +173,6 @@ impl Belief {
         self.at.as_ref()
     }
 
-    /// What it holds.
-    pub fn held(&self) -> Option<Thing> {
-        self.held
-    }
-
     /// Takes in what is in view, without a call: before the first, or after one that failed.
     pub fn see(&mut self, view: &View) {
         for (thing, place, fits) in &view.things {
