@@ -229,7 +229,7 @@ impl Planner {
             (Tool::Pick { marker }, Some(ErrorCode::MarkerNotInView | ErrorCode::OutOfReach)) => thing(marker).map(Deed::Lost),
             (Tool::Place { marker }, None) => place(marker).map(Deed::Place),
             (Tool::Place { marker }, Some(ErrorCode::DoorClosed)) => place(marker).map(Deed::DoorClosed),
-            (Tool::Place { marker }, Some(ErrorCode::NoFreeSpot | ErrorCode::NotASurface)) => place(marker).map(Deed::Useless),
+            (Tool::Place { marker }, Some(ErrorCode::NotASurface)) => place(marker).map(Deed::Useless),
             (Tool::Open { marker }, None) => place(marker).map(Deed::Open),
             (Tool::Close { marker }, None) => place(marker).map(Deed::Close),
             (Tool::Open { marker } | Tool::Close { marker }, Some(ErrorCode::NoDoor)) => place(marker).map(Deed::NoDoor),

@@ -1,12 +1,14 @@
 //! What is left to do at every moment of an episode: for a competent agent that knows what its agent knew, and in truth.
 //! Never who is to blame.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use reel_agents::{Context, GoalHint, Planner, Policy, retrace};
 use reel_plan::{Move, Objection};
 use reel_trace::Trace;
-use reel_world::{DoorState, FLOOR, HORIZON, InstanceId, Profile, ReceptacleId, Task, Tool, WorldGraph, record::StepRecord};
+use reel_world::{
+    DoorState, FLOOR, HORIZON, InstanceId, Profile, ReceptacleId, Task, Tool, ToolCall, WorldGraph, record::StepRecord,
+};
 use serde::Serialize;
 
 /// A moment of an episode: before a call, or after the last.
@@ -16,8 +18,8 @@ pub(crate) struct Moment {
     pub cost: Option<u32>,
     /// The same for one who knows besides which receptacles are meant: nothing falls by a lucky find.
     pub hindsight: Option<u32>,
-    /// The least that is left to do in truth, wherever the robot stands and whatever is in view; none: out of reach.
-    pub work: Option<u32>,
+    /// What is left to do in truth, wherever the robot stands and whatever is in view: calls by what has to be done with.
+    pub work: BTreeMap<Item, u32>,
     /// Decisions left.
     pub budget: u32,
     /// What the competent agent would do.
@@ -26,15 +28,28 @@ pub(crate) struct Moment {
     pub objection: Option<Objection>,
 }
 
+/// What has something left to be done with.
+#[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub(crate) enum Item {
+    /// An object that the goal moves.
+    Wanted(InstanceId),
+    /// Another one, that was taken.
+    Taken(InstanceId),
+    /// A door in the way.
+    Door(ReceptacleId),
+}
+
 /// What one step cost. The costs are of what its agent knew, at worst, in decisions.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 pub struct StepCost {
     /// From 0.
     pub step: u32,
-    /// Before it; none where success could not be had for sure within the decisions left.
+    /// Before it; none where success could not be had for sure within the decisions left. It may still come by luck.
     pub before: Option<u32>,
     /// After it.
     pub after: Option<u32>,
+    /// Before it, for one who knows besides which receptacles are meant; what decides is told by this.
+    pub hindsight: Option<u32>,
     /// Decisions it lost: how far the cost did not fall by one. None where success was out of reach before or after.
     pub regret: Option<u32>,
 }
@@ -52,12 +67,18 @@ pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
     let mut knowing = Planner::new(hints.iter().map(GoalHint::in_hindsight).collect(), 0);
     let mut planner = Planner::new(hints, 0);
     let mut truth = Truth::new(trace);
+    let mut failed: Option<ToolCall> = None;
     let mut moments = Vec::with_capacity(trace.steps.len() + 1);
     let ended = trace.end.as_ref().map(|end| end.metrics.success);
     retrace(&trace.task, &trace.scene, &trace.start, &trace.steps, |context, step| {
         let advice = planner.advice(context);
         let belief = planner.belief(context);
-        let objection = step.and_then(|step| belief.objection(&made(&trace.task, context, step)?));
+        let again = |step: &StepRecord| failed.as_ref() == Some(&step.input.call);
+        let objection = step.and_then(|step| match again(step) {
+            true => Some(Objection::Memory),
+            false => belief.objection(&made(&trace.task, context, step)?),
+        });
+        failed = step.filter(|step| step.outcome.error.is_some()).map(|step| step.input.call.clone());
         let (cost, hindsight) = match (step, ended) {
             (None, Some(success)) => (success.then_some(0), success.then_some(0)),
             _ => (belief.cost_to_go(), knowing.belief(context).cost_to_go()),
@@ -78,7 +99,7 @@ pub(crate) fn step_costs(moments: &[Moment]) -> Vec<StepCost> {
     let cost = |(step, pair): (usize, &[Moment])| {
         let (before, after) = (pair[0].affordable(), pair[1].affordable());
         let regret = before.zip(after).map(|(before, after)| (after + 1).saturating_sub(before));
-        StepCost { step: step as u32, before, after, regret }
+        StepCost { step: step as u32, before, after, hindsight: pair[0].hindsight, regret }
     };
     moments.windows(2).enumerate().map(cost).collect()
 }
@@ -122,6 +143,8 @@ const BRING: u32 = 3;
 const TAKE: u32 = 4;
 /// Calls that open a door: `nav_to`, `show_receptacles`, `open`.
 const OPEN: u32 = 3;
+/// What lies on the floor cannot be taken.
+const OUT_OF_REACH: u32 = 1_000;
 
 impl<'t> Truth<'t> {
     fn new(trace: &'t Trace) -> Self {
@@ -139,9 +162,8 @@ impl<'t> Truth<'t> {
     }
 
     /// What is left to do: everything that the goal moves, and what was taken, has to come to where the goal has it.
-    fn work(&self) -> Option<u32> {
-        let mut work = 1;
-        let mut doors: BTreeSet<&ReceptacleId> = BTreeSet::new();
+    fn work(&self) -> BTreeMap<Item, u32> {
+        let mut work = BTreeMap::new();
         for object in &self.task.objects {
             let id = &object.instance;
             let wanted = self.task.goal.place_of(id);
@@ -151,17 +173,22 @@ impl<'t> Truth<'t> {
             if !(moved || self.taken.contains(id)) || (place == wanted && !held) {
                 continue;
             }
-            let to = wanted?;
-            let closed = |id: &ReceptacleId| self.graph.door(id) == Some(DoorState::Closed);
-            if held {
-                work += BRING;
-            } else {
-                let from = place.filter(|place| place.as_str() != FLOOR)?;
-                work += TAKE + BRING;
-                doors.extend(Some(from).filter(|from| closed(from)));
-            }
-            doors.extend(Some(to).filter(|to| closed(to)));
+            let item = if moved { Item::Wanted(id.clone()) } else { Item::Taken(id.clone()) };
+            let reachable = place.is_some_and(|place| place.as_str() != FLOOR);
+            work.insert(
+                item,
+                if held {
+                    BRING
+                } else if reachable {
+                    TAKE + BRING
+                } else {
+                    OUT_OF_REACH
+                },
+            );
+            let closed = |id: &&ReceptacleId| self.graph.door(id) == Some(DoorState::Closed);
+            let doors = place.filter(|_| !held).into_iter().chain(wanted).filter(closed);
+            work.extend(doors.map(|door| (Item::Door(door.clone()), OPEN)));
         }
-        Some(work + OPEN * doors.len() as u32)
+        work
     }
 }

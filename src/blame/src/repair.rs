@@ -1,5 +1,5 @@
-//! The smallest change of an episode's calls that makes it succeed, by search over branches: one call with another number, then
-//! what a better future did otherwise, as little of it as will do. Never calls before the decisive step.
+//! The smallest change of an episode's calls that makes it succeed, by search over branches: one edit at the decisive
+//! call, then what a better future did otherwise, as little of it as will do. Never calls before the decisive step.
 
 use std::path::{Path, PathBuf};
 
@@ -65,7 +65,7 @@ pub fn repair(trace: &Trace, decisive: &Decisive, record: Option<&Path>) -> Resu
     let moment = fork(trace, at, None)?;
     let parent: Vec<ToolCall> = trace.steps[at..].iter().map(|step| step.input.call.clone()).collect();
     let mut search = Search { fork: &moment, tried: 0 };
-    let script = match search.one_number(trace, at, &parent)? {
+    let script = match search.one_edit(trace, decisive, &parent)? {
         Some(script) => script,
         None => {
             let Some(better) = search.better_future(trace)? else {
@@ -109,21 +109,27 @@ impl Search<'_, '_> {
         Ok(branch.play(self.fork, None)?.success)
     }
 
-    /// The decisive call with another number of the map that lay before the agent.
-    fn one_number(&mut self, trace: &Trace, at: usize, parent: &[ToolCall]) -> Result<Option<Vec<Op>>, BranchError> {
-        let Some(shown) = at.checked_sub(1).map(|before| &trace.steps[before].markers) else { return Ok(None) };
-        let with = |marker| match Tool::parse(&parent[0]).ok()? {
+    /// One edit at the decisive call: without it, another call instead of it or before it; what a competent agent would have
+    /// called, or the same with another number of the map that lay before the agent.
+    fn one_edit(&mut self, trace: &Trace, decisive: &Decisive, parent: &[ToolCall]) -> Result<Option<Vec<Op>>, BranchError> {
+        let at = decisive.step as usize;
+        let [made, rest @ ..] = parent else { return Ok(None) };
+        let shown = at.checked_sub(1).map_or(&[][..], |before| &trace.steps[before].markers);
+        let with = |marker| match Tool::parse(made).ok()? {
             Tool::Pick { .. } => Some(Tool::Pick { marker }),
             Tool::Place { .. } => Some(Tool::Place { marker }),
             _ => None,
         };
-        for call in shown.iter().filter_map(|marker| with(marker.id)).map(|tool| tool.to_call()) {
-            if call != parent[0] {
-                let rest = parent[1..].iter().cloned().map(Op::Keep);
-                let script: Vec<Op> = [Op::Delete(parent[0].clone()), Op::Insert(call)].into_iter().chain(rest).collect();
-                if self.succeeds(&script)? {
-                    return Ok(Some(script));
-                }
+        let others = shown.iter().filter_map(|marker| with(marker.id)).map(|tool| tool.to_call());
+        let calls: Vec<ToolCall> = others.chain([decisive.advice.clone()]).filter(|call| call != made).collect();
+        let (gone, kept) = (Op::Delete(made.clone()), Op::Keep(made.clone()));
+        let mut scripts = vec![vec![gone.clone()]];
+        scripts.extend(calls.iter().map(|call| vec![gone.clone(), Op::Insert(call.clone())]));
+        scripts.extend(calls.iter().map(|call| vec![Op::Insert(call.clone()), kept.clone()]));
+        for mut script in scripts {
+            script.extend(rest.iter().cloned().map(Op::Keep));
+            if self.succeeds(&script)? {
+                return Ok(Some(script));
             }
         }
         Ok(None)

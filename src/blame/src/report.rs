@@ -2,7 +2,10 @@
 
 use reel_plan::Objection;
 use reel_trace::Trace;
-use reel_world::{Digest, InstanceId, ToolCall, record::StepRecord};
+use reel_world::{
+    Digest, InstanceId, ToolCall,
+    record::{EndReason, StepRecord},
+};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -50,6 +53,19 @@ pub struct Shares {
     pub other: f64,
 }
 
+impl Shares {
+    /// What most of it is due to.
+    fn largest(&self) -> Cause {
+        let causes = [
+            (self.other, Cause::Other),
+            (self.memory, Cause::Memory),
+            (self.communication, Cause::Communication),
+            (self.perception, Cause::Perception),
+        ];
+        causes.into_iter().max_by(|(one, _), (other, _)| one.total_cmp(other)).map_or(Cause::Other, |(_, cause)| cause)
+    }
+}
+
 /// The step that decided.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Decisive {
@@ -86,9 +102,9 @@ pub struct Blame {
     pub decisive: Option<Decisive>,
     /// Decisions lost in all.
     pub wasted: u32,
-    /// The step with which success went out of reach.
+    /// The step after which success could no longer be had for sure; luck may still have brought it.
     pub point_of_no_return: Option<u32>,
-    /// Whether it still was to be had before the last step.
+    /// Whether it still was to be had for sure before the last step.
     pub repairable_at_end: bool,
     /// What the failure is due to.
     pub shares: Shares,
@@ -101,7 +117,10 @@ pub fn blame(trace: &Trace) -> Blame {
     let moments = cost::moments(trace);
     let costs = cost::step_costs(&moments);
     let success = trace.end.as_ref().map(|end| end.metrics.success);
-    let decided = if success == Some(true) { None } else { decide::decisive(trace, &moments) };
+    // What was broken off did not fail yet.
+    let failed = trace.end.as_ref().is_some_and(|end| !end.metrics.success && end.reason != EndReason::Aborted);
+    let decided = if failed { decide::decisive(trace, &moments) } else { None };
+    let shares = decided.map(|(step, _)| shares(trace, &moments, step)).unwrap_or_default();
     let lost = |pair: &[Moment]| pair[0].affordable().is_some() && pair[1].affordable().is_none();
     Blame {
         episode_id: trace.header.episode_id.clone(),
@@ -109,10 +128,10 @@ pub fn blame(trace: &Trace) -> Blame {
         task_id: trace.header.task_id.clone(),
         success,
         wasted: costs.iter().filter_map(|cost| cost.regret).sum(),
-        point_of_no_return: moments.windows(2).rposition(lost).map(|step| step as u32),
+        point_of_no_return: moments.windows(2).rposition(lost).filter(|_| success != Some(true)).map(|step| step as u32),
         repairable_at_end: moments.len() > 1 && moments[moments.len() - 2].affordable().is_some(),
-        shares: decided.map(|(step, _)| shares(&moments, step)).unwrap_or_default(),
-        decisive: decided.map(|(step, harm)| tell(trace, &moments, step, harm)),
+        decisive: decided.map(|(step, harm)| tell(trace, &moments, &shares, step, harm)),
+        shares,
         costs,
     }
 }
@@ -127,7 +146,7 @@ fn cause(moment: &Moment) -> Cause {
 }
 
 /// Of what was lost from the decisive step on and never came back.
-fn shares(moments: &[Moment], decisive: usize) -> Shares {
+fn shares(trace: &Trace, moments: &[Moment], decisive: usize) -> Shares {
     let last = moments.len() - 1;
     let cost = |moment: usize| moments[moment].cost;
     let mut shares = Shares::default();
@@ -135,9 +154,11 @@ fn shares(moments: &[Moment], decisive: usize) -> Shares {
         let Some(before) = moment.cost else { continue };
         let lost = cost(step + 1).map_or(before, |after| (after + 1).saturating_sub(before));
         let repaid = (step + 1..=last).any(|later| cost(later).is_some_and(|cost| cost < before));
-        if lost == 0 || repaid {
+        let finishes = trace.steps[step].tool_name() == "finish";
+        if step != decisive && (lost == 0 || repaid || finishes) {
             continue;
         }
+        let lost = lost.max(1);
         let share = match cause(moment) {
             Cause::Perception => &mut shares.perception,
             Cause::Communication => &mut shares.communication,
@@ -154,9 +175,9 @@ fn shares(moments: &[Moment], decisive: usize) -> Shares {
     Shares { perception: perception / all, communication: communication / all, memory: memory / all, other: other / all }
 }
 
-fn tell(trace: &Trace, moments: &[Moment], step: usize, harm: Harm) -> Decisive {
+fn tell(trace: &Trace, moments: &[Moment], shares: &Shares, step: usize, harm: Harm) -> Decisive {
     let record = &trace.steps[step];
-    let cause = cause(&moments[step]);
+    let cause = if harm == Harm::Time { shares.largest() } else { cause(&moments[step]) };
     Decisive {
         step: record.step,
         tool: record.tool_name().to_owned(),

@@ -1,8 +1,10 @@
 //! Injected faults: the measured step against the step at which the fault began, and what comes of the advice.
 
-use reel_agents::{FaultKind, Injection, Label, SampleOptions, sample};
-use reel_blame::{Harm, alternative, blame, repair};
-use reel_trace::Trace;
+use reel_agents::{FaultKind, Injection, Label, RecordTo, SampleOptions, sample};
+use reel_blame::{Edit, Harm, alternative, blame, repair};
+use reel_branch::{Branch, Then};
+use reel_trace::{Images, RecordOptions, Trace};
+use reel_world::{Family, ToolCall};
 
 use crate::stage::{Stage, told};
 
@@ -76,4 +78,26 @@ fn a_wrong_object_is_repaired_by_one_number() {
         single += usize::from(repair.edits.len() == 1);
     }
     assert!(all >= 3 && single * 2 >= all, "{single} of {all}");
+}
+
+#[test]
+fn a_door_closed_again_is_to_blame_and_one_call_less_repairs_it() {
+    let stage = Stage::new(8, 5);
+    let mut found = 0;
+    for task in stage.tasks.iter().filter(|task| task.family == Family::FDO) {
+        let parent = stage.play(task, "oracle");
+        let Some(open) = parent.steps.iter().position(|step| step.tool_name() == "open") else { continue };
+        let close = ToolCall { name: "close".into(), ..parent.steps[open].input.call.clone() };
+        let path = stage.folder().join("closed.mcap");
+        let record = RecordTo { path: path.clone(), options: RecordOptions::from(Images::None) };
+        let branch = Branch { calls: vec![close], then: Then::Parent(open + 1) };
+        branch.play_at(&parent, open + 1, Some(&record)).unwrap();
+        let trace = Trace::read(&path).unwrap();
+        let decisive = blame(&trace).decisive.unwrap();
+        assert_eq!((decisive.step as usize, decisive.harm), (open + 1, Harm::World), "{}", told(&trace, &blame(&trace)));
+        let repair = repair(&trace, &decisive, None).unwrap().unwrap();
+        assert_eq!(repair.edits, [Edit::Delete { at: open + 1 }]);
+        found += 1;
+    }
+    assert!(found >= 1);
 }

@@ -88,18 +88,19 @@ impl Belief {
     /// It is not the one that is meant, unless no other is left.
     fn read_at_worst(&mut self, here: &ReceptacleId) {
         for errand in 0..self.errands.len() {
-            let worst = |among: Vec<ReceptacleId>, closed: &BTreeSet<ReceptacleId>| {
-                let others = || among.iter().rev().filter(|id| *id != here);
+            // Source and destination are two places.
+            let worst = |among: Vec<ReceptacleId>, but: &ReceptacleId, closed: &BTreeSet<ReceptacleId>| {
+                let others = || among.iter().rev().filter(|id| *id != here && *id != but);
                 others().find(|id| closed.contains(*id)).or_else(|| others().next()).cloned()
             };
             let sources: Vec<ReceptacleId> = self.open_sources(errand).cloned().collect();
             let destinations: Vec<ReceptacleId> = self.open_destinations(errand).cloned().collect();
             if sources.contains(here) {
-                let source = worst(sources, &self.closed);
+                let source = worst(sources, &self.errands[errand].destination, &self.closed);
                 self.errands[errand].source = source.unwrap_or_else(|| here.clone());
             }
             if destinations.contains(here) {
-                let destination = worst(destinations, &self.closed);
+                let destination = worst(destinations, &self.errands[errand].source, &self.closed);
                 self.errands[errand].destination = destination.unwrap_or_else(|| here.clone());
             }
         }

@@ -123,6 +123,8 @@ pub struct Belief {
     /// Where it stands.
     at: Option<ReceptacleId>,
     held: Option<Thing>,
+    /// Where it has been.
+    visited: BTreeSet<ReceptacleId>,
     /// Receptacles whose look and name were brought together.
     read: BTreeSet<ReceptacleId>,
     /// Receptacles of which all that stands there is known.
@@ -152,6 +154,7 @@ impl Belief {
             errands,
             at: None,
             held: None,
+            visited: BTreeSet::new(),
             read: BTreeSet::new(),
             surveyed: BTreeSet::new(),
             useless: BTreeSet::new(),
@@ -243,6 +246,7 @@ impl Belief {
 
     fn go(&mut self, receptacle: &ReceptacleId) {
         self.at = Some(receptacle.clone());
+        self.visited.insert(receptacle.clone());
         self.gazed = None;
     }
 

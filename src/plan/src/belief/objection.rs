@@ -16,6 +16,9 @@ pub enum Objection {
 impl Belief {
     /// What speaks against making this move now; none where nothing does, or nothing of these.
     pub fn objection(&self, made: &Move) -> Option<Objection> {
+        if *made == self.next() {
+            return None;
+        }
         let errands = || 0..self.errands.len();
         match made {
             Move::Pick(thing) => match errands().find(|errand| self.may_be(*thing, *errand)) {
@@ -27,13 +30,7 @@ impl Belief {
                 let held = self.held.and_then(|thing| errands().find(|errand| self.may_be(thing, *errand)))?;
                 (!meant(held)).then_some(Objection::Perception)
             }
-            Move::NavTo(receptacle) => {
-                let wanted =
-                    |errand: usize| self.open_sources(errand).chain(self.open_destinations(errand)).any(|id| id == receptacle);
-                let known = self.read.contains(receptacle) || self.surveyed.contains(receptacle);
-                let again = self.at.as_ref() == Some(receptacle);
-                (again || known && !errands().any(wanted)).then_some(Objection::Memory)
-            }
+            Move::NavTo(receptacle) => self.visited.contains(receptacle).then_some(Objection::Memory),
             Move::ShowReceptacles => {
                 let here = self.at.as_ref();
                 here.is_some_and(|here| self.receptacles.contains(here)).then_some(Objection::Memory)

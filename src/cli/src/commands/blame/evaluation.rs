@@ -70,7 +70,9 @@ pub fn print(measured: &[Measured]) -> anyhow::Result<()> {
             100.0 * row.random / row.episodes as f64
         );
     }
-    println!("alternatives that succeed and replay exactly: {verified} of {}", total.episodes);
+    if verified > 0 {
+        println!("alternatives that succeed and replay exactly: {verified} of {}", total.episodes);
+    }
     without.iter().for_each(|why| println!("  none: {why}"));
     Ok(())
 }

@@ -30,7 +30,7 @@ const STORE: [&str; 0] = [];
 ///   reel blame --store store && reel query --store store "SELECT cause, count(*) FROM blame GROUP BY cause"
 ///   reel blame faulty --labels                   # how often it is right, on what `reel faults run` wrote
 ///
-/// Costs and regrets are in decisions. Causes: perception (the wrong candidate, although its look told it apart),
+/// Costs and regrets are in decisions; `knowing` is the cost for one who knows besides which receptacles are meant. Causes: perception (the wrong candidate, although its look told it apart),
 /// communication (nobody was asked although several fitted), memory (against what was known), other.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
@@ -143,8 +143,8 @@ fn print(measured: &Measured, trace: &Trace, steps: bool) {
         (None, None) => println!("  better    {}", decisive.advice),
     }
     match (blame.repairable_at_end, blame.point_of_no_return) {
-        (true, _) => println!("  in time   success was still to be had before the last call"),
-        (false, Some(step)) => println!("  in time   success went out of reach with call {step}"),
+        (true, _) => println!("  in time   success was to be had for sure up to the last call"),
+        (false, Some(step)) => println!("  in time   after call {step} success could no longer be had for sure"),
         (false, None) => {}
     }
 }
@@ -180,13 +180,13 @@ fn stored(measured: &Measured) -> Blamed {
 }
 
 fn print_steps(blame: &Blame, trace: &Trace) {
-    println!("  call  cost  after  regret");
+    println!("  call  cost  after  regret  knowing");
     let number = |number: Option<u32>| number.map_or_else(|| "-".to_owned(), |number| number.to_string());
     for (step, cost) in trace.steps.iter().zip(&blame.costs) {
         let regret = cost.regret.map_or_else(|| "-".to_owned(), |lost| if lost == 0 { String::new() } else { lost.to_string() });
         let error = step.outcome.error.map_or_else(String::new, |code| format!("   {code}"));
-        let (before, after) = (number(cost.before), number(cost.after));
-        println!("  {:>4} {before:>5} {after:>6} {regret:>7}   {}{error}", step.step, step.input.call);
+        let [before, after, knowing] = [cost.before, cost.after, cost.hindsight].map(number);
+        println!("  {:>4} {before:>5} {after:>6} {regret:>7} {knowing:>8}   {}{error}", step.step, step.input.call);
     }
 }
 
@@ -208,7 +208,7 @@ fn print_summary(measured: &[Measured]) {
     println!(
         "  in {better} the alternative succeeds ({verified} replayed exactly), in {in_time} success was to be had to the end"
     );
-    let shares = |share: fn(&Blame) -> f64| failed.iter().map(|one| share(&one.blame)).sum::<f64>() / failed.len().max(1) as f64;
+    let shares = |share: fn(&Blame) -> f64| failed.iter().map(|one| share(&one.blame)).sum::<f64>() / failed.len() as f64;
     for (name, share) in [
         ("perception", shares(|blame| blame.shares.perception)),
         ("communication", shares(|blame| blame.shares.communication)),

@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             Err(refusal) => refused.push(refusal),
         }
     }
-    let count = pool.install(|| write(arguments, &pairs))?;
+    let count = pool.install(|| write(arguments, &pairs, &mut refused))?;
     if arguments.json {
         let refused: Vec<Value> = refused.iter().map(|(trace, reason)| json!({ "trace": trace, "reason": reason })).collect();
         println!("{}", json!({ "failed": failed.len(), "pairs": count, "refused": refused, "out": out }));
@@ -120,7 +120,7 @@ fn pair(path: &Path, traces: &Path) -> anyhow::Result<Pair> {
 }
 
 /// Makes the examples of all these episodes with the exporter of training sets, and pairs them.
-fn write(arguments: &Arguments, pairs: &[Pair]) -> anyhow::Result<usize> {
+fn write(arguments: &Arguments, pairs: &[Pair], refused: &mut Vec<(String, String)>) -> anyhow::Result<usize> {
     let Arguments { out, .. } = arguments;
     let (work, examples) = (out.join(".store"), out.join(".examples"));
     let paths: Vec<PathBuf> = pairs.iter().flat_map(|pair| [pair.failed.path.clone(), pair.repaired.path.clone()]).collect();
@@ -136,6 +136,9 @@ fn write(arguments: &Arguments, pairs: &[Pair]) -> anyhow::Result<usize> {
         if let (Some(rejected), Some(chosen)) = (row(&pair.failed), row(&pair.repaired)) {
             writeln!(preferences, "{}", preference(pair, rejected, chosen))?;
             count += 1;
+        } else {
+            let reason = format!("only one of the two has a decision {}", pair.repair.at);
+            refused.push((pair.failed.path.display().to_string(), reason));
         }
         for (trace, measured) in [(&pair.failed, &pair.blame), (&pair.repaired, &blame(&pair.repaired))] {
             for cost in &measured.costs {
