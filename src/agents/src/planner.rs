@@ -3,9 +3,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reel_plan::{Belief, Deed, Errand, Move, Thing, View};
+use reel_plan::{Belief, Deed, Errand, Move, Objection, Thing, View};
 use reel_world::{
-    ErrorCode, FLOOR, ObjectInstance, ReceptacleId, Task, Tool, language,
+    ErrorCode, FLOOR, ObjectInstance, ReceptacleId, Task, Tool, ToolCall, language,
     record::{PolicyInfo, StepInput},
 };
 
@@ -174,6 +174,22 @@ impl Planner {
         tool.filter(|_| self.failures < FAILURES_MAX).unwrap_or(Tool::Finish)
     }
 
+    /// What speaks against a call that somebody else makes now.
+    pub fn objection(&mut self, context: &Context<'_>, call: &ToolCall) -> Option<Objection> {
+        let seen = context.seen;
+        let made = match Tool::parse(call).ok()? {
+            Tool::NavTo { receptacle } => Move::NavTo(receptacle),
+            Tool::WalkAround | Tool::ShowObjectByCategory { .. } => Move::WalkAround,
+            Tool::ShowReceptacles => Move::ShowReceptacles,
+            Tool::GazeAt { marker } => Move::Gaze(thing_at(seen, marker)?),
+            Tool::Pick { marker } => Move::Pick(thing_at(seen, marker)?),
+            Tool::Place { marker } => Move::Place(place_at(seen, marker)?),
+            Tool::Ask { .. } => Move::Ask(0),
+            Tool::Open { .. } | Tool::Close { .. } | Tool::Finish | Tool::Lifecycle(_) => return None,
+        };
+        self.belief(context).objection(&made)
+    }
+
     fn at_start(&self, context: &Context<'_>) -> Belief {
         let has_door = |category: &str| DOOR_WORDS.iter().any(|word| category.contains(word));
         let doors = context.briefing.receptacles.iter().filter(|(_, category, _)| has_door(category));
@@ -209,9 +225,7 @@ impl Planner {
 
     /// What a call did; `at` is where the robot stood, `seen` what was in view then.
     fn deeds(&self, tool: &Tool, at: Option<ReceptacleId>, context: &Context<'_>, seen: &[Seen]) -> Vec<Deed> {
-        let marked = |marker: &u32| seen.iter().find(|thing| thing.marker == Some(*marker));
-        let thing = |marker: &u32| marked(marker).and_then(|seen| seen.thing);
-        let place = |marker: &u32| marked(marker).filter(|seen| seen.furniture).and_then(|seen| seen.receptacle_hint.clone());
+        let (thing, place) = (|marker: &u32| thing_at(seen, *marker), |marker: &u32| place_at(seen, *marker));
         let deed = match (tool, context.observation.error) {
             (Tool::NavTo { receptacle }, None) => Some(Deed::NavTo(receptacle.clone())),
             (Tool::NavTo { receptacle }, Some(_)) => Some(Deed::Useless(receptacle.clone())),
@@ -242,6 +256,16 @@ impl Planner {
     fn remember(&mut self, tool: Option<Tool>, context: &Context<'_>, own: bool) {
         self.last = Some(Last { tool, seen: context.seen.to_vec(), own });
     }
+}
+
+/// The thing with that number.
+fn thing_at(seen: &[Seen], marker: u32) -> Option<Thing> {
+    seen.iter().find(|seen| seen.marker == Some(marker))?.thing
+}
+
+/// The receptacle with that number.
+fn place_at(seen: &[Seen], marker: u32) -> Option<ReceptacleId> {
+    seen.iter().find(|seen| seen.marker == Some(marker) && seen.furniture)?.receptacle_hint.clone()
 }
 
 /// Whether an answer names the object: not as long as the user only says where to look.

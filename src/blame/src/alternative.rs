@@ -7,12 +7,13 @@ use reel_agents::RecordTo;
 use reel_branch::{Branch, BranchError, fork};
 use reel_replay::{Fork, verify_branch};
 use reel_trace::{Images, RecordOptions, Trace};
+use reel_world::ToolCall;
 use serde::Serialize;
 
 use crate::Decisive;
 
 /// Who may take over, the one that knows less first.
-pub(crate) const HEIRS: [&str; 2] = ["planner", "oracle"];
+const HEIRS: [&str; 2] = ["planner", "oracle"];
 
 /// What would have been better.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -37,22 +38,40 @@ pub fn alternative(
     record: Option<&Path>,
 ) -> Result<Result<Alternative, String>, BranchError> {
     let fork = fork(trace, decisive.step as usize, None)?;
+    let better = match better_future(&fork)? {
+        Ok(better) => better,
+        Err(why) => return Ok(Err(why)),
+    };
+    let verified = match record {
+        Some(path) => recorded(&better.branch, &fork, path)?,
+        None => false,
+    };
+    let (policy, trace) = (better.policy.to_owned(), record.map(Path::to_owned));
+    Ok(Ok(Alternative { policy, length: better.length, trace, verified }))
+}
+
+/// A future in which the episode succeeds.
+pub(crate) struct Better {
+    policy: &'static str,
+    branch: Branch,
+    length: u32,
+    /// Its calls from there on.
+    pub calls: Vec<ToolCall>,
+}
+
+/// Lets each heir take over until one succeeds; else says how each failed.
+pub(crate) fn better_future(fork: &Fork<'_>) -> Result<Result<Better, String>, BranchError> {
     let mut told = Vec::new();
-    for heir in HEIRS {
-        let report = Branch::policy(heir, trace.header.seed).play(&fork, None)?;
-        if !report.success {
-            let why = report.unreachable.unwrap_or_else(|| format!("{:?} after {} calls", report.end_reason, report.length));
-            told.push(format!("{heir}: {why}"));
-            continue;
+    for policy in HEIRS {
+        let branch = Branch::policy(policy, fork.parent().header.seed);
+        let (report, calls) = branch.play_for_calls(fork)?;
+        if report.success {
+            return Ok(Ok(Better { policy, branch, length: report.length, calls }));
         }
-        let verified = match record {
-            Some(path) => recorded(&Branch::policy(heir, trace.header.seed), &fork, path)?,
-            None => false,
-        };
-        let trace = record.map(Path::to_owned);
-        return Ok(Ok(Alternative { policy: heir.to_owned(), length: report.length, trace, verified }));
+        let why = report.unreachable.unwrap_or_else(|| format!("{:?} after {} calls", report.end_reason, report.length));
+        told.push(format!("{policy}: {why}"));
     }
-    Ok(Err(format!("from call {} on nobody succeeds ({})", decisive.step, told.join("; "))))
+    Ok(Err(format!("from call {} on nobody succeeds ({})", fork.call(), told.join("; "))))
 }
 
 /// Records a branch, and replays what was recorded.

@@ -3,11 +3,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reel_agents::{Context, GoalHint, Planner, Policy, retrace};
-use reel_plan::{Move, Objection};
+use reel_agents::{GoalHint, Planner, Policy, retrace};
+use reel_plan::Objection;
 use reel_trace::Trace;
 use reel_world::{
-    DoorState, FLOOR, HORIZON, InstanceId, Profile, ReceptacleId, Task, Tool, ToolCall, WorldGraph, record::StepRecord,
+    DoorState, FLOOR, HORIZON, InstanceId, Profile, ReceptacleId, Task, Tool, ToolCall, WorldGraph,
+    record::{EndReason, StepRecord},
 };
 use serde::Serialize;
 
@@ -61,6 +62,12 @@ impl Moment {
     }
 }
 
+/// Whether an episode succeeded; none where it was broken off: then it did not fail yet.
+pub(crate) fn outcome(trace: &Trace) -> Option<bool> {
+    let end = trace.end.as_ref()?;
+    (end.metrics.success || end.reason != EndReason::Aborted).then_some(end.metrics.success)
+}
+
 /// Every moment of an episode, one more than it has steps.
 pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
     let hints = GoalHint::of_task(&trace.task);
@@ -69,19 +76,18 @@ pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
     let mut truth = Truth::new(trace);
     let mut failed: Option<ToolCall> = None;
     let mut moments = Vec::with_capacity(trace.steps.len() + 1);
-    let ended = trace.end.as_ref().map(|end| end.metrics.success);
+    let ended = outcome(trace);
     retrace(&trace.task, &trace.scene, &trace.start, &trace.steps, |context, step| {
         let advice = planner.advice(context);
-        let belief = planner.belief(context);
         let again = |step: &StepRecord| failed.as_ref() == Some(&step.input.call);
         let objection = step.and_then(|step| match again(step) {
             true => Some(Objection::Memory),
-            false => belief.objection(&made(&trace.task, context, step)?),
+            false => planner.objection(context, &step.input.call),
         });
         failed = step.filter(|step| step.outcome.error.is_some()).map(|step| step.input.call.clone());
         let (cost, hindsight) = match (step, ended) {
             (None, Some(success)) => (success.then_some(0), success.then_some(0)),
-            _ => (belief.cost_to_go(), knowing.belief(context).cost_to_go()),
+            _ => (planner.belief(context).cost_to_go(), knowing.belief(context).cost_to_go()),
         };
         let budget = HORIZON.saturating_sub(context.step);
         moments.push(Moment { cost, hindsight, work: truth.work(), budget, advice, objection });
@@ -102,29 +108,6 @@ pub(crate) fn step_costs(moments: &[Moment]) -> Vec<StepCost> {
         StepCost { step: step as u32, before, after, hindsight: pair[0].hindsight, regret }
     };
     moments.windows(2).enumerate().map(cost).collect()
-}
-
-/// The call of a step as a move; none where it is none that one could object to.
-fn made(task: &Task, context: &Context<'_>, step: &StepRecord) -> Option<Move> {
-    let object = |marker: u32| context.seen.iter().find(|seen| seen.marker == Some(marker)).and_then(|seen| seen.thing);
-    let place = |marker: u32| {
-        let marked = context.seen.iter().find(|seen| seen.furniture && seen.marker == Some(marker));
-        marked.and_then(|seen| seen.receptacle_hint.clone())
-    };
-    let picked = || {
-        let index = task.objects.iter().position(|known| Some(&known.instance) == step.object.as_ref())?;
-        u32::try_from(index).ok()
-    };
-    Some(match Tool::parse(&step.input.call).ok()? {
-        Tool::NavTo { receptacle } => Move::NavTo(receptacle),
-        Tool::WalkAround | Tool::ShowObjectByCategory { .. } => Move::WalkAround,
-        Tool::ShowReceptacles => Move::ShowReceptacles,
-        Tool::GazeAt { marker } => Move::Gaze(object(marker)?),
-        Tool::Pick { marker } => Move::Pick(object(marker).or_else(picked)?),
-        Tool::Place { marker } => Move::Place(place(marker)?),
-        Tool::Ask { .. } => Move::Ask(0),
-        Tool::Open { .. } | Tool::Close { .. } | Tool::Finish | Tool::Lifecycle(_) => return None,
-    })
 }
 
 /// The truth of an episode, followed through its records.

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::{
     Decisive,
-    alternative::{HEIRS, recorded},
+    alternative::{better_future, recorded},
 };
 
 /// One change of a list of calls; numbers are of the parent's calls.
@@ -68,10 +68,11 @@ pub fn repair(trace: &Trace, decisive: &Decisive, record: Option<&Path>) -> Resu
     let script = match search.one_edit(trace, decisive, &parent)? {
         Some(script) => script,
         None => {
-            let Some(better) = search.better_future(trace)? else {
-                return Ok(Err(format!("from call {at} on nobody succeeds")));
+            let better = match better_future(&moment)? {
+                Ok(better) => better,
+                Err(why) => return Ok(Err(why)),
             };
-            search.least(align(&parent, &better))?
+            search.least(align(&parent, &better.calls))?
         }
     };
     let tried = search.tried;
@@ -130,18 +131,6 @@ impl Search<'_, '_> {
             script.extend(rest.iter().cloned().map(Op::Keep));
             if self.succeeds(&script)? {
                 return Ok(Some(script));
-            }
-        }
-        Ok(None)
-    }
-
-    /// What the first who succeeds from there calls.
-    fn better_future(&mut self, trace: &Trace) -> Result<Option<Vec<ToolCall>>, BranchError> {
-        for heir in HEIRS {
-            self.tried += 1;
-            let (report, calls) = Branch::policy(heir, trace.header.seed).play_for_calls(self.fork)?;
-            if report.success {
-                return Ok(Some(calls));
             }
         }
         Ok(None)

@@ -2,10 +2,7 @@
 
 use reel_plan::Objection;
 use reel_trace::Trace;
-use reel_world::{
-    Digest, InstanceId, ToolCall,
-    record::{EndReason, StepRecord},
-};
+use reel_world::{Digest, InstanceId, ToolCall, record::StepRecord};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -116,10 +113,8 @@ pub struct Blame {
 pub fn blame(trace: &Trace) -> Blame {
     let moments = cost::moments(trace);
     let costs = cost::step_costs(&moments);
-    let success = trace.end.as_ref().map(|end| end.metrics.success);
-    // What was broken off did not fail yet.
-    let failed = trace.end.as_ref().is_some_and(|end| !end.metrics.success && end.reason != EndReason::Aborted);
-    let decided = if failed { decide::decisive(trace, &moments) } else { None };
+    let success = cost::outcome(trace);
+    let decided = if success == Some(false) { decide::decisive(trace, &moments) } else { None };
     let shares = decided.map(|(step, _)| shares(trace, &moments, step)).unwrap_or_default();
     let lost = |pair: &[Moment]| pair[0].affordable().is_some() && pair[1].affordable().is_none();
     Blame {

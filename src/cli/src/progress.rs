@@ -14,6 +14,7 @@ pub fn bar(count: usize, what: &str) -> ProgressBar {
 }
 
 /// A spinner for work of unknown length.
+#[cfg(feature = "analytics")]
 pub fn spinner() -> ProgressBar {
     let bar = ProgressBar::new_spinner();
     if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed} {msg}") {

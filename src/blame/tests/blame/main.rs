@@ -1,5 +1,8 @@
 //! Measured episodes: what their steps cost, and which of them decided.
 
+#[path = "../../../replay/tests/replay/episodes.rs"]
+#[expect(dead_code, reason = "not every crate's tests need all of it")]
+mod episodes;
 mod faulty;
 mod real_bench;
 mod stage;

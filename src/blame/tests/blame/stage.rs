@@ -4,12 +4,12 @@ use std::{path::PathBuf, sync::Arc};
 
 use reel_agents::{Injection, Label, RecordTo, policy, run_episode, run_injected};
 use reel_blame::Blame;
-use reel_episode::EpisodeConfig;
-use reel_reward::Preset;
 use reel_tasks::{GenerateOptions, generate, home};
 use reel_trace::{Images, RecordOptions, Trace};
-use reel_world::{Family, Profile, Scene, Task, record::PolicyInfo};
+use reel_world::{Family, Scene, Task};
 use tempfile::TempDir;
+
+use crate::episodes::config;
 
 /// Tasks in their scene, and a folder for traces.
 pub struct Stage {
@@ -31,17 +31,16 @@ impl Stage {
 
     /// Plays a task with a policy by name.
     pub fn play(&self, task: &Arc<Task>, name: &str) -> Trace {
-        let config = self.config(task, 3);
         let mut policy = policy(name, task, &self.scene, 3).unwrap();
         let path = self.path(task, name);
-        run_episode(config, policy.as_mut(), Some(&to(&path))).unwrap();
+        run_episode(config(task, &self.scene, 3), policy.as_mut(), Some(&to(&path))).unwrap();
         Trace::read(&path).unwrap()
     }
 
     /// Plays a task in which something goes wrong.
     pub fn play_injected(&self, task: &Arc<Task>, injection: &Injection) -> (Trace, Label) {
         let path = self.path(task, &injection.seed.to_string());
-        let (_, label) = run_injected(self.config(task, injection.seed), injection, Some(&to(&path))).unwrap();
+        let (_, label) = run_injected(config(task, &self.scene, injection.seed), injection, Some(&to(&path))).unwrap();
         (Trace::read(&path).unwrap(), label)
     }
 
@@ -51,19 +50,6 @@ impl Stage {
 
     fn path(&self, task: &Task, name: &str) -> PathBuf {
         self.folder.path().join(format!("{}-{name}.mcap", task.task_id.replace('/', "-")))
-    }
-
-    fn config(&self, task: &Arc<Task>, seed: u64) -> EpisodeConfig {
-        EpisodeConfig {
-            task: task.clone(),
-            scene: self.scene.clone(),
-            seed,
-            profile: Profile::Paper,
-            preset: Preset::paper(),
-            run_id: "test".into(),
-            policy: PolicyInfo::default(),
-            parent: None,
-        }
     }
 }
 

@@ -85,3 +85,56 @@ fn failures_become_preferences_and_value_targets() {
     assert!(!folder.join("pairs/.store").exists() && !folder.join("pairs/.examples").exists());
     assert!(complaint(folder, 2, &["export", "preferences", "--store", "store", "--out", "pairs"]).contains("not empty"));
 }
+
+#[cfg(feature = "analytics")]
+#[test]
+fn the_taxonomy_takes_the_measured_step() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["tasks", "generate", "--count", "4", "--seed", "3", "--out", "tasks"]);
+    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oscillating", "--out", "traces", "--no-images"]);
+    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    let others = || {
+        expect(folder, 0, &["taxonomy", "--store", "store"]);
+        let sql = "SELECT count(*) FILTER (WHERE c.step <> blame(e.trace).step) AS others, count(*) AS n FROM classes c \
+                   JOIN episodes e ON c.episode_id = e.episode_id";
+        let rows = expect(folder, 0, &["query", "--store", "store", "--format", "csv", sql]);
+        let numbers: Vec<u32> = rows.lines().nth(1).unwrap().split(',').map(|number| number.parse().unwrap()).collect();
+        (numbers[0], numbers[1])
+    };
+    let (by_rules, failed) = others();
+    assert!(by_rules > 0, "rules and measure agree on all {failed}: nothing is tested");
+    expect(folder, 0, &["blame", "--store", "store", "--no-alternatives"]);
+    assert_eq!(others(), (0, failed));
+}
+
+#[test]
+fn the_evaluation_counts_what_began_where() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["tasks", "generate", "--count", "4", "--seed", "5", "--out", "tasks"]);
+    let kinds = "premature_finish,missing_pick";
+    expect(
+        folder,
+        0,
+        &["faults", "run", "--tasks", "tasks", "--count", "6", "--seed", "40", "--kinds", kinds, "--out", "faulty"],
+    );
+    let told = expect(folder, 0, &["blame", "faulty", "--labels", "--no-alternatives"]);
+    let all = told.lines().find(|line| line.starts_with("all")).unwrap();
+    let numbers: Vec<&str> = all.split_whitespace().collect();
+    assert!(numbers[1].parse::<u32>().unwrap() >= 3 && numbers[1] == numbers[2], "{told}");
+    // A label that says otherwise is counted as such.
+    for entry in std::fs::read_dir(folder.join("faulty")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.to_string_lossy().ends_with(".label.json") {
+            let mut label: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+            let step = label["faults"][0]["step"].as_u64().unwrap();
+            label["faults"][0]["step"] = (step + 1).into();
+            std::fs::write(&path, label.to_string()).unwrap();
+        }
+    }
+    let told = expect(folder, 0, &["blame", "faulty", "--labels", "--no-alternatives"]);
+    let all = told.lines().find(|line| line.starts_with("all")).unwrap();
+    let numbers: Vec<&str> = all.split_whitespace().collect();
+    assert_eq!((numbers[2], numbers[1]), ("0", numbers[4]), "all are found earlier: {told}");
+}

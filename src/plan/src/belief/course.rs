@@ -136,8 +136,9 @@ impl Belief {
         let known = source.and_then(|_| {
             let mut found: Vec<(Thing, ReceptacleId)> =
                 self.candidates(errand).filter_map(|thing| Some((thing, self.things[&thing].place.clone()?))).collect();
-            // What is at hand comes first.
-            found.sort_by_key(|(thing, _)| (self.gazed != Some(*thing), !self.numbered.contains(thing)));
+            // What is at hand comes first, and last what could not be taken when it tried.
+            let at_hand = |thing: &Thing| (self.gazed != Some(*thing), !self.numbered.contains(thing));
+            found.sort_by_key(|(thing, _)| (self.lost.contains(thing), at_hand(thing)));
             found.into_iter().next()
         });
         if let Some((thing, place)) = known {

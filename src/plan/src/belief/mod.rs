@@ -36,13 +36,13 @@ pub struct Errand {
 
 /// What is known of a thing that was seen.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub struct Sighting {
-    /// Where it is, as far as one knows; none: in the hand, or lost.
-    pub place: Option<ReceptacleId>,
+struct Sighting {
+    /// Where it is, as far as one knows; none: in the hand, or gone.
+    place: Option<ReceptacleId>,
     /// Where it was seen first.
-    pub origin: Option<ReceptacleId>,
+    origin: Option<ReceptacleId>,
     /// For each errand whether the words fit it, those of the answers included.
-    pub fits: Vec<bool>,
+    fits: Vec<bool>,
 }
 
 /// What is in the picture, or was told, after a call.
@@ -142,6 +142,8 @@ pub struct Belief {
     numbered: BTreeSet<Thing>,
     receptacles: BTreeSet<ReceptacleId>,
     gazed: Option<Thing>,
+    /// Things that it could not take when it tried.
+    lost: BTreeSet<Thing>,
     /// Whether an answer named the object of the vague errand.
     settled: bool,
     asks: u32,
@@ -166,6 +168,7 @@ impl Belief {
             numbered: BTreeSet::new(),
             receptacles: BTreeSet::new(),
             gazed: None,
+            lost: BTreeSet::new(),
             settled: false,
             asks: 0,
         }
@@ -233,6 +236,7 @@ impl Belief {
                 self.gazed = None;
                 self.numbered.remove(thing);
                 self.in_view.remove(thing);
+                self.lost.insert(*thing);
             }
         }
     }

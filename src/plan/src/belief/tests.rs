@@ -210,3 +210,19 @@ fn what_was_done_wrong_is_made_good() {
         assert_eq!(world.at, [Some(destination), Some(source)]);
     }
 }
+
+#[test]
+fn of_two_equal_things_it_takes_the_one_that_can_be_taken() {
+    let world = World::new(1, 0, 1, 0, false, false);
+    let (mut belief, source) = (start(&world), world.errand.source.clone());
+    let both = [MEANT, LIKE].map(|thing| (thing, Some(source.clone()), vec![true])).to_vec();
+    let view = View { things: both, numbered: [MEANT, LIKE].into(), receptacles: BTreeSet::new() };
+    for deed in [Deed::NavTo(source), Deed::WalkAround, Deed::Gaze(MEANT)] {
+        belief.learn(&deed, &view);
+    }
+    assert_eq!(belief.next(), Move::Pick(MEANT));
+    belief.learn(&Deed::Lost(MEANT), &view);
+    assert_eq!(belief.next(), Move::Gaze(LIKE));
+    belief.learn(&Deed::Gaze(LIKE), &view);
+    assert_eq!(belief.next(), Move::Pick(LIKE));
+}

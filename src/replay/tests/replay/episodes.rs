@@ -10,7 +10,7 @@ use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::{GenerateOptions, generate, home};
 use reel_trace::{Images, Recorder, Trace};
-use reel_world::{Family, Profile, Task, chain, record::PolicyInfo};
+use reel_world::{Family, Profile, Scene, Task, chain, record::PolicyInfo};
 
 /// One task of each family.
 pub fn tasks() -> &'static [Arc<Task>] {
@@ -32,18 +32,23 @@ pub fn record(path: &Path, task: &Arc<Task>, name: &str, images: Images) -> Path
 pub fn record_seeded(path: &Path, task: &Arc<Task>, name: &str, seed: u64, images: Images) -> PathBuf {
     let scene = Arc::new(home());
     let mut policy = policy(name, task, &scene, seed).unwrap();
-    let config = EpisodeConfig {
+    let config = config(task, &scene, seed);
+    run_episode(config, policy.as_mut(), Some(&RecordTo { path: path.to_owned(), options: images.into() })).unwrap();
+    path.to_owned()
+}
+
+/// What an episode of a task starts from.
+pub fn config(task: &Arc<Task>, scene: &Arc<Scene>, seed: u64) -> EpisodeConfig {
+    EpisodeConfig {
         task: task.clone(),
-        scene,
+        scene: scene.clone(),
         seed,
         profile: Profile::Paper,
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),
         parent: None,
-    };
-    run_episode(config, policy.as_mut(), Some(&RecordTo { path: path.to_owned(), options: images.into() })).unwrap();
-    path.to_owned()
+    }
 }
 
 /// Makes the chain of a changed trace hold again, and the end fit it.
