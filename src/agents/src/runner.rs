@@ -168,6 +168,7 @@ mod tests {
             profile: Profile::Paper,
             run_id: "run".into(),
             policy: PolicyInfo::default(),
+            rollout: None,
             parent: None,
         };
         Job { config, policy: "oracle".into(), record: None, command: "reel run --seed 11".into() }

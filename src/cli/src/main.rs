@@ -97,6 +97,18 @@ enum Command {
     Export(commands::export::Arguments),
     #[command(about = "Check or make task files")]
     Tasks(commands::tasks::Arguments),
+    #[command(about = "Serve live worlds to agents (MCP), and episodes to people (REST)")]
+    #[cfg(feature = "analytics")]
+    Serve(commands::serve::Arguments),
+    #[command(about = "Serve one agent over standard input and output (MCP)")]
+    #[cfg(feature = "analytics")]
+    Mcp(commands::serve::Mcp),
+    #[command(about = "Make and revoke the tokens that clients of `reel serve` show")]
+    #[cfg(feature = "analytics")]
+    Token(commands::token::Arguments),
+    #[command(about = "Check a configuration of `reel serve`, or print the default")]
+    #[cfg(feature = "analytics")]
+    Config(commands::config::Arguments),
     #[command(about = "The whole loop on embedded defaults: run, replay, ingest, query, picture")]
     #[cfg(feature = "analytics")]
     Demo(commands::demo::Arguments),
@@ -142,6 +154,14 @@ fn main() -> ExitCode {
         Command::Expand(arguments) => commands::repack::expand(&arguments),
         Command::Export(arguments) => commands::export::run(&arguments),
         Command::Tasks(arguments) => commands::tasks::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Serve(arguments) => commands::serve::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Mcp(arguments) => commands::serve::mcp(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Token(arguments) => commands::token::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Config(arguments) => commands::config::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Demo(arguments) => commands::demo::run(&arguments),
         Command::Bench(arguments) => commands::bench::run(&arguments),

@@ -14,7 +14,7 @@ use std::{
     sync::Arc,
 };
 
-use reel_episode::{Episode, EpisodeConfig};
+use reel_episode::{Episode, EpisodeConfig, Rollout};
 use reel_reward::Preset;
 use reel_sim::{Snapshot, stress::Stress};
 use reel_world::{
@@ -105,6 +105,7 @@ fn play(recorded: &Recorded, restored: bool) -> Digest {
         preset: Preset::parse(&header.reward_preset).expect("a known preset"),
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),
+        rollout: Rollout::of(header),
         parent: header.parent.clone(),
     };
     let (mut episode, start, _) = Episode::start(config.clone()).expect("task and scene belong together");

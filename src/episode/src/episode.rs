@@ -28,6 +28,25 @@ pub struct Episode {
     ended: Option<EndReason>,
 }
 
+/// An episode put aside; see [`Episode::park`].
+#[derive(Debug)]
+pub struct Parked {
+    config: EpisodeConfig,
+    start: StartRecord,
+    steps: Vec<StepRecord>,
+    snapshot: Snapshot,
+}
+
+impl Parked {
+    /// Goes on with it.
+    ///
+    /// # Errors
+    /// As [`Episode::resume`].
+    pub fn wake(self) -> Result<Episode, EpisodeError> {
+        Episode::resume(self.config, self.start, self.steps, &self.snapshot)
+    }
+}
+
 impl fmt::Debug for Episode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Episode({}, {} steps, ended: {:?})", self.header.episode_id, self.steps.len(), self.ended)
@@ -125,6 +144,13 @@ impl Episode {
     /// The state of the simulator after the last call, to go on from.
     pub fn snapshot(&self) -> Snapshot {
         self.simulator.snapshot()
+    }
+
+    /// Puts the episode aside: its records and a snapshot, without the scene's shapes, the navigation map and the last picture,
+    /// which make up most of what a running one holds.
+    pub fn park(self) -> Parked {
+        let snapshot = self.snapshot();
+        Parked { config: self.config, start: self.start, steps: self.steps, snapshot }
     }
 
     /// The header of the trace.
@@ -320,8 +346,8 @@ fn header(config: &EpisodeConfig) -> EpisodeHeader {
     let mut header = EpisodeHeader {
         episode_id: String::new(),
         run_id: config.run_id.clone(),
-        group_id: None,
-        rollout_index: None,
+        group_id: config.rollout.as_ref().map(|rollout| rollout.group_id.clone()),
+        rollout_index: config.rollout.as_ref().map(|rollout| rollout.index),
         task_id: config.task.task_id.clone(),
         family: config.task.family,
         scene_id: config.scene.scene_id.clone(),

@@ -9,10 +9,10 @@ use std::sync::Arc;
 use reel_reward::Preset;
 use reel_world::{
     Digest, ErrorCode, Frame, InstanceId, Profile, Receptacle, ReceptacleId, Scene, Task, WorldGraph,
-    record::{Marker, Parent, PolicyInfo, StepRecord},
+    record::{EpisodeHeader, Marker, Parent, PolicyInfo, StepRecord},
 };
 
-pub use episode::Episode;
+pub use episode::{Episode, Parked};
 
 /// What an episode is a function of, besides its calls.
 #[derive(Clone, Debug)]
@@ -31,8 +31,26 @@ pub struct EpisodeConfig {
     pub run_id: String,
     /// Who decides.
     pub policy: PolicyInfo,
+    /// The prompt group it is played for, if any.
+    pub rollout: Option<Rollout>,
     /// The trace and call it branches from, if any.
     pub parent: Option<Parent>,
+}
+
+/// An episode's place in a prompt group: several episodes of one task and seed, whose advantages are relative to each other.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Rollout {
+    /// The group.
+    pub group_id: String,
+    /// From 0.
+    pub index: u32,
+}
+
+impl Rollout {
+    /// The place that a header names; none where it is of no group.
+    pub fn of(header: &EpisodeHeader) -> Option<Self> {
+        Some(Self { group_id: header.group_id.clone()?, index: header.rollout_index.unwrap_or(0) })
+    }
 }
 
 /// What a step gives back: the record for the trace and the picture for the policy.

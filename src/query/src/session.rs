@@ -173,6 +173,22 @@ impl Session {
     /// # Errors
     /// As [`Session::run`], and when a parameter is missing.
     pub fn run_with(&self, sql: &str, parameters: &Parameters) -> Result<Vec<RecordBatch>, QueryError> {
+        let (sender, batches) = mpsc::channel();
+        self.run_each(sql, parameters, move |batch| sender.send(batch).is_ok())?;
+        Ok(batches.into_iter().collect())
+    }
+
+    /// Runs one query, handing each batch of the answer on as it comes, until `take` wants no more. It may wait: the query
+    /// waits with it.
+    ///
+    /// # Errors
+    /// As [`Session::run_with`]; some batches may have been handed on then.
+    pub fn run_each(
+        &self,
+        sql: &str,
+        parameters: &Parameters,
+        take: impl FnMut(RecordBatch) -> bool + Send + 'static,
+    ) -> Result<(), QueryError> {
         if sql.len() > SQL_BYTES_MAX {
             return Err(QueryError::TooLong { bytes: sql.len() });
         }
@@ -185,7 +201,7 @@ impl Session {
         let (inner, sql, parameters) = (self.0.clone(), sql.to_owned(), parameters.clone());
         // a long chain of operators is a deep tree, and planning walks down it
         let thread = std::thread::Builder::new().stack_size(reel_tables::STACK_BYTES).spawn(move || {
-            let _ = sender.send(inner.runtime.block_on(inner.answer(&sql, &parameters)));
+            let _ = sender.send(inner.runtime.block_on(inner.answer(&sql, &parameters, take)));
         });
         thread.map_err(|error| QueryError::Engine(error.into()))?;
         self.0.watch(&answer)
@@ -211,7 +227,7 @@ impl Session {
 
 impl Inner {
     /// Waits for the answer, and for no longer and with no more memory than is allowed. What does not listen is left alone.
-    fn watch(&self, answer: &mpsc::Receiver<Result<Vec<RecordBatch>, QueryError>>) -> Result<Vec<RecordBatch>, QueryError> {
+    fn watch(&self, answer: &mpsc::Receiver<Result<(), QueryError>>) -> Result<(), QueryError> {
         let (begun, resident_before) = (Instant::now(), limits::resident_bytes().unwrap_or(0));
         let memory = self.limits.memory_bytes.saturating_mul(4);
         let stopped = loop {
@@ -238,9 +254,14 @@ impl Inner {
         Err(QueryError::Stopped(stopped))
     }
 
-    async fn answer(&self, sql: &str, parameters: &Parameters) -> Result<Vec<RecordBatch>, QueryError> {
+    async fn answer(
+        &self,
+        sql: &str,
+        parameters: &Parameters,
+        take: impl FnMut(RecordBatch) -> bool + Send + 'static,
+    ) -> Result<(), QueryError> {
         let (context, plan) = self.plan(sql, parameters).await?;
-        self.collect(&context, plan).await
+        self.hand_on(&context, plan, take).await
     }
 
     async fn plan(&self, sql: &str, parameters: &Parameters) -> Result<(SessionContext, LogicalPlan), QueryError> {
@@ -348,23 +369,33 @@ impl Inner {
         Ok(())
     }
 
-    async fn collect(&self, context: &SessionContext, plan: LogicalPlan) -> Result<Vec<RecordBatch>, QueryError> {
+    async fn hand_on(
+        &self,
+        context: &SessionContext,
+        plan: LogicalPlan,
+        mut take: impl FnMut(RecordBatch) -> bool + Send + 'static,
+    ) -> Result<(), QueryError> {
         let rows_max = self.limits.rows;
         let frame = context.execute_logical_plan(plan).await?;
         let columns = Arc::new(frame.schema().as_arrow().clone());
         let answer = tokio::spawn(async move {
             let mut stream = frame.execute_stream().await?;
-            let mut batches = Vec::new();
-            let mut rows = 0;
+            let (mut rows, mut empty) = (0, true);
             while let Some(batch) = stream.next().await {
-                let batch = batch?;
+                let batch = in_plain_types(&batch?)?;
                 rows += batch.num_rows();
-                batches.push(batch);
                 if rows > rows_max {
                     return Err(DataFusionError::External(Box::new(Stopped::Rows { rows: rows_max })));
                 }
+                empty = false;
+                if !take(batch) {
+                    return Ok(());
+                }
             }
-            Ok::<_, DataFusionError>(batches)
+            if empty {
+                take(in_plain_types(&RecordBatch::new_empty(columns))?);
+            }
+            Ok::<_, DataFusionError>(())
         });
         let abort = answer.abort_handle();
         let cancelled = async {
@@ -372,17 +403,13 @@ impl Inner {
                 tokio::time::sleep(LOOK_EVERY).await;
             }
         };
-        let mut batches = tokio::select! {
-            answer = answer => answer.map_err(|error| DataFusionError::ExecutionJoin(Box::new(error)))??,
+        tokio::select! {
+            answer = answer => Ok(answer.map_err(|error| DataFusionError::ExecutionJoin(Box::new(error)))??),
             () = cancelled => {
                 abort.abort();
-                return Err(QueryError::Stopped(Stopped::Cancelled));
+                Err(QueryError::Stopped(Stopped::Cancelled))
             }
-        };
-        if batches.is_empty() {
-            batches.push(RecordBatch::new_empty(columns));
         }
-        Ok(batches.iter().map(in_plain_types).collect::<Result<_, _>>()?)
     }
 }
 

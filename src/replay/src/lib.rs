@@ -35,7 +35,7 @@ pub use player::{Differing, Replay};
 pub use reel_sim::SIM_VERSION;
 pub use repack::{RepackError, compact, expand};
 pub use seek::{SnapshotCache, picture_at, pictures_at, seek, verify_restored};
-pub use viewpoint::{Viewpoint, view_at, views};
+pub use viewpoint::{NoViewpoint, Viewpoint, view_at, views};
 
 /// What a replay found.
 #[derive(Clone, Debug, PartialEq, Serialize)]

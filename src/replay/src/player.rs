@@ -1,7 +1,7 @@
 //! Runs a recorded episode again, call by call, from its start or from a snapshot, and compares each call with what
 //! was recorded. Stops at the first difference.
 
-use reel_episode::{Episode, EpisodeConfig, StepOutput};
+use reel_episode::{Episode, EpisodeConfig, Rollout, StepOutput};
 use reel_reward::Preset;
 use reel_sim::{SIM_CHANGES, SIM_VERSION, Snapshot, render::Detail};
 use reel_trace::Trace;
@@ -157,6 +157,7 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
         preset,
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),
+        rollout: Rollout::of(header),
         parent: header.parent.clone(),
     })
 }

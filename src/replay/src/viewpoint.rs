@@ -2,7 +2,7 @@
 
 use reel_sim::{Simulator, geometry::Camera, render::Detail};
 use reel_trace::Trace;
-use reel_world::InstanceId;
+use reel_world::{InstanceId, ObjectInstance, Task};
 
 use crate::{
     Replay, SnapshotCache, Verdict, picture_at,
@@ -25,6 +25,95 @@ pub enum Viewpoint {
     },
     /// Near an object, wherever it is.
     Follow(InstanceId),
+}
+
+/// A viewpoint that cannot be.
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+pub enum NoViewpoint {
+    /// No camera of this name.
+    #[error("no camera is called '{0}'; there are head, top-down, free and follow:OBJECT")]
+    Unknown(String),
+    /// Points for a camera that has its own.
+    #[error("eye and look-at are for the free camera, not for {0}")]
+    Fixed(String),
+    /// The free camera without its points.
+    #[error("the free camera needs {0} as x,y,z in metres, e.g. 2.5,1,1.8")]
+    NoPoint(&'static str),
+    /// No finite point.
+    #[error("'{0}' is not three finite numbers x,y,z")]
+    NoNumbers(String),
+    /// No such object.
+    #[error("task {task} has no object {name}; there are {known}")]
+    NoObject {
+        /// The task.
+        task: String,
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// Several of that name.
+    #[error("several objects are called {name}: {found}")]
+    Several {
+        /// What was asked for.
+        name: String,
+        /// Which they are.
+        found: String,
+    },
+}
+
+impl Viewpoint {
+    /// A viewpoint in an episode of a task by its name: `head`, `top-down`, `follow:OBJECT` (an instance, an asset or a category
+    /// of the task, or `target`), or `free` with two points `x,y,z`, in metres in the scene's frame.
+    ///
+    /// # Errors
+    /// When there is no such camera or object, or a point is missing or none.
+    pub fn named(name: &str, eye: Option<&str>, look_at: Option<&str>, task: &Task) -> Result<Self, NoViewpoint> {
+        if name != "free" && (eye.is_some() || look_at.is_some()) {
+            return Err(NoViewpoint::Fixed(name.to_owned()));
+        }
+        match name {
+            "head" => Ok(Viewpoint::Head),
+            "top-down" => Ok(Viewpoint::TopDown),
+            "free" => Ok(Viewpoint::Free {
+                eye: point(eye.ok_or(NoViewpoint::NoPoint("an eye"))?)?,
+                look_at: point(look_at.ok_or(NoViewpoint::NoPoint("a look-at"))?)?,
+            }),
+            other => match other.strip_prefix("follow:") {
+                Some(name) => object(name, task).map(Viewpoint::Follow),
+                None => Err(NoViewpoint::Unknown(other.to_owned())),
+            },
+        }
+    }
+}
+
+fn point(text: &str) -> Result<[f32; 3], NoViewpoint> {
+    let no_numbers = || NoViewpoint::NoNumbers(text.to_owned());
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let point = <[f32; 3]>::try_from(numbers.map_err(|_| no_numbers())?).map_err(|_| no_numbers())?;
+    if point.iter().all(|value| value.is_finite()) { Ok(point) } else { Err(no_numbers()) }
+}
+
+/// The one object of the task that goes by this name.
+fn object(name: &str, task: &Task) -> Result<InstanceId, NoViewpoint> {
+    if name == "target" {
+        return Ok(task.target.clone());
+    }
+    let known = |is_it: &dyn Fn(&ObjectInstance) -> bool| -> Vec<&InstanceId> {
+        task.objects.iter().filter(|object| is_it(object)).map(|object| &object.instance).collect()
+    };
+    let ways = [
+        known(&|object| object.instance.as_str() == name),
+        known(&|object| object.asset.as_str() == name),
+        known(&|object| object.category == name),
+    ];
+    let names = |ids: &[&InstanceId]| ids.iter().map(|id| id.as_str()).collect::<Vec<_>>().join(", ");
+    let name = name.to_owned();
+    match ways.iter().find(|ids| !ids.is_empty()).map(Vec::as_slice) {
+        Some([one]) => Ok((*one).clone()),
+        Some(several) => Err(NoViewpoint::Several { found: names(several), name }),
+        None => Err(NoViewpoint::NoObject { task: task.task_id.clone(), known: names(&known(&|_| true)), name }),
+    }
 }
 
 /// The picture (RGB) from a viewpoint after a call (none: before the first).

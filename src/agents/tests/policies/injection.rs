@@ -190,6 +190,7 @@ impl World {
             preset: Preset::paper(),
             run_id: "run".into(),
             policy: PolicyInfo::default(),
+            rollout: None,
             parent: None,
         };
         run_injected(config, injection, record).unwrap()

@@ -34,6 +34,7 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task() {
             preset: Preset::paper(),
             run_id: "real-bench".into(),
             policy: PolicyInfo::default(),
+            rollout: None,
             parent: None,
         },
         policy: "oracle".into(),

@@ -231,6 +231,7 @@ fn job(scene: &Arc<Scene>, task: &Arc<Task>, record: Option<(PathBuf, Images)>) 
             preset: Preset::paper(),
             run_id: "bench".into(),
             policy: PolicyInfo::default(),
+            rollout: None,
             parent: None,
         },
         policy: "oracle".into(),

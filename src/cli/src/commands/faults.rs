@@ -261,6 +261,7 @@ impl Maker<'_> {
             preset: Preset::paper(),
             run_id: format!("faults-{}", self.run.seed),
             policy: PolicyInfo::default(),
+            rollout: None,
             parent: None,
         };
         let options = RecordOptions { images, durability: Durability::Write };

@@ -6,6 +6,8 @@ pub mod bench;
 pub mod blame;
 pub mod branch;
 #[cfg(feature = "analytics")]
+pub mod config;
+#[cfg(feature = "analytics")]
 pub mod dataset;
 #[cfg(feature = "analytics")]
 pub mod demo;
@@ -34,10 +36,14 @@ pub mod replay;
 #[cfg(feature = "analytics")]
 pub mod reward;
 pub mod run;
+#[cfg(feature = "analytics")]
+pub mod serve;
 pub mod show;
 #[cfg(feature = "analytics")]
 pub mod tables;
 pub mod tasks;
 #[cfg(feature = "analytics")]
 pub mod taxonomy;
+#[cfg(feature = "analytics")]
+pub mod token;
 pub mod video;

@@ -3,9 +3,8 @@
 use std::{collections::BTreeMap, fs, path::PathBuf};
 
 use anyhow::Context;
-use reel_reward::{Preset, metrics};
-use reel_trace::{Recovery, Restored, Trace, TraceError, recover};
-use reel_world::record::{Graphs, Metrics};
+use reel_live::restore;
+use reel_trace::{Recovery, Restored, TraceError};
 
 use crate::{Answer, inputs, progress};
 
@@ -45,7 +44,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let results: Vec<Result<Recovery, TraceError>> = paths
         .iter()
         .map(|path| {
-            let result = recover(path, arguments.out.as_deref(), score);
+            let result = restore(path, arguments.out.as_deref());
             bar.inc(1);
             result
         })
@@ -80,12 +79,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     } else {
         Answer::Yes
     })
-}
-
-/// The metrics of an episode that nobody ended.
-fn score(trace: &Trace, graphs: &Graphs) -> Metrics {
-    let preset = Preset::parse(&trace.header.reward_preset).unwrap_or_default();
-    metrics(&preset, &trace.task, &trace.start, &trace.steps, graphs)
 }
 
 fn text(recovery: &Recovery) -> String {

@@ -173,6 +173,7 @@ pub fn play(
                 preset: Preset::paper(),
                 run_id: format!("{}-{}", plan.policy, plan.seed),
                 policy: PolicyInfo::default(),
+                rollout: None,
                 parent: None,
             },
             policy: plan.policy.to_owned(),

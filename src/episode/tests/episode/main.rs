@@ -52,6 +52,7 @@ fn play(restored: bool) -> (Digest, usize) {
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),
+        rollout: None,
         parent: None,
     };
     let (mut episode, start, _) = Episode::start(config.clone()).expect("task and scene belong together");

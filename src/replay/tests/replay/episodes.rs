@@ -47,6 +47,7 @@ pub fn config(task: &Arc<Task>, scene: &Arc<Scene>, seed: u64) -> EpisodeConfig 
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),
+        rollout: None,
         parent: None,
     }
 }

@@ -155,6 +155,7 @@ fn act(dir: &Path, task: Task, moves: &[Move]) -> (bool, std::path::PathBuf) {
         preset: Preset::paper(),
         run_id: "paper".into(),
         policy: PolicyInfo::default(),
+        rollout: None,
         parent: None,
     };
     let options = RecordOptions { images: Images::None, ..RecordOptions::default() };

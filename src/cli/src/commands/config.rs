@@ -1,0 +1,50 @@
+//! `reel config`: the configuration of `reel serve`.
+
+use std::path::PathBuf;
+
+use reel_server::Config;
+
+use crate::Answer;
+
+/// Check a configuration of `reel serve`, or print the default.
+///
+/// Examples:
+///   reel config default > reel.toml
+///   reel config check reel.toml
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Check a file, load its tasks, and print what it comes to
+    Check {
+        /// The file
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+    },
+    /// Print the file that changes nothing
+    Default,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    match &arguments.what {
+        What::Default => print!("{}", Config::default().to_toml()),
+        What::Check { file } => {
+            let config = Config::read(file)?;
+            let mut broken = 0;
+            let setup = config.setup("check".to_owned(), |complaint| {
+                eprintln!("reel: {complaint}");
+                broken += 1;
+            })?;
+            print!("{}", config.to_toml());
+            println!("# fine: {} tasks in scene {}", setup.tasks.len(), setup.scene.scene_id);
+            return Ok(if broken > 0 { Answer::Loss } else { Answer::Yes });
+        }
+    }
+    Ok(Answer::Yes)
+}

@@ -1,0 +1,146 @@
+//! `reel serve` and `reel mcp`: live worlds for agents, and the service around them.
+
+use std::{net::SocketAddr, path::PathBuf};
+
+use anyhow::{Context, bail};
+use reel_server::{AskWhom, Config, Order};
+use reel_world::Profile;
+
+use crate::Answer;
+
+/// Serve live worlds to agents over MCP, and recorded episodes to people over REST, until Ctrl-C. Everything that agents do
+/// is on tape before they are answered.
+///
+///   /mcp                 an agent with a world of its own (Streamable HTTP); /sse: the same over legacy HTTP+SSE
+///   /w/NAME/mcp, .../sse a worker's world, which survives reconnects
+///   /analysis/mcp        read-only tools for assistants: query, blame, explain_failure, ...
+///   /api                 REST; its document is /api/openapi.json
+///   /healthz /readyz /metrics
+///
+/// Values come from flags, from the environment (REEL_LISTEN, ...), from --config FILE, from the defaults, in this order;
+/// `reel config default` prints the file with all of them.
+///
+/// Examples:
+///   reel serve                                              # tasks that Reel makes, in its own home
+///   reel serve --tasks real-bench/tasks --scene real-bench/s7_scene.json --profile real-repo
+///   reel serve --config reel.toml --listen 0.0.0.0:8801     # demands tokens: reel token create NAME --role act
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    #[command(flatten)]
+    settings: Settings,
+    /// Where to listen; anything but a loopback address demands tokens
+    #[arg(long, value_name = "ADDRESS:PORT", env = "REEL_LISTEN")]
+    listen: Option<SocketAddr>,
+    /// The store of tables: a folder or s3://bucket/folder
+    #[arg(long, value_name = "STORE", env = "REEL_STORE")]
+    store: Option<String>,
+    /// File of tokens
+    #[arg(long, value_name = "FILE", env = "REEL_TOKENS")]
+    tokens: Option<PathBuf>,
+}
+
+/// Serve one agent over standard input and output: what an MCP client starts as a command.
+///
+/// Example, in a client's configuration:
+///   {"mcpServers": {"reel": {"command": "reel", "args": ["mcp", "--data", "/home/me/reel-data"]}}}
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Mcp {
+    #[command(flatten)]
+    settings: Settings,
+}
+
+/// What is played, and where it is kept.
+#[derive(clap::Args)]
+pub struct Settings {
+    /// Configuration file (TOML)
+    #[arg(long, value_name = "FILE", env = "REEL_CONFIG")]
+    config: Option<PathBuf>,
+    /// Folder for traces, exports and tables
+    #[arg(long, value_name = "DIR", env = "REEL_DATA")]
+    data: Option<PathBuf>,
+    /// Task file (REAL-Bench YAML) or folder of them
+    #[arg(long, value_name = "PATH", env = "REEL_TASKS")]
+    tasks: Option<PathBuf>,
+    /// Scene file (JSON)
+    #[arg(long, value_name = "FILE", env = "REEL_SCENE")]
+    scene: Option<PathBuf>,
+    /// Play tasks in an order drawn by the seed
+    #[arg(long)]
+    shuffle: bool,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", env = "REEL_SEED")]
+    seed: Option<u64>,
+    /// paper, or real-repo: the published server to the letter
+    #[arg(long, value_name = "NAME", env = "REEL_PROFILE")]
+    profile: Option<String>,
+    /// Reward preset: a built-in name, or a file
+    #[arg(long, value_name = "NAME", env = "REEL_PRESET")]
+    preset: Option<String>,
+    /// Name of the run that the episodes belong to
+    #[arg(long, value_name = "NAME", env = "REEL_RUN")]
+    run: Option<String>,
+    /// Name of the policy in the traces; without it, what clients call themselves
+    #[arg(long, value_name = "NAME", env = "REEL_POLICY")]
+    policy: Option<String>,
+    /// Leave pictures out of the traces; they are drawn again on demand
+    #[arg(long)]
+    no_images: bool,
+    /// Who answers `ask`: rules, client (the person at the client, by elicitation), or rest (a person, through /api/questions)
+    #[arg(long, value_name = "WHO", env = "REEL_ASK")]
+    ask: Option<String>,
+}
+
+impl Settings {
+    fn config(&self) -> anyhow::Result<Config> {
+        let mut config = match &self.config {
+            Some(path) => Config::read(path)?,
+            None => Config::default(),
+        };
+        let play = &mut config.play;
+        if let Some(profile) = &self.profile {
+            let known = || format!("no profile is called '{profile}'; there are paper and real-repo");
+            play.profile = Profile::parse(profile).with_context(known)?;
+        }
+        play.ask = match self.ask.as_deref() {
+            None => play.ask,
+            Some("rules") => AskWhom::Rules,
+            Some("client") => AskWhom::Client,
+            Some("rest") => AskWhom::Rest,
+            Some(other) => bail!("--ask is rules, client or rest, not '{other}'"),
+        };
+        if self.shuffle {
+            play.order = Order::Shuffled;
+        }
+        play.images &= !self.no_images;
+        play.seed = self.seed.unwrap_or(play.seed);
+        let or = |given: &Option<String>, otherwise: Option<String>| given.clone().or(otherwise);
+        play.preset = self.preset.clone().unwrap_or_else(|| play.preset.clone());
+        play.run = or(&self.run, play.run.take());
+        play.policy = or(&self.policy, play.policy.take());
+        play.tasks = self.tasks.clone().or_else(|| play.tasks.take());
+        play.scene = self.scene.clone().or_else(|| play.scene.take());
+        config.data = self.data.clone().unwrap_or(config.data);
+        Ok(config)
+    }
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let mut config = arguments.settings.config()?;
+    config.listen = arguments.listen.unwrap_or(config.listen);
+    config.store = arguments.store.clone().or(config.store);
+    config.tokens = arguments.tokens.clone().or(config.tokens);
+    config.check()?;
+    reel_server::run(config, |address, tasks| {
+        println!("listening on http://{address}: {tasks} tasks; Ctrl-C stops");
+    })?;
+    Ok(Answer::Yes)
+}
+
+/// Runs `reel mcp`.
+pub fn mcp(arguments: &Mcp) -> anyhow::Result<Answer> {
+    reel_server::run_stdio(arguments.settings.config()?)?;
+    Ok(Answer::Yes)
+}

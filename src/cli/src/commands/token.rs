@@ -1,0 +1,90 @@
+//! `reel token`: who may use `reel serve`.
+
+use std::{collections::BTreeSet, path::PathBuf};
+
+use reel_server::{Config, Role, Tokens};
+use serde_json::json;
+
+use crate::Answer;
+
+/// Make, list and revoke the tokens that clients of `reel serve` show. The file holds hashes only: a token is printed once.
+///
+/// Roles: act (play: policies and trainers), read (episodes, tables, SQL, analysis), admin (all of it, and uploads, jobs,
+/// labels). A policy gets act alone, so that it cannot read what it is graded by.
+///
+/// Examples:
+///   reel token create trainer --role act
+///   reel token create dashboard --role read --role act
+///   reel token revoke trainer
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// File of tokens [default: tokens.toml in the data folder]
+    #[arg(long, value_name = "FILE", env = "REEL_TOKENS", global = true)]
+    tokens: Option<PathBuf>,
+    /// The server's data folder [default: reel-data]
+    #[arg(long, value_name = "DIR", env = "REEL_DATA", global = true)]
+    data: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Make a token, and print it this once
+    Create {
+        /// Whose
+        #[arg(value_name = "NAME")]
+        name: String,
+        /// What it allows; may be given several times
+        #[arg(long = "role", value_name = "ROLE", required = true, value_parser = role)]
+        roles: Vec<Role>,
+    },
+    /// List the tokens by name
+    List,
+    /// Take a token back; a running server notices within a second
+    Revoke {
+        /// Whose
+        #[arg(value_name = "NAME")]
+        name: String,
+    },
+}
+
+fn role(text: &str) -> Result<Role, String> {
+    Role::parse(text).ok_or_else(|| "there are read, act and admin".to_owned())
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let defaults = Config::default();
+    let data = arguments.data.clone().unwrap_or(defaults.data.clone());
+    let path = Config { data, tokens: arguments.tokens.clone(), ..defaults }.tokens();
+    let tokens = Tokens::open(&path)?;
+    match &arguments.what {
+        What::Create { name, roles } => {
+            let token = tokens.create(name, roles.iter().copied().collect::<BTreeSet<_>>())?;
+            if arguments.json {
+                println!("{}", json!({ "name": name, "roles": roles, "token": token }));
+            } else {
+                eprintln!("the token of {name}; nobody can show it again. Its hash is in {}", path.display());
+                println!("{token}");
+            }
+        }
+        What::List => {
+            for entry in tokens.entries().iter() {
+                let roles = json!(entry.roles);
+                if arguments.json {
+                    println!("{}", json!({ "name": entry.name, "roles": roles }));
+                } else {
+                    let roles: Vec<&str> = roles.as_array().into_iter().flatten().filter_map(|role| role.as_str()).collect();
+                    println!("{:24} {}", entry.name, roles.join(", "));
+                }
+            }
+        }
+        What::Revoke { name } => tokens.revoke(name)?,
+    }
+    Ok(Answer::Yes)
+}

@@ -1,0 +1,379 @@
+//! A household: an exclusive simulator in which one agent plays one episode after another. Never decides anything, never
+//! speaks a protocol.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use reel_episode::{Briefing, Episode, Parked, StepOutput};
+use reel_trace::Recorder;
+use reel_world::{
+    Frame, InstanceId, ReceptacleId, Task,
+    record::{EndReason, Graphs, Marker, Metrics, RobotState, StepInput, StepRecord},
+};
+use serde::Serialize;
+
+use crate::{Lease, LiveError, Setup, restore, setup::Place};
+
+/// An exclusive simulator in which one agent plays one episode after another.
+pub struct Household {
+    name: String,
+    setup: Arc<Setup>,
+    policy: String,
+    lease: Option<Lease>,
+    /// Which task of the list comes next.
+    next: usize,
+    /// How many episodes were begun.
+    begun: u32,
+    /// The last trace that was finished.
+    finished: Option<PathBuf>,
+    now: Now,
+}
+
+/// What there is at the moment. Taken out while something happens, so that a panic leaves `Broken` behind.
+enum Now {
+    Empty,
+    Playing(Box<Playing>),
+    Parked(Box<Resting>),
+    Over { task: Arc<Task>, reason: EndReason, metrics: Metrics },
+    Broken { part: PathBuf, reason: String },
+}
+
+struct Playing {
+    episode: Episode,
+    recorder: Recorder,
+    path: PathBuf,
+}
+
+struct Resting {
+    episode: Parked,
+    recorder: Recorder,
+    path: PathBuf,
+    task: Arc<Task>,
+    steps: u32,
+}
+
+/// An episode that has begun.
+#[derive(Debug)]
+pub struct Begun {
+    /// The task; only its briefing is for the policy.
+    pub task: Arc<Task>,
+    /// What the agent is told.
+    pub briefing: Briefing,
+    /// Index of the task among those served.
+    pub index: usize,
+    /// How many tasks are served.
+    pub of: usize,
+    /// How many episodes were begun here before.
+    pub number: u32,
+    /// The first picture.
+    pub frame: Frame,
+    /// The state before the first call.
+    pub view: View,
+}
+
+/// A call that was made, and is on tape.
+#[derive(Debug)]
+pub struct Made {
+    /// The record; only what the profile shows is for the policy.
+    pub step: StepRecord,
+    /// The picture, where the tool returns one.
+    pub frame: Option<Frame>,
+    /// The state after the call.
+    pub view: View,
+    /// Why the episode ended with it, if it did.
+    pub ended: Option<EndReason>,
+}
+
+/// The state of an episode, privileged: what the published server calls its debug information.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// Where the objects are, by both authorities.
+    pub graphs: Graphs,
+    /// The marker map.
+    pub markers: Vec<Marker>,
+    /// What the gripper holds.
+    pub held: Option<InstanceId>,
+    /// The receptacle the robot stands at.
+    pub landmark: Option<ReceptacleId>,
+    /// The robot.
+    pub robot: RobotState,
+}
+
+/// How a household stands, for people.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct State {
+    /// `empty`, `playing`, `parked`, `over` or `broken`.
+    pub state: &'static str,
+    /// The task of the episode, if there is one.
+    pub task_id: Option<String>,
+    /// How many calls were made in it.
+    pub steps: u32,
+    /// How many episodes were begun.
+    pub episodes: u32,
+    /// Who plays.
+    pub policy: String,
+    /// Why and how the last episode ended.
+    pub ended: Option<Ended>,
+    /// The last finished trace.
+    pub trace: Option<PathBuf>,
+}
+
+/// How an episode ended.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Ended {
+    /// Why.
+    pub reason: EndReason,
+    /// Whether the goal held then.
+    pub success: bool,
+    /// Its cumulative reward.
+    pub total_reward: f64,
+}
+
+impl Household {
+    /// A household without an episode.
+    pub fn new(name: &str, setup: Arc<Setup>, lease: Option<Lease>) -> Self {
+        let (policy, now) = ("client".to_owned(), Now::Empty);
+        Self { name: name.to_owned(), setup, policy, lease, next: 0, begun: 0, finished: None, now }
+    }
+
+    /// Who plays from the next episode on.
+    pub fn set_policy(&mut self, name: &str) {
+        name.clone_into(&mut self.policy);
+    }
+
+    /// What all households play.
+    pub fn setup(&self) -> &Arc<Setup> {
+        &self.setup
+    }
+
+    /// Whether an episode runs, so that a call can be made.
+    pub fn plays(&self) -> bool {
+        matches!(self.now, Now::Playing(_) | Now::Parked(_))
+    }
+
+    /// Ends what runs and begins the next episode; none when all were played.
+    ///
+    /// # Errors
+    /// When the episode cannot start or its trace cannot be written.
+    pub fn begin_next(&mut self) -> Result<Option<Begun>, LiveError> {
+        self.leave()?;
+        let task = match &self.lease {
+            Some(lease) if self.begun >= lease.rollouts => return Ok(None),
+            Some(lease) => {
+                Some(self.setup.task(&lease.task_id).cloned().ok_or_else(|| LiveError::UnknownTask(lease.task_id.clone()))?)
+            }
+            None => self.setup.tasks.get(self.next).cloned(),
+        };
+        let Some(task) = task else {
+            self.now = Now::Empty;
+            return Ok(None);
+        };
+        let begun = self.start(task)?;
+        self.next += usize::from(self.lease.is_none());
+        Ok(Some(begun))
+    }
+
+    /// Ends what runs and begins the episode of a certain task.
+    ///
+    /// # Errors
+    /// When the task is unknown, the episode cannot start or its trace cannot be written.
+    pub fn begin(&mut self, task_id: &str) -> Result<Begun, LiveError> {
+        let unknown = || LiveError::UnknownTask(task_id.to_owned());
+        let index = self.setup.tasks.iter().position(|task| task.task_id == task_id).ok_or_else(unknown)?;
+        let elsewhere = self.lease.as_ref().is_some_and(|lease| lease.task_id != task_id);
+        if elsewhere {
+            return Err(unknown());
+        }
+        self.leave()?;
+        let begun = self.start(self.setup.tasks[index].clone())?;
+        self.next = index + 1;
+        Ok(begun)
+    }
+
+    /// Makes a call. It is on tape when this returns.
+    ///
+    /// # Errors
+    /// When no episode runs, or the trace cannot be written: the episode is ended then.
+    pub fn call(&mut self, input: StepInput) -> Result<Made, LiveError> {
+        let mut playing = self.take()?;
+        let step = calls(&playing.episode);
+        playing.recorder.input(step, &input)?;
+        let StepOutput { record, frame } = playing.episode.step(input);
+        playing.recorder.step(&record, frame.as_ref())?;
+        let view = view(&playing.episode);
+        let ended = playing.episode.ended();
+        if ended.is_some() {
+            self.end(*playing)?;
+        } else {
+            self.now = Now::Playing(playing);
+        }
+        Ok(Made { step: record, frame, view, ended })
+    }
+
+    /// What the robot's head sees, without markers; changes nothing.
+    ///
+    /// # Errors
+    /// When no episode runs.
+    pub fn look(&mut self) -> Result<Frame, LiveError> {
+        let playing = self.take()?;
+        let simulator = playing.episode.simulator();
+        let frame = simulator.picture_from(&simulator.camera());
+        self.now = Now::Playing(playing);
+        Ok(frame)
+    }
+
+    /// What the agent was told.
+    ///
+    /// # Errors
+    /// When no episode runs.
+    pub fn briefing(&self) -> Result<Briefing, LiveError> {
+        let task = match &self.now {
+            Now::Playing(playing) => playing.episode.task(),
+            Now::Parked(resting) => &resting.task,
+            _ => return Err(self.refusal()),
+        };
+        Ok(Briefing::new(task, &self.setup.scene))
+    }
+
+    /// Puts a running episode aside, so that it takes little memory.
+    pub fn park(&mut self) {
+        if self.awake()
+            && let Ok(playing) = self.take()
+        {
+            let Playing { episode, recorder, path } = *playing;
+            let (task, steps) = (episode.task().clone(), calls(&episode));
+            self.now = Now::Parked(Box::new(Resting { episode: episode.park(), recorder, path, task, steps }));
+        }
+    }
+
+    /// Breaks down in the middle of a call, for tests of what happens then.
+    #[doc(hidden)]
+    pub fn fail(&mut self, why: &str) {
+        let _playing = self.take();
+        panic!("{why}");
+    }
+
+    /// Whether a simulator is in memory.
+    pub fn awake(&self) -> bool {
+        matches!(self.now, Now::Playing(_))
+    }
+
+    /// Ends what runs, as aborted.
+    ///
+    /// # Errors
+    /// When its trace cannot be written.
+    pub fn leave(&mut self) -> Result<(), LiveError> {
+        match &self.now {
+            Now::Playing(_) | Now::Parked(_) => {
+                let playing = self.take()?;
+                self.end(*playing)
+            }
+            Now::Broken { part, .. } => {
+                self.finished = restore(part, None).ok().map(|recovery| recovery.trace).or(self.finished.take());
+                self.now = Now::Empty;
+                Ok(())
+            }
+            Now::Empty | Now::Over { .. } => Ok(()),
+        }
+    }
+
+    /// How it stands.
+    pub fn state(&self) -> State {
+        let (state, task, steps, ended) = match &self.now {
+            Now::Empty => ("empty", None, 0, None),
+            Now::Playing(playing) => ("playing", Some(playing.episode.task()), calls(&playing.episode), None),
+            Now::Parked(resting) => ("parked", Some(&resting.task), resting.steps, None),
+            Now::Over { task, reason, metrics } => {
+                let ended = Ended { reason: *reason, success: metrics.success, total_reward: metrics.total_reward };
+                ("over", Some(task), metrics.length, Some(ended))
+            }
+            Now::Broken { .. } => ("broken", None, 0, None),
+        };
+        State {
+            state,
+            task_id: task.map(|task| task.task_id.clone()),
+            steps,
+            episodes: self.begun,
+            policy: self.policy.clone(),
+            ended,
+            trace: self.finished.clone(),
+        }
+    }
+
+    fn start(&mut self, task: Arc<Task>) -> Result<Begun, LiveError> {
+        let place = Place { household: &self.name, number: self.begun, policy: &self.policy, lease: self.lease.as_ref() };
+        let (config, path) = (self.setup.config(&task, &place), self.setup.path(&task, &place));
+        let folder = path.parent().unwrap_or(Path::new("."));
+        fs::create_dir_all(folder).map_err(|source| LiveError::Folder { path: folder.display().to_string(), source })?;
+        let number = self.begun;
+        self.begun += 1;
+        self.now = Now::Broken { part: part(&path), reason: "it could not be started".to_owned() };
+        let (episode, start, frame) = Episode::start(config)?;
+        let mut recorder = Recorder::create(&path, episode.header(), episode.task(), episode.scene(), self.setup.options)?;
+        recorder.start(&start, Some(&frame))?;
+        let index = self.setup.tasks.iter().position(|other| Arc::ptr_eq(other, &task)).unwrap_or(0);
+        let (of, view) = (self.setup.tasks.len(), view(&episode));
+        let begun = Begun { briefing: episode.briefing(), task, index, of, number, frame, view };
+        self.now = Now::Playing(Box::new(Playing { episode, recorder, path }));
+        Ok(begun)
+    }
+
+    fn end(&mut self, playing: Playing) -> Result<(), LiveError> {
+        let task = playing.episode.task().clone();
+        let end = playing.episode.end();
+        playing.recorder.end(&end)?;
+        self.finished = Some(playing.path);
+        self.now = Now::Over { task, reason: end.reason, metrics: end.metrics };
+        Ok(())
+    }
+
+    /// Takes the running episode out, awake. Should it not come back, because the simulator panics or the disk refuses, what
+    /// is left says that it broke down.
+    fn take(&mut self) -> Result<Box<Playing>, LiveError> {
+        let path = match &self.now {
+            Now::Playing(playing) => &playing.path,
+            Now::Parked(resting) => &resting.path,
+            _ => return Err(self.refusal()),
+        };
+        let broken = Now::Broken { part: part(path), reason: "a call did not come to its end".to_owned() };
+        match std::mem::replace(&mut self.now, broken) {
+            Now::Playing(playing) => Ok(playing),
+            Now::Parked(resting) => {
+                let Resting { episode, recorder, path, .. } = *resting;
+                Ok(Box::new(Playing { episode: episode.wake()?, recorder, path }))
+            }
+            _ => unreachable!("nothing else has a path"),
+        }
+    }
+
+    fn refusal(&self) -> LiveError {
+        match &self.now {
+            Now::Over { reason, .. } => LiveError::Over(*reason),
+            Now::Broken { reason, .. } => LiveError::Broken(reason.clone()),
+            _ => LiveError::NoEpisode,
+        }
+    }
+}
+
+fn view(episode: &Episode) -> View {
+    let simulator = episode.simulator();
+    View {
+        graphs: simulator.graphs(),
+        markers: simulator.markers().to_vec(),
+        held: simulator.held().cloned(),
+        landmark: simulator.landmark().cloned(),
+        robot: simulator.robot(),
+    }
+}
+
+fn calls(episode: &Episode) -> u32 {
+    u32::try_from(episode.steps().len()).expect("an episode has few steps")
+}
+
+/// Where the recorder writes until the end.
+fn part(path: &Path) -> PathBuf {
+    path.with_added_extension("part")
+}

@@ -1,0 +1,290 @@
+//! Hundreds of households in one process: each used by one call at a time, few at work at once, the idle ones put aside.
+
+use std::{
+    collections::BTreeMap,
+    panic::resume_unwind,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use serde::Serialize;
+use tokio::sync::{Mutex as AsyncMutex, OwnedMutexGuard, Semaphore};
+
+use crate::{Household, Lease, LiveError, Setup, State, check_name};
+
+/// How much a pool may take.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct Limits {
+    /// Households open at once.
+    pub households: usize,
+    /// Simulators in memory at once; the others are snapshots.
+    pub awake: usize,
+    /// Calls at work at once: as many threads are busy.
+    pub workers: usize,
+    /// How long after its last call a household is put aside.
+    pub park_after: Duration,
+    /// How long after its last call a household is closed.
+    pub close_after: Duration,
+    /// How long a call waits for a worker before it is refused.
+    pub patience: Duration,
+}
+
+/// Many households.
+pub struct Pool {
+    setup: Arc<Setup>,
+    limits: Limits,
+    households: Mutex<BTreeMap<String, Arc<Slot>>>,
+    work: Arc<Semaphore>,
+    closing: AtomicBool,
+}
+
+struct Slot {
+    name: String,
+    lease: Option<Lease>,
+    household: Arc<AsyncMutex<Household>>,
+    seen: Mutex<Seen>,
+}
+
+/// What is known of a household without asking it.
+struct Seen {
+    state: State,
+    used: Instant,
+}
+
+/// A household, as people see it.
+#[derive(Clone, PartialEq, Debug, Serialize)]
+pub struct Entry {
+    /// Its name.
+    pub session: String,
+    /// How it stands.
+    #[serde(flatten)]
+    pub state: State,
+    /// Seconds since its last call.
+    pub idle_s: u64,
+    /// The prompt group it is let for, if any.
+    pub group_id: Option<String>,
+}
+
+impl Pool {
+    /// An empty pool.
+    pub fn new(setup: Setup, limits: Limits) -> Self {
+        Self {
+            setup: Arc::new(setup),
+            work: Arc::new(Semaphore::new(limits.workers.max(1))),
+            limits,
+            households: Mutex::default(),
+            closing: AtomicBool::new(false),
+        }
+    }
+
+    /// What all households play.
+    pub fn setup(&self) -> &Arc<Setup> {
+        &self.setup
+    }
+
+    /// How much it may take.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+
+    /// Opens a household, or finds the one of that name.
+    ///
+    /// # Errors
+    /// When the name is none, the pool is full or closing.
+    pub fn open(&self, name: &str) -> Result<(), LiveError> {
+        self.open_for(name, None)
+    }
+
+    /// [`Pool::open`] for a prompt group.
+    ///
+    /// # Errors
+    /// As [`Pool::open`], and when the task is unknown or the name is taken.
+    pub fn open_for(&self, name: &str, lease: Option<Lease>) -> Result<(), LiveError> {
+        check_name(name)?;
+        if let Some(lease) = &lease
+            && self.setup.task(&lease.task_id).is_none()
+        {
+            return Err(LiveError::UnknownTask(lease.task_id.clone()));
+        }
+        let mut households = self.lock();
+        if self.closing.load(Ordering::Acquire) {
+            return Err(LiveError::Closing);
+        }
+        if let Some(slot) = households.get(name) {
+            return if lease.is_some() && slot.lease != lease { Err(LiveError::Taken(name.to_owned())) } else { Ok(()) };
+        }
+        if households.len() >= self.limits.households {
+            return Err(LiveError::Full(self.limits.households));
+        }
+        let household = Household::new(name, self.setup.clone(), lease.clone());
+        let seen = Mutex::new(Seen { state: household.state(), used: Instant::now() });
+        let slot = Slot { name: name.to_owned(), lease, household: Arc::new(AsyncMutex::new(household)), seen };
+        households.insert(name.to_owned(), Arc::new(slot));
+        Ok(())
+    }
+
+    /// Does something with a household, alone with it, on a worker. Once begun it is done to the end, whoever stops waiting.
+    ///
+    /// # Errors
+    /// When there is no such household, or no worker had time for it; nothing was done then.
+    pub async fn with<T: Send + 'static>(
+        self: &Arc<Self>,
+        name: &str,
+        work: impl FnOnce(&mut Household) -> T + Send + 'static,
+    ) -> Result<T, LiveError> {
+        if self.closing.load(Ordering::Acquire) {
+            return Err(LiveError::Closing);
+        }
+        let slot = self.lock().get(name).cloned().ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
+        let patience = self.limits.patience;
+        let waited = async {
+            let household = slot.household.clone().lock_owned().await;
+            let worker = self.work.clone().acquire_owned().await.expect("the pool never closes its workers");
+            (household, worker)
+        };
+        let (household, worker) =
+            tokio::time::timeout(patience, waited).await.map_err(|_| LiveError::Busy(patience.as_secs()))?;
+        let pool = self.clone();
+        let done = tokio::task::spawn_blocking(move || {
+            let _worker = worker;
+            let mut used = Used { household, slot };
+            let value = work(&mut used.household);
+            drop(used);
+            pool.make_room();
+            value
+        });
+        match done.await {
+            Ok(value) => Ok(value),
+            Err(error) if error.is_panic() => {
+                let panic = error.into_panic();
+                let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+                let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+                Err(LiveError::Broken(text.unwrap_or_else(|| resume_unwind(panic))))
+            }
+            Err(_) => Err(LiveError::Closing),
+        }
+    }
+
+    /// Closes a household; what runs in it ends as aborted.
+    ///
+    /// # Errors
+    /// When there is none of that name, or its trace cannot be written.
+    pub async fn close(self: &Arc<Self>, name: &str) -> Result<State, LiveError> {
+        let left = self
+            .with(name, |household| {
+                let left = household.leave();
+                left.map(|()| household.state())
+            })
+            .await;
+        if !matches!(left, Err(LiveError::Busy(_) | LiveError::Closing)) {
+            self.lock().remove(name);
+        }
+        left?
+    }
+
+    /// Puts idle households aside and closes forgotten ones. To be called now and then.
+    pub async fn tend(self: &Arc<Self>) {
+        let idle = |limit: Duration| -> Vec<(String, State)> {
+            let slots = self.lock();
+            let seen = slots.values().map(|slot| (slot.name.clone(), slot.seen()));
+            seen.filter(|(_, seen)| seen.used.elapsed() >= limit).map(|(name, seen)| (name, seen.state.clone())).collect()
+        };
+        for (name, _) in idle(self.limits.close_after) {
+            match self.close(&name).await {
+                Ok(state) => tracing::info!(session = name, trace = ?state.trace, "closed: nobody used it any more"),
+                Err(error) => tracing::warn!(session = name, %error, "could not be closed"),
+            }
+        }
+        for (name, state) in idle(self.limits.park_after) {
+            if state.state == "playing" {
+                self.park(&name);
+            }
+        }
+    }
+
+    /// Ends every episode and closes every household; no call is taken from now on.
+    pub async fn close_all(self: &Arc<Self>) -> usize {
+        self.closing.store(true, Ordering::Release);
+        let slots: Vec<Arc<Slot>> = std::mem::take(&mut *self.lock()).into_values().collect();
+        let count = slots.len();
+        for slot in slots {
+            let household = slot.household.clone().lock_owned().await;
+            let left = tokio::task::spawn_blocking(move || Used { household, slot }.household.leave()).await;
+            if !matches!(left, Ok(Ok(()))) {
+                tracing::warn!(?left, "an episode could not be ended; `reel recover` restores it");
+            }
+        }
+        count
+    }
+
+    /// Every household, by name.
+    pub fn entries(&self) -> Vec<Entry> {
+        self.lock().values().map(|slot| slot.entry()).collect()
+    }
+
+    /// One household.
+    ///
+    /// # Errors
+    /// When there is none of that name.
+    pub fn entry(&self, name: &str) -> Result<Entry, LiveError> {
+        self.lock().get(name).map(|slot| slot.entry()).ok_or_else(|| LiveError::Unknown(name.to_owned()))
+    }
+
+    /// Puts the longest unused aside while more simulators are awake than may be.
+    fn make_room(&self) {
+        let mut awake: Vec<(Instant, String)> = {
+            let slots = self.lock();
+            let seen = slots.values().map(|slot| (slot.name.clone(), slot.seen()));
+            seen.filter(|(_, seen)| seen.state.state == "playing").map(|(name, seen)| (seen.used, name)).collect()
+        };
+        let excess = awake.len().saturating_sub(self.limits.awake);
+        awake.sort_unstable();
+        for (_, name) in awake.iter().take(excess) {
+            self.park(name);
+        }
+    }
+
+    /// Puts a household aside, unless somebody is using it.
+    fn park(&self, name: &str) {
+        let Some(slot) = self.lock().get(name).cloned() else { return };
+        if let Ok(mut household) = slot.household.clone().try_lock_owned() {
+            household.park();
+            slot.seen().state = household.state();
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Slot>>> {
+        self.households.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Slot {
+    fn seen(&self) -> MutexGuard<'_, Seen> {
+        self.seen.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn entry(&self) -> Entry {
+        let seen = self.seen();
+        Entry {
+            session: self.name.clone(),
+            state: seen.state.clone(),
+            idle_s: seen.used.elapsed().as_secs(),
+            group_id: self.lease.as_ref().map(|lease| lease.group_id.clone()),
+        }
+    }
+}
+
+/// A household in use: what is known of it is renewed when that ends, by a panic too.
+struct Used {
+    household: OwnedMutexGuard<Household>,
+    slot: Arc<Slot>,
+}
+
+impl Drop for Used {
+    fn drop(&mut self) {
+        *self.slot.seen() = Seen { state: self.household.state(), used: Instant::now() };
+    }
+}

@@ -1,0 +1,98 @@
+//! What households play, and how it is recorded.
+
+use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+
+use reel_episode::{EpisodeConfig, Rollout};
+use reel_reward::Preset;
+use reel_trace::RecordOptions;
+use reel_world::{Profile, Scene, Task, record::PolicyInfo};
+use serde_json::json;
+
+use crate::LiveError;
+
+/// What every household of a server plays.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The tasks, in the order in which they are played.
+    pub tasks: Vec<Arc<Task>>,
+    /// The scene of all of them.
+    pub scene: Arc<Scene>,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Behaviour where paper and published code differ.
+    pub profile: Profile,
+    /// Reward preset whose terms the steps hold.
+    pub preset: Preset,
+    /// The run that the episodes belong to.
+    pub run_id: String,
+    /// Folder for the traces.
+    pub folder: PathBuf,
+    /// Whether traces hold pictures, and what a recorded call survives.
+    pub options: RecordOptions,
+}
+
+/// A household that is let for a prompt group: it plays one task at one seed so many times.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Lease {
+    /// The group.
+    pub group_id: String,
+    /// The task.
+    pub task_id: String,
+    /// The seed of every rollout.
+    pub seed: u64,
+    /// G.
+    pub rollouts: u32,
+}
+
+/// What tells an episode of a household from all others.
+pub(crate) struct Place<'a> {
+    pub household: &'a str,
+    /// How many episodes were begun there before.
+    pub number: u32,
+    pub policy: &'a str,
+    pub lease: Option<&'a Lease>,
+}
+
+impl Setup {
+    /// Finds a task by its id.
+    pub fn task(&self, task_id: &str) -> Option<&Arc<Task>> {
+        self.tasks.iter().find(|task| task.task_id == task_id)
+    }
+
+    pub(crate) fn config(&self, task: &Arc<Task>, place: &Place<'_>) -> EpisodeConfig {
+        // Which session it was is part of the inputs: two agents that play the same task do not play the same episode.
+        let parameters = [("session", json!(place.household)), ("number", json!(place.number))];
+        let rollout = place.lease.map(|lease| Rollout { group_id: lease.group_id.clone(), index: place.number });
+        EpisodeConfig {
+            task: task.clone(),
+            scene: self.scene.clone(),
+            seed: place.lease.map_or(self.seed, |lease| lease.seed),
+            profile: self.profile,
+            preset: self.preset.clone(),
+            run_id: self.run_id.clone(),
+            policy: PolicyInfo {
+                name: place.policy.to_owned(),
+                checkpoint: None,
+                parameters: parameters.map(|(key, value)| (key.to_owned(), value)).into_iter().collect::<BTreeMap<_, _>>(),
+            },
+            rollout,
+            parent: None,
+        }
+    }
+
+    pub(crate) fn path(&self, task: &Task, place: &Place<'_>) -> PathBuf {
+        let task = task.task_id.replace(|c: char| !c.is_ascii_alphanumeric() && !"-_.".contains(c), "_");
+        self.folder.join(format!("{}--{}--{:04}--{task}.mcap", self.run_id, place.household, place.number))
+    }
+}
+
+/// Refuses a name that does not belong into a path.
+///
+/// # Errors
+/// When it is empty, too long, or holds anything but letters, digits, `-`, `_` and `.`.
+pub fn check_name(name: &str) -> Result<(), LiveError> {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    let fine =
+        (1..=64).contains(&name.len()) && name.chars().all(allowed) && name.starts_with(|c: char| c.is_ascii_alphanumeric());
+    if fine { Ok(()) } else { Err(LiveError::Name(name.chars().take(80).collect())) }
+}

@@ -1,0 +1,358 @@
+//! A policy session: takes calls of one agent to its household, and says what came of them.
+
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use axum::http::request::Parts;
+use reel_live::{Household, LiveError, Pool};
+use reel_world::{
+    Lifecycle, Profile, Tool, ToolCall,
+    record::{StepInput, UserReply, UserSource},
+};
+use rmcp::{
+    ErrorData, RoleServer, ServerHandler, elicit_safe,
+    model::{
+        CallToolRequestParams, CallToolResponse, CallToolResult, DiscoverResult, ElicitRequest, ElicitRequestParams,
+        ElicitResult, ElicitationAction, ElicitationSchema, Implementation, InputRequest, InputRequiredResult, ListToolsResult,
+        PaginatedRequestParams, ProgressNotificationParam, ProtocolVersion, ServerCapabilities, ServerConfig,
+    },
+    schemars,
+    service::{ElicitationMode, RequestContext},
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use tokio::{runtime::Handle, sync::oneshot};
+
+use crate::{Questions, Worker, catalogue, speech};
+use speech::{AskAnswers, Said};
+
+/// Who answers `ask`.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AskWhom {
+    /// The rule-based user.
+    #[default]
+    Rules,
+    /// The person at the client, by elicitation; the rule-based user where the client cannot ask anybody.
+    Client,
+    /// A person who answers through [`Questions`].
+    Rest,
+}
+
+/// Told of every call: the tool (one of ours, or `unknown`), `ok`, `error` or `refused`, and how long it took, waiting included.
+pub type Watch = Arc<dyn Fn(&'static str, &'static str, Duration) + Send + Sync>;
+
+/// How policy sessions behave.
+#[derive(Clone)]
+pub struct Options {
+    /// Who answers `ask`.
+    pub ask: AskWhom,
+    /// How long a person may take to answer.
+    pub ask_patience: Duration,
+    /// How answers look in profile `real-repo`.
+    pub answers: AskAnswers,
+    /// Name of the policy in the traces; without it, what the client calls itself.
+    pub policy: Option<String>,
+    /// Who is told of every call.
+    pub watch: Option<Watch>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { ask: AskWhom::Rules, ask_patience: Duration::from_secs(120), answers: AskAnswers::Auto, policy: None, watch: None }
+    }
+}
+
+/// One connection of an agent.
+#[derive(Clone)]
+pub struct ToolServer {
+    pool: Arc<Pool>,
+    questions: Arc<Questions>,
+    options: Arc<Options>,
+    home: Home,
+}
+
+/// Whose household it is.
+#[derive(Clone)]
+enum Home {
+    /// That of the connection, closed with it.
+    Own(Arc<Own>),
+    /// A worker's, which outlives connections.
+    Worker(Worker),
+}
+
+struct Own {
+    name: String,
+    pool: Arc<Pool>,
+}
+
+impl Drop for Own {
+    fn drop(&mut self) {
+        let (pool, name) = (self.pool.clone(), std::mem::take(&mut self.name));
+        // Without a runtime the process ends, and whoever ends it closes the pool.
+        if let Ok(runtime) = Handle::try_current() {
+            runtime.spawn(async move {
+                match pool.close(&name).await {
+                    Ok(state) => tracing::info!(session = name, episodes = state.episodes, "closed with its connection"),
+                    // Nothing was called, or it was closed before.
+                    Err(LiveError::Unknown(_) | LiveError::Closing) => {}
+                    Err(error) => tracing::warn!(session = name, %error, "could not be closed"),
+                }
+            });
+        }
+    }
+}
+
+/// What the person at the client fills in.
+#[derive(Debug, Serialize, Deserialize, schemars::JsonSchema)]
+#[schemars(crate = "rmcp::schemars")]
+struct Reply {
+    /// Your answer to the robot.
+    answer: String,
+}
+elicit_safe!(Reply);
+
+/// The key of the one question that a call may have.
+const ANSWER: &str = "answer";
+
+impl ToolServer {
+    /// A server for one connection, with a household of its own.
+    pub fn new(pool: Arc<Pool>, questions: Arc<Questions>, options: Arc<Options>, name: String) -> Self {
+        let home = Home::Own(Arc::new(Own { name, pool: pool.clone() }));
+        Self { pool, questions, options, home }
+    }
+
+    /// A server for one connection of a worker, whose household outlives it.
+    pub fn of_worker(pool: Arc<Pool>, questions: Arc<Questions>, options: Arc<Options>, worker: Worker) -> Self {
+        Self { pool, questions, options, home: Home::Worker(worker) }
+    }
+
+    fn profile(&self) -> Profile {
+        self.pool.setup().profile
+    }
+
+    /// Whose world a request is for, where its path says so.
+    fn worker<'a>(&'a self, context: &'a RequestContext<RoleServer>) -> Option<&'a Worker> {
+        match &self.home {
+            Home::Worker(worker) => Some(worker),
+            Home::Own(_) => context.extensions.get::<Parts>().and_then(|parts| parts.extensions.get::<Worker>()),
+        }
+    }
+
+    /// The household of a request.
+    fn session(&self, context: &RequestContext<RoleServer>) -> Result<(String, bool), ErrorData> {
+        match (self.worker(context), &self.home) {
+            (Some(worker), _) => Ok((worker.household(), true)),
+            (None, Home::Own(own)) if !stateless(context) => Ok((own.name.clone(), false)),
+            _ => {
+                let text = "protocol 2026-07-28 has no sessions, so nothing here says which world is yours: use /w/<name>/mcp \
+                            with a name of your own";
+                Err(ErrorData::invalid_request(text, None))
+            }
+        }
+    }
+
+    async fn answer(
+        &self,
+        session: &str,
+        of_worker: bool,
+        call: ToolCall,
+        reply: Option<UserReply>,
+        context: &RequestContext<RoleServer>,
+    ) -> CallToolResult {
+        let profile = self.profile();
+        let json = match self.options.answers {
+            AskAnswers::Auto => !of_worker,
+            AskAnswers::Json => true,
+            AskAnswers::Text => false,
+        };
+        let (tool, begun) = (call.name.clone(), Instant::now());
+        let known = Tool::parse(&call).map_or("unknown", |tool| tool.paper_name());
+        let said = self.request(session, call, reply, context).await;
+        let outcome = match &said {
+            Ok(Said::Made(made, _)) if !made.step.outcome.is_ok() => "error",
+            Ok(_) => "ok",
+            Err(_) => "refused",
+        };
+        let result = match said {
+            Ok(said) => speech::say(profile, &said, json),
+            Err(error) => {
+                tracing::info!(session, known, %error, "refused");
+                speech::refuse(profile, &tool, &error)
+            }
+        };
+        if let Some(watch) = &self.options.watch {
+            watch(known, outcome, begun.elapsed());
+        }
+        result
+    }
+
+    /// Takes a call to the household.
+    async fn request(
+        &self,
+        session: &str,
+        call: ToolCall,
+        reply: Option<UserReply>,
+        context: &RequestContext<RoleServer>,
+    ) -> Result<Said, LiveError> {
+        let setup = self.pool.setup().clone();
+        let tool = Tool::parse(&call);
+        match &tool {
+            Ok(Tool::Lifecycle(Lifecycle::ListReceptacles)) => return Ok(Said::Receptacles(setup.scene.clone())),
+            Ok(Tool::Lifecycle(Lifecycle::ListTasks)) => return Ok(Said::Tasks(speech::ids(&setup.tasks))),
+            _ => {}
+        }
+        self.pool.open(session)?;
+        let (begun, on_begin) = oneshot::channel();
+        let (policy, wants_picture) = (self.policy(context), setup.profile == Profile::RealRepo);
+        let work = move |household: &mut Household| {
+            // Nobody waits for it where the call has no progress token.
+            let _ = begun.send(());
+            household.set_policy(&policy);
+            let said_begun = |begun| Said::Begun(Box::new(begun), setup.scene.clone());
+            match tool {
+                Ok(Tool::Finish) => {
+                    if household.plays() {
+                        household.call(StepInput { call, policy: None, user_reply: None })?;
+                    }
+                    Ok(household.begin_next()?.map_or(Said::Completed, said_begun))
+                }
+                Ok(Tool::Lifecycle(Lifecycle::FinishWithId { task_id })) => household.begin(&task_id).map(said_begun),
+                _ => {
+                    let made = household.call(StepInput { call, policy: None, user_reply: reply })?;
+                    let look = (wants_picture && made.frame.is_none() && made.ended.is_none()).then(|| household.look());
+                    Ok(Said::Made(Box::new(made), look.transpose()?))
+                }
+            }
+        };
+        let mut done = Box::pin(self.pool.with(session, work));
+        let Some(token) = context.meta.get_progress_token() else { return done.await? };
+        let report = |progress: f64, message: &str| {
+            let param = ProgressNotificationParam::new(token.clone(), progress).with_total(2.0).with_message(message);
+            let peer = context.peer.clone();
+            // A client that went away hears of nothing.
+            async move { drop(peer.notify_progress(param).await) }
+        };
+        report(0.0, "waiting for a simulator").await;
+        let said = tokio::select! {
+            said = &mut done => said?,
+            Ok(()) = on_begin => {
+                report(1.0, "simulating").await;
+                done.await?
+            }
+        };
+        report(2.0, "done").await;
+        said
+    }
+
+    /// Asks a person, where one is to be asked. An error of the result is what to answer the client instead.
+    async fn ask_person(
+        &self,
+        session: &str,
+        question: &str,
+        request: &CallToolRequestParams,
+        context: &RequestContext<RoleServer>,
+    ) -> Result<Option<UserReply>, CallToolResponse> {
+        let nobody = || UserReply { text: "Nobody answers.".to_owned(), source: UserSource::Human };
+        let human = |text: String| UserReply { text, source: UserSource::Human };
+        // A question in an episode that does not run is refused, and nobody is bothered with it.
+        let runs = self.pool.entry(session).is_ok_and(|entry| matches!(entry.state.state, "playing" | "parked"));
+        if !runs {
+            return Ok(None);
+        }
+        match self.options.ask {
+            AskWhom::Rules => Ok(None),
+            AskWhom::Rest => {
+                let answer = self.questions.ask(session, question, self.options.ask_patience).await;
+                Ok(Some(answer.map_or_else(nobody, human)))
+            }
+            AskWhom::Client if stateless(context) => {
+                let answered = request.input_responses.as_ref().and_then(|answers| answers.get(ANSWER));
+                let Some(answered) = answered else { return Err(elicitation(question)) };
+                let result: Option<ElicitResult> = serde_json::from_value(answered.clone()).ok();
+                let accepted = result.filter(|result| result.action == ElicitationAction::Accept);
+                let reply = accepted.and_then(|result| serde_json::from_value::<Reply>(result.content?).ok());
+                Ok(Some(reply.map_or_else(nobody, |reply| human(reply.answer))))
+            }
+            AskWhom::Client => {
+                if !context.peer.supported_elicitation_modes().contains(&ElicitationMode::Form) {
+                    return Ok(None);
+                }
+                let answer = context.peer.elicit_with_timeout::<Reply>(question, Some(self.options.ask_patience)).await;
+                Ok(Some(answer.ok().flatten().map_or_else(nobody, |reply| human(reply.answer))))
+            }
+        }
+    }
+
+    fn policy(&self, context: &RequestContext<RoleServer>) -> String {
+        let client = context.client_info().map(|client| client.name);
+        let name = self.options.policy.clone().or(client.filter(|name| !name.is_empty())).unwrap_or_else(|| "client".to_owned());
+        name.chars().filter(|c| !c.is_control()).take(64).collect()
+    }
+}
+
+/// Asks the client of the newest protocol to ask its person, and to call again with the answer.
+fn elicitation(question: &str) -> CallToolResponse {
+    let schema = ElicitationSchema::from_type::<Reply>().expect("the form has one field of text");
+    let params =
+        ElicitRequestParams::FormElicitationParams { meta: None, message: question.to_owned(), requested_schema: schema };
+    let request = InputRequest::Elicitation(ElicitRequest::new(params));
+    InputRequiredResult::from_input_requests([(ANSWER.to_owned(), request)].into()).into()
+}
+
+/// Whether the protocol has no sessions.
+fn stateless(context: &RequestContext<RoleServer>) -> bool {
+    context.protocol_version().is_some_and(|version| version.as_str() >= ProtocolVersion::V_2026_07_28.as_str())
+}
+
+impl ServerHandler for ToolServer {
+    fn get_info(&self) -> ServerConfig {
+        let instructions = "A household with a robot in it, one for you alone. Call 'finish' to begin the first episode: the \
+                            answer holds your task. Then act by calling tools one at a time; numbers in pictures and lists are \
+                            marker ids. Call 'finish' again when the task is done: the answer is the next task.";
+        ServerConfig::new(ServerCapabilities::builder().enable_tools().build())
+            .with_server_info(Implementation::new("reel", env!("CARGO_PKG_VERSION")))
+            .with_instructions(instructions)
+    }
+
+    /// Where nothing but a session says whose world it is, only protocols with sessions are spoken.
+    async fn discover(&self, context: RequestContext<RoleServer>) -> Result<DiscoverResult, ErrorData> {
+        let versions = match self.worker(&context) {
+            Some(_) => self.supported_protocol_versions().into_owned(),
+            None => ProtocolVersion::known_up_to(&ProtocolVersion::V_2025_11_25).to_vec(),
+        };
+        Ok(DiscoverResult::from_server_info(versions, self.get_info()))
+    }
+
+    async fn list_tools(
+        &self,
+        _: Option<PaginatedRequestParams>,
+        _: RequestContext<RoleServer>,
+    ) -> Result<ListToolsResult, ErrorData> {
+        Ok(ListToolsResult::with_all_items(catalogue::tools(self.profile())))
+    }
+
+    async fn call_tool(
+        &self,
+        request: CallToolRequestParams,
+        context: RequestContext<RoleServer>,
+    ) -> Result<CallToolResponse, ErrorData> {
+        let (session, of_worker) = self.session(&context)?;
+        let arguments = request.arguments.clone().map_or_else(|| json!({}), Value::Object);
+        let call = ToolCall::new(request.name.clone(), arguments);
+        let work = async {
+            let reply = match Tool::parse(&call) {
+                Ok(Tool::Ask { question }) => self.ask_person(&session, &question, &request, &context).await?,
+                _ => None,
+            };
+            Ok(self.answer(&session, of_worker, call, reply, &context).await.into())
+        };
+        // A cancelled call was not made, or is on tape as a whole.
+        tokio::select! {
+            answer = work => Ok(answer.unwrap_or_else(|instead: CallToolResponse| instead)),
+            () = context.ct.cancelled() => Err(ErrorData::internal_error("the call was cancelled", None)),
+        }
+    }
+}

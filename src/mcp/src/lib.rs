@@ -1,0 +1,20 @@
+//! Live worlds as tools of the Model Context Protocol: over Streamable HTTP, legacy HTTP+SSE and stdio, in the words of the
+//! paper or of the published server.
+//!
+//! Carries calls to the pool and says what came of them; never decides, never simulates. What a profile shows is in `speech`,
+//! and nothing else reaches a policy.
+
+mod catalogue;
+mod guard;
+mod handler;
+mod legacy_sse;
+mod questions;
+mod router;
+mod speech;
+
+pub use catalogue::tools;
+pub use guard::Guard;
+pub use handler::{AskWhom, Options, ToolServer, Watch};
+pub use questions::{Question, Questions};
+pub use router::{Worker, router, stdio, streamable_http};
+pub use speech::AskAnswers;

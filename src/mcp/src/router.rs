@@ -1,0 +1,165 @@
+//! The ways in: Streamable HTTP, legacy HTTP+SSE, stdio.
+
+use std::{sync::Arc, time::Duration};
+
+use axum::{
+    Router,
+    body::Bytes,
+    extract::{Path, Query, Request, State},
+    http::StatusCode,
+    middleware::{self, Next},
+    response::{IntoResponse, Response},
+    routing::{get, post},
+};
+use reel_live::{Pool, check_name};
+use rmcp::{
+    ServerHandler, ServiceExt as _,
+    transport::{
+        StreamableHttpServerConfig, StreamableHttpService,
+        streamable_http_server::session::local::{LocalSessionManager, SessionConfig},
+    },
+};
+use serde::Deserialize;
+use tokio_util::sync::CancellationToken;
+
+use crate::{Options, Questions, ToolServer, legacy_sse::Connections};
+
+/// A worker: whoever connects under its name acts in the same household.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Worker(String);
+
+impl Worker {
+    /// A worker by its name in the path `/w/<name>/`.
+    ///
+    /// # Errors
+    /// When the name could not be one of a file.
+    pub fn named(name: &str) -> Result<Self, reel_live::LiveError> {
+        let worker = Self(name.to_owned());
+        check_name(&worker.household()).map(|()| worker)
+    }
+
+    /// Name of its household: no name of a session that a connection has for its own.
+    pub fn household(&self) -> String {
+        format!("w-{}", self.0)
+    }
+}
+
+/// Where clients of `/sse` post.
+const MESSAGES: &str = "/messages/";
+
+/// What all transports share.
+#[derive(Clone)]
+struct Shared {
+    pool: Arc<Pool>,
+    questions: Arc<Questions>,
+    options: Arc<Options>,
+    connections: Connections,
+    closing: CancellationToken,
+}
+
+/// `/mcp`, `/w/<name>/mcp`, `/sse`, `/w/<name>/sse` and `/messages/`. Host, Origin, tokens and sizes of bodies are the caller's to
+/// check; every stream ends with `closing`.
+pub fn router(
+    pool: Arc<Pool>,
+    questions: Arc<Questions>,
+    options: Arc<Options>,
+    closing: CancellationToken,
+    max_body: usize,
+) -> Router {
+    let shared = Shared { pool, questions, options, connections: Connections::default(), closing: closing.clone() };
+    let factory = {
+        let shared = shared.clone();
+        move || shared.server()
+    };
+    let service = streamable_http(factory, shared.pool.limits().close_after, max_body, closing);
+    let workers = Router::new().route_service("/w/{worker}/mcp", service.clone()).layer(middleware::from_fn(name_worker));
+    Router::new()
+        .route("/sse", get(open))
+        .route("/w/{worker}/sse", get(open_worker))
+        .route(MESSAGES, post(message))
+        .with_state(shared)
+        .route_service("/mcp", service)
+        .merge(workers)
+}
+
+/// The service of Streamable HTTP, with a handler from `factory` for each session. A session ends when nothing came or went for
+/// `keep_alive`, every stream with `closing`. [`Guard`](crate::Guard) is what keeps pages of the web from it.
+pub fn streamable_http<S: ServerHandler>(
+    factory: impl Fn() -> S + Send + Sync + 'static,
+    keep_alive: Duration,
+    max_body: usize,
+    closing: CancellationToken,
+) -> StreamableHttpService<S, LocalSessionManager> {
+    let mut config = SessionConfig::default();
+    config.keep_alive = Some(keep_alive);
+    let mut sessions = LocalSessionManager::default();
+    sessions.session_config = config;
+    let http = StreamableHttpServerConfig::default()
+        .disable_allowed_hosts()
+        .with_max_request_body_bytes(max_body)
+        .with_cancellation_token(closing);
+    StreamableHttpService::new(move || Ok(factory()), Arc::new(sessions), http)
+}
+
+/// Serves one agent over standard input and output, until it goes.
+///
+/// # Errors
+/// When the first message is not one of the protocol.
+pub async fn stdio(pool: Arc<Pool>, options: Options) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+    let server = ToolServer::new(pool, Arc::default(), Arc::new(options), "stdio".to_owned());
+    server.serve(rmcp::transport::stdio()).await?.waiting().await?;
+    Ok(())
+}
+
+impl Shared {
+    fn server(&self) -> ToolServer {
+        ToolServer::new(self.pool.clone(), self.questions.clone(), self.options.clone(), format!("s-{}", random()))
+    }
+
+    fn stream(&self, server: ToolServer) -> Response {
+        self.connections.open(server, random(), MESSAGES, self.pool.limits().households, &self.closing)
+    }
+}
+
+/// Says to the handler whose household a request is for.
+async fn name_worker(Path(worker): Path<String>, mut request: Request, next: Next) -> Response {
+    match Worker::named(&worker) {
+        Ok(worker) => {
+            request.extensions_mut().insert(worker);
+            next.run(request).await
+        }
+        Err(error) => (StatusCode::BAD_REQUEST, error.to_string()).into_response(),
+    }
+}
+
+async fn open(State(shared): State<Shared>) -> Response {
+    shared.stream(shared.server())
+}
+
+async fn open_worker(State(shared): State<Shared>, Path(worker): Path<String>) -> Response {
+    match Worker::named(&worker) {
+        Ok(worker) => {
+            let Shared { pool, questions, options, .. } = shared.clone();
+            let server = ToolServer::of_worker(pool, questions, options, worker);
+            shared.stream(server)
+        }
+        Err(error) => (StatusCode::BAD_REQUEST, error.to_string()).into_response(),
+    }
+}
+
+#[derive(Deserialize)]
+struct Session {
+    #[serde(alias = "sessionId")]
+    session_id: Option<String>,
+}
+
+async fn message(State(shared): State<Shared>, Query(session): Query<Session>, body: Bytes) -> Response {
+    shared.connections.message(session.session_id.as_deref(), &body).await
+}
+
+/// 128 bits that nobody can guess.
+fn random() -> String {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).expect("the system has randomness");
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,69 @@
+//! What a profile says of what happened: the one place from which anything reaches a policy.
+
+mod paper;
+mod real_repo;
+
+use reel_live::{Begun, LiveError, Made};
+use reel_world::{Frame, Profile, Scene, Task};
+use rmcp::model::{CallToolResult, ContentBlock};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// What came of a request to a session.
+pub(crate) enum Said {
+    /// A call was made. With the picture of the moment, where the tool returns none and the profile shows one all the same.
+    Made(Box<Made>, Option<Frame>),
+    /// An episode began.
+    Begun(Box<Begun>, Arc<Scene>),
+    /// Every task was played.
+    Completed,
+    /// The ids of the tasks.
+    Tasks(Vec<String>),
+    /// Rooms and furniture.
+    Receptacles(Arc<Scene>),
+}
+
+/// How `ask` answers in profile `real-repo`: its evaluation agent and its trainer want different things (SPEC sections 9, 11).
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AskAnswers {
+    /// As JSON to sessions of their own, in plain words to workers.
+    #[default]
+    Auto,
+    /// As JSON.
+    Json,
+    /// In plain words.
+    Text,
+}
+
+/// What a policy is told. `json` is whether an answer of the user comes as JSON.
+pub(crate) fn say(profile: Profile, said: &Said, json: bool) -> CallToolResult {
+    match profile {
+        Profile::Paper => paper::say(said),
+        Profile::RealRepo => real_repo::say(said, json),
+    }
+}
+
+/// What a policy is told when a request failed. `tool` is the name it used.
+pub(crate) fn refuse(profile: Profile, tool: &str, error: &LiveError) -> CallToolResult {
+    match profile {
+        Profile::Paper => paper::refuse(error),
+        Profile::RealRepo => real_repo::refuse(tool, error),
+    }
+}
+
+fn picture(frame: &Frame) -> ContentBlock {
+    let png = reel_trace::encode_png(&frame.rgb, reel_world::FRAME_WIDTH as u32, reel_world::FRAME_HEIGHT as u32);
+    ContentBlock::image(base64::Engine::encode(&base64::engine::general_purpose::STANDARD, png), "image/png")
+}
+
+fn task_ids(tasks: &[String]) -> String {
+    serde_json::to_string(tasks).expect("texts are JSON")
+}
+
+/// The end text of the published server.
+const COMPLETED: &str = "All evaluation episodes completed.";
+
+pub(crate) fn ids(tasks: &[Arc<Task>]) -> Vec<String> {
+    tasks.iter().map(|task| task.task_id.clone()).collect()
+}

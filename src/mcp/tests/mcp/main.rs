@@ -1,0 +1,3 @@
+//! The protocol as clients meet it.
+
+mod conformance;

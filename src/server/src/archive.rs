@@ -1,0 +1,176 @@
+//! The folder of traces as clients see it: names, never paths.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    time::UNIX_EPOCH,
+};
+
+use axum::body::Bytes;
+use futures_util::{Stream, StreamExt as _};
+use reel_trace::Trace;
+use serde::Serialize;
+use tokio::io::AsyncWriteExt as _;
+use utoipa::ToSchema;
+
+use crate::rest::ApiError;
+
+/// The folder of traces.
+#[derive(Clone, Debug)]
+pub(crate) struct Archive {
+    folder: PathBuf,
+}
+
+/// A file of the archive.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, ToSchema)]
+pub(crate) struct TraceFile {
+    /// Its name, without `.mcap`.
+    pub trace: String,
+    /// Its size.
+    pub bytes: u64,
+    /// When it was written, in seconds since 1970.
+    pub written: u64,
+    /// Whether it is still being recorded (or broke off).
+    pub recording: bool,
+}
+
+impl Archive {
+    /// An archive in a folder, which is made if it is not there.
+    pub fn open(folder: PathBuf) -> io::Result<Self> {
+        fs::create_dir_all(&folder)?;
+        // Paths in tables are absolute, and a change of the working directory changes nothing.
+        Ok(Self { folder: folder.canonicalize()? })
+    }
+
+    /// Where a trace of that name lies, or would lie.
+    pub fn path(&self, name: &str) -> Result<PathBuf, ApiError> {
+        let allowed = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+        let fine = (1..=200).contains(&name.len())
+            && name.chars().all(allowed)
+            && name.starts_with(|c: char| c.is_ascii_alphanumeric())
+            && !name.ends_with(".mcap");
+        if !fine {
+            let text =
+                "a trace is named by 1 to 200 letters, digits, '-', '_' and '.', the first a letter or digit, without .mcap";
+            return Err(ApiError::bad_request("bad_name", text));
+        }
+        Ok(self.folder.join(format!("{name}.mcap")))
+    }
+
+    /// The name of a trace, where it lies here.
+    pub fn name_of(&self, path: &Path) -> Option<String> {
+        let name = path.strip_prefix(&self.folder).ok()?.to_str()?.strip_suffix(".mcap")?;
+        (!name.contains(['/', '\\'])).then(|| name.to_owned())
+    }
+
+    /// An existing, finished trace.
+    pub fn existing(&self, name: &str) -> Result<PathBuf, ApiError> {
+        let path = self.path(name)?;
+        if path.is_file() {
+            return Ok(path);
+        }
+        if path.with_added_extension("part").is_file() {
+            return Err(ApiError::conflict("recording", format!("{name} is still being recorded")));
+        }
+        Err(ApiError::not_found(format!("there is no trace {name}")))
+    }
+
+    /// Reads a trace.
+    pub fn read(&self, name: &str) -> Result<Trace, ApiError> {
+        let path = self.existing(name)?;
+        Trace::read(&path).map_err(|error| ApiError::unprocessable("bad_trace", error.to_string()))
+    }
+
+    /// Traces in the order of their names, from the one after `after` on.
+    pub fn list(&self, after: &str, limit: usize) -> io::Result<Vec<TraceFile>> {
+        let mut names: Vec<(String, bool)> = Vec::new();
+        for entry in fs::read_dir(&self.folder)? {
+            let Ok(name) = entry?.file_name().into_string() else { continue };
+            let (name, recording) = match (name.strip_suffix(".mcap"), name.strip_suffix(".mcap.part")) {
+                (Some(name), _) => (name, false),
+                (None, Some(name)) => (name, true),
+                (None, None) => continue,
+            };
+            if name > after && !name.starts_with('.') {
+                names.push((name.to_owned(), recording));
+            }
+        }
+        names.sort_unstable();
+        let file = |(name, recording): (String, bool)| {
+            let suffix = if recording { "mcap.part" } else { "mcap" };
+            let found = fs::metadata(self.folder.join(format!("{name}.{suffix}"))).ok()?;
+            let written = found.modified().ok()?.duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+            Some(TraceFile { trace: name, bytes: found.len(), written, recording })
+        };
+        // A file that went away meanwhile is not there.
+        Ok(names.into_iter().filter_map(file).take(limit).collect())
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Takes a trace in, as it comes; it is there only when all of it came and it is a sound trace. Never replaces one.
+    pub async fn take<E: std::fmt::Display>(
+        &self,
+        name: &str,
+        limit: u64,
+        patience: std::time::Duration,
+        mut body: impl Stream<Item = Result<Bytes, E>> + Unpin,
+    ) -> Result<TraceFile, ApiError> {
+        let path = self.path(name)?;
+        let taken = || ApiError::conflict("exists", format!("there is a trace {name} already; traces are never replaced"));
+        if path.exists() {
+            return Err(taken());
+        }
+        let beside = self.folder.join(format!(".{name}.{:016x}.upload", random()));
+        // Whatever happens, nothing half taken stays.
+        let _remove = RemoveFile(&beside);
+        let mut file = tokio::fs::File::create_new(&beside).await.map_err(ApiError::disk)?;
+        let mut bytes = 0_u64;
+        loop {
+            let part = tokio::time::timeout(patience, body.next()).await;
+            let part = part.map_err(|_| ApiError::timeout("the upload stood still for too long"))?;
+            let Some(part) = part else { break };
+            let part = part.map_err(|error| ApiError::bad_request("broken_body", format!("the upload broke off: {error}")))?;
+            bytes += part.len() as u64;
+            if bytes > limit {
+                return Err(ApiError::too_large(format!("a trace may have {limit} bytes (limits.upload_mib)")));
+            }
+            file.write_all(&part).await.map_err(ApiError::disk)?;
+        }
+        file.sync_all().await.map_err(ApiError::disk)?;
+        drop(file);
+        let checked = {
+            let beside = beside.clone();
+            tokio::task::spawn_blocking(move || Trace::read(&beside).map(drop)).await
+        };
+        let checked = checked.map_err(|_| ApiError::unprocessable("bad_trace", "reading it broke down".to_owned()))?;
+        if let Err(error) = checked {
+            let shown = error.to_string().replace(&*beside.to_string_lossy(), name);
+            return Err(ApiError::unprocessable("bad_trace", shown));
+        }
+        // Fails where somebody else was faster, which a rename would not.
+        fs::hard_link(&beside, &path).map_err(|error| match error.kind() {
+            io::ErrorKind::AlreadyExists => taken(),
+            _ => ApiError::disk(error),
+        })?;
+        let written = std::time::SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+        Ok(TraceFile { trace: name.to_owned(), bytes, written, recording: false })
+    }
+}
+
+struct RemoveFile<'a>(&'a Path);
+
+impl Drop for RemoveFile<'_> {
+    fn drop(&mut self) {
+        let _ = fs::remove_file(self.0);
+    }
+}
+
+fn random() -> u64 {
+    let mut bytes = [0; 8];
+    getrandom::fill(&mut bytes).expect("the system has randomness");
+    u64::from_le_bytes(bytes)
+}

@@ -1,0 +1,416 @@
+//! The configuration: a TOML file, with a default for everything, and what is wrong with it.
+
+use std::{
+    fs, io,
+    net::{IpAddr, SocketAddr},
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
+
+use reel_live::Setup;
+use reel_mcp::{AskAnswers, AskWhom};
+use reel_reward::Preset;
+use reel_tasks::{GenerateOptions, Listed, generate, home};
+use reel_trace::{Durability, Images, RecordOptions};
+use reel_world::{Family, Profile, Scene, Task};
+use serde::{Deserialize, Serialize};
+
+/// How many tasks of each family are made where no tasks are given.
+const TASKS_MADE: usize = 12;
+
+/// The configuration of a server.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Where it listens. Anything but a loopback address demands tokens.
+    pub listen: SocketAddr,
+    /// Folder of traces, exports, and the store where none is named.
+    pub data: PathBuf,
+    /// The store of tables: a folder or s3://bucket/folder; without it `store` in the data folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub store: Option<String>,
+    /// File of tokens; without it `tokens.toml` in the data folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tokens: Option<PathBuf>,
+    /// Names besides localhost under which clients may reach it (the `Host` header), e.g. behind a proxy.
+    pub hosts: Vec<String>,
+    /// Origins of web pages that may call it, e.g. `https://lab.example`.
+    pub origins: Vec<String>,
+    /// How logs look.
+    pub log: LogFormat,
+    /// Which logs: a level, or directives such as `info,reel_mcp=debug`.
+    pub log_filter: String,
+    /// What is played.
+    pub play: Play,
+    /// What clients may take.
+    pub limits: Limits,
+}
+
+/// How logs look.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LogFormat {
+    /// For people.
+    #[default]
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+/// What is played.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Play {
+    /// Task file or folder of them; without it, tasks that Reel makes in its own home.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tasks: Option<PathBuf>,
+    /// Scene file of these tasks; without it the home that comes with Reel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scene: Option<PathBuf>,
+    /// In which order.
+    pub order: Order,
+    /// Seed of everything random, the order included.
+    pub seed: u64,
+    /// `paper` or `real-repo`.
+    pub profile: Profile,
+    /// Reward preset: a built-in name, or a file.
+    pub preset: String,
+    /// The run that the episodes belong to; without it, one named after the time of the start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+    /// Name of the policy in the traces; without it, what clients call themselves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub policy: Option<String>,
+    /// Whether traces hold pictures; without them they are drawn again on demand.
+    pub images: bool,
+    /// What an acknowledged call survives: `write` (the death of the process) or `fsync` (the loss of power).
+    pub durability: String,
+    /// Who answers `ask`.
+    pub ask: AskWhom,
+    /// How long a person may take to answer, in seconds.
+    pub ask_patience_s: u64,
+    /// How answers look in profile `real-repo`: `auto` (JSON to sessions, plain words to workers), `json` or `text`.
+    pub ask_answers: AskAnswers,
+}
+
+/// In which order tasks are played.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Order {
+    /// As they are listed.
+    #[default]
+    Listed,
+    /// Drawn by the seed.
+    Shuffled,
+}
+
+/// What clients may take.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Sessions open at once.
+    pub sessions: usize,
+    /// Simulators in memory at once; the others are snapshots.
+    pub awake: usize,
+    /// Calls at work at once; 0: one for each core.
+    pub workers: usize,
+    /// Seconds after its last call until a session is put aside as a snapshot.
+    pub park_after_s: u64,
+    /// Seconds after its last call until a session is closed.
+    pub close_after_s: u64,
+    /// Seconds that a call waits for a worker.
+    pub patience_s: u64,
+    /// Connections at once.
+    pub connections: usize,
+    /// Seconds that a client has for the head of a request, and again for its body.
+    pub read_s: u64,
+    /// Largest body of a request, in MiB.
+    pub body_mib: usize,
+    /// Largest trace that is taken, in MiB.
+    pub upload_mib: usize,
+    /// Requests a second from one client (a token, or an address).
+    pub requests_per_s: u32,
+    /// Requests at once from one client, after a pause.
+    pub burst: u32,
+    /// Longest answer to SQL, in rows.
+    pub sql_rows: usize,
+    /// Longest time of a query, in seconds.
+    pub sql_s: u64,
+    /// Memory of a query before it spills, in MiB.
+    pub sql_mib: usize,
+    /// Queries, replays and renderings at once.
+    pub analyses: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 8801)),
+            data: "reel-data".into(),
+            store: None,
+            tokens: None,
+            hosts: Vec::new(),
+            origins: Vec::new(),
+            log: LogFormat::Text,
+            log_filter: "info,rmcp=error".to_owned(),
+            play: Play::default(),
+            limits: Limits::default(),
+        }
+    }
+}
+
+impl Default for Play {
+    fn default() -> Self {
+        Self {
+            tasks: None,
+            scene: None,
+            order: Order::Listed,
+            seed: 0,
+            profile: Profile::Paper,
+            preset: "paper".to_owned(),
+            run: None,
+            policy: None,
+            images: true,
+            durability: "write".to_owned(),
+            ask: AskWhom::Rules,
+            ask_patience_s: 120,
+            ask_answers: AskAnswers::Auto,
+        }
+    }
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            sessions: 2_000,
+            awake: 256,
+            workers: 0,
+            park_after_s: 30,
+            close_after_s: 3_600,
+            patience_s: 60,
+            connections: 8_192,
+            read_s: 30,
+            body_mib: 4,
+            upload_mib: 1_024,
+            requests_per_s: 2_000,
+            burst: 4_000,
+            sql_rows: 1_000_000,
+            sql_s: 60,
+            sql_mib: 512,
+            analyses: 4,
+        }
+    }
+}
+
+/// What is wrong with a configuration.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("cannot read {path}: {source}", path = path.display())]
+    Read {
+        /// Which.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// It is no configuration.
+    #[error("{path}: {message}", path = path.display())]
+    Syntax {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong, and where.
+        message: String,
+    },
+    /// A value that cannot be.
+    #[error("{key}: {message}")]
+    Value {
+        /// Which.
+        key: &'static str,
+        /// What is wrong with it.
+        message: String,
+    },
+    /// The tasks or the scene cannot be loaded.
+    #[error(transparent)]
+    Tasks(#[from] reel_tasks::TaskError),
+}
+
+impl Config {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// When it cannot be read, is no TOML, or has a key or value that is none.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let text = fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
+        toml::from_str(&text)
+            .map_err(|error| ConfigError::Syntax { path: path.to_owned(), message: error.to_string().trim_end().to_owned() })
+    }
+
+    /// As a file would have it.
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("a configuration has a TOML form")
+    }
+
+    /// Where the traces lie.
+    pub fn traces(&self) -> PathBuf {
+        self.data.join("traces")
+    }
+
+    /// Where the store of tables is.
+    pub fn store(&self) -> String {
+        self.store.clone().unwrap_or_else(|| self.data.join("store").display().to_string())
+    }
+
+    /// The file of tokens.
+    pub fn tokens(&self) -> PathBuf {
+        self.tokens.clone().unwrap_or_else(|| self.data.join("tokens.toml"))
+    }
+
+    /// Whether only this machine can reach it.
+    pub fn is_local(&self) -> bool {
+        match self.listen.ip() {
+            IpAddr::V4(ip) => ip.is_loopback(),
+            IpAddr::V6(ip) => ip.is_loopback(),
+        }
+    }
+
+    /// Checks what does not need the tasks.
+    ///
+    /// # Errors
+    /// At the first value that cannot be.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let wrong = |key, message: &str| Err(ConfigError::Value { key, message: message.to_owned() });
+        let limits = &self.limits;
+        let counts: [(&'static str, usize); 9] = [
+            ("limits.sessions", limits.sessions),
+            ("limits.awake", limits.awake),
+            ("limits.connections", limits.connections),
+            ("limits.body_mib", limits.body_mib),
+            ("limits.upload_mib", limits.upload_mib),
+            ("limits.sql_rows", limits.sql_rows),
+            ("limits.sql_mib", limits.sql_mib),
+            ("limits.analyses", limits.analyses),
+            ("limits.burst", limits.burst as usize),
+        ];
+        if let Some((key, _)) = counts.iter().find(|(_, count)| *count == 0) {
+            return wrong(key, "must be at least 1");
+        }
+        let times = [
+            ("limits.close_after_s", limits.close_after_s),
+            ("limits.patience_s", limits.patience_s),
+            ("limits.read_s", limits.read_s),
+            ("limits.sql_s", limits.sql_s),
+            ("limits.requests_per_s", u64::from(limits.requests_per_s)),
+        ];
+        if let Some((key, _)) = times.iter().find(|(_, time)| *time == 0) {
+            return wrong(key, "must be at least 1");
+        }
+        if Durability::parse(&self.play.durability).is_none() {
+            return wrong("play.durability", "there are 'write' and 'fsync'");
+        }
+        if let Some(run) = &self.play.run {
+            reel_live::check_name(run).map_err(|_| ConfigError::Value {
+                key: "play.run",
+                message: format!("'{run}' could not be the name of a file"),
+            })?;
+        }
+        if let Some(origin) = self.origins.iter().find(|origin| !origin.contains("://")) {
+            return wrong("origins", &format!("'{origin}' has no scheme; write e.g. https://{origin}"));
+        }
+        self.preset().map(drop)
+    }
+
+    /// The reward preset.
+    fn preset(&self) -> Result<Preset, ConfigError> {
+        let wrong = |message: String| ConfigError::Value { key: "play.preset", message };
+        if let Some(preset) = Preset::parse(&self.play.preset) {
+            return Ok(preset);
+        }
+        let text = fs::read_to_string(&self.play.preset).map_err(|_| {
+            let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
+            wrong(format!("no preset is called '{}' and there is no such file; built in are '{known}'", self.play.preset))
+        })?;
+        Preset::from_toml(&text).map_err(|error| wrong(format!("{}: {error}", self.play.preset)))
+    }
+
+    /// What households play; loads the tasks. Broken task files are left out and named by `on_broken`.
+    ///
+    /// # Errors
+    /// When the configuration is wrong, or no task can be loaded.
+    pub fn setup(&self, run_id: String, mut on_broken: impl FnMut(&str)) -> Result<Setup, ConfigError> {
+        self.check()?;
+        let play = &self.play;
+        let scene = match &play.scene {
+            Some(path) => {
+                let loaded = reel_tasks::scene::load(path)?;
+                loaded.warnings.iter().for_each(|warning| on_broken(&format!("{}: {warning}", path.display())));
+                Arc::new(loaded.scene)
+            }
+            None => Arc::new(home()),
+        };
+        let mut tasks = match &play.tasks {
+            Some(path) => {
+                let report = reel_tasks::load_as(path, &scene, Listed::AsWritten);
+                report.broken.iter().for_each(|error| on_broken(&error.to_string()));
+                report.tasks.into_iter().map(Arc::new).collect()
+            }
+            None => made(&scene, play.seed),
+        };
+        if tasks.is_empty() {
+            let message = format!(
+                "no task could be loaded from {}",
+                play.tasks.as_ref().map_or("".into(), |path| path.display().to_string())
+            );
+            return Err(ConfigError::Value { key: "play.tasks", message });
+        }
+        if play.order == Order::Shuffled {
+            tasks.sort_by_cached_key(|task: &Arc<Task>| {
+                *blake3::hash(format!("{}/{}", play.seed, task.task_id).as_bytes()).as_bytes()
+            });
+        }
+        let images = if play.images { Images::Full } else { Images::None };
+        let durability = Durability::parse(&play.durability).expect("the check looked at it");
+        Ok(Setup {
+            tasks,
+            scene,
+            seed: play.seed,
+            profile: play.profile,
+            preset: self.preset()?,
+            run_id,
+            folder: self.traces(),
+            options: RecordOptions { images, durability },
+        })
+    }
+
+    /// How policy sessions behave; `watch` is told of every call.
+    pub fn options(&self, watch: Option<reel_mcp::Watch>) -> reel_mcp::Options {
+        let play = &self.play;
+        reel_mcp::Options {
+            ask: play.ask,
+            ask_patience: Duration::from_secs(play.ask_patience_s),
+            answers: play.ask_answers,
+            policy: play.policy.clone(),
+            watch,
+        }
+    }
+
+    /// How many households there may be, and how long they last.
+    pub fn pool(&self) -> reel_live::Limits {
+        let limits = &self.limits;
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        reel_live::Limits {
+            households: limits.sessions,
+            awake: limits.awake,
+            workers: if limits.workers == 0 { cores() } else { limits.workers },
+            park_after: Duration::from_secs(limits.park_after_s),
+            close_after: Duration::from_secs(limits.close_after_s),
+            patience: Duration::from_secs(limits.patience_s),
+        }
+    }
+}
+
+/// Tasks of all families in the home that comes with Reel.
+fn made(scene: &Scene, seed: u64) -> Vec<Arc<Task>> {
+    let options = GenerateOptions { scene, families: &Family::ALL, count: TASKS_MADE, seed };
+    generate(&options).tasks.into_iter().map(Arc::new).collect()
+}

@@ -1,0 +1,78 @@
+//! Accepting connections: so many, each with a time for the head of its requests; and letting them end.
+
+use std::{net::SocketAddr, sync::Arc, time::Duration};
+
+use axum::{Router, body::Body, http::Request};
+use hyper::body::Incoming;
+use hyper_util::{
+    rt::{TokioExecutor, TokioIo, TokioTimer},
+    server::conn::auto::Builder,
+    service::TowerToHyperService,
+};
+use tokio::{net::TcpListener, sync::Semaphore};
+use tokio_util::{sync::CancellationToken, task::TaskTracker};
+use tower::ServiceExt as _;
+
+use crate::service::App;
+
+/// How long open requests may take to end after the call to stop.
+const GRACE: Duration = Duration::from_secs(10);
+
+/// The address of a client.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Client(pub SocketAddr);
+
+/// Serves until `closing`, then lets open requests end.
+pub(crate) async fn serve(listener: TcpListener, router: Router, app: Arc<App>, closing: CancellationToken) {
+    let places = Arc::new(Semaphore::new(app.config.limits.connections));
+    let tasks = TaskTracker::new();
+    loop {
+        // Who finds no place waits outside, in the system's queue.
+        let place = tokio::select! {
+            place = places.clone().acquire_owned() => place.expect("the places are never closed"),
+            () = closing.cancelled() => break,
+        };
+        let (stream, address) = tokio::select! {
+            accepted = listener.accept() => match accepted {
+                Ok(accepted) => accepted,
+                Err(error) => {
+                    // Out of file descriptors, say: it passes, and everybody else goes on.
+                    tracing::warn!(%error, "a connection could not be accepted");
+                    tokio::time::sleep(Duration::from_millis(100)).await;
+                    continue;
+                }
+            },
+            () = closing.cancelled() => break,
+        };
+        let _ = stream.set_nodelay(true);
+        let (router, app, closing) = (router.clone(), app.clone(), closing.clone());
+        tasks.spawn(async move {
+            let _place = place;
+            app.metrics.connections.inc();
+            let service = tower::service_fn(move |mut request: Request<Incoming>| {
+                request.extensions_mut().insert(Client(address));
+                router.clone().oneshot(request.map(Body::new))
+            });
+            let mut builder = Builder::new(TokioExecutor::new());
+            builder.http1().timer(TokioTimer::new()).header_read_timeout(app.read_patience());
+            builder.http2().timer(TokioTimer::new()).keep_alive_interval(Some(app.read_patience()));
+            let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service));
+            tokio::pin!(connection);
+            let ended = tokio::select! {
+                ended = &mut connection => ended,
+                () = closing.cancelled() => {
+                    connection.as_mut().graceful_shutdown();
+                    connection.await
+                }
+            };
+            if let Err(error) = ended {
+                tracing::debug!(%error, client = %address, "a connection broke off");
+            }
+            app.metrics.connections.dec();
+        });
+    }
+    tasks.close();
+    if tokio::time::timeout(GRACE, tasks.wait()).await.is_err() {
+        tracing::warn!(open = tasks.len(), "some requests did not end in time");
+    }
+}

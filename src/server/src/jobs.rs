@@ -1,0 +1,393 @@
+//! Long work: commands of `reel` itself, each in a process of its own. Every such command survives being killed and goes on
+//! where it stopped, so cancelling is killing; and what breaks in one breaks nothing else.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    ffi::OsString,
+    process::Stdio,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use tokio::{
+    io::{AsyncBufReadExt as _, AsyncRead, AsyncReadExt as _, BufReader},
+    process::Command,
+    sync::{Semaphore, watch},
+};
+use tokio_util::sync::CancellationToken;
+use utoipa::ToSchema;
+
+use crate::{archive::Archive, rest::ApiError};
+
+/// Finished jobs that are remembered.
+const REMEMBERED: usize = 200;
+/// Most that is kept of what a job prints.
+const OUTPUT_BYTES: u64 = 4 << 20;
+/// Jobs at work at once; the others wait.
+const AT_ONCE: usize = 1;
+
+/// What a job does.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize, ToSchema)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) enum Work {
+    /// Reads traces into the tables.
+    Ingest {
+        /// Which; without it all.
+        #[serde(default)]
+        traces: Vec<String>,
+    },
+    /// Replays traces and compares every digest.
+    Replay {
+        /// Which; without it all.
+        #[serde(default)]
+        traces: Vec<String>,
+    },
+    /// Measures every failed episode of the tables.
+    Blame {},
+    /// Says of every failed episode of the tables why it failed.
+    Taxonomy {},
+    /// Scores the episodes of the tables under a built-in reward preset.
+    Reward {
+        /// Which.
+        preset: String,
+    },
+    /// Writes a training set of the tables into `exports/<name>` of the data folder.
+    Export {
+        /// `sft`, `rl` or `preferences`.
+        set: Set,
+        /// Name of the folder.
+        name: String,
+        /// Further options of `reel export`, e.g. `{"format": "trl", "validation": 0.1, "failed": true}`.
+        #[serde(default)]
+        options: BTreeMap<String, Value>,
+    },
+}
+
+/// A kind of training set.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Set {
+    /// Supervised.
+    Sft,
+    /// Rollout groups.
+    Rl,
+    /// Preference pairs.
+    Preferences,
+}
+
+/// Options of exports that may come from outside: none names a file.
+const EXPORT_OPTIONS: [&str; 21] = [
+    "format",
+    "style",
+    "failed",
+    "where",
+    "words",
+    "split",
+    "validation",
+    "test",
+    "images",
+    "pixels",
+    "allow-unverified",
+    "no-replay",
+    "rows-per-file",
+    "budget",
+    "licence",
+    "seed",
+    "group-size",
+    "same-seed",
+    "eps",
+    "no-images",
+    "version",
+];
+
+/// Where a job stands.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Stage {
+    /// Others are at work.
+    Waiting,
+    /// At work.
+    Running,
+    /// Done.
+    Done,
+    /// It could not be done.
+    Failed,
+    /// Somebody stopped it. What it had done stays; the same job goes on from there.
+    Cancelled,
+}
+
+/// A job.
+#[derive(Clone, PartialEq, Debug, Serialize, ToSchema)]
+pub(crate) struct Job {
+    /// Its number.
+    pub id: u64,
+    /// What it does.
+    pub work: Work,
+    /// Where it stands.
+    pub stage: Stage,
+    /// How much is done.
+    pub done: u64,
+    /// Of how much, where that is known.
+    pub total: Option<u64>,
+    /// What it is at.
+    pub message: String,
+    /// What it reported, as `reel ... --json` prints it: one value a line.
+    pub report: Vec<Value>,
+    /// What it complained of.
+    pub complaints: Vec<String>,
+    /// When it was asked for, in seconds since 1970.
+    pub created: u64,
+}
+
+impl Job {
+    pub fn ended(&self) -> bool {
+        !matches!(self.stage, Stage::Waiting | Stage::Running)
+    }
+}
+
+/// All jobs of this server.
+pub(crate) struct Jobs {
+    command: Arc<Paths>,
+    next: AtomicU64,
+    at_once: Arc<Semaphore>,
+    known: Mutex<VecDeque<Known>>,
+    closing: CancellationToken,
+    running: prometheus_client::metrics::gauge::Gauge,
+}
+
+struct Known {
+    job: watch::Receiver<Job>,
+    stop: CancellationToken,
+}
+
+/// Where jobs find and leave things.
+pub(crate) struct Paths {
+    /// The `reel` command.
+    pub reel: OsString,
+    pub archive: Archive,
+    pub store: String,
+    pub exports: std::path::PathBuf,
+}
+
+/// A line of progress, as `REEL_PROGRESS=json` makes a command print them.
+#[derive(Deserialize)]
+struct Progress {
+    progress: Counted,
+}
+
+#[derive(Deserialize)]
+struct Counted {
+    done: u64,
+    total: Option<u64>,
+    what: String,
+}
+
+impl Jobs {
+    pub fn new(paths: Paths, closing: CancellationToken, running: prometheus_client::metrics::gauge::Gauge) -> Self {
+        Self {
+            command: Arc::new(paths),
+            next: AtomicU64::new(1),
+            at_once: Arc::new(Semaphore::new(AT_ONCE)),
+            known: Mutex::default(),
+            closing,
+            running,
+        }
+    }
+
+    /// Puts a job in the queue.
+    pub fn start(&self, work: Work) -> Result<Job, ApiError> {
+        let arguments = self.command.arguments(&work)?;
+        let created = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+        let job = Job {
+            id: self.next.fetch_add(1, Ordering::Relaxed),
+            work,
+            stage: Stage::Waiting,
+            done: 0,
+            total: None,
+            message: String::new(),
+            report: Vec::new(),
+            complaints: Vec::new(),
+            created,
+        };
+        let (sender, receiver) = watch::channel(job.clone());
+        let stop = self.closing.child_token();
+        {
+            let mut known = self.lock();
+            if known.iter().filter(|known| !known.job.borrow().ended()).count() >= REMEMBERED {
+                return Err(ApiError::too_many("too many jobs wait; try again when some are done"));
+            }
+            while known.len() >= REMEMBERED {
+                let Some(oldest) = known.iter().position(|known| known.job.borrow().ended()) else { break };
+                known.remove(oldest);
+            }
+            known.push_back(Known { job: receiver, stop: stop.clone() });
+        }
+        let (at_once, reel, running) = (self.at_once.clone(), self.command.reel.clone(), self.running.clone());
+        tokio::spawn(async move {
+            let place = tokio::select! {
+                place = at_once.acquire_owned() => place.expect("the places are never closed"),
+                () = stop.cancelled() => {
+                    sender.send_modify(|job| job.stage = Stage::Cancelled);
+                    return;
+                }
+            };
+            running.inc();
+            sender.send_modify(|job| job.stage = Stage::Running);
+            let stage = run(&reel, &arguments, &sender, &stop).await;
+            sender.send_modify(|job| job.stage = stage);
+            running.dec();
+            let job = sender.borrow();
+            tracing::info!(job = job.id, stage = ?job.stage, "a job ended");
+            drop(place);
+        });
+        Ok(job)
+    }
+
+    /// Every job, the newest first.
+    pub fn list(&self) -> Vec<Job> {
+        self.lock().iter().rev().map(|known| known.job.borrow().clone()).collect()
+    }
+
+    /// A job, to be watched.
+    pub fn watch(&self, id: u64) -> Result<watch::Receiver<Job>, ApiError> {
+        let known = self.lock();
+        let found = known.iter().find(|known| known.job.borrow().id == id).map(|known| known.job.clone());
+        found.ok_or_else(|| ApiError::not_found(format!("there is no job {id}, or it was long ago")))
+    }
+
+    /// Stops a job.
+    pub fn cancel(&self, id: u64) -> Result<(), ApiError> {
+        let job = self.watch(id)?;
+        if job.borrow().ended() {
+            return Err(ApiError::conflict("ended", format!("job {id} has ended already")));
+        }
+        let known = self.lock();
+        known.iter().filter(|known| known.job.borrow().id == id).for_each(|known| known.stop.cancel());
+        Ok(())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Known>> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Paths {
+    /// The command line of a job.
+    fn arguments(&self, work: &Work) -> Result<Vec<OsString>, ApiError> {
+        let mut arguments: Vec<OsString> = Vec::new();
+        let mut say = |words: &[&str]| arguments.extend(words.iter().map(OsString::from));
+        match work {
+            Work::Ingest { traces } => {
+                say(&["ingest", "--json", "--store", &self.store]);
+                arguments.extend(self.traces(traces)?);
+            }
+            Work::Replay { traces } => {
+                say(&["replay", "--json"]);
+                arguments.extend(self.traces(traces)?);
+            }
+            Work::Blame {} => say(&["blame", "--json", "--store", &self.store]),
+            Work::Taxonomy {} => say(&["taxonomy", "classify", "--json", "--store", &self.store]),
+            Work::Reward { preset } => {
+                if reel_reward::Preset::parse(preset).is_none() {
+                    let known = reel_reward::Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
+                    let text = format!("no preset is called '{preset}'; built in are '{known}'");
+                    return Err(ApiError::unprocessable("unknown_preset", text));
+                }
+                say(&["reward", "--json", "--store", &self.store, "--preset", preset]);
+            }
+            Work::Export { set, name, options } => {
+                reel_live::check_name(name)
+                    .map_err(|_| ApiError::unprocessable("bad_name", format!("'{name}' is no name for a folder")))?;
+                let set = match set {
+                    Set::Sft => "sft",
+                    Set::Rl => "rl",
+                    Set::Preferences => "preferences",
+                };
+                say(&["export", set, "--json", "--store", &self.store, "--out", &self.exports.join(name).display().to_string()]);
+                for (option, value) in options {
+                    if !EXPORT_OPTIONS.contains(&option.as_str()) {
+                        let text = format!("no option is called '{option}'; there are {}", EXPORT_OPTIONS.join(", "));
+                        return Err(ApiError::unprocessable("unknown_option", text));
+                    }
+                    match value {
+                        Value::Bool(true) => arguments.push(format!("--{option}").into()),
+                        Value::Bool(false) | Value::Null => {}
+                        Value::String(text) => arguments.push(format!("--{option}={text}").into()),
+                        Value::Number(number) => arguments.push(format!("--{option}={number}").into()),
+                        _ => {
+                            let text = format!("option '{option}' takes a text, a number or a boolean");
+                            return Err(ApiError::unprocessable("bad_option", text));
+                        }
+                    }
+                }
+            }
+        }
+        Ok(arguments)
+    }
+
+    fn traces(&self, names: &[String]) -> Result<Vec<OsString>, ApiError> {
+        if names.is_empty() {
+            return Ok(vec![self.archive.folder().as_os_str().to_owned()]);
+        }
+        names.iter().map(|name| self.archive.existing(name).map(|path| path.into_os_string())).collect()
+    }
+}
+
+/// Runs a command to its end.
+async fn run(reel: &OsString, arguments: &[OsString], job: &watch::Sender<Job>, stop: &CancellationToken) -> Stage {
+    let mut command = Command::new(reel);
+    // Secrets of the server are no business of its jobs.
+    command.args(arguments).env("REEL_PROGRESS", "json").env_remove("REEL_TOKEN").stdin(Stdio::null());
+    command.stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+    let mut child = match command.spawn() {
+        Ok(child) => child,
+        Err(error) => {
+            job.send_modify(|job| job.complaints.push(format!("cannot be started: {error}")));
+            return Stage::Failed;
+        }
+    };
+    let (stdout, stderr) = (child.stdout.take().expect("it is piped"), child.stderr.take().expect("it is piped"));
+    let reports = lines(stdout, |line| {
+        let value = serde_json::from_str(&line).unwrap_or(Value::String(line));
+        job.send_modify(|job| job.report.push(value));
+    });
+    let complaints = lines(stderr, |line| match serde_json::from_str::<Progress>(&line) {
+        Ok(Progress { progress }) => job.send_modify(|job| {
+            (job.done, job.total, job.message) = (progress.done, progress.total, progress.what);
+        }),
+        Err(_) => job.send_modify(|job| job.complaints.push(line)),
+    });
+    let ended = async { tokio::join!(reports, complaints, child.wait()).2 };
+    tokio::select! {
+        ended = ended => match ended {
+            // 3: done, and what was left out is named.
+            Ok(status) if matches!(status.code(), Some(0 | 3)) => Stage::Done,
+            Ok(status) => {
+                job.send_modify(|job| job.complaints.push(format!("it ended with {status}")));
+                Stage::Failed
+            }
+            Err(_) => Stage::Failed,
+        },
+        () = stop.cancelled() => Stage::Cancelled,
+    }
+}
+
+/// Every line of a stream, as long as it does not print without end.
+async fn lines(stream: impl AsyncRead + Unpin, mut take: impl FnMut(String)) {
+    let mut reader = BufReader::new(stream.take(OUTPUT_BYTES));
+    let mut line = Vec::new();
+    while reader.read_until(b'\n', &mut line).await.is_ok_and(|bytes| bytes > 0) {
+        let text = String::from_utf8_lossy(&line).trim_end().to_owned();
+        line.clear();
+        if !text.is_empty() {
+            take(text);
+        }
+    }
+    // Nobody reads on, but the command must not stop for that.
+    let _ = tokio::io::copy(&mut reader.into_inner().into_inner(), &mut tokio::io::sink()).await;
+}

@@ -1,0 +1,23 @@
+//! The service: the tool server for policies, REST for people and trainers, read-only analysis for assistants, jobs, and what
+//! keeps all of it safe.
+//!
+//! Puts together what other crates do; what an episode is, they know. Every way in passes the same gate (`gate`).
+
+mod analysis;
+mod archive;
+mod config;
+mod connections;
+mod gate;
+mod jobs;
+mod metrics;
+mod rest;
+mod run;
+mod service;
+mod tokens;
+
+pub use config::{Config, ConfigError, Limits, LogFormat, Order, Play};
+pub use reel_mcp::{AskAnswers, AskWhom};
+pub use rest::openapi;
+pub use run::{run, run_stdio};
+pub use service::{ServeError, Service, start_logs};
+pub use tokens::{Role, TokenEntry, TokenError, Tokens};

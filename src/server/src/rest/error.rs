@@ -1,0 +1,157 @@
+//! What a client is told when something does not work: a status, a code for programs, a sentence for people.
+
+use axum::{
+    Json,
+    http::{HeaderValue, StatusCode, header},
+    response::{IntoResponse, Response},
+};
+use reel_live::LiveError;
+use reel_query::QueryError;
+use reel_tables::StoreError;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// Why a request has no answer.
+#[derive(Debug)]
+pub(crate) struct ApiError {
+    status: StatusCode,
+    code: &'static str,
+    message: String,
+}
+
+/// The body of every answer that is an error.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct ErrorBody {
+    error: ErrorDetail,
+}
+
+/// What went wrong.
+#[derive(Serialize, ToSchema)]
+pub(crate) struct ErrorDetail {
+    /// For programs.
+    #[schema(example = "not_found")]
+    code: String,
+    /// For people: what, where, and what to do.
+    message: String,
+}
+
+impl ApiError {
+    fn new(status: StatusCode, code: &'static str, message: impl Into<String>) -> Self {
+        Self { status, code, message: message.into() }
+    }
+
+    pub fn bad_request(code: &'static str, message: impl Into<String>) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, code, message)
+    }
+
+    pub fn unauthorized(message: &str) -> Self {
+        Self::new(StatusCode::UNAUTHORIZED, "no_token", message)
+    }
+
+    pub fn forbidden(code: &'static str, message: impl Into<String>) -> Self {
+        Self::new(StatusCode::FORBIDDEN, code, message)
+    }
+
+    pub fn not_found(message: String) -> Self {
+        Self::new(StatusCode::NOT_FOUND, "not_found", message)
+    }
+
+    pub fn timeout(message: &str) -> Self {
+        Self::new(StatusCode::REQUEST_TIMEOUT, "too_slow", message)
+    }
+
+    pub fn conflict(code: &'static str, message: String) -> Self {
+        Self::new(StatusCode::CONFLICT, code, message)
+    }
+
+    pub fn too_large(message: String) -> Self {
+        Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too_large", message)
+    }
+
+    pub fn unprocessable(code: &'static str, message: String) -> Self {
+        Self::new(StatusCode::UNPROCESSABLE_ENTITY, code, message)
+    }
+
+    pub fn too_many(message: &str) -> Self {
+        Self::new(StatusCode::TOO_MANY_REQUESTS, "too_many", message)
+    }
+
+    pub fn busy(message: impl Into<String>) -> Self {
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", message)
+    }
+
+    pub fn internal(message: &str) -> Self {
+        Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", message)
+    }
+
+    /// The disk refuses.
+    pub fn disk(error: std::io::Error) -> Self {
+        tracing::error!(%error, "the disk refuses");
+        let full = error.kind() == std::io::ErrorKind::StorageFull;
+        let code = if full { "disk_full" } else { "disk" };
+        Self::new(StatusCode::INSUFFICIENT_STORAGE, code, format!("the disk refuses: {error}"))
+    }
+}
+
+impl std::fmt::Display for ApiError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        let body = ErrorBody { error: ErrorDetail { code: self.code.to_owned(), message: self.message } };
+        let mut response = (self.status, Json(body)).into_response();
+        let headers = response.headers_mut();
+        match self.status {
+            StatusCode::UNAUTHORIZED => {
+                headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+            }
+            StatusCode::TOO_MANY_REQUESTS | StatusCode::SERVICE_UNAVAILABLE => {
+                headers.insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+            }
+            // What is left of a body that was too much is not read.
+            StatusCode::PAYLOAD_TOO_LARGE | StatusCode::REQUEST_TIMEOUT => {
+                headers.insert(header::CONNECTION, HeaderValue::from_static("close"));
+            }
+            _ => {}
+        }
+        response
+    }
+}
+
+impl From<LiveError> for ApiError {
+    fn from(error: LiveError) -> Self {
+        let message = error.to_string();
+        match error {
+            LiveError::Unknown(_) => Self::not_found(message),
+            LiveError::Name(_) => Self::bad_request("bad_name", message),
+            LiveError::UnknownTask(_) => Self::unprocessable("unknown_task", message),
+            LiveError::Taken(_) => Self::conflict("taken", message),
+            LiveError::NoEpisode | LiveError::Over(_) | LiveError::Broken(_) => Self::conflict("no_episode", message),
+            LiveError::Full(_) | LiveError::Busy(_) | LiveError::Closing => Self::busy(message),
+            LiveError::Folder { source, .. } => Self::disk(source),
+            LiveError::Recording(_) => Self::new(StatusCode::INSUFFICIENT_STORAGE, "disk", message),
+            LiveError::Episode(_) => Self::internal("the episode cannot go on; the log says why"),
+        }
+    }
+}
+
+impl From<StoreError> for ApiError {
+    fn from(error: StoreError) -> Self {
+        Self::not_found(format!("the tables cannot be read: {error}; a job of kind 'ingest' makes them"))
+    }
+}
+
+impl From<QueryError> for ApiError {
+    fn from(error: QueryError) -> Self {
+        let message = error.to_string();
+        match error {
+            QueryError::Store(error) => error.into(),
+            QueryError::Stopped(_) => Self::unprocessable("over_limit", message),
+            QueryError::ReadOnly { .. } => Self::unprocessable("read_only", message),
+            _ => Self::unprocessable("bad_query", message),
+        }
+    }
+}

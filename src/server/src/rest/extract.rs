@@ -1,0 +1,53 @@
+//! Reading requests, with errors that clients can read.
+
+use axum::{
+    body::Bytes,
+    extract::{FromRequest, FromRequestParts, Path, Query, Request},
+    http::request::Parts,
+};
+use serde::de::DeserializeOwned;
+
+use super::ApiError;
+
+/// A JSON body.
+pub(super) struct Body<T>(pub T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
+        let bytes =
+            Bytes::from_request(request, state).await.map_err(|error| ApiError::bad_request("broken_body", error.to_string()))?;
+        serde_json::from_slice(&bytes).map(Body).map_err(|error| {
+            if error.is_data() {
+                ApiError::unprocessable("bad_body", format!("the body is not what is asked for: {error}"))
+            } else {
+                ApiError::bad_request("no_json", format!("the body is no JSON: {error}"))
+            }
+        })
+    }
+}
+
+/// The parameters behind the question mark.
+pub(super) struct Asked<T>(pub T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Asked<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let query = Query::from_request_parts(parts, state).await;
+        query.map(|Query(value)| Asked(value)).map_err(|error| ApiError::bad_request("bad_parameter", error.body_text()))
+    }
+}
+
+/// The names in the path.
+pub(super) struct Named<T>(pub T);
+
+impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Named<T> {
+    type Rejection = ApiError;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
+        let path = Path::from_request_parts(parts, state).await;
+        path.map(|Path(value)| Named(value)).map_err(|error| ApiError::bad_request("bad_path", error.body_text()))
+    }
+}

@@ -1,0 +1,39 @@
+//! Whether it lives, whether it takes calls, and what it counts.
+
+use std::sync::{Arc, atomic::Ordering};
+
+use axum::{Json, extract::State, http::header, response::IntoResponse};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::{ApiError, error::ErrorBody};
+use crate::service::App;
+
+/// What a living server says.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Health {
+    /// `ok`
+    status: &'static str,
+    /// Version of Reel.
+    version: &'static str,
+}
+
+/// Whether it lives.
+#[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, body = Health)))]
+pub(super) async fn healthz() -> Json<Health> {
+    Json(Health { status: "ok", version: env!("CARGO_PKG_VERSION") })
+}
+
+/// Whether it takes calls.
+#[utoipa::path(get, path = "/readyz", tag = "service", responses((status = 200, body = Health)))]
+pub(super) async fn readyz(State(app): State<Arc<App>>) -> Result<Json<Health>, ApiError> {
+    if app.ready.load(Ordering::Acquire) { Ok(healthz().await) } else { Err(ApiError::busy("it is shutting down")) }
+}
+
+/// Counts and times, as Prometheus reads them.
+#[utoipa::path(get, path = "/metrics", tag = "service", security(("token" = [])),
+    responses((status = 200, body = String, content_type = "application/openmetrics-text"), (status = 401, body = ErrorBody)))]
+pub(super) async fn metrics(State(app): State<Arc<App>>) -> impl IntoResponse {
+    let text = app.metrics.text(&app.pool.entries());
+    ([(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")], text)
+}

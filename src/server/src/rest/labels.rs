@@ -1,0 +1,104 @@
+//! What people say about failed episodes.
+
+use std::sync::Arc;
+
+use axum::{Extension, Json, extract::State, http::StatusCode};
+use reel_query::Parameters;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use tokio::process::Command;
+use utoipa::{IntoParams, ToSchema};
+
+use super::{
+    ApiError, analyse,
+    error::ErrorBody,
+    extract::{Asked, Body},
+    tables::rows,
+};
+use crate::{gate::Caller, service::App};
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct Which {
+    /// Only those of this episode.
+    episode: Option<String>,
+}
+
+/// Labels of episodes.
+#[utoipa::path(get, path = "/api/labels", tag = "tables", security(("token" = [])), params(Which),
+    responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 404, body = ErrorBody)))]
+pub(super) async fn list(State(app): State<Arc<App>>, Asked(which): Asked<Which>) -> Result<Json<Value>, ApiError> {
+    let labels = analyse(&app, move |app| match which.episode {
+        Some(id) => {
+            let parameters = Parameters::from([("id".to_owned(), id)]);
+            rows(app, "SELECT * FROM labels WHERE episode_id = $id ORDER BY author", &parameters)
+        }
+        None => rows(app, "SELECT * FROM labels ORDER BY episode_id, author", &Parameters::new()),
+    });
+    labels.await.map(|labels| Json(json!(labels)))
+}
+
+/// A label.
+#[derive(Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LabelBody {
+    /// The episode's id; its beginning is enough where it is unique.
+    episode: String,
+    /// Object Confusion, Key Action Missing, Lost Memory or Other; follows from a known sub-class.
+    class: Option<String>,
+    /// What within the class.
+    sub_class: Option<String>,
+    /// The decisive step.
+    step: Option<i32>,
+    /// How sure, from 0 to 1.
+    confidence: Option<f64>,
+    /// Why, in words.
+    note: Option<String>,
+    /// Who says so; with tokens, whose token it is counts.
+    author: Option<String>,
+    /// Decide between others.
+    #[serde(default)]
+    adjudicate: bool,
+}
+
+/// Keeps a label.
+#[utoipa::path(post, path = "/api/labels", tag = "tables", security(("token" = [])), request_body = LabelBody,
+    responses((status = 201, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 422, body = ErrorBody)))]
+pub(super) async fn set(
+    State(app): State<Arc<App>>,
+    caller: Option<Extension<Caller>>,
+    Body(label): Body<LabelBody>,
+) -> Result<(StatusCode, Json<Value>), ApiError> {
+    let author = caller.map(|Extension(caller)| caller.0).or_else(|| label.author.clone());
+    let author = author.ok_or_else(|| ApiError::unprocessable("no_author", "say who says so: author".to_owned()))?;
+    // The command knows what a label may be, and the tables take one writer at a time.
+    let mut command = Command::new(std::env::current_exe().map_err(ApiError::disk)?);
+    command.args(["label", "--store", &app.config.store(), "set"]);
+    let texts = [
+        ("class", label.class.clone()),
+        ("sub-class", label.sub_class.clone()),
+        ("step", label.step.map(|step| step.to_string())),
+        ("confidence", label.confidence.map(|sure| sure.to_string())),
+        ("note", label.note.clone()),
+        ("author", Some(author.clone())),
+    ];
+    for (option, value) in texts {
+        if let Some(value) = value {
+            command.arg(format!("--{option}={value}"));
+        }
+    }
+    if label.adjudicate {
+        command.arg("--adjudicate");
+    }
+    command.args(["--", &label.episode]).stdin(std::process::Stdio::null()).kill_on_drop(true);
+    let output = command.output().await.map_err(ApiError::disk)?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr).trim().trim_start_matches("reel: ").to_owned();
+        return Err(ApiError::unprocessable("bad_label", said));
+    }
+    let mut kept = json!(label);
+    kept["author"] = json!(author);
+    Ok((StatusCode::CREATED, Json(kept)))
+}

@@ -1,0 +1,143 @@
+//! Live sessions: who plays, prompt groups, and questions that wait for a person.
+
+use std::sync::Arc;
+
+use axum::{Json, extract::State, http::StatusCode};
+use reel_live::{Entry, Lease};
+use reel_mcp::Worker;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+use super::{
+    ApiError,
+    error::ErrorBody,
+    extract::{Body, Named},
+};
+use crate::service::App;
+
+/// Live sessions, by name.
+#[utoipa::path(get, path = "/api/sessions", tag = "sessions", security(("token" = [])),
+    responses((status = 200, body = Vec<Object>), (status = 401, body = ErrorBody)))]
+pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
+    Json(app.pool.entries().iter().map(|entry| shown(&app, entry)).collect())
+}
+
+/// One live session.
+#[utoipa::path(get, path = "/api/sessions/{session}", tag = "sessions", security(("token" = [])),
+    params(("session" = String, Path)),
+    responses((status = 200, body = Object), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+pub(super) async fn show(State(app): State<Arc<App>>, Named(session): Named<String>) -> Result<Json<Value>, ApiError> {
+    Ok(Json(shown(&app, &app.pool.entry(&session)?)))
+}
+
+/// Closes a session: its episode ends as aborted, and its trace is whole.
+#[utoipa::path(delete, path = "/api/sessions/{session}", tag = "sessions", security(("token" = [])),
+    params(("session" = String, Path)),
+    responses((status = 204), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+pub(super) async fn close(State(app): State<Arc<App>>, Named(session): Named<String>) -> Result<StatusCode, ApiError> {
+    app.pool.close(&session).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Questions of policies that wait for a person (`play.ask = "rest"`).
+#[utoipa::path(get, path = "/api/questions", tag = "sessions", security(("token" = [])),
+    responses((status = 200, body = Vec<Object>), (status = 401, body = ErrorBody)))]
+pub(super) async fn questions(State(app): State<Arc<App>>) -> Json<Value> {
+    Json(json!(app.questions.open()))
+}
+
+/// A person's answer.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Answer {
+    /// In plain words; it is on tape as a person's.
+    answer: String,
+}
+
+/// Answers the question of a session.
+#[utoipa::path(post, path = "/api/sessions/{session}/answer", tag = "sessions", security(("token" = [])),
+    params(("session" = String, Path)), request_body = Answer,
+    responses((status = 204), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 422, body = ErrorBody)))]
+pub(super) async fn answer(
+    State(app): State<Arc<App>>,
+    Named(session): Named<String>,
+    Body(Answer { answer }): Body<Answer>,
+) -> Result<StatusCode, ApiError> {
+    if app.questions.answer(&session, &answer) {
+        Ok(StatusCode::NO_CONTENT)
+    } else {
+        Err(ApiError::not_found(format!("session {session} asks nothing at the moment")))
+    }
+}
+
+/// A prompt group.
+#[derive(Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LeaseBody {
+    /// Name of the worker whose simulator it gets.
+    worker: String,
+    /// The task of all rollouts.
+    task_id: String,
+    /// The seed of all rollouts.
+    #[serde(default)]
+    seed: u64,
+    /// G: how many rollouts there will be.
+    #[schema(minimum = 1)]
+    rollouts: u32,
+    /// Name of the group in the traces; without it, one made of the rest.
+    group_id: Option<String>,
+}
+
+/// A simulator for a prompt group.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Leased {
+    /// The group, as the traces will name it.
+    group_id: String,
+    /// Where to play: Streamable HTTP.
+    mcp: String,
+    /// Where to play: HTTP+SSE.
+    sse: String,
+}
+
+/// Leases a simulator to a prompt group: every `finish` begins the next rollout, with equal task and seed.
+#[utoipa::path(post, path = "/api/leases", tag = "sessions", security(("token" = [])), request_body = LeaseBody,
+    responses((status = 201, body = Leased), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn lease(
+    State(app): State<Arc<App>>,
+    Body(body): Body<LeaseBody>,
+) -> Result<(StatusCode, Json<Leased>), ApiError> {
+    if body.rollouts == 0 {
+        return Err(ApiError::unprocessable("bad_body", "rollouts: at least 1".to_owned()));
+    }
+    let worker = Worker::named(&body.worker)?;
+    let made = || format!("{}--{}--{}--{}", app.pool.setup().run_id, body.worker, body.task_id, body.seed);
+    let group_id = body.group_id.clone().unwrap_or_else(made);
+    let LeaseBody { task_id, seed, rollouts, .. } = body;
+    let lease = Lease { group_id: group_id.clone(), task_id, seed, rollouts };
+    app.pool.open_for(&worker.household(), Some(lease))?;
+    let leased = Leased { group_id, mcp: format!("/w/{}/mcp", body.worker), sse: format!("/w/{}/sse", body.worker) };
+    Ok((StatusCode::CREATED, Json(leased)))
+}
+
+/// Gives a simulator back: what runs in it ends as aborted.
+#[utoipa::path(delete, path = "/api/leases/{worker}", tag = "sessions", security(("token" = [])),
+    params(("worker" = String, Path)),
+    responses((status = 204), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+pub(super) async fn release(State(app): State<Arc<App>>, Named(worker): Named<String>) -> Result<StatusCode, ApiError> {
+    let household = Worker::named(&worker)?.household();
+    if app.pool.entry(&household)?.group_id.is_none() {
+        return Err(ApiError::not_found(format!("worker {worker} has no lease")));
+    }
+    app.pool.close(&household).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// A session without paths of this machine.
+fn shown(app: &App, entry: &Entry) -> Value {
+    let mut value = json!(entry);
+    value["trace"] = json!(entry.state.trace.as_ref().and_then(|path| app.archive.name_of(path)));
+    value
+}

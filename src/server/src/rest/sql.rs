@@ -1,0 +1,265 @@
+//! Questions in SQL, under the limits of the query layer; the answer goes out while it comes.
+
+use std::{io, sync::Arc};
+
+use arrow::{array::RecordBatch, error::ArrowError, ipc::writer::StreamWriter};
+use axum::{
+    Json,
+    body::{Body, Bytes},
+    extract::State,
+    http::header,
+    response::{IntoResponse, Response},
+};
+use futures_util::StreamExt as _;
+use reel_query::{Format, Limits, Parameters, QueryError, Session, format, named};
+use reel_tables::Store;
+use serde::{Deserialize, Serialize};
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use utoipa::{IntoParams, ToSchema};
+
+use super::{
+    ApiError,
+    error::ErrorBody,
+    extract::{Asked, Body as JsonBody, Named},
+};
+use crate::service::App;
+
+/// Parts of an answer that wait for a slow client; the query waits with them.
+const AHEAD: usize = 4;
+
+/// How an answer looks.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum AnswerFormat {
+    /// A list of objects.
+    #[default]
+    Json,
+    /// Comma-separated, with a header line.
+    Csv,
+    /// An Arrow IPC stream.
+    Arrow,
+}
+
+/// A question.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Question {
+    /// One statement that asks.
+    #[schema(example = "SELECT family, count(*) AS n FROM episodes GROUP BY family")]
+    sql: String,
+    /// Values of its `$parameters`.
+    #[serde(default)]
+    parameters: Parameters,
+    /// How the answer looks.
+    #[serde(default)]
+    format: AnswerFormat,
+    /// The tables as they were at this version.
+    at: Option<u64>,
+}
+
+impl App {
+    /// What a question may cost.
+    pub(crate) fn sql_limits(&self) -> Limits {
+        let limits = &self.config.limits;
+        Limits { memory_bytes: limits.sql_mib << 20, time: std::time::Duration::from_secs(limits.sql_s), rows: limits.sql_rows }
+    }
+}
+
+/// Asks the tables in SQL.
+#[utoipa::path(post, path = "/api/sql", tag = "tables", security(("token" = [])), request_body = Question,
+    responses((status = 200, description = "JSON, CSV or an Arrow IPC stream", body = Vec<Object>),
+        (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 422, body = ErrorBody)))]
+pub(super) async fn ask(State(app): State<Arc<App>>, JsonBody(question): JsonBody<Question>) -> Result<Response, ApiError> {
+    answer(app, question).await
+}
+
+/// A query that comes with Reel.
+#[derive(Serialize, ToSchema)]
+pub(super) struct NamedQuery {
+    name: &'static str,
+    /// What it answers.
+    summary: String,
+    /// Its parameters, with what they are where nobody says otherwise.
+    parameters: Parameters,
+    sql: &'static str,
+}
+
+/// The queries that come with Reel.
+#[utoipa::path(get, path = "/api/queries", tag = "tables", security(("token" = [])),
+    responses((status = 200, body = Vec<NamedQuery>), (status = 401, body = ErrorBody)))]
+pub(super) async fn named() -> Json<Vec<NamedQuery>> {
+    let query = |query: &'static named::NamedQuery| NamedQuery {
+        name: query.name,
+        summary: query.summary(),
+        parameters: query.parameters().into_iter().collect(),
+        sql: query.sql,
+    };
+    Json(named::ALL.iter().map(query).collect())
+}
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct NamedOptions {
+    /// json, csv or arrow.
+    #[serde(default)]
+    #[param(inline)]
+    format: AnswerFormat,
+    /// Values of its parameters: `name=value`, several joined by commas.
+    parameters: Option<String>,
+}
+
+/// Asks a query that comes with Reel.
+#[utoipa::path(get, path = "/api/queries/{name}", tag = "tables", security(("token" = [])),
+    params(("name" = String, Path), NamedOptions),
+    responses((status = 200, description = "JSON, CSV or an Arrow IPC stream", body = Vec<Object>),
+        (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 422, body = ErrorBody)))]
+pub(super) async fn ask_named(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+    Asked(options): Asked<NamedOptions>,
+) -> Result<Response, ApiError> {
+    let query = named::by_name(&name)
+        .ok_or_else(|| ApiError::not_found(format!("no query is called '{name}'; /api/queries lists them")))?;
+    let mut parameters: Parameters = query.parameters().into_iter().collect();
+    for part in options.parameters.iter().flat_map(|text| text.split(',')).filter(|part| !part.is_empty()) {
+        let (name, value) = part
+            .split_once('=')
+            .ok_or_else(|| ApiError::bad_request("bad_parameter", format!("parameters: '{part}' is not name=value")))?;
+        parameters.insert(name.to_owned(), value.to_owned());
+    }
+    answer(app, Question { sql: query.sql.to_owned(), parameters, format: options.format, at: None }).await
+}
+
+/// Asks, and answers with what comes first: a part of the answer, or why there is none.
+async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError> {
+    let kind = match question.format {
+        AnswerFormat::Json => "application/json",
+        AnswerFormat::Csv => "text/csv; charset=utf-8",
+        AnswerFormat::Arrow => "application/vnd.apache.arrow.stream",
+    };
+    let patience = std::time::Duration::from_secs(app.config.limits.patience_s);
+    let busy = || ApiError::busy("too much is being asked; try again in a moment");
+    tokio::time::timeout(patience, app.analyses.acquire()).await.map_err(|_| busy())?.map_err(|_| busy())?.forget();
+    let (sender, mut parts) = mpsc::channel::<Result<Bytes, QueryError>>(AHEAD);
+    tokio::task::spawn_blocking(move || {
+        // Given back also when the query panics.
+        let _place = GiveBack(&app);
+        if let Err(error) = run(&app, &question, &sender) {
+            let _ = sender.blocking_send(Err(error));
+        }
+    });
+    match parts.recv().await {
+        Some(Ok(first)) => {
+            // After the first part it is too late for a status: the stream breaks off, which clients see.
+            let rest = ReceiverStream::new(parts).map(|part| part.map_err(io::Error::other));
+            let body = futures_util::stream::once(async { Ok::<_, io::Error>(first) }).chain(rest);
+            Ok(([(header::CONTENT_TYPE, kind)], Body::from_stream(body)).into_response())
+        }
+        Some(Err(error)) => Err(error.into()),
+        None => Err(ApiError::internal("the query broke down; the log says where")),
+    }
+}
+
+struct GiveBack<'a>(&'a App);
+
+impl Drop for GiveBack<'_> {
+    fn drop(&mut self) {
+        self.0.analyses.add_permits(1);
+    }
+}
+
+fn run(app: &App, question: &Question, sender: &mpsc::Sender<Result<Bytes, QueryError>>) -> Result<(), QueryError> {
+    let store = match question.at {
+        Some(version) => Store::open_at(app.config.store(), version)?,
+        None => Store::open(app.config.store())?,
+    };
+    let session = Session::with_limits(store, app.sql_limits())?;
+    let control = session.control();
+    let mut encoder = Encoder::new(question.format);
+    std::thread::scope(|scope| {
+        let (to_encode, batches) = std::sync::mpsc::sync_channel::<RecordBatch>(AHEAD);
+        let asking =
+            scope.spawn(|| session.run_each(&question.sql, &question.parameters, move |batch| to_encode.send(batch).is_ok()));
+        let mut goes_on = true;
+        for batch in batches {
+            let part = encoder.encode(&batch);
+            let broken = part.is_err();
+            // Nobody reads any more, or something cannot be shown: the query stops.
+            if sender.blocking_send(part.map_err(QueryError::from)).is_err() || broken {
+                control.cancel();
+                goes_on = false;
+                break;
+            }
+        }
+        let asked = asking.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        if goes_on {
+            asked?;
+            let _ = sender.blocking_send(encoder.end().map_err(QueryError::from));
+        }
+        Ok(())
+    })
+}
+
+/// Batches as the parts of one answer.
+enum Encoder {
+    Json { begun: bool },
+    Csv { begun: bool },
+    Arrow(Option<StreamWriter<Vec<u8>>>),
+}
+
+impl Encoder {
+    fn new(format: AnswerFormat) -> Self {
+        match format {
+            AnswerFormat::Json => Encoder::Json { begun: false },
+            AnswerFormat::Csv => Encoder::Csv { begun: false },
+            AnswerFormat::Arrow => Encoder::Arrow(None),
+        }
+    }
+
+    fn encode(&mut self, batch: &RecordBatch) -> Result<Bytes, ArrowError> {
+        let one = std::slice::from_ref(batch);
+        match self {
+            Encoder::Json { begun } => {
+                let list = format(one, Format::Json)?;
+                let list = list.trim();
+                let rows = list.strip_prefix('[').and_then(|list| list.strip_suffix(']')).unwrap_or(list);
+                if rows.is_empty() {
+                    return Ok(Bytes::new());
+                }
+                let before = if std::mem::replace(begun, true) { "," } else { "[" };
+                Ok(format!("{before}{rows}").into())
+            }
+            Encoder::Csv { begun } => {
+                let text = format(one, Format::Csv)?;
+                if !std::mem::replace(begun, true) {
+                    return Ok(text.into());
+                }
+                let header = format(&[RecordBatch::new_empty(batch.schema())], Format::Csv)?;
+                Ok(text.strip_prefix(header.as_str()).unwrap_or(&text).to_owned().into())
+            }
+            Encoder::Arrow(writer) => {
+                let writer = match writer {
+                    Some(writer) => writer,
+                    None => writer.insert(StreamWriter::try_new(Vec::new(), &batch.schema())?),
+                };
+                writer.write(batch)?;
+                Ok(std::mem::take(writer.get_mut()).into())
+            }
+        }
+    }
+
+    /// What comes after the last batch.
+    fn end(self) -> Result<Bytes, ArrowError> {
+        match self {
+            Encoder::Json { begun } => Ok(if begun { "]" } else { "[]" }.into()),
+            Encoder::Csv { .. } | Encoder::Arrow(None) => Ok(Bytes::new()),
+            Encoder::Arrow(Some(mut writer)) => {
+                writer.finish()?;
+                Ok(std::mem::take(writer.get_mut()).into())
+            }
+        }
+    }
+}

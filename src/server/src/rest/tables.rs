@@ -1,0 +1,106 @@
+//! Episodes as the tables know them.
+
+use std::sync::Arc;
+
+use axum::{Json, extract::State};
+use reel_query::{Format, Parameters, Session};
+use reel_tables::Store;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use utoipa::IntoParams;
+
+use super::{
+    ApiError, analyse,
+    error::ErrorBody,
+    extract::{Asked, Named},
+    traces::limited,
+};
+use crate::service::App;
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct Filter {
+    /// FDP, FODP, FDO or SUL.
+    family: Option<String>,
+    /// Who played.
+    policy: Option<String>,
+    /// The run.
+    run_id: Option<String>,
+    /// The task.
+    task_id: Option<String>,
+    /// Whether the goal held at the end.
+    success: Option<bool>,
+    /// From the one after this id on.
+    #[serde(default)]
+    after: String,
+    /// At most so many, up to 1,000.
+    #[serde(default = "page")]
+    #[param(minimum = 1, maximum = 1000, default = 100)]
+    limit: usize,
+}
+
+fn page() -> usize {
+    100
+}
+
+const COLUMNS: &str = "episode_id, run_id, group_id, rollout_index, task_id, family, policy, seed, profile, success, completion, \
+                       total_reward, length, asks, end_reason, trace";
+
+/// Episodes of the tables, by id.
+#[utoipa::path(get, path = "/api/episodes", tag = "tables", security(("token" = [])), params(Filter),
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 404, body = ErrorBody)))]
+pub(super) async fn episodes(State(app): State<Arc<App>>, Asked(filter): Asked<Filter>) -> Result<Json<Value>, ApiError> {
+    let limit = limited(filter.limit)?;
+    let mut conditions = vec!["episode_id > $after".to_owned()];
+    let mut parameters = Parameters::from([("after".to_owned(), filter.after)]);
+    let texts = [("family", filter.family), ("policy", filter.policy), ("run_id", filter.run_id), ("task_id", filter.task_id)];
+    for (column, value) in texts {
+        if let Some(value) = value {
+            conditions.push(format!("{column} = ${column}"));
+            parameters.insert(column.to_owned(), value);
+        }
+    }
+    if let Some(success) = filter.success {
+        conditions.push(if success { "success" } else { "NOT success" }.to_owned());
+    }
+    let sql = format!("SELECT {COLUMNS} FROM episodes WHERE {} ORDER BY episode_id LIMIT {limit}", conditions.join(" AND "));
+    let episodes = analyse(&app, move |app| rows(app, &sql, &parameters)).await?;
+    let next = episodes.last().filter(|_| episodes.len() == limit).map(|last| last["episode_id"].clone());
+    Ok(Json(json!({"episodes": episodes, "next": next})))
+}
+
+/// One episode of the tables, with its class, blame and labels.
+#[utoipa::path(get, path = "/api/episodes/{episode}", tag = "tables", security(("token" = [])),
+    params(("episode" = String, Path)),
+    responses((status = 200, body = Object), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+pub(super) async fn episode(State(app): State<Arc<App>>, Named(id): Named<String>) -> Result<Json<Value>, ApiError> {
+    let found = analyse(&app, move |app| {
+        let parameters = Parameters::from([("id".to_owned(), id.clone())]);
+        let of =
+            |columns: &str, table: &str| rows(app, &format!("SELECT {columns} FROM {table} WHERE episode_id = $id"), &parameters);
+        let mut episode =
+            of(COLUMNS, "episodes")?.pop().ok_or_else(|| ApiError::not_found(format!("the tables have no episode {id}")))?;
+        for table in ["classes", "blame", "labels"] {
+            episode[table] = json!(of("*", table)?);
+        }
+        Ok(episode)
+    });
+    found.await.map(Json)
+}
+
+/// The rows of an answer. Traces of the archive go by their names.
+pub(crate) fn rows(app: &App, sql: &str, parameters: &Parameters) -> Result<Vec<Value>, ApiError> {
+    let session = Session::with_limits(Store::open(app.config.store())?, app.sql_limits())?;
+    let batches = session.run_with(sql, parameters)?;
+    let text = reel_query::format(&batches, Format::Json).map_err(reel_query::QueryError::from)?;
+    let rows: Vec<Value> = serde_json::from_str(&text).map_err(|_| ApiError::internal("the answer is no JSON"))?;
+    let named = |mut row: Value| {
+        let path = row.get("trace").and_then(Value::as_str).map(std::path::PathBuf::from);
+        if let Some(path) = path {
+            row["trace"] = json!(app.archive.name_of(&path));
+        }
+        row
+    };
+    Ok(rows.into_iter().map(named).collect())
+}

@@ -1,0 +1,454 @@
+//! Recorded episodes: the files, what is in them, and what the simulator makes of them.
+
+use std::{ops::Bound, sync::Arc};
+
+use axum::{
+    Json,
+    body::Body,
+    extract::{Request, State},
+    http::{HeaderValue, StatusCode, header},
+    response::{IntoResponse, Response},
+};
+use reel_agents::RecordTo;
+use reel_blame::Options;
+use reel_branch::{Branch, Then};
+use reel_replay::{Verdict, Viewpoint, view_at};
+use reel_reward::Preset;
+use reel_trace::{Images, RecordOptions, Trace, encode_png};
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, ToolCall};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt as _, AsyncSeekExt as _};
+use tokio_util::io::ReaderStream;
+use utoipa::{IntoParams, ToSchema};
+
+use super::{
+    ApiError, analyse,
+    error::ErrorBody,
+    extract::{Asked, Body as JsonBody, Named},
+};
+use crate::{archive::TraceFile, service::App};
+
+/// Most entries of a list in one answer.
+const PAGE: usize = 1_000;
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct Page {
+    /// From the one after this name on.
+    #[serde(default)]
+    after: String,
+    /// At most so many, up to 1,000.
+    #[serde(default = "page")]
+    #[param(minimum = 1, maximum = 1000, default = 100)]
+    limit: usize,
+}
+
+fn page() -> usize {
+    100
+}
+
+/// A part of a list.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Traces {
+    traces: Vec<TraceFile>,
+    /// What to give as `after` for the next part; absent at the end.
+    next: Option<String>,
+}
+
+/// Traces by name.
+#[utoipa::path(get, path = "/api/traces", tag = "traces", security(("token" = [])), params(Page),
+    responses((status = 200, body = Traces), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody)))]
+pub(super) async fn list(State(app): State<Arc<App>>, Asked(page): Asked<Page>) -> Result<Json<Traces>, ApiError> {
+    let limit = limited(page.limit)?;
+    let traces = app.archive.list(&page.after, limit).map_err(ApiError::disk)?;
+    let next = traces.last().filter(|_| traces.len() == limit).map(|last| last.trace.clone());
+    Ok(Json(Traces { traces, next }))
+}
+
+pub(super) fn limited(limit: usize) -> Result<usize, ApiError> {
+    if (1..=PAGE).contains(&limit) {
+        Ok(limit)
+    } else {
+        Err(ApiError::bad_request("bad_parameter", format!("limit: from 1 to {PAGE}")))
+    }
+}
+
+/// Takes a trace in. It is there when the answer comes, and only if it is sound.
+#[utoipa::path(put, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path, description = "Name without .mcap")),
+    request_body(content = Vec<u8>, content_type = "application/octet-stream"),
+    responses((status = 201, body = TraceFile), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn upload(
+    State(app): State<Arc<App>>,
+    Named(trace): Named<String>,
+    request: Request,
+) -> Result<(StatusCode, Json<TraceFile>), ApiError> {
+    let limit = (app.config.limits.upload_mib as u64) << 20;
+    let file = app.archive.take(&trace, limit, app.read_patience(), request.into_body().into_data_stream()).await?;
+    Ok((StatusCode::CREATED, Json(file)))
+}
+
+/// The file, or a range of it.
+#[utoipa::path(get, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path), ("range" = Option<String>, Header, description = "e.g. bytes=0-1023")),
+    responses((status = 200, body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 206, body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody), (status = 416)))]
+pub(super) async fn download(
+    State(app): State<Arc<App>>,
+    Named(trace): Named<String>,
+    request: Request,
+) -> Result<Response, ApiError> {
+    let path = app.archive.existing(&trace)?;
+    let mut file = tokio::fs::File::open(&path).await.map_err(ApiError::disk)?;
+    let size = file.metadata().await.map_err(ApiError::disk)?.len();
+    let asked = request.headers().get(header::RANGE).and_then(|range| range.to_str().ok());
+    let range = match asked.map(|range| range_of(range, size)) {
+        // A header that is no range of bytes is passed over, as the protocol wants.
+        None | Some(Asking::Nothing) => None,
+        Some(Asking::Part(from, to)) => Some((from, to)),
+        Some(Asking::Outside) => {
+            let headers = [(header::CONTENT_RANGE, format!("bytes */{size}"))];
+            return Ok((StatusCode::RANGE_NOT_SATISFIABLE, headers).into_response());
+        }
+    };
+    let (from, to) = range.unwrap_or((0, size.saturating_sub(1)));
+    let length = if size == 0 { 0 } else { to - from + 1 };
+    file.seek(std::io::SeekFrom::Start(from)).await.map_err(ApiError::disk)?;
+    let body = Body::from_stream(ReaderStream::with_capacity(file.take(length), 1 << 16));
+    let mut response = Response::new(body);
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
+    headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
+    headers.insert(header::CONTENT_LENGTH, HeaderValue::from(length));
+    let name = HeaderValue::try_from(format!("attachment; filename=\"{trace}.mcap\""));
+    headers.insert(header::CONTENT_DISPOSITION, name.expect("names of traces are plain"));
+    if range.is_some() {
+        let range = HeaderValue::try_from(format!("bytes {from}-{to}/{size}"));
+        headers.insert(header::CONTENT_RANGE, range.expect("numbers are plain"));
+        *response.status_mut() = StatusCode::PARTIAL_CONTENT;
+    }
+    Ok(response)
+}
+
+/// What a `Range` header asks.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Asking {
+    /// Nothing that is one range of bytes.
+    Nothing,
+    /// From one byte to another, both included.
+    Part(u64, u64),
+    /// What is not there.
+    Outside,
+}
+
+fn range_of(range: &str, size: u64) -> Asking {
+    let Some(range) = range.strip_prefix("bytes=") else { return Asking::Nothing };
+    let Some((from, to)) = range.split_once('-') else { return Asking::Nothing };
+    let number = |text: &str| text.trim().parse::<u64>();
+    let (start, end) = match (number(from), number(to)) {
+        (Ok(from), Ok(to)) if from <= to => (Bound::Included(from), to.min(size.saturating_sub(1))),
+        (Ok(from), Err(_)) if to.trim().is_empty() => (Bound::Included(from), size.saturating_sub(1)),
+        (Err(_), Ok(0)) if from.trim().is_empty() => return Asking::Outside,
+        (Err(_), Ok(last)) if from.trim().is_empty() => (Bound::Included(size.saturating_sub(last)), size.saturating_sub(1)),
+        _ => return Asking::Nothing,
+    };
+    match start {
+        Bound::Included(from) if from < size => Asking::Part(from, end),
+        _ => Asking::Outside,
+    }
+}
+
+/// Deletes a trace. What the tables know of it stays.
+#[utoipa::path(delete, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path)),
+    responses((status = 204), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+pub(super) async fn delete(State(app): State<Arc<App>>, Named(trace): Named<String>) -> Result<StatusCode, ApiError> {
+    let path = app.archive.existing(&trace)?;
+    tokio::fs::remove_file(&path).await.map_err(ApiError::disk)?;
+    tracing::info!(trace, "deleted");
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// What a trace says of its episode: header, task, end.
+#[utoipa::path(get, path = "/api/traces/{trace}/episode", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path)),
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn episode(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Value>, ApiError> {
+    let answer = analyse(&app, move |app| {
+        let trace = app.archive.read(&name)?;
+        Ok(json!({
+            "trace": name,
+            "digest": trace.chain(),
+            "header": trace.header,
+            "task": *trace.task,
+            "steps": trace.steps.len(),
+            "images": trace.image_count(),
+            "end": trace.end,
+        }))
+    });
+    answer.await.map(Json)
+}
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct Steps {
+    /// From this step on.
+    #[serde(default)]
+    #[param(minimum = 0)]
+    from: u32,
+    /// At most so many, up to 1,000.
+    #[serde(default = "page")]
+    #[param(minimum = 1, maximum = 1000, default = 100)]
+    limit: usize,
+}
+
+/// The steps of an episode, as they were recorded.
+#[utoipa::path(get, path = "/api/traces/{trace}/steps", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path), Steps),
+    responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn steps(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+    Asked(asked): Asked<Steps>,
+) -> Result<Json<Value>, ApiError> {
+    let limit = limited(asked.limit)?;
+    let answer = analyse(&app, move |app| {
+        let trace = app.archive.read(&name)?;
+        Ok(json!(trace.steps.iter().skip(asked.from as usize).take(limit).collect::<Vec<_>>()))
+    });
+    answer.await.map(Json)
+}
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct Camera {
+    /// head (what the agent saw), top-down, follow:OBJECT (an instance, asset or category of the task, or target), or free.
+    #[serde(default = "head")]
+    #[param(default = "head")]
+    camera: String,
+    /// With the free camera: where it is, x,y,z in metres in the scene's frame.
+    eye: Option<String>,
+    /// With the free camera: what it looks at.
+    look_at: Option<String>,
+}
+
+fn head() -> String {
+    "head".to_owned()
+}
+
+/// A picture of the episode as PNG, drawn by going there: `start`, or the number of a step.
+#[utoipa::path(get, path = "/api/traces/{trace}/frames/{moment}", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path), ("moment" = String, Path, description = "start, or the number of a step"), Camera),
+    responses((status = 200, body = Vec<u8>, content_type = "image/png"), (status = 400, body = ErrorBody),
+        (status = 401, body = ErrorBody), (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn frame(
+    State(app): State<Arc<App>>,
+    Named((name, moment)): Named<(String, String)>,
+    Asked(camera): Asked<Camera>,
+) -> Result<Response, ApiError> {
+    let step = match moment.strip_suffix(".png").unwrap_or(&moment) {
+        "start" => None,
+        number => Some(
+            number
+                .parse::<u32>()
+                .map_err(|_| ApiError::bad_request("bad_path", "a moment is 'start' or the number of a step"))?,
+        ),
+    };
+    let png = analyse(&app, move |app| {
+        let trace = app.archive.read(&name)?;
+        if step.is_some_and(|step| step as usize >= trace.steps.len()) {
+            return Err(ApiError::not_found(format!("{name} has {} steps", trace.steps.len())));
+        }
+        let viewpoint = Viewpoint::named(&camera.camera, camera.eye.as_deref(), camera.look_at.as_deref(), &trace.task);
+        let viewpoint = viewpoint.map_err(|error| ApiError::bad_request("bad_camera", error.to_string()))?;
+        // What was recorded need not be drawn again.
+        let recorded = (viewpoint == Viewpoint::Head).then(|| trace.frame_rgb(step).ok().flatten()).flatten();
+        let rgb = match recorded {
+            Some(rgb) => rgb,
+            None => view_at(&trace, step, &viewpoint, None).map_err(|verdict| not_executed(&verdict))?,
+        };
+        Ok(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
+    })
+    .await?;
+    Ok(([(header::CONTENT_TYPE, "image/png")], png).into_response())
+}
+
+fn not_executed(verdict: &Verdict) -> ApiError {
+    ApiError::unprocessable("not_executed", format!("the episode cannot be executed again: {verdict}"))
+}
+
+/// Executes an episode again and compares every digest.
+#[utoipa::path(post, path = "/api/traces/{trace}/replay", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path)),
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn replay(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Value>, ApiError> {
+    let answer = analyse(&app, move |app| {
+        let trace = app.archive.read(&name)?;
+        let verdict = reel_replay::verify_contained(&trace);
+        Ok(json!({"trace": name, "exact": verdict.is_exact(), "verdict": verdict.name(), "says": verdict.to_string()}))
+    });
+    answer.await.map(Json)
+}
+
+/// Another future of an episode.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct BranchBody {
+    /// The call at which it branches off, from 0.
+    at: usize,
+    /// The calls that come there: tool name and arguments.
+    #[serde(default)]
+    #[schema(value_type = Vec<Object>)]
+    calls: Vec<ToolCall>,
+    /// A built-in policy that goes on after them, e.g. `planner`.
+    policy: Option<String>,
+    /// Its seed; without it that of the episode.
+    seed: Option<u64>,
+    /// Go on with the parent's calls from this one on instead.
+    parent_from: Option<usize>,
+    /// Name of the new trace.
+    name: String,
+}
+
+/// Plays another future of an episode, from any call, into a trace of its own.
+#[utoipa::path(post, path = "/api/traces/{trace}/branches", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path)), request_body = BranchBody,
+    responses((status = 201, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 404, body = ErrorBody), (status = 409, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn branch(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+    JsonBody(body): JsonBody<BranchBody>,
+) -> Result<(StatusCode, Json<Value>), ApiError> {
+    let answer = analyse(&app, move |app| {
+        let wrong = |message: String| ApiError::unprocessable("bad_branch", message);
+        let parent = app.archive.read(&name)?;
+        let path = app.archive.path(&body.name)?;
+        if path.exists() || path.with_added_extension("part").exists() {
+            return Err(ApiError::conflict("exists", format!("there is a trace {} already", body.name)));
+        }
+        let then = match (body.policy, body.parent_from) {
+            (Some(_), Some(_)) => return Err(wrong("policy or parent_from, not both".to_owned())),
+            (Some(name), None) => Then::Policy { name, seed: body.seed.unwrap_or(parent.header.seed) },
+            (None, Some(from)) => Then::Parent(from),
+            (None, None) if body.calls.is_empty() => {
+                return Err(wrong("say what comes: calls, policy or parent_from".to_owned()));
+            }
+            (None, None) => Then::Stop,
+        };
+        let images = if parent.image_count() > 0 { Images::Full } else { Images::None };
+        let record = RecordTo { path: path.clone(), options: RecordOptions::from(images) };
+        let branch = Branch { calls: body.calls, then };
+        let report = reel_branch::fork(&parent, body.at, None).and_then(|fork| branch.play(&fork, Some(&record)));
+        let report = report.map_err(|error| wrong(error.to_string()))?;
+        let made = Trace::read(&path).map_err(|error| wrong(error.to_string()))?;
+        Ok(json!({
+            "trace": body.name, "episode_id": report.episode_id, "parent": made.header.parent, "length": report.length,
+            "success": report.success, "completion": report.completion, "total_reward": report.total_reward,
+            "end_reason": report.end_reason,
+        }))
+    });
+    answer.await.map(|made| (StatusCode::CREATED, Json(made)))
+}
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct BlameQuery {
+    /// Whether the better future is played as well.
+    #[serde(default)]
+    alternative: bool,
+}
+
+/// Why an episode failed, measured: what every step cost, the decisive one, and what would have been better.
+#[utoipa::path(get, path = "/api/traces/{trace}/blame", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path), BlameQuery),
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn blame(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+    Asked(asked): Asked<BlameQuery>,
+) -> Result<Json<Value>, ApiError> {
+    let answer = analyse(&app, move |app| {
+        let path = app.archive.existing(&name)?;
+        let options = Options { alternatives: asked.alternative, branches: None };
+        let measured = reel_blame::blame_all(&[path], 1, &options, || ()).pop();
+        let measured = measured.unwrap_or_else(|| Err("nothing was measured".to_owned()));
+        let mut value = json!(measured.map_err(|error| ApiError::unprocessable("bad_trace", error))?);
+        value["trace"] = json!(name);
+        Ok(value)
+    });
+    answer.await.map(Json)
+}
+
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct RewardQuery {
+    /// A built-in preset; without it the one the episode was recorded under.
+    preset: Option<String>,
+}
+
+/// The rewards of an episode under a preset, term by term.
+#[utoipa::path(get, path = "/api/traces/{trace}/reward", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path), RewardQuery),
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
+        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+pub(super) async fn reward(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+    Asked(asked): Asked<RewardQuery>,
+) -> Result<Json<Value>, ApiError> {
+    let answer = analyse(&app, move |app| {
+        let trace = app.archive.read(&name)?;
+        let wanted = asked.preset.unwrap_or_else(|| trace.header.reward_preset.clone());
+        let preset = Preset::parse(&wanted).ok_or_else(|| {
+            let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
+            ApiError::unprocessable("unknown_preset", format!("no preset is called '{wanted}'; built in are '{known}'"))
+        })?;
+        let mut rewarder = preset.rewarder(&trace.task, &trace.scene);
+        rewarder.start(&trace.start);
+        let steps: Vec<Value> = trace
+            .steps
+            .iter()
+            .map(|step| {
+                let terms = rewarder.step(step);
+                json!({"step": step.step, "total": terms.iter().map(|term| term.value).sum::<f64>(), "terms": terms})
+            })
+            .collect();
+        let total: f64 = steps.iter().filter_map(|step| step["total"].as_f64()).sum();
+        Ok(json!({"trace": name, "preset": preset.name(), "version": preset.version(), "total": total, "steps": steps}))
+    });
+    answer.await.map(Json)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_what_the_protocol_says() {
+        let cases = [
+            ("bytes=0-9", Asking::Part(0, 9)),
+            ("bytes=90-", Asking::Part(90, 99)),
+            ("bytes=-10", Asking::Part(90, 99)),
+            ("bytes=-1000", Asking::Part(0, 99)),
+            ("bytes=50-1000", Asking::Part(50, 99)),
+            ("bytes=100-", Asking::Outside),
+            ("bytes=-0", Asking::Outside),
+            ("bytes=9-0", Asking::Nothing),
+            ("bytes=0-1,3-4", Asking::Nothing),
+            ("bytes=-", Asking::Nothing),
+            ("items=0-1", Asking::Nothing),
+        ];
+        for (range, expected) in cases {
+            assert_eq!(range_of(range, 100), expected, "{range}");
+        }
+        assert_eq!(range_of("bytes=0-0", 0), Asking::Outside);
+    }
+}

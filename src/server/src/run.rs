@@ -1,0 +1,84 @@
+//! The service as a whole process: runtime, signals, the limit on open files.
+
+use std::{net::SocketAddr, sync::Arc};
+
+use reel_live::Pool;
+use tokio::{
+    runtime::{Builder, Runtime},
+    signal,
+};
+
+use crate::{Config, ServeError, Service, service::run_name, start_logs};
+
+/// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and the number of tasks.
+///
+/// # Errors
+/// When the service cannot start.
+pub fn run(config: Config, on_listening: impl FnOnce(SocketAddr, usize)) -> Result<(), ServeError> {
+    start_logs(&config);
+    raise_file_limit();
+    runtime(None)?.block_on(async {
+        let service = Service::start(config).await?;
+        on_listening(service.address().map_err(ServeError::System)?, service.tasks());
+        service.run(stopped()).await;
+        Ok(())
+    })
+}
+
+/// Serves one agent over standard input and output, until it goes.
+///
+/// # Errors
+/// When the configuration is wrong, or what comes in is not the protocol.
+pub fn run_stdio(config: Config) -> Result<(), ServeError> {
+    start_logs(&config);
+    let run = config.play.run.clone().unwrap_or_else(|| format!("{}-{}", run_name("mcp"), std::process::id()));
+    let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
+    std::fs::create_dir_all(&setup.folder).map_err(ServeError::Data)?;
+    let options = config.options(None);
+    let pool = Arc::new(Pool::new(setup, config.pool()));
+    let runtime = runtime(Some(2))?;
+    let served = runtime.block_on(async {
+        let served = tokio::select! {
+            served = reel_mcp::stdio(pool.clone(), options) => served,
+            () = stopped() => Ok(()),
+        };
+        pool.close_all().await;
+        served
+    });
+    // A thread may still wait for standard input.
+    runtime.shutdown_background();
+    served.map_err(|error| ServeError::Protocol(error.to_string()))
+}
+
+fn runtime(threads: Option<usize>) -> Result<Runtime, ServeError> {
+    let mut builder = Builder::new_multi_thread();
+    if let Some(threads) = threads {
+        builder.worker_threads(threads);
+    }
+    builder.enable_all().build().map_err(ServeError::System)
+}
+
+/// Ctrl-C, or what a service manager sends.
+async fn stopped() {
+    let interrupted = async { drop(signal::ctrl_c().await) };
+    #[cfg(unix)]
+    {
+        let Ok(mut terminated) = signal::unix::signal(signal::unix::SignalKind::terminate()) else {
+            return interrupted.await;
+        };
+        tokio::select! {
+            () = interrupted => {}
+            _ = terminated.recv() => {}
+        }
+    }
+    #[cfg(not(unix))]
+    interrupted.await;
+}
+
+/// A session has a trace open, and a client two sockets: as many files as the system lets us.
+fn raise_file_limit() {
+    match rlimit::increase_nofile_limit(u64::MAX) {
+        Ok(limit) if limit < 8_192 => tracing::warn!(limit, "few files may be open; `ulimit -n` raises that"),
+        _ => {}
+    }
+}

@@ -1,0 +1,230 @@
+//! The running service: everything put together, from the first socket to the last trace.
+
+use std::{
+    future::Future,
+    io,
+    net::SocketAddr,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use axum::{Router, middleware};
+use reel_live::{Pool, restore};
+use reel_mcp::{Guard, Questions};
+use tokio::{net::TcpListener, sync::Semaphore};
+use tokio_util::sync::CancellationToken;
+use tower_http::catch_panic::CatchPanicLayer;
+use tracing_subscriber::{EnvFilter, fmt};
+
+use crate::{
+    Config, ConfigError, LogFormat, TokenError, Tokens, analysis,
+    archive::Archive,
+    connections,
+    gate::{self, Rates},
+    jobs::{Jobs, Paths},
+    metrics::Metrics,
+    rest,
+};
+
+/// How often idle sessions, tokens and rates are looked after.
+const TEND_EVERY: Duration = Duration::from_secs(1);
+
+/// What every request handler sees.
+pub(crate) struct App {
+    pub config: Config,
+    pub pool: Arc<Pool>,
+    pub questions: Arc<Questions>,
+    pub archive: Archive,
+    pub jobs: Jobs,
+    pub tokens: Tokens,
+    pub guard: Guard,
+    pub rates: Rates,
+    pub metrics: Arc<Metrics>,
+    /// Queries, replays and renderings at once.
+    pub analyses: Semaphore,
+    pub ready: AtomicBool,
+    pub closing: CancellationToken,
+}
+
+impl App {
+    /// Whether clients have to show tokens: where the world can reach it, or where there are any.
+    pub fn demands_tokens(&self) -> bool {
+        !self.config.is_local() || !self.tokens.entries().is_empty()
+    }
+
+    /// How long a client may take to send something.
+    pub fn read_patience(&self) -> Duration {
+        Duration::from_secs(self.config.limits.read_s)
+    }
+}
+
+/// Why a service does not start.
+#[derive(Debug, thiserror::Error)]
+pub enum ServeError {
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The tokens cannot be read.
+    #[error(transparent)]
+    Tokens(#[from] TokenError),
+    /// The world could reach it, and there are no tokens.
+    #[error(
+        "{0} is not a loopback address, and there are no tokens: whoever reaches it could do everything. Make one with `reel token create NAME --role act`, or listen on 127.0.0.1"
+    )]
+    Open(SocketAddr),
+    /// The address cannot be taken.
+    #[error("cannot listen on {address}: {source}")]
+    Listen {
+        /// Which.
+        address: SocketAddr,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// The data folder cannot be used.
+    #[error("cannot use the data folder: {0}")]
+    Data(io::Error),
+    /// The system refuses threads or sockets.
+    #[error("the system refuses: {0}")]
+    System(io::Error),
+    /// What came over standard input.
+    #[error("what came in is not the Model Context Protocol: {0}")]
+    Protocol(String),
+}
+
+/// A service that has its address and everything it needs.
+pub struct Service {
+    app: Arc<App>,
+    listener: TcpListener,
+    router: Router,
+}
+
+impl Service {
+    /// Loads the tasks, restores what an earlier server left half recorded, takes the address.
+    ///
+    /// # Errors
+    /// When the configuration is wrong, or the address or a folder cannot be had.
+    pub async fn start(config: Config) -> Result<Self, ServeError> {
+        let tokens = Tokens::open(&config.tokens())?;
+        if !config.is_local() && tokens.entries().is_empty() {
+            return Err(ServeError::Open(config.listen));
+        }
+        let run = config.play.run.clone().unwrap_or_else(|| run_name("serve"));
+        let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
+        let archive = Archive::open(config.traces()).map_err(ServeError::Data)?;
+        restore_all(&archive);
+        let address = config.listen;
+        let listener = TcpListener::bind(address).await.map_err(|source| ServeError::Listen { address, source })?;
+        let closing = CancellationToken::new();
+        let metrics = Arc::new(Metrics::new());
+        let setup = reel_live::Setup { folder: archive.folder().to_owned(), ..setup };
+        let paths = Paths {
+            reel: std::env::current_exe().map_err(ServeError::Data)?.into_os_string(),
+            archive: archive.clone(),
+            store: config.store(),
+            exports: config.data.join("exports"),
+        };
+        let app = Arc::new(App {
+            pool: Arc::new(Pool::new(setup, config.pool())),
+            questions: Arc::default(),
+            jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
+            archive,
+            tokens,
+            guard: Guard { hosts: config.hosts.clone(), origins: config.origins.clone() },
+            rates: Rates::new(&config),
+            analyses: Semaphore::new(config.limits.analyses),
+            metrics,
+            ready: AtomicBool::new(true),
+            closing,
+            config,
+        });
+        let router = router(&app);
+        Ok(Self { app, listener, router })
+    }
+
+    /// Where it listens.
+    ///
+    /// # Errors
+    /// When the system does not say.
+    pub fn address(&self) -> io::Result<SocketAddr> {
+        self.listener.local_addr()
+    }
+
+    /// How many tasks it serves.
+    pub fn tasks(&self) -> usize {
+        self.app.pool.setup().tasks.len()
+    }
+
+    /// Serves until `stop`, then lets open requests end, ends every episode and closes its trace.
+    pub async fn run(self, stop: impl Future<Output = ()>) {
+        let Self { app, listener, router } = self;
+        let tending = tokio::spawn(tend(app.clone()));
+        let closing = app.closing.clone();
+        let serving = tokio::spawn(connections::serve(listener, router, app.clone(), closing.clone()));
+        stop.await;
+        tracing::info!("stopping: no new calls");
+        app.ready.store(false, Ordering::Release);
+        closing.cancel();
+        let _ = serving.await;
+        tending.abort();
+        let sessions = app.pool.close_all().await;
+        tracing::info!(sessions, "every session is closed, every trace is whole");
+    }
+}
+
+/// A name for a run that has none.
+pub(crate) fn run_name(what: &str) -> String {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+    format!("{what}-{now}")
+}
+
+/// Logs to standard error: never tokens, never what policies say.
+pub fn start_logs(config: &Config) {
+    let filter = EnvFilter::try_new(&config.log_filter).unwrap_or_else(|_| EnvFilter::new("info"));
+    let logs = fmt().with_env_filter(filter).with_writer(io::stderr);
+    // Where somebody else set logs up already, theirs stay.
+    let _ = match config.log {
+        LogFormat::Text => logs.with_target(false).try_init(),
+        LogFormat::Json => logs.json().try_init(),
+    };
+}
+
+fn router(app: &Arc<App>) -> Router {
+    let metrics = app.metrics.clone();
+    let options = app.config.options(Some(Arc::new(move |tool, outcome, took| metrics.call(tool, outcome, took))));
+    let max_body = app.config.limits.body_mib << 20;
+    let policies = reel_mcp::router(app.pool.clone(), app.questions.clone(), Arc::new(options), app.closing.clone(), max_body);
+    rest::router(app)
+        .merge(policies)
+        .merge(analysis::router(app, max_body))
+        .fallback(rest::nothing_here)
+        .layer(middleware::from_fn_with_state(app.clone(), gate::pass))
+        .layer(CatchPanicLayer::custom(rest::broke_down))
+}
+
+async fn tend(app: Arc<App>) {
+    let mut ticks = tokio::time::interval(TEND_EVERY);
+    // A clock that jumped, or a machine that slept, makes up for nothing.
+    ticks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    loop {
+        ticks.tick().await;
+        app.pool.tend().await;
+        app.rates.tidy();
+        if let Err(error) = app.tokens.refresh() {
+            tracing::warn!(%error, "the tokens stay as they were");
+        }
+    }
+}
+
+/// What an earlier server left half recorded becomes whole traces. A recording that somebody still writes is locked, and stays.
+fn restore_all(archive: &Archive) {
+    for file in archive.list("", usize::MAX).unwrap_or_default().into_iter().filter(|file| file.recording) {
+        let part = archive.folder().join(format!("{}.mcap.part", file.trace));
+        match restore(&part, None) {
+            Ok(recovery) => tracing::info!(trace = file.trace, steps = recovery.steps, "restored what broke off"),
+            Err(error) => tracing::warn!(trace = file.trace, %error, "could not be restored"),
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! Bearer tokens and what they allow. The file holds hashes: whoever reads it cannot use it.
+
+use std::{
+    collections::BTreeSet,
+    fs, io,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+    time::SystemTime,
+};
+
+use serde::{Deserialize, Serialize};
+
+/// What a client may do. No role holds another: a policy that may act must not read what it is graded by.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// Read episodes, tables and traces, and ask about them.
+    Read,
+    /// Play: policy sessions and prompt groups.
+    Act,
+    /// All of that, and change what is kept: uploads, jobs, labels, other people's sessions.
+    Admin,
+}
+
+impl Role {
+    /// Reads a name.
+    pub fn parse(text: &str) -> Option<Self> {
+        match text {
+            "read" => Some(Role::Read),
+            "act" => Some(Role::Act),
+            "admin" => Some(Role::Admin),
+            _ => None,
+        }
+    }
+}
+
+/// A token, without what proves it.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TokenEntry {
+    /// Whose.
+    pub name: String,
+    /// What it allows.
+    pub roles: BTreeSet<Role>,
+    /// BLAKE3 of the token: 256 random bits need no salt.
+    pub hash: String,
+}
+
+#[derive(Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[serde(default)]
+    token: Vec<TokenEntry>,
+}
+
+/// Why tokens cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum TokenError {
+    /// The file cannot be read or written.
+    #[error("cannot {action} {path}: {source}", path = path.display())]
+    Io {
+        /// What was tried.
+        action: &'static str,
+        /// Which file.
+        path: PathBuf,
+        /// The system's reason.
+        source: io::Error,
+    },
+    /// It is no file of tokens.
+    #[error("{path} is no file of tokens: {message}", path = path.display())]
+    Syntax {
+        /// Which file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// A name that is taken.
+    #[error("there is a token called '{0}' already; revoke it first")]
+    Taken(String),
+    /// A name of nobody.
+    #[error("no token is called '{0}'")]
+    Unknown(String),
+}
+
+/// The tokens of a file, read again when it changes.
+pub struct Tokens {
+    path: PathBuf,
+    known: Mutex<(Option<SystemTime>, Arc<Vec<TokenEntry>>)>,
+}
+
+impl Tokens {
+    /// The tokens of a file; none where there is no file.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn open(path: &Path) -> Result<Self, TokenError> {
+        let entries = read(path)?;
+        Ok(Self { path: path.to_owned(), known: Mutex::new((changed(path), Arc::new(entries))) })
+    }
+
+    /// Every token.
+    pub fn entries(&self) -> Arc<Vec<TokenEntry>> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
+    }
+
+    /// Looks whether the file changed. A file that became unreadable leaves the tokens as they were.
+    ///
+    /// # Errors
+    /// When it changed and cannot be read.
+    pub fn refresh(&self) -> Result<(), TokenError> {
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = changed(&self.path);
+        if known.0 != now {
+            *known = (now, Arc::new(read(&self.path)?));
+        }
+        Ok(())
+    }
+
+    /// Whose token this is.
+    pub fn find(&self, token: &str) -> Option<TokenEntry> {
+        let hash = hash(token);
+        // Comparing hashes of random tokens tells nothing about them, however long it takes.
+        self.entries().iter().find(|entry| entry.hash == hash).cloned()
+    }
+
+    /// Makes a token and keeps its hash. Nobody can see the token again.
+    ///
+    /// # Errors
+    /// When the name is taken or the file cannot be written.
+    pub fn create(&self, name: &str, roles: BTreeSet<Role>) -> Result<String, TokenError> {
+        let mut entries = read(&self.path)?;
+        if entries.iter().any(|entry| entry.name == name) {
+            return Err(TokenError::Taken(name.to_owned()));
+        }
+        let mut bytes = [0; 32];
+        getrandom::fill(&mut bytes).expect("the system has randomness");
+        let token = format!("reel_{}", bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
+        entries.push(TokenEntry { name: name.to_owned(), roles, hash: hash(&token) });
+        self.write(entries)?;
+        Ok(token)
+    }
+
+    /// Takes a token back.
+    ///
+    /// # Errors
+    /// When there is none of that name or the file cannot be written.
+    pub fn revoke(&self, name: &str) -> Result<(), TokenError> {
+        let mut entries = read(&self.path)?;
+        let before = entries.len();
+        entries.retain(|entry| entry.name != name);
+        if entries.len() == before {
+            return Err(TokenError::Unknown(name.to_owned()));
+        }
+        self.write(entries)
+    }
+
+    fn write(&self, token: Vec<TokenEntry>) -> Result<(), TokenError> {
+        let failed = |action| move |source| TokenError::Io { action, path: self.path.clone(), source };
+        if let Some(folder) = self.path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            fs::create_dir_all(folder).map_err(failed("make the folder of"))?;
+        }
+        let text = toml::to_string_pretty(&File { token }).expect("tokens have a TOML form");
+        // Beside it first: a server that reads it meanwhile sees the old one or the new one.
+        let beside = self.path.with_added_extension("new");
+        fs::write(&beside, text).map_err(failed("write"))?;
+        fs::rename(&beside, &self.path).map_err(failed("write"))?;
+        self.refresh()
+    }
+}
+
+fn hash(token: &str) -> String {
+    blake3::hash(token.as_bytes()).to_hex().to_string()
+}
+
+fn changed(path: &Path) -> Option<SystemTime> {
+    fs::metadata(path).and_then(|metadata| metadata.modified()).ok()
+}
+
+fn read(path: &Path) -> Result<Vec<TokenEntry>, TokenError> {
+    let text = match fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(TokenError::Io { action: "read", path: path.to_owned(), source }),
+    };
+    let file: File = toml::from_str(&text)
+        .map_err(|error| TokenError::Syntax { path: path.to_owned(), message: error.to_string().trim_end().to_owned() })?;
+    Ok(file.token)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_token_is_found_by_itself_alone_and_not_after_it_was_revoked() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("keys/tokens.toml");
+        let tokens = Tokens::open(&path).unwrap();
+        assert!(tokens.entries().is_empty());
+        let token = tokens.create("trainer", [Role::Act].into()).unwrap();
+        assert!(matches!(tokens.create("trainer", [Role::Read].into()), Err(TokenError::Taken(_))));
+        assert!(!fs::read_to_string(&path).unwrap().contains(&token), "the token itself is nowhere");
+        assert_eq!(tokens.find(&token).unwrap().roles, [Role::Act].into());
+        let hash = tokens.find(&token).unwrap().hash;
+        for wrong in ["", "reel_", &token[..token.len() - 1], &hash] {
+            assert!(tokens.find(wrong).is_none(), "{wrong}");
+        }
+        // Another process revokes it.
+        Tokens::open(&path).unwrap().revoke("trainer").unwrap();
+        assert!(matches!(tokens.revoke("trainer"), Err(TokenError::Unknown(_))));
+        tokens.refresh().unwrap();
+        assert!(tokens.find(&token).is_none());
+        fs::write(&path, "token = 3").unwrap();
+        assert!(matches!(Tokens::open(&path), Err(TokenError::Syntax { .. })));
+    }
+}
