@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import tempfile
 
-from harness import Agent, Server, environment, main, reel
+from harness import REEL, Agent, Server, environment, main, reel
 
 HERE = pathlib.Path(__file__).parent
 FAMILIES = ["FDP", "FODP", "FDO", "SUL"]
@@ -32,7 +32,7 @@ def exact(server):
 
 def play_published_client_over_sse():
     """mcp 1.9.4, the flow of the evaluation agent, two episodes from a fresh process."""
-    python = environment("mcp-1.9.4", "mcp==1.9.4")
+    python = environment("mcp-1.9.4", "mcp==1.9.4", "pydantic<2.12")
     if not python:
         return
     with Server("--profile", "real-repo") as server:
@@ -60,7 +60,7 @@ def play_newest_client_over_http():
 
 def play_dropped_connection_resumes():
     """A worker that is gone in the middle goes on where it was, `finish_with_id` aborts and restarts, nobody sees another's world."""
-    python = environment("mcp-1.9.4", "mcp==1.9.4")
+    python = environment("mcp-1.9.4", "mcp==1.9.4", "pydantic<2.12")
     if not python:
         return
     with Server("--profile", "real-repo") as server:
@@ -91,6 +91,32 @@ def play_dropped_connection_resumes():
         assert exact(server) == len(reasons)
 
 
+def play_over_stdio():
+    """A client that starts `reel mcp` as a command; what it played is a whole trace when it is gone."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [REEL, "mcp", "--data", folder]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+        def say(message, answered=True):
+            process.stdin.write(json.dumps({"jsonrpc": "2.0", **message}) + "\n")
+            process.stdin.flush()
+            return json.loads(process.stdout.readline())["result"] if answered else None
+
+        hello = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "stdio", "version": "1"}}
+        say({"id": 1, "method": "initialize", "params": hello})
+        say({"method": "notifications/initialized"}, answered=False)
+        for number, (tool, arguments) in enumerate([("finish", {}), ("nav_to", {"receptacle_name": "table_1"})], 2):
+            result = say({"id": number, "method": "tools/call", "params": {"name": tool, "arguments": arguments}})
+            assert result["structuredContent"]["ok"] and result["content"][1]["mimeType"] == "image/png", result
+        process.stdin.close()
+        assert process.wait(30) == 0, process.stderr.read()
+        [trace] = pathlib.Path(folder, "traces").glob("*.mcap")
+        code, out, err = reel("replay", trace)
+        assert code == 0, f"{out}{err}"
+        process.stdout.close()
+        process.stderr.close()
+
+
 def play_prompt_group():
     """A leased simulator plays G rollouts of one task and seed; their traces are one group; it is given back."""
     with Server() as server:
@@ -116,7 +142,7 @@ def play_real_bench():
     if not (bench / "s7_scene.json").exists():
         print("skipped: REAL-Bench, because $REEL_REAL_BENCH is not its folder")
         return
-    python = environment("mcp-1.9.4", "mcp==1.9.4")
+    python = environment("mcp-1.9.4", "mcp==1.9.4", "pydantic<2.12")
     if not python:
         return
     with tempfile.TemporaryDirectory() as folder:

@@ -10,7 +10,7 @@ use std::{
 use reel_episode::{Briefing, Episode, Parked, StepOutput};
 use reel_trace::Recorder;
 use reel_world::{
-    Frame, InstanceId, ReceptacleId, Task,
+    Frame, InstanceId, Profile, ReceptacleId, Task,
     record::{EndReason, Graphs, Marker, Metrics, RobotState, StepInput, StepRecord},
 };
 use serde::Serialize;
@@ -81,6 +81,8 @@ pub struct Made {
     pub step: StepRecord,
     /// The picture, where the tool returns one.
     pub frame: Option<Frame>,
+    /// In profile `real-repo`, which answers everything with a picture: what the head sees, where the tool returns none.
+    pub look: Option<Frame>,
     /// The state after the call.
     pub view: View,
     /// Why the episode ended with it, if it did.
@@ -203,6 +205,8 @@ impl Household {
         playing.recorder.input(step, &input)?;
         let StepOutput { record, frame } = playing.episode.step(input);
         playing.recorder.step(&record, frame.as_ref())?;
+        let shows_all = frame.is_none() && self.setup.profile == Profile::RealRepo;
+        let look = shows_all.then(|| playing.episode.simulator()).map(|it| it.picture_from(&it.camera()));
         let view = view(&playing.episode);
         let ended = playing.episode.ended();
         if ended.is_some() {
@@ -210,19 +214,7 @@ impl Household {
         } else {
             self.now = Now::Playing(playing);
         }
-        Ok(Made { step: record, frame, view, ended })
-    }
-
-    /// What the robot's head sees, without markers; changes nothing.
-    ///
-    /// # Errors
-    /// When no episode runs.
-    pub fn look(&mut self) -> Result<Frame, LiveError> {
-        let playing = self.take()?;
-        let simulator = playing.episode.simulator();
-        let frame = simulator.picture_from(&simulator.camera());
-        self.now = Now::Playing(playing);
-        Ok(frame)
+        Ok(Made { step: record, frame, look, view, ended })
     }
 
     /// What the agent was told.

@@ -48,6 +48,7 @@ const PNG: &str = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAIAAACQd1PeAAAADElEQVR4nGP4z
 const WAV: &str = "UklGRiwAAABXQVZFZm10IBAAAAABAAEAQB8AAEAfAAABAAgAZGF0YQgAAACAgICAgICAgA==";
 
 const PAUSE: Duration = Duration::from_millis(50);
+const SESSIONS: usize = 1_000;
 const KEEP_ALIVE: Duration = Duration::from_secs(300);
 const MAX_BODY: usize = 4 << 20;
 
@@ -63,7 +64,7 @@ async fn main() -> io::Result<()> {
         let returned = returned.clone();
         move || Fixture { returned: returned.clone(), ..Fixture::default() }
     };
-    let service = reel_mcp::streamable_http(factory, KEEP_ALIVE, MAX_BODY, CancellationToken::new());
+    let service = reel_mcp::streamable_http(factory, SESSIONS, KEEP_ALIVE, MAX_BODY, CancellationToken::new());
     let router = Router::new()
         .route_service("/mcp", service)
         .layer(middleware::from_fn_with_state(returned, breakable))

@@ -1,5 +1,7 @@
 //! The names by which requests may call this server. It keeps pages of the web from a server on somebody's own machine: a page
-//! that has its own name resolve to 127.0.0.1 (DNS rebinding) still sends that name as `Host`, and its own as `Origin`.
+//! that has its own name resolve to 127.0.0.1 (DNS rebinding) still sends that name as `Host`, and its own as `Origin`; one that
+//! only has a picture loaded from here sends no `Origin`, but browsers say so in `Sec-Fetch-Site`. Pages of listed origins are let
+//! through, and their browsers told that they may read the answers (CORS).
 //!
 //! Compares headers with lists; never resolves a name, and never says who is calling.
 
@@ -8,8 +10,11 @@ use std::{borrow::Cow, net::Ipv6Addr, sync::Arc};
 use axum::{
     extract::{Request, State},
     http::{
-        HeaderMap, StatusCode, Uri,
-        header::{HOST, HeaderName, ORIGIN},
+        HeaderMap, HeaderValue, Method, StatusCode, Uri,
+        header::{
+            ACCESS_CONTROL_ALLOW_HEADERS, ACCESS_CONTROL_ALLOW_METHODS, ACCESS_CONTROL_ALLOW_ORIGIN,
+            ACCESS_CONTROL_EXPOSE_HEADERS, ACCESS_CONTROL_MAX_AGE, ACCESS_CONTROL_REQUEST_METHOD, HOST, HeaderName, ORIGIN, VARY,
+        },
     },
     middleware::Next,
     response::{IntoResponse, Response},
@@ -17,6 +22,15 @@ use axum::{
 
 /// Hosts that are this machine, wherever the question comes from.
 const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "[::1]"];
+
+/// What pages of listed origins may send and read.
+const METHODS: HeaderValue = HeaderValue::from_static("GET, HEAD, POST, PUT, DELETE");
+const HEADERS: HeaderValue = HeaderValue::from_static(
+    "authorization, content-type, mcp-session-id, mcp-protocol-version, mcp-method, mcp-name, last-event-id, range",
+);
+const EXPOSED: HeaderValue = HeaderValue::from_static("mcp-session-id, content-range");
+/// For how many seconds a browser need not ask again.
+const MAX_AGE: HeaderValue = HeaderValue::from_static("3600");
 
 /// What requests may say in `Host` and `Origin`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -31,10 +45,16 @@ pub struct Guard {
 impl Guard {
     /// Lets a request through, or answers 403 and why. For `axum::middleware::from_fn_with_state`.
     pub async fn pass(State(guard): State<Arc<Self>>, request: Request, next: Next) -> Response {
-        match guard.check(request.headers(), request.uri()) {
+        let page = guard.page(&request);
+        if let Some(answer) = page.preflight() {
+            return answer;
+        }
+        let mut response = match guard.check(request.headers(), request.uri()) {
             Ok(()) => next.run(request).await,
             Err(why) => (StatusCode::FORBIDDEN, why).into_response(),
-        }
+        };
+        page.share(&mut response);
+        response
     }
 
     /// Whether a request may come in: it names one host, which is this server, and comes from no page of somebody else's.
@@ -42,6 +62,26 @@ impl Guard {
     /// # Errors
     /// What is wrong with it, and what to do, for who sent it.
     pub fn check(&self, headers: &HeaderMap, uri: &Uri) -> Result<(), String> {
+        self.is_of_a_listed_page(headers, uri).map(|_| ())
+    }
+
+    /// What the browser behind a request wants to be told. For who calls [`Guard::check`] and not [`Guard::pass`]: where there is
+    /// a [`Page::preflight`] it is the answer, before anything else is looked at; every other answer goes through [`Page::share`].
+    pub fn page(&self, request: &Request) -> Page {
+        let headers = request.headers();
+        let is_listed = self.is_of_a_listed_page(headers, request.uri()) == Ok(true);
+        let asks = request.method() == Method::OPTIONS && headers.contains_key(ACCESS_CONTROL_REQUEST_METHOD);
+        Page { origin: headers.get(ORIGIN).filter(|_| is_listed).cloned(), asks }
+    }
+
+    /// The first name in the lists that no request can carry.
+    pub fn mistake(&self) -> Option<&str> {
+        let host = self.hosts.iter().find(|host| Authority::parse(host).is_none());
+        host.or_else(|| self.origins.iter().find(|origin| Origin::parse(origin).is_none())).map(String::as_str)
+    }
+
+    /// Whether a request that may come in is one of a page of a listed origin, which is not this server's own.
+    fn is_of_a_listed_page(&self, headers: &HeaderMap, uri: &Uri) -> Result<bool, String> {
         // HTTP/2 and clients of a proxy name the host in the target, alone or as well.
         let mut named = one(headers, &HOST)?.into_iter().chain(uri.authority().map(|authority| authority.as_str().into()));
         let name = named.next().ok_or("the request says in no Host header which server it wants")?;
@@ -54,17 +94,21 @@ impl Guard {
         if let Some(other) = named.find(|other| Authority::parse(other).as_ref() != Some(&host)) {
             return Err(format!("the request wants both {name:?} and {other:?}"));
         }
-        let Some(page) = one(headers, &ORIGIN)? else { return Ok(()) };
-        match Origin::parse(&page) {
-            Some(origin) if origin.is_of(&host) || self.allowed().any(|allowed| allowed == origin) => Ok(()),
-            _ => Err(format!("pages of {page:?} may not call this server: list the origin under `origins` in its configuration")),
+        if let Some(page) = one(headers, &ORIGIN)? {
+            match Origin::parse(&page) {
+                Some(origin) if origin.is_of(&host) => {}
+                Some(origin) if self.allowed().any(|allowed| allowed == origin) => return Ok(true),
+                _ => {
+                    let advice = "list the origin under `origins` in its configuration";
+                    return Err(format!("pages of {page:?} may not call this server: {advice}"));
+                }
+            }
         }
-    }
-
-    /// The first name in the lists that no request can carry.
-    pub fn mistake(&self) -> Option<&str> {
-        let host = self.hosts.iter().find(|host| Authority::parse(host).is_none());
-        host.or_else(|| self.origins.iter().find(|origin| Origin::parse(origin).is_none())).map(String::as_str)
+        if is_drawn_in(headers) {
+            let advice = "open the address itself, or ask with an Origin that is listed under `origins` in its configuration";
+            return Err(format!("pages of other sites may not load this: {advice}"));
+        }
+        Ok(false)
     }
 
     fn is_called(&self, name: &Authority) -> bool {
@@ -76,6 +120,52 @@ impl Guard {
     fn allowed(&self) -> impl Iterator<Item = Origin> {
         self.origins.iter().filter_map(|origin| Origin::parse(origin))
     }
+}
+
+/// A request, as the browser sees it that sent it for a page.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Page {
+    /// Where the page is from, if that is listed.
+    origin: Option<HeaderValue>,
+    /// Whether the browser only asks for leave to send another.
+    asks: bool,
+}
+
+impl Page {
+    /// The answer to a browser that asks what the page may send.
+    pub fn preflight(&self) -> Option<Response> {
+        if !self.asks || self.origin.is_none() {
+            return None;
+        }
+        let allowed =
+            [(ACCESS_CONTROL_ALLOW_METHODS, METHODS), (ACCESS_CONTROL_ALLOW_HEADERS, HEADERS), (ACCESS_CONTROL_MAX_AGE, MAX_AGE)];
+        let mut response = (StatusCode::NO_CONTENT, allowed).into_response();
+        self.allow_origin(&mut response);
+        Some(response)
+    }
+
+    /// Lets the page read an answer.
+    pub fn share(&self, response: &mut Response) {
+        if self.origin.is_some() {
+            response.headers_mut().insert(ACCESS_CONTROL_EXPOSE_HEADERS, EXPOSED);
+            self.allow_origin(response);
+        }
+    }
+
+    fn allow_origin(&self, response: &mut Response) {
+        if let Some(origin) = &self.origin {
+            let headers = response.headers_mut();
+            headers.insert(ACCESS_CONTROL_ALLOW_ORIGIN, origin.clone());
+            headers.append(VARY, HeaderValue::from_static("Origin"));
+        }
+    }
+}
+
+/// Whether a page of another site has something of this server loaded into itself, as a picture or a script.
+fn is_drawn_in(headers: &HeaderMap) -> bool {
+    let says =
+        |name: &str, value: &str| headers.get_all(name).iter().any(|said| said.as_bytes().eq_ignore_ascii_case(value.as_bytes()));
+    says("sec-fetch-site", "cross-site") && !says("sec-fetch-mode", "navigate")
 }
 
 /// The value of a header that may stand once. What is no text comes out as text that is nobody's name.
@@ -155,7 +245,9 @@ fn implied_port(scheme: &str) -> Option<u16> {
 
 #[cfg(test)]
 mod tests {
-    use axum::{Router, http::HeaderValue, middleware, routing::get};
+    use std::net::SocketAddr;
+
+    use axum::{Router, middleware, routing::get};
     use tokio::{
         io::{AsyncReadExt as _, AsyncWriteExt as _},
         net::{TcpListener, TcpStream},
@@ -269,14 +361,29 @@ mod tests {
         }
     }
 
-    #[tokio::test]
-    async fn every_route_is_guarded_as_requests_come_over_the_wire() {
+    /// Serves `/mcp` behind a guard, until the test ends.
+    async fn serve(guard: Guard) -> SocketAddr {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let router = Router::new()
-            .route("/mcp", get(|| async { "in" }))
-            .layer(middleware::from_fn_with_state(Arc::new(Guard::default()), Guard::pass));
-        let server = tokio::spawn(async move { axum::serve(listener, router).await });
+            .route("/mcp", get(|| async { ([("mcp-session-id", "7")], "in") }))
+            .layer(middleware::from_fn_with_state(Arc::new(guard), Guard::pass));
+        tokio::spawn(async move { axum::serve(listener, router).await });
+        address
+    }
+
+    /// The whole answer to a request of these lines.
+    async fn ask(address: SocketAddr, request: &str) -> String {
+        let mut stream = TcpStream::connect(address).await.unwrap();
+        stream.write_all(format!("{request}Connection: close\r\n\r\n").as_bytes()).await.unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).await.unwrap();
+        answer
+    }
+
+    #[tokio::test]
+    async fn every_route_is_guarded_as_requests_come_over_the_wire() {
+        let address = serve(Guard::default()).await;
         let cases = [
             ("GET /mcp HTTP/1.1\r\nHost: localhost:8801\r\n", "200"),
             ("GET /mcp HTTP/1.1\r\nhOsT:\t127.0.0.1 \r\nOrigin: http://127.0.0.1\r\n", "200"),
@@ -294,13 +401,74 @@ mod tests {
             ("GET http://evil.example/mcp HTTP/1.1\r\nHost: localhost\r\n", "403"),
         ];
         for (request, status) in cases {
-            let mut stream = TcpStream::connect(address).await.unwrap();
-            stream.write_all(format!("{request}Connection: close\r\n\r\n").as_bytes()).await.unwrap();
-            let mut answer = String::new();
-            stream.read_to_string(&mut answer).await.unwrap();
+            let answer = ask(address, request).await;
             assert_eq!(answer.split(' ').nth(1), Some(status), "{request}{answer}");
             assert!(status != "403" || answer.contains("content-type: text/plain"), "{answer}");
         }
-        server.abort();
+    }
+
+    #[tokio::test]
+    async fn browsers_are_told_what_pages_of_listed_origins_may_do() {
+        let address = serve(guard()).await;
+        let asks = "Access-Control-Request-Method: POST\r\nAccess-Control-Request-Headers: mcp-session-id\r\n";
+        let request = |method: &str, host: &str, origin: &str, more: &str| {
+            format!("{method} /mcp HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\n{more}")
+        };
+        let listed = "https://pages.example";
+        let preflight = ask(address, &request("OPTIONS", "localhost:8801", listed, asks)).await;
+        assert!(preflight.starts_with("HTTP/1.1 204 "), "{preflight}");
+        let headers =
+            "authorization, content-type, mcp-session-id, mcp-protocol-version, mcp-method, mcp-name, last-event-id, range";
+        for line in [
+            "access-control-allow-origin: https://pages.example",
+            "access-control-allow-methods: GET, HEAD, POST, PUT, DELETE",
+            &format!("access-control-allow-headers: {headers}"),
+            "access-control-max-age: 3600",
+            "vary: Origin",
+        ] {
+            assert!(preflight.contains(&format!("\r\n{line}\r\n")), "{line} in {preflight}");
+        }
+        let answer = ask(address, &request("GET", "localhost:8801", listed, "Sec-Fetch-Site: cross-site\r\n")).await;
+        assert!(answer.starts_with("HTTP/1.1 200 ") && answer.ends_with("\r\n\r\nin"), "{answer}");
+        for line in [
+            "access-control-allow-origin: https://pages.example",
+            "access-control-expose-headers: mcp-session-id, content-range",
+            "vary: Origin",
+        ] {
+            assert!(answer.contains(&format!("\r\n{line}\r\n")), "{line} in {answer}");
+        }
+        // An OPTIONS that asks for nothing is a request like another.
+        let answer = ask(address, &request("OPTIONS", "localhost:8801", listed, "")).await;
+        assert!(answer.starts_with("HTTP/1.1 405 ") && answer.contains("access-control-allow-origin: "), "{answer}");
+        for (host, origin, status) in [
+            ("localhost:8801", "http://evil.example", "403"),
+            ("localhost:8801", "null", "403"),
+            ("evil.example", listed, "403"),
+            ("localhost:8801", "http://localhost:8801", "405"),
+        ] {
+            let answer = ask(address, &request("OPTIONS", host, origin, asks)).await;
+            assert_eq!(answer.split(' ').nth(1), Some(status), "{origin} to {host}: {answer}");
+            assert!(!answer.contains("access-control-"), "{origin} to {host}: {answer}");
+        }
+    }
+
+    #[tokio::test]
+    async fn pages_of_other_sites_load_nothing() {
+        let address = serve(guard()).await;
+        let cases = [
+            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: no-cors\r\nSec-Fetch-Dest: image\r\n", "403"),
+            ("sec-fetch-site: Cross-Site\r\n", "403"),
+            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: cors\r\nOrigin: http://localhost\r\n", "403"),
+            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\n", "200"),
+            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: cors\r\nOrigin: https://pages.example\r\n", "200"),
+            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\nOrigin: http://evil.example\r\n", "403"),
+            ("Sec-Fetch-Site: same-origin\r\nSec-Fetch-Mode: no-cors\r\n", "200"),
+            ("Sec-Fetch-Site: same-site\r\nSec-Fetch-Mode: no-cors\r\n", "200"),
+            ("Sec-Fetch-Site: none\r\nSec-Fetch-Mode: navigate\r\n", "200"),
+        ];
+        for (headers, status) in cases {
+            let answer = ask(address, &format!("GET /mcp HTTP/1.1\r\nHost: localhost\r\n{headers}")).await;
+            assert_eq!(answer.split(' ').nth(1), Some(status), "{headers}{answer}");
+        }
     }
 }

@@ -172,7 +172,7 @@ impl ToolServer {
         let known = Tool::parse(&call).map_or("unknown", |tool| tool.paper_name());
         let said = self.request(session, call, reply, context).await;
         let outcome = match &said {
-            Ok(Said::Made(made, _)) if !made.step.outcome.is_ok() => "error",
+            Ok(Said::Made(made)) if !made.step.outcome.is_ok() => "error",
             Ok(_) => "ok",
             Err(_) => "refused",
         };
@@ -206,7 +206,7 @@ impl ToolServer {
         }
         self.pool.open(session)?;
         let (begun, on_begin) = oneshot::channel();
-        let (policy, wants_picture) = (self.policy(context), setup.profile == Profile::RealRepo);
+        let policy = self.policy(context);
         let work = move |household: &mut Household| {
             // Nobody waits for it where the call has no progress token.
             let _ = begun.send(());
@@ -222,8 +222,7 @@ impl ToolServer {
                 Ok(Tool::Lifecycle(Lifecycle::FinishWithId { task_id })) => household.begin(&task_id).map(said_begun),
                 _ => {
                     let made = household.call(StepInput { call, policy: None, user_reply: reply })?;
-                    let look = (wants_picture && made.frame.is_none() && made.ended.is_none()).then(|| household.look());
-                    Ok(Said::Made(Box::new(made), look.transpose()?))
+                    Ok(Said::Made(Box::new(made)))
                 }
             }
         };

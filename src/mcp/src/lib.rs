@@ -5,15 +5,17 @@
 //! and nothing else reaches a policy.
 
 mod catalogue;
+mod event_store;
 mod guard;
 mod handler;
 mod legacy_sse;
 mod questions;
 mod router;
+mod sessions;
 mod speech;
 
 pub use catalogue::tools;
-pub use guard::Guard;
+pub use guard::{Guard, Page};
 pub use handler::{AskWhom, Options, ToolServer, Watch};
 pub use questions::{Question, Questions};
 pub use router::{Worker, router, stdio, streamable_http};

@@ -9,20 +9,17 @@ use axum::{
     http::StatusCode,
     middleware::{self, Next},
     response::{IntoResponse, Response},
-    routing::{get, post},
+    routing::{MethodRouter, any_service, get, post},
 };
 use reel_live::{Pool, check_name};
 use rmcp::{
     ServerHandler, ServiceExt as _,
-    transport::{
-        StreamableHttpServerConfig, StreamableHttpService,
-        streamable_http_server::session::local::{LocalSessionManager, SessionConfig},
-    },
+    transport::{StreamableHttpServerConfig, StreamableHttpService},
 };
 use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
 
-use crate::{Options, Questions, ToolServer, legacy_sse::Connections};
+use crate::{Options, Questions, ToolServer, legacy_sse::Connections, sessions::Sessions};
 
 /// A worker: whoever connects under its name acts in the same household.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -71,7 +68,8 @@ pub fn router(
         let shared = shared.clone();
         move || shared.server()
     };
-    let service = streamable_http(factory, shared.pool.limits().close_after, max_body, closing);
+    let limits = shared.pool.limits();
+    let service = streamable_http(factory, limits.households, limits.close_after, max_body, closing);
     let workers = Router::new().route_service("/w/{worker}/mcp", service.clone()).layer(middleware::from_fn(name_worker));
     Router::new()
         .route("/sse", get(open))
@@ -82,23 +80,31 @@ pub fn router(
         .merge(workers)
 }
 
-/// The service of Streamable HTTP, with a handler from `factory` for each session. A session ends when nothing came or went for
-/// `keep_alive`, every stream with `closing`. [`Guard`](crate::Guard) is what keeps pages of the web from it.
+/// The service of Streamable HTTP, with a handler from `factory` for each of at most `sessions` sessions; who wants one more is
+/// told so with 503. A session ends when nothing came or went for `keep_alive`, or sooner while it calls no tool; every stream
+/// with `closing`. [`Guard`](crate::Guard) is what keeps pages of the web from it.
 pub fn streamable_http<S: ServerHandler>(
     factory: impl Fn() -> S + Send + Sync + 'static,
+    sessions: usize,
     keep_alive: Duration,
     max_body: usize,
     closing: CancellationToken,
-) -> StreamableHttpService<S, LocalSessionManager> {
-    let mut config = SessionConfig::default();
-    config.keep_alive = Some(keep_alive);
-    let mut sessions = LocalSessionManager::default();
-    sessions.session_config = config;
+) -> MethodRouter {
+    serve(Sessions::new(sessions, keep_alive), factory, max_body, closing)
+}
+
+/// [`streamable_http`] for these sessions.
+pub(crate) fn serve<S: ServerHandler>(
+    sessions: Arc<Sessions>,
+    factory: impl Fn() -> S + Send + Sync + 'static,
+    max_body: usize,
+    closing: CancellationToken,
+) -> MethodRouter {
     let http = StreamableHttpServerConfig::default()
         .disable_allowed_hosts()
         .with_max_request_body_bytes(max_body)
         .with_cancellation_token(closing);
-    StreamableHttpService::new(move || Ok(factory()), Arc::new(sessions), http)
+    any_service(StreamableHttpService::new(move || Ok(factory()), sessions, http)).layer(middleware::from_fn(Sessions::or_full))
 }
 
 /// Serves one agent over standard input and output, until it goes.

@@ -22,12 +22,14 @@ use crate::{rest::rows, service::App};
 
 /// Most rows of an answer: what an assistant can read.
 const ROWS: usize = 200;
+/// Most connections at once.
+const SESSIONS: usize = 256;
 /// How long an idle connection is kept.
 const KEEP_ALIVE: Duration = Duration::from_secs(600);
 
 pub(crate) fn router(app: &Arc<App>, max_body: usize) -> Router {
     let server = Analysis { app: app.clone() };
-    let service = reel_mcp::streamable_http(move || server.clone(), KEEP_ALIVE, max_body, app.closing.clone());
+    let service = reel_mcp::streamable_http(move || server.clone(), SESSIONS, KEEP_ALIVE, max_body, app.closing.clone());
     Router::new().route_service("/analysis/mcp", service)
 }
 

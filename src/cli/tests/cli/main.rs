@@ -9,6 +9,8 @@ mod gate;
 mod import;
 mod moments;
 mod recovery;
+#[cfg(feature = "analytics")]
+mod service;
 mod symbols;
 #[cfg(feature = "analytics")]
 mod tables;

@@ -11,8 +11,8 @@ use std::sync::Arc;
 
 /// What came of a request to a session.
 pub(crate) enum Said {
-    /// A call was made. With the picture of the moment, where the tool returns none and the profile shows one all the same.
-    Made(Box<Made>, Option<Frame>),
+    /// A call was made.
+    Made(Box<Made>),
     /// An episode began.
     Begun(Box<Begun>, Arc<Scene>),
     /// Every task was played.

@@ -9,7 +9,7 @@ use super::{COMPLETED, Said, picture, task_ids};
 
 pub(super) fn say(said: &Said) -> CallToolResult {
     match said {
-        Said::Made(made, _) => call(made),
+        Said::Made(made) => call(made),
         Said::Begun(begun, _) => briefing(begun),
         Said::Completed => text(COMPLETED),
         Said::Tasks(tasks) => text(&task_ids(tasks)),

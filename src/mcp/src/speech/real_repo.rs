@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use reel_live::{Begun, LiveError, Made, View};
 use reel_world::{
-    DoorState, ErrorCode, Frame, InstanceId, Scene, Task, WorldGraph,
+    DoorState, ErrorCode, InstanceId, Scene, Task, WorldGraph,
     record::{MarkerTarget, UserSource},
 };
 use rmcp::model::{CallToolResult, ContentBlock};
@@ -18,7 +18,7 @@ const WORDS: [&str; 3] = ["walk_around", "ask", "list_receptacles"];
 /// A failure of the domain is text and no protocol error: the trainer would take that for a broken connection.
 pub(super) fn say(said: &Said, json: bool) -> CallToolResult {
     CallToolResult::success(match said {
-        Said::Made(made, look) => call(made, look.as_ref(), json),
+        Said::Made(made) => call(made, json),
         Said::Begun(begun, scene) => {
             vec![ContentBlock::text(payload(begun, scene).to_string()), picture(&begun.frame), debug_info(&begun.view)]
         }
@@ -32,22 +32,19 @@ pub(super) fn refuse(tool: &str, error: &LiveError) -> CallToolResult {
     CallToolResult::success(vec![ContentBlock::text(format!("Error executing {tool}: {error}"))])
 }
 
-fn call(made: &Made, look: Option<&Frame>, json: bool) -> Vec<ContentBlock> {
+fn call(made: &Made, json: bool) -> Vec<ContentBlock> {
     let (step, outcome) = (&made.step, &made.step.outcome);
     let tool = step.tool.as_deref();
-    if outcome.error == Some(ErrorCode::BadArguments) && !(json && step.input.call.name == "ask") {
+    let in_json = json && step.input.call.name == "ask";
+    if outcome.error == Some(ErrorCode::BadArguments) && !in_json {
         // The published server stumbles over it.
         return vec![ContentBlock::text(format!("Error executing {}: {}", step.input.call.name, outcome.text))];
     }
     let mut content = Vec::new();
     if !outcome.is_ok() || tool.is_some_and(|tool| WORDS.contains(&tool)) {
-        let text = match (tool, json) {
-            (Some("ask"), true) => answer(made),
-            _ => text(made),
-        };
-        content.push(ContentBlock::text(text));
+        content.push(ContentBlock::text(if in_json { answer(made) } else { text(made) }));
     }
-    content.extend(made.frame.as_ref().or(look).map(picture));
+    content.extend(made.frame.as_ref().or(made.look.as_ref()).map(picture));
     content.push(debug_info(&made.view));
     content
 }

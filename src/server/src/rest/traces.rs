@@ -172,7 +172,7 @@ pub(super) async fn delete(State(app): State<Arc<App>>, Named(trace): Named<Stri
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// What a trace says of its episode: header, task, end.
+/// What a trace says of its episode: header, task, the state before the first call, end.
 #[utoipa::path(get, path = "/api/traces/{trace}/episode", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
@@ -185,6 +185,7 @@ pub(super) async fn episode(State(app): State<Arc<App>>, Named(name): Named<Stri
             "digest": trace.chain(),
             "header": trace.header,
             "task": *trace.task,
+            "start": trace.start,
             "steps": trace.steps.len(),
             "images": trace.image_count(),
             "end": trace.end,

@@ -1,0 +1,45 @@
+//! `reel serve` from outside: the scripts of `tests/service`, which talk to it as clients do.
+
+use std::{path::PathBuf, process::Command};
+
+/// Runs a script of `tests/service`; prints what it says, so that what was skipped is seen.
+fn script(name: &str, arguments: &[&str]) {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/service");
+    let mut command = Command::new("python3");
+    command.arg(folder.join(name)).args(arguments).env("REEL", env!("CARGO_BIN_EXE_reel")).env("PYTHONDONTWRITEBYTECODE", "1");
+    if std::env::var_os("REEL_REAL_BENCH").is_none() {
+        command.env("REEL_REAL_BENCH", folder.join("../../../shared/real-bench"));
+    }
+    let Ok(output) = command.output() else {
+        println!("skipped: {name}, because there is no python3");
+        return;
+    };
+    let said = String::from_utf8_lossy(&output.stdout);
+    println!("{said}");
+    assert!(output.status.success(), "{name}: {said}{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
+fn agents_in_processes_of_their_own_play() {
+    script("players.py", &[]);
+}
+
+#[test]
+fn the_published_contract_to_the_letter() {
+    script("real_repo_texts.py", &[]);
+}
+
+#[test]
+fn nothing_privileged_reaches_a_policy() {
+    script("leaks.py", &["--episodes", "40"]);
+}
+
+#[test]
+fn faults_have_clear_answers() {
+    script("faults.py", &["--quick"]);
+}
+
+#[test]
+fn the_document_is_what_the_service_does() {
+    script("openapi.py", &["--short"]);
+}
