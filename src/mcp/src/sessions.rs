@@ -459,7 +459,7 @@ mod tests {
         // Also on a connection that nobody knows to be cut: the client is never asked whether it has the answer.
         let (stream, primed) = client.call("slow").await;
         server.gate.add_permits(1);
-        server.answered(1).await;
+        server.answered(0).await;
         drop(stream);
         assert!(read(&mut client.resume(&primed).await, None).await.contains(ANSWERED));
     }

@@ -43,7 +43,7 @@ pub struct Arguments {
 /// Serve one agent over standard input and output: what an MCP client starts as a command.
 ///
 /// Example, in a client's configuration:
-///   {"mcpServers": {"reel": {"command": "reel", "args": ["mcp", "--data", "/home/me/reel-data"]}}}
+///   {"mcpServers": {"reel": {"command": "reel", "args": ["mcp", "--data", "/var/lib/reel"]}}}
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Mcp {

@@ -20,7 +20,7 @@ fn cameras_and_films() {
     assert_eq!(fs::read(folder.join("all/call_002.png")).unwrap(), fs::read(folder.join("above/call_002.png")).unwrap());
     let refused = |camera: &[&str]| complaint(folder, 2, &[&["frames", trace, "--out", "no", "--at", "2"], camera].concat());
     assert!(refused(&["--camera", "side"]).contains("no camera is called 'side'"));
-    assert!(refused(&["--camera", "free", "--eye", "1,2,3"]).contains("needs --look-at"));
+    assert!(refused(&["--camera", "free", "--eye", "1,2,3"]).contains("needs a look-at"));
     assert!(refused(&["--camera", "free", "--eye", "1,2", "--look-at", "1,2,3"]).contains("'1,2' is not three finite numbers"));
     assert!(refused(&["--camera", "follow:unicorn"]).contains("has no object unicorn"));
     assert!(refused(&["--eye", "1,2,3"]).contains("for --camera free"));
