@@ -23,7 +23,7 @@ fn cameras_and_films() {
     assert!(refused(&["--camera", "free", "--eye", "1,2,3"]).contains("needs a look-at"));
     assert!(refused(&["--camera", "free", "--eye", "1,2", "--look-at", "1,2,3"]).contains("'1,2' is not three finite numbers"));
     assert!(refused(&["--camera", "follow:unicorn"]).contains("has no object unicorn"));
-    assert!(refused(&["--eye", "1,2,3"]).contains("for --camera free"));
+    assert!(refused(&["--eye", "1,2,3"]).contains("for the free camera"));
 
     expect(folder, 0, &["branch", trace, "--at", "3", "--policy", "oracle", "--out", "b.mcap", "--no-cache"]);
     let film = ["video", trace, "--beside", "b.mcap", "--camera", "top-down", "--out", "film.gif", "--json"];
