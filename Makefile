@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy eval-blame prove-sft lint acceptance determinism determinism-cross clean
+.PHONY: help demo test bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy eval-blame prove-sft conformance service lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -40,6 +40,12 @@ eval-blame: ## how often the decisive step is right, on 600 episodes with inject
 prove-sft: ## train a small language model on an exported set and measure it in a home it never saw (needs Python)
 	tests/training/prove-sft.sh
 
+conformance: ## the published MCP conformance suite against our stack (needs npm)
+	tests/conformance.sh
+
+service: ## `reel serve` from outside: agents, published texts, leaks, faults, fuzzing (needs Python; twelve minutes)
+	tests/service.sh
+
 lint: ## check format and lints
 	cargo fmt --all --check
 	cargo clippy --locked --workspace --all-targets -- -D warnings
@@ -49,6 +55,8 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/determinism.sh
 	tests/eval-taxonomy.sh
 	tests/eval-blame.sh
+	tests/conformance.sh
+	tests/service.sh
 
 determinism: ## execute the golden traces in every build and condition of this machine: one table
 	tests/determinism.sh

@@ -144,7 +144,8 @@ impl SessionEvents {
 #[async_trait]
 impl EventStore for SessionEvents {
     async fn store_event(&self, stream_id: &str, event: &ServerSseMessage) -> Result<String, EventStoreError> {
-        let id = self.all.lock().store(self.session, stream_id, event.message.as_ref(), Instant::now());
+        let message = event.message.as_ref().map(|message| (message.clone(), json_bytes(message)));
+        let id = self.all.lock().store(self.session, stream_id, message, Instant::now());
         self.changed.notify_waiters();
         Ok(id.to_string())
     }
@@ -266,6 +267,7 @@ impl Log {
 
     /// Number of a stream that rmcp names; a new one, if need be.
     fn number(&mut self, name: &str) -> u64 {
+        // rmcp calls it `<session>:common`, and those of requests by random numbers.
         if name.ends_with(":common") {
             return STANDALONE;
         }
@@ -297,20 +299,19 @@ impl Logs {
         self.sessions.get(&session)?.streams.get(&stream)
     }
 
-    /// Gives an event its id, and keeps its message.
-    fn store(&mut self, session: u64, name: &str, message: Option<&Arc<ServerJsonRpcMessage>>, now: Instant) -> EventId {
+    /// Gives an event its id, and keeps its message, of so many bytes.
+    fn store(&mut self, session: u64, name: &str, message: Option<(Arc<ServerJsonRpcMessage>, usize)>, now: Instant) -> EventId {
         // What a session says after its end goes to nobody.
         let Some(log) = self.sessions.get_mut(&session) else { return EventId { stream: STANDALONE, index: 0 } };
         let number = log.number(name);
         let stream = log.streams.get_mut(&number).expect("a stream with a number");
         stream.last += 1;
         let id = EventId { stream: number, index: stream.last };
-        if let Some(message) = message {
+        if let Some((message, bytes)) = message {
             self.stored += 1;
-            let (order, bytes) = (self.stored, json_bytes(message));
-            let event = Event { index: id.index, order, stored_at: now, bytes, message: message.clone() };
-            let is_answer = matches!(**message, JsonRpcMessage::Response(_) | JsonRpcMessage::Error(_));
+            let is_answer = matches!(*message, JsonRpcMessage::Response(_) | JsonRpcMessage::Error(_));
             stream.answered |= is_answer && number != STANDALONE;
+            let event = Event { index: id.index, order: self.stored, stored_at: now, bytes, message };
             self.kept.add(&event);
             stream.events.push_back(event);
         }
@@ -422,17 +423,18 @@ mod tests {
 
     use super::*;
 
-    /// An answer, or something said before one, of about so many bytes.
-    fn message(is_answer: bool, bytes: usize) -> Arc<ServerJsonRpcMessage> {
-        let text = "x".repeat(bytes);
+    /// An answer, or something said before one.
+    fn message(is_answer: bool) -> Arc<ServerJsonRpcMessage> {
         let message = match is_answer {
-            true => json!({"jsonrpc": "2.0", "id": 1, "result": {"content": [{"type": "text", "text": text}]}}),
-            false => json!({
-                "jsonrpc": "2.0", "method": "notifications/progress",
-                "params": {"progressToken": 1, "progress": 1.0, "message": text},
-            }),
+            true => json!({"jsonrpc": "2.0", "id": 1, "result": {}}),
+            false => json!({"jsonrpc": "2.0", "method": "notifications/tools/list_changed"}),
         };
         Arc::new(serde_json::from_value(message).unwrap())
+    }
+
+    /// The same, of so many bytes.
+    fn of(is_answer: bool, bytes: usize) -> Option<(Arc<ServerJsonRpcMessage>, usize)> {
+        Some((message(is_answer), bytes))
     }
 
     /// Ids of the events after one of them, as far as they are kept.
@@ -476,8 +478,8 @@ mod tests {
         let primed = logs.store(session, "a", None, now);
         assert_eq!(primed.to_string(), "1/1");
         assert_eq!(logs.kept, Kept::default());
-        logs.store(session, "a", Some(&message(false, 9)), now);
-        let answer = logs.store(session, "a", Some(&message(true, 9)), now);
+        logs.store(session, "a", of(false, 9), now);
+        let answer = logs.store(session, "a", of(true, 9), now);
         assert_eq!(after(&logs, session, "1/1"), ["2/1", "3/1"]);
         assert_eq!(after(&logs, session, "2/1"), ["3/1"]);
         assert!(matches!(logs.next(session, answer), Next::End));
@@ -494,7 +496,7 @@ mod tests {
         assert!(matches!(logs.next(session, second), Next::Wait));
         assert_eq!(logs.kept, Kept::default());
         logs.close(session);
-        logs.store(session, "b", Some(&message(true, 9)), now);
+        logs.store(session, "b", of(true, 9), now);
         assert!(matches!(logs.next(session, second), Next::End));
         check(&logs);
     }
@@ -503,9 +505,9 @@ mod tests {
     fn nothing_is_kept_for_long() {
         let (mut logs, begun) = (Logs::default(), Instant::now());
         let session = logs.open();
-        let taken = logs.store(session, "a", Some(&message(true, 9)), begun);
-        let untaken = logs.store(session, "b", Some(&message(true, 9)), begun);
-        let standalone = logs.store(session, "x:common", Some(&message(false, 9)), begun);
+        let taken = logs.store(session, "a", of(true, 9), begun);
+        let untaken = logs.store(session, "b", of(true, 9), begun);
+        let standalone = logs.store(session, "x:common", of(false, 9), begun);
         logs.take(session, taken, begun);
         logs.take(session, standalone, begun);
         logs.take(session, EventId { stream: 9, index: 1 }, begun);
@@ -527,34 +529,34 @@ mod tests {
         let (mut logs, now) = (Logs::default(), Instant::now());
         let session = logs.open();
         for _ in 0..20 {
-            logs.store(session, "a", Some(&message(false, 9)), now);
+            logs.store(session, "a", of(false, 9), now);
         }
         assert_eq!(after(&logs, session, "1/1").len(), OF_STREAM.events, "the last ones");
         assert_eq!(after(&logs, session, "19/1"), ["20/1"]);
         // Requests that are never answered, and answers that are never taken.
         for number in 0..100 {
             logs.store(session, &format!("open {number}"), None, now);
-            logs.store(session, &format!("answered {number}"), Some(&message(true, 100_000)), now);
+            logs.store(session, &format!("answered {number}"), of(true, 100_000), now);
             check(&logs);
         }
         let kept = logs.sessions[&session].kept();
         assert_eq!(after(&logs, session, "0/201"), ["1/201"], "{kept:?}");
         // An answer larger than a session may have is nowhere, and disturbs nothing that comes later.
-        logs.store(session, "large", Some(&message(true, OF_SESSION.bytes)), now);
-        logs.store(session, "small", Some(&message(true, 9)), now);
+        logs.store(session, "large", of(true, OF_SESSION.bytes), now);
+        logs.store(session, "small", of(true, 9), now);
         assert_eq!((after(&logs, session, "0/202"), after(&logs, session, "0/203")), (vec![], vec!["1/203".to_owned()]));
         check(&logs);
     }
 
     #[test]
     fn all_sessions_together_have_a_bound() {
-        let (mut logs, now, picture) = (Logs::default(), Instant::now(), message(true, 130_000));
+        let (mut logs, now) = (Logs::default(), Instant::now());
         let sessions: Vec<u64> = (0..1_000).map(|_| logs.open()).collect();
         for session in &sessions {
-            logs.store(*session, "a", Some(&picture), now);
+            logs.store(*session, "a", of(true, 130_000), now);
         }
         check(&logs);
-        let room = OF_ALL.bytes / json_bytes(&picture);
+        let room = OF_ALL.bytes / 130_000;
         assert_eq!(logs.kept.events, room);
         let holds = |session: &u64| logs.sessions[session].kept().events;
         assert!(sessions[1_000 - room..].iter().all(|session| holds(session) == 1), "the last ones");
@@ -577,13 +579,13 @@ mod tests {
         let replay = session.replay_events_after(&primed).await.unwrap();
         let replay = tokio::spawn(replay.map(|event| event.event_id.unwrap()).collect::<Vec<_>>());
         tokio::task::yield_now().await;
-        say("a", message(false, 9)).await;
+        say("a", message(false)).await;
         tokio::task::yield_now().await;
-        say("b", message(true, 9)).await;
-        say("a", message(true, 9)).await;
+        say("b", message(true)).await;
+        say("a", message(true)).await;
         assert_eq!(replay.await.unwrap(), ["2/1", "3/1"]);
         let mut standalone = session.replay_events_after("0").await.unwrap();
-        say("x:common", message(false, 9)).await;
+        say("x:common", message(false)).await;
         assert_eq!(standalone.next().await.unwrap().event_id.as_deref(), Some("1"));
         let ended = tokio::spawn(async move { standalone.next().await.is_none() });
         tokio::task::yield_now().await;
@@ -593,5 +595,10 @@ mod tests {
             assert!(session.replay_events_after(id).await.is_err(), "{id}");
         }
         assert_eq!(events.kept(), Kept::default());
+    }
+
+    #[test]
+    fn bytes_are_those_of_the_json() {
+        assert_eq!(json_bytes(&message(true)), r#"{"jsonrpc":"2.0","id":1,"result":{}}"#.len());
     }
 }

@@ -51,6 +51,10 @@ fn needed(method: &Method, path: &str) -> Option<Role> {
 
 /// Lets a request through, or says why not.
 pub(crate) async fn pass(State(app): State<Arc<App>>, mut request: Request, next: Next) -> Response {
+    let page = app.guard.page(&request);
+    if let Some(answer) = page.preflight() {
+        return answer;
+    }
     let begun = Instant::now();
     let method = request.method().clone();
     let route = request.extensions().get::<MatchedPath>().map_or_else(|| "none".to_owned(), |path| path.as_str().to_owned());
@@ -58,6 +62,7 @@ pub(crate) async fn pass(State(app): State<Arc<App>>, mut request: Request, next
         Ok(()) => next.run(request).await,
         Err(error) => axum::response::IntoResponse::into_response(error),
     };
+    page.share(&mut response);
     let headers = response.headers_mut();
     // Answers are never pages of somebody else's.
     headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));

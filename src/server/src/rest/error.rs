@@ -68,6 +68,10 @@ impl ApiError {
         Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too_large", message)
     }
 
+    pub fn not_satisfiable(message: String) -> Self {
+        Self::new(StatusCode::RANGE_NOT_SATISFIABLE, "out_of_range", message)
+    }
+
     pub fn unprocessable(code: &'static str, message: String) -> Self {
         Self::new(StatusCode::UNPROCESSABLE_ENTITY, code, message)
     }
@@ -82,6 +86,12 @@ impl ApiError {
 
     pub fn internal(message: &str) -> Self {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", message)
+    }
+
+    /// The same without a folder before the names of what is in it.
+    pub fn without(mut self, folder: &std::path::Path) -> Self {
+        self.message = self.message.replace(&format!("{}{}", folder.display(), std::path::MAIN_SEPARATOR), "");
+        self
     }
 
     /// The disk refuses.

@@ -25,14 +25,15 @@ pub(super) async fn healthz() -> Json<Health> {
 }
 
 /// Whether it takes calls.
-#[utoipa::path(get, path = "/readyz", tag = "service", responses((status = 200, body = Health)))]
+#[utoipa::path(get, path = "/readyz", tag = "service",
+    responses((status = 200, body = Health), (status = 503, body = ErrorBody)))]
 pub(super) async fn readyz(State(app): State<Arc<App>>) -> Result<Json<Health>, ApiError> {
     if app.ready.load(Ordering::Acquire) { Ok(healthz().await) } else { Err(ApiError::busy("it is shutting down")) }
 }
 
 /// Counts and times, as Prometheus reads them.
 #[utoipa::path(get, path = "/metrics", tag = "service", security(("token" = [])),
-    responses((status = 200, body = String, content_type = "application/openmetrics-text"), (status = 401, body = ErrorBody)))]
+    responses((status = 200, body = String, content_type = "application/openmetrics-text")))]
 pub(super) async fn metrics(State(app): State<Arc<App>>) -> impl IntoResponse {
     let text = app.metrics.text(&app.pool.entries());
     ([(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")], text)

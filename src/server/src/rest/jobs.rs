@@ -25,31 +25,31 @@ use crate::{
 const TELL_EVERY: Duration = Duration::from_millis(200);
 
 /// Every job, the newest first.
-#[utoipa::path(get, path = "/api/jobs", tag = "jobs", security(("token" = [])),
-    responses((status = 200, body = Vec<Job>), (status = 401, body = ErrorBody)))]
+#[utoipa::path(get, path = "/api/jobs", operation_id = "list_jobs", tag = "jobs", security(("token" = [])),
+    responses((status = 200, body = Vec<Job>)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Job>> {
     Json(app.jobs.list())
 }
 
 /// Starts a job; one is at work at a time, the others wait.
 #[utoipa::path(post, path = "/api/jobs", tag = "jobs", security(("token" = [])), request_body = Work,
-    responses((status = 202, body = Job), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    responses((status = 202, body = Job), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody)))]
 pub(super) async fn start(State(app): State<Arc<App>>, Body(work): Body<Work>) -> Result<(StatusCode, Json<Job>), ApiError> {
     Ok((StatusCode::ACCEPTED, Json(app.jobs.start(work)?)))
 }
 
 /// One job.
-#[utoipa::path(get, path = "/api/jobs/{id}", tag = "jobs", security(("token" = [])), params(("id" = u64, Path)),
-    responses((status = 200, body = Job), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody)))]
+#[utoipa::path(get, path = "/api/jobs/{id}", operation_id = "show_job", tag = "jobs", security(("token" = [])),
+    params(("id" = u64, Path)),
+    responses((status = 200, body = Job), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn show(State(app): State<Arc<App>>, Named(id): Named<u64>) -> Result<Json<Job>, ApiError> {
     Ok(Json(app.jobs.watch(id)?.borrow().clone()))
 }
 
 /// Stops a job. What it had done stays, and the same job goes on from there.
 #[utoipa::path(delete, path = "/api/jobs/{id}", tag = "jobs", security(("token" = [])), params(("id" = u64, Path)),
-    responses((status = 202), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 202), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody)))]
 pub(super) async fn cancel(State(app): State<Arc<App>>, Named(id): Named<u64>) -> Result<StatusCode, ApiError> {
     app.jobs.cancel(id).map(|()| StatusCode::ACCEPTED)
@@ -57,8 +57,8 @@ pub(super) async fn cancel(State(app): State<Arc<App>>, Named(id): Named<u64>) -
 
 /// A job while it goes on, as server-sent events of type `job`; ends with the job.
 #[utoipa::path(get, path = "/api/jobs/{id}/events", tag = "jobs", security(("token" = [])), params(("id" = u64, Path)),
-    responses((status = 200, body = String, content_type = "text/event-stream"), (status = 400, body = ErrorBody),
-        (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+    responses((status = 200, description = "Events whose data is a job, as JSON", content_type = "text/event-stream"),
+        (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn events(
     State(app): State<Arc<App>>,
     Named(id): Named<u64>,

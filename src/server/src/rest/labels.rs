@@ -14,8 +14,12 @@ use super::{
     error::ErrorBody,
     extract::{Asked, Body},
     tables::rows,
+    told,
 };
 use crate::{gate::Caller, service::App};
+
+/// Longest text of a label: it goes through a command line.
+const TEXT_BYTES: usize = 16 << 10;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -25,9 +29,9 @@ pub(super) struct Which {
 }
 
 /// Labels of episodes.
-#[utoipa::path(get, path = "/api/labels", tag = "tables", security(("token" = [])), params(Which),
-    responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody)))]
+#[utoipa::path(get, path = "/api/labels", operation_id = "list_labels", tag = "tables", security(("token" = [])), params(Which),
+    responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn list(State(app): State<Arc<App>>, Asked(which): Asked<Which>) -> Result<Json<Value>, ApiError> {
     let labels = analyse(&app, move |app| match which.episode {
         Some(id) => {
@@ -50,8 +54,10 @@ pub(super) struct LabelBody {
     /// What within the class.
     sub_class: Option<String>,
     /// The decisive step.
+    #[schema(minimum = 0)]
     step: Option<i32>,
     /// How sure, from 0 to 1.
+    #[schema(minimum = 0, maximum = 1)]
     confidence: Option<f64>,
     /// Why, in words.
     note: Option<String>,
@@ -64,14 +70,14 @@ pub(super) struct LabelBody {
 
 /// Keeps a label.
 #[utoipa::path(post, path = "/api/labels", tag = "tables", security(("token" = [])), request_body = LabelBody,
-    responses((status = 201, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 422, body = ErrorBody)))]
+    responses((status = 201, body = LabelBody), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody)))]
 pub(super) async fn set(
     State(app): State<Arc<App>>,
     caller: Option<Extension<Caller>>,
     Body(label): Body<LabelBody>,
 ) -> Result<(StatusCode, Json<Value>), ApiError> {
     let author = caller.map(|Extension(caller)| caller.0).or_else(|| label.author.clone());
+    let author = author.filter(|author| !author.trim().is_empty());
     let author = author.ok_or_else(|| ApiError::unprocessable("no_author", "say who says so: author".to_owned()))?;
     // The command knows what a label may be, and the tables take one writer at a time.
     let mut command = Command::new(std::env::current_exe().map_err(ApiError::disk)?);
@@ -84,6 +90,11 @@ pub(super) async fn set(
         ("note", label.note.clone()),
         ("author", Some(author.clone())),
     ];
+    let mut all = texts.iter().filter_map(|(_, value)| value.as_ref()).chain([&label.episode]);
+    if all.any(|text| text.len() > TEXT_BYTES || text.contains('\0')) {
+        let text = format!("a text of a label has at most {TEXT_BYTES} bytes, and no NUL");
+        return Err(ApiError::unprocessable("bad_label", text));
+    }
     for (option, value) in texts {
         if let Some(value) = value {
             command.arg(format!("--{option}={value}"));
@@ -96,7 +107,7 @@ pub(super) async fn set(
     let output = command.output().await.map_err(ApiError::disk)?;
     if !output.status.success() {
         let said = String::from_utf8_lossy(&output.stderr).trim().trim_start_matches("reel: ").to_owned();
-        return Err(ApiError::unprocessable("bad_label", said));
+        return Err(told(&app, ApiError::unprocessable("bad_label", said)));
     }
     let mut kept = json!(label);
     kept["author"] = json!(author);

@@ -21,7 +21,11 @@ use axum::{
 };
 use utoipa::{
     Modify, OpenApi,
-    openapi::security::{Http, HttpAuthScheme, SecurityScheme},
+    openapi::{
+        Content, Ref, RefOr, Required, ResponseBuilder, Schema,
+        path::ParameterIn,
+        security::{Http, HttpAuthScheme, SecurityScheme},
+    },
 };
 use utoipa_axum::{router::OpenApiRouter, routes};
 
@@ -54,8 +58,49 @@ impl Modify for Security {
     }
 }
 
-fn documented() -> OpenApiRouter<Arc<App>> {
-    OpenApiRouter::with_openapi(Document::openapi())
+/// What holds for every operation and is said once: how names in paths look, and what the gate may answer (`crate::gate`).
+struct Everywhere;
+
+/// Names in paths, where not every text is one.
+const NAMES: [(&str, &str); 3] = [
+    ("trace", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}$"),
+    ("moment", r"^(start|[0-9]{1,9})(\.png)?$"),
+    ("worker", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,61}$"),
+];
+
+impl Modify for Everywhere {
+    fn modify(&self, openapi: &mut utoipa::openapi::OpenApi) {
+        let paths = openapi.paths.paths.values_mut();
+        let operations = paths.flat_map(|path| [&mut path.get, &mut path.put, &mut path.post, &mut path.delete]).flatten();
+        for operation in operations {
+            for parameter in operation.parameters.iter_mut().flatten().filter(|it| it.parameter_in == ParameterIn::Path) {
+                let pattern = NAMES.iter().find(|(name, _)| *name == parameter.name).map(|(_, pattern)| (*pattern).to_owned());
+                if let Some(RefOr::T(Schema::Object(schema))) = &mut parameter.schema {
+                    schema.pattern = pattern;
+                }
+            }
+            let mut may_answer = |status: &str, why: &str| {
+                let body = Content::new(Some(Ref::from_schema_name("ErrorBody")));
+                let response = ResponseBuilder::new().description(why).content("application/json", body).build();
+                operation.responses.responses.insert(status.to_owned(), response.into());
+            };
+            may_answer("403", "A host or a page that may not call, or a token without the role");
+            may_answer("429", "Too much at once; wait a moment");
+            if operation.security.is_some() {
+                may_answer("401", "No token, or none of ours");
+            }
+            if let Some(body) = &mut operation.request_body {
+                body.required = Some(Required::True);
+                may_answer("408", "The body did not come in time");
+                may_answer("413", "The body is larger than what is taken");
+            }
+        }
+    }
+}
+
+/// Every route of the service, and the document of all of them.
+fn documented() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
+    let routes = OpenApiRouter::with_openapi(Document::openapi())
         .routes(routes!(health::healthz))
         .routes(routes!(health::readyz))
         .routes(routes!(health::metrics))
@@ -82,17 +127,20 @@ fn documented() -> OpenApiRouter<Arc<App>> {
         .routes(routes!(sessions::questions))
         .routes(routes!(sessions::answer))
         .routes(routes!(sessions::lease))
-        .routes(routes!(sessions::release))
+        .routes(routes!(sessions::release));
+    let (router, mut document) = routes.split_for_parts();
+    Everywhere.modify(&mut document);
+    (router, document)
 }
 
 /// The OpenAPI document.
 pub fn openapi() -> utoipa::openapi::OpenApi {
-    documented().into_openapi()
+    documented().1
 }
 
 /// Every route of the service.
 pub(crate) fn router(app: &Arc<App>) -> Router {
-    let (router, document) = documented().split_for_parts();
+    let (router, document) = documented();
     let document = Arc::new(document);
     let document = get(move |State(_): State<Arc<App>>| async move { Json(document.as_ref().clone()) });
     router.route("/api/openapi.json", document).with_state(app.clone())
@@ -111,6 +159,14 @@ pub(crate) fn broke_down(panic: Box<dyn Any + Send + 'static>) -> Response {
     ApiError::internal("the request broke down; the log says where").into_response()
 }
 
+/// An error as clients see it: names, never paths of this machine.
+fn told(app: &App, error: ApiError) -> ApiError {
+    match app.archive.folder().parent() {
+        Some(data) => error.without(data),
+        None => error,
+    }
+}
+
 /// Does blocking work where few do at a time, and gives its answer.
 async fn analyse<T: Send + 'static>(
     app: &Arc<App>,
@@ -121,7 +177,7 @@ async fn analyse<T: Send + 'static>(
     let _place = place.expect("the places are never closed");
     let inner = app.clone();
     match tokio::task::spawn_blocking(move || work(&inner)).await {
-        Ok(answer) => answer,
+        Ok(answer) => answer.map_err(|error| told(app, error)),
         Err(error) if error.is_panic() => std::panic::resume_unwind(error.into_panic()),
         Err(_) => Err(ApiError::busy("the server is shutting down")),
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use axum::{Json, extract::State, http::StatusCode};
-use reel_live::{Entry, Lease};
+use reel_live::{Entry, Lease, check_name};
 use reel_mcp::Worker;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -17,16 +17,16 @@ use super::{
 use crate::service::App;
 
 /// Live sessions, by name.
-#[utoipa::path(get, path = "/api/sessions", tag = "sessions", security(("token" = [])),
-    responses((status = 200, body = Vec<Object>), (status = 401, body = ErrorBody)))]
+#[utoipa::path(get, path = "/api/sessions", operation_id = "list_sessions", tag = "sessions", security(("token" = [])),
+    responses((status = 200, body = Vec<Object>)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
     Json(app.pool.entries().iter().map(|entry| shown(&app, entry)).collect())
 }
 
 /// One live session.
-#[utoipa::path(get, path = "/api/sessions/{session}", tag = "sessions", security(("token" = [])),
+#[utoipa::path(get, path = "/api/sessions/{session}", operation_id = "show_session", tag = "sessions", security(("token" = [])),
     params(("session" = String, Path)),
-    responses((status = 200, body = Object), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn show(State(app): State<Arc<App>>, Named(session): Named<String>) -> Result<Json<Value>, ApiError> {
     Ok(Json(shown(&app, &app.pool.entry(&session)?)))
 }
@@ -34,7 +34,7 @@ pub(super) async fn show(State(app): State<Arc<App>>, Named(session): Named<Stri
 /// Closes a session: its episode ends as aborted, and its trace is whole.
 #[utoipa::path(delete, path = "/api/sessions/{session}", tag = "sessions", security(("token" = [])),
     params(("session" = String, Path)),
-    responses((status = 204), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+    responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn close(State(app): State<Arc<App>>, Named(session): Named<String>) -> Result<StatusCode, ApiError> {
     app.pool.close(&session).await?;
     Ok(StatusCode::NO_CONTENT)
@@ -42,7 +42,7 @@ pub(super) async fn close(State(app): State<Arc<App>>, Named(session): Named<Str
 
 /// Questions of policies that wait for a person (`play.ask = "rest"`).
 #[utoipa::path(get, path = "/api/questions", tag = "sessions", security(("token" = [])),
-    responses((status = 200, body = Vec<Object>), (status = 401, body = ErrorBody)))]
+    responses((status = 200, body = Vec<Object>)))]
 pub(super) async fn questions(State(app): State<Arc<App>>) -> Json<Value> {
     Json(json!(app.questions.open()))
 }
@@ -58,7 +58,7 @@ pub(super) struct Answer {
 /// Answers the question of a session.
 #[utoipa::path(post, path = "/api/sessions/{session}/answer", tag = "sessions", security(("token" = [])),
     params(("session" = String, Path)), request_body = Answer,
-    responses((status = 204), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody),
+    responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody)))]
 pub(super) async fn answer(
     State(app): State<Arc<App>>,
@@ -77,6 +77,7 @@ pub(super) async fn answer(
 #[serde(deny_unknown_fields)]
 pub(super) struct LeaseBody {
     /// Name of the worker whose simulator it gets.
+    #[schema(pattern = "^[A-Za-z0-9][A-Za-z0-9_.-]{0,61}$")]
     worker: String,
     /// The task of all rollouts.
     task_id: String,
@@ -103,8 +104,8 @@ pub(super) struct Leased {
 
 /// Leases a simulator to a prompt group: every `finish` begins the next rollout, with equal task and seed.
 #[utoipa::path(post, path = "/api/leases", tag = "sessions", security(("token" = [])), request_body = LeaseBody,
-    responses((status = 201, body = Leased), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    responses((status = 201, body = Leased), (status = 400, body = ErrorBody), (status = 409, body = ErrorBody),
+        (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn lease(
     State(app): State<Arc<App>>,
     Body(body): Body<LeaseBody>,
@@ -112,6 +113,8 @@ pub(super) async fn lease(
     if body.rollouts == 0 {
         return Err(ApiError::unprocessable("bad_body", "rollouts: at least 1".to_owned()));
     }
+    // Its name goes into an address, too.
+    check_name(&body.worker)?;
     let worker = Worker::named(&body.worker)?;
     let made = || format!("{}--{}--{}--{}", app.pool.setup().run_id, body.worker, body.task_id, body.seed);
     let group_id = body.group_id.clone().unwrap_or_else(made);
@@ -125,7 +128,7 @@ pub(super) async fn lease(
 /// Gives a simulator back: what runs in it ends as aborted.
 #[utoipa::path(delete, path = "/api/leases/{worker}", tag = "sessions", security(("token" = [])),
     params(("worker" = String, Path)),
-    responses((status = 204), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+    responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn release(State(app): State<Arc<App>>, Named(worker): Named<String>) -> Result<StatusCode, ApiError> {
     let household = Worker::named(&worker)?.household();
     if app.pool.entry(&household)?.group_id.is_none() {

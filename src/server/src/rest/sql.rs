@@ -22,6 +22,7 @@ use super::{
     ApiError,
     error::ErrorBody,
     extract::{Asked, Body as JsonBody, Named},
+    told,
 };
 use crate::service::App;
 
@@ -50,6 +51,7 @@ pub(super) struct Question {
     sql: String,
     /// Values of its `$parameters`.
     #[serde(default)]
+    #[schema(inline)]
     parameters: Parameters,
     /// How the answer looks.
     #[serde(default)]
@@ -68,9 +70,10 @@ impl App {
 
 /// Asks the tables in SQL.
 #[utoipa::path(post, path = "/api/sql", tag = "tables", security(("token" = [])), request_body = Question,
-    responses((status = 200, description = "JSON, CSV or an Arrow IPC stream", body = Vec<Object>),
-        (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody),
-        (status = 422, body = ErrorBody)))]
+    responses((status = 200, description = "As the format says",
+            content((Vec<Object> = "application/json"), ("text/csv"), ("application/vnd.apache.arrow.stream"))),
+        (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 422, body = ErrorBody),
+        (status = 503, body = ErrorBody)))]
 pub(super) async fn ask(State(app): State<Arc<App>>, JsonBody(question): JsonBody<Question>) -> Result<Response, ApiError> {
     answer(app, question).await
 }
@@ -82,13 +85,14 @@ pub(super) struct NamedQuery {
     /// What it answers.
     summary: String,
     /// Its parameters, with what they are where nobody says otherwise.
+    #[schema(inline)]
     parameters: Parameters,
     sql: &'static str,
 }
 
 /// The queries that come with Reel.
 #[utoipa::path(get, path = "/api/queries", tag = "tables", security(("token" = [])),
-    responses((status = 200, body = Vec<NamedQuery>), (status = 401, body = ErrorBody)))]
+    responses((status = 200, body = Vec<NamedQuery>)))]
 pub(super) async fn named() -> Json<Vec<NamedQuery>> {
     let query = |query: &'static named::NamedQuery| NamedQuery {
         name: query.name,
@@ -107,15 +111,17 @@ pub(super) struct NamedOptions {
     #[param(inline)]
     format: AnswerFormat,
     /// Values of its parameters: `name=value`, several joined by commas.
+    #[param(pattern = "^([^,]*=[^,]*)?(,([^,]*=[^,]*)?)*$")]
     parameters: Option<String>,
 }
 
 /// Asks a query that comes with Reel.
 #[utoipa::path(get, path = "/api/queries/{name}", tag = "tables", security(("token" = [])),
     params(("name" = String, Path), NamedOptions),
-    responses((status = 200, description = "JSON, CSV or an Arrow IPC stream", body = Vec<Object>),
-        (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody),
-        (status = 422, body = ErrorBody)))]
+    responses((status = 200, description = "As the format says",
+            content((Vec<Object> = "application/json"), ("text/csv"), ("application/vnd.apache.arrow.stream"))),
+        (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 422, body = ErrorBody),
+        (status = 503, body = ErrorBody)))]
 pub(super) async fn ask_named(
     State(app): State<Arc<App>>,
     Named(name): Named<String>,
@@ -144,10 +150,11 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
     let busy = || ApiError::busy("too much is being asked; try again in a moment");
     tokio::time::timeout(patience, app.analyses.acquire()).await.map_err(|_| busy())?.map_err(|_| busy())?.forget();
     let (sender, mut parts) = mpsc::channel::<Result<Bytes, QueryError>>(AHEAD);
+    let asked = app.clone();
     tokio::task::spawn_blocking(move || {
         // Given back also when the query panics.
-        let _place = GiveBack(&app);
-        if let Err(error) = run(&app, &question, &sender) {
+        let _place = GiveBack(&asked);
+        if let Err(error) = run(&asked, &question, &sender) {
             let _ = sender.blocking_send(Err(error));
         }
     });
@@ -158,7 +165,7 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
             let body = futures_util::stream::once(async { Ok::<_, io::Error>(first) }).chain(rest);
             Ok(([(header::CONTENT_TYPE, kind)], Body::from_stream(body)).into_response())
         }
-        Some(Err(error)) => Err(error.into()),
+        Some(Err(error)) => Err(told(&app, error.into())),
         None => Err(ApiError::internal("the query broke down; the log says where")),
     }
 }

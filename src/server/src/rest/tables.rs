@@ -5,9 +5,9 @@ use std::sync::Arc;
 use axum::{Json, extract::State};
 use reel_query::{Format, Parameters, Session};
 use reel_tables::Store;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::IntoParams;
+use utoipa::{IntoParams, ToSchema};
 
 use super::{
     ApiError, analyse,
@@ -43,14 +43,23 @@ fn page() -> usize {
     100
 }
 
+/// A part of the episodes.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Episodes {
+    #[schema(value_type = Vec<Object>)]
+    episodes: Vec<Value>,
+    /// What to give as `after` for the next part; null at the end.
+    next: Option<String>,
+}
+
 const COLUMNS: &str = "episode_id, run_id, group_id, rollout_index, task_id, family, policy, seed, profile, success, completion, \
                        total_reward, length, asks, end_reason, trace";
 
 /// Episodes of the tables, by id.
 #[utoipa::path(get, path = "/api/episodes", tag = "tables", security(("token" = [])), params(Filter),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody)))]
-pub(super) async fn episodes(State(app): State<Arc<App>>, Asked(filter): Asked<Filter>) -> Result<Json<Value>, ApiError> {
+    responses((status = 200, body = Episodes), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
+pub(super) async fn episodes(State(app): State<Arc<App>>, Asked(filter): Asked<Filter>) -> Result<Json<Episodes>, ApiError> {
     let limit = limited(filter.limit)?;
     let mut conditions = vec!["episode_id > $after".to_owned()];
     let mut parameters = Parameters::from([("after".to_owned(), filter.after)]);
@@ -66,14 +75,16 @@ pub(super) async fn episodes(State(app): State<Arc<App>>, Asked(filter): Asked<F
     }
     let sql = format!("SELECT {COLUMNS} FROM episodes WHERE {} ORDER BY episode_id LIMIT {limit}", conditions.join(" AND "));
     let episodes = analyse(&app, move |app| rows(app, &sql, &parameters)).await?;
-    let next = episodes.last().filter(|_| episodes.len() == limit).map(|last| last["episode_id"].clone());
-    Ok(Json(json!({"episodes": episodes, "next": next})))
+    let last = episodes.last().filter(|_| episodes.len() == limit);
+    let next = last.and_then(|last| last["episode_id"].as_str()).map(str::to_owned);
+    Ok(Json(Episodes { episodes, next }))
 }
 
 /// One episode of the tables, with its class, blame and labels.
 #[utoipa::path(get, path = "/api/episodes/{episode}", tag = "tables", security(("token" = [])),
     params(("episode" = String, Path)),
-    responses((status = 200, body = Object), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn episode(State(app): State<Arc<App>>, Named(id): Named<String>) -> Result<Json<Value>, ApiError> {
     let found = analyse(&app, move |app| {
         let parameters = Parameters::from([("id".to_owned(), id.clone())]);

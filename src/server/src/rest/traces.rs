@@ -9,12 +9,12 @@ use axum::{
     http::{HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
-use reel_agents::RecordTo;
+use reel_agents::{AgentError, RecordTo};
 use reel_blame::Options;
-use reel_branch::{Branch, Then};
+use reel_branch::{Branch, BranchError, Then};
 use reel_replay::{Verdict, Viewpoint, view_at};
 use reel_reward::Preset;
-use reel_trace::{Images, RecordOptions, Trace, encode_png};
+use reel_trace::{Images, RecordOptions, Trace, TraceError, encode_png};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, ToolCall};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -52,13 +52,13 @@ fn page() -> usize {
 #[derive(Serialize, ToSchema)]
 pub(super) struct Traces {
     traces: Vec<TraceFile>,
-    /// What to give as `after` for the next part; absent at the end.
+    /// What to give as `after` for the next part; null at the end.
     next: Option<String>,
 }
 
 /// Traces by name.
-#[utoipa::path(get, path = "/api/traces", tag = "traces", security(("token" = [])), params(Page),
-    responses((status = 200, body = Traces), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody)))]
+#[utoipa::path(get, path = "/api/traces", operation_id = "list_traces", tag = "traces", security(("token" = [])), params(Page),
+    responses((status = 200, body = Traces), (status = 400, body = ErrorBody), (status = 507, body = ErrorBody)))]
 pub(super) async fn list(State(app): State<Arc<App>>, Asked(page): Asked<Page>) -> Result<Json<Traces>, ApiError> {
     let limit = limited(page.limit)?;
     let traces = app.archive.list(&page.after, limit).map_err(ApiError::disk)?;
@@ -77,9 +77,9 @@ pub(super) fn limited(limit: usize) -> Result<usize, ApiError> {
 /// Takes a trace in. It is there when the answer comes, and only if it is sound.
 #[utoipa::path(put, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path, description = "Name without .mcap")),
-    request_body(content = Vec<u8>, content_type = "application/octet-stream"),
-    responses((status = 201, body = TraceFile), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    request_body(description = "The file", content_type = "application/octet-stream"),
+    responses((status = 201, body = TraceFile), (status = 400, body = ErrorBody), (status = 409, body = ErrorBody),
+        (status = 422, body = ErrorBody), (status = 507, body = ErrorBody)))]
 pub(super) async fn upload(
     State(app): State<Arc<App>>,
     Named(trace): Named<String>,
@@ -93,9 +93,10 @@ pub(super) async fn upload(
 /// The file, or a range of it.
 #[utoipa::path(get, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), ("range" = Option<String>, Header, description = "e.g. bytes=0-1023")),
-    responses((status = 200, body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 206, body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody), (status = 416)))]
+    responses((status = 200, content_type = "application/octet-stream"),
+        (status = 206, content_type = "application/octet-stream", headers(("content-range" = String))),
+        (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 409, body = ErrorBody),
+        (status = 416, body = ErrorBody, headers(("content-range" = String)))))]
 pub(super) async fn download(
     State(app): State<Arc<App>>,
     Named(trace): Named<String>,
@@ -111,7 +112,7 @@ pub(super) async fn download(
         Some(Asking::Part(from, to)) => Some((from, to)),
         Some(Asking::Outside) => {
             let headers = [(header::CONTENT_RANGE, format!("bytes */{size}"))];
-            return Ok((StatusCode::RANGE_NOT_SATISFIABLE, headers).into_response());
+            return Ok((headers, ApiError::not_satisfiable(format!("{trace} has {size} bytes"))).into_response());
         }
     };
     let (from, to) = range.unwrap_or((0, size.saturating_sub(1)));
@@ -164,19 +165,23 @@ fn range_of(range: &str, size: u64) -> Asking {
 /// Deletes a trace. What the tables know of it stays.
 #[utoipa::path(delete, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)),
-    responses((status = 204), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody), (status = 404, body = ErrorBody)))]
+    responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 409, body = ErrorBody)))]
 pub(super) async fn delete(State(app): State<Arc<App>>, Named(trace): Named<String>) -> Result<StatusCode, ApiError> {
     let path = app.archive.existing(&trace)?;
-    tokio::fs::remove_file(&path).await.map_err(ApiError::disk)?;
+    tokio::fs::remove_file(&path).await.map_err(|error| match error.kind() {
+        // Somebody else was faster.
+        std::io::ErrorKind::NotFound => ApiError::not_found(format!("there is no trace {trace}")),
+        _ => ApiError::disk(error),
+    })?;
     tracing::info!(trace, "deleted");
     Ok(StatusCode::NO_CONTENT)
 }
 
 /// What a trace says of its episode: header, task, the state before the first call, end.
-#[utoipa::path(get, path = "/api/traces/{trace}/episode", tag = "traces", security(("token" = [])),
+#[utoipa::path(get, path = "/api/traces/{trace}/episode", operation_id = "trace_episode", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn episode(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
@@ -199,7 +204,7 @@ pub(super) async fn episode(State(app): State<Arc<App>>, Named(name): Named<Stri
 pub(super) struct Steps {
     /// From this step on.
     #[serde(default)]
-    #[param(minimum = 0)]
+    #[param(value_type = u64, maximum = 4_294_967_295_i64)]
     from: u32,
     /// At most so many, up to 1,000.
     #[serde(default = "page")]
@@ -210,8 +215,8 @@ pub(super) struct Steps {
 /// The steps of an episode, as they were recorded.
 #[utoipa::path(get, path = "/api/traces/{trace}/steps", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), Steps),
-    responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn steps(
     State(app): State<Arc<App>>,
     Named(name): Named<String>,
@@ -245,8 +250,8 @@ fn head() -> String {
 /// A picture of the episode as PNG, drawn by going there: `start`, or the number of a step.
 #[utoipa::path(get, path = "/api/traces/{trace}/frames/{moment}", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), ("moment" = String, Path, description = "start, or the number of a step"), Camera),
-    responses((status = 200, body = Vec<u8>, content_type = "image/png"), (status = 400, body = ErrorBody),
-        (status = 401, body = ErrorBody), (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    responses((status = 200, content_type = "image/png"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn frame(
     State(app): State<Arc<App>>,
     Named((name, moment)): Named<(String, String)>,
@@ -286,8 +291,8 @@ fn not_executed(verdict: &Verdict) -> ApiError {
 /// Executes an episode again and compares every digest.
 #[utoipa::path(post, path = "/api/traces/{trace}/replay", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn replay(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
@@ -314,14 +319,15 @@ pub(super) struct BranchBody {
     /// Go on with the parent's calls from this one on instead.
     parent_from: Option<usize>,
     /// Name of the new trace.
+    #[schema(pattern = "^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}$")]
     name: String,
 }
 
 /// Plays another future of an episode, from any call, into a trace of its own.
 #[utoipa::path(post, path = "/api/traces/{trace}/branches", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)), request_body = BranchBody,
-    responses((status = 201, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody), (status = 409, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    responses((status = 201, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn branch(
     State(app): State<Arc<App>>,
     Named(name): Named<String>,
@@ -331,8 +337,9 @@ pub(super) async fn branch(
         let wrong = |message: String| ApiError::unprocessable("bad_branch", message);
         let parent = app.archive.read(&name)?;
         let path = app.archive.path(&body.name)?;
+        let taken = || ApiError::conflict("exists", format!("there is a trace {} already", body.name));
         if path.exists() || path.with_added_extension("part").exists() {
-            return Err(ApiError::conflict("exists", format!("there is a trace {} already", body.name)));
+            return Err(taken());
         }
         let then = match (body.policy, body.parent_from) {
             (Some(_), Some(_)) => return Err(wrong("policy or parent_from, not both".to_owned())),
@@ -347,7 +354,7 @@ pub(super) async fn branch(
         let record = RecordTo { path: path.clone(), options: RecordOptions::from(images) };
         let branch = Branch { calls: body.calls, then };
         let report = reel_branch::fork(&parent, body.at, None).and_then(|fork| branch.play(&fork, Some(&record)));
-        let report = report.map_err(|error| wrong(error.to_string()))?;
+        let report = report.map_err(|error| if is_in_the_way(&error) { taken() } else { wrong(error.to_string()) })?;
         let made = Trace::read(&path).map_err(|error| wrong(error.to_string()))?;
         Ok(json!({
             "trace": body.name, "episode_id": report.episode_id, "parent": made.header.parent, "length": report.length,
@@ -356,6 +363,12 @@ pub(super) async fn branch(
         }))
     });
     answer.await.map(|made| (StatusCode::CREATED, Json(made)))
+}
+
+/// Whether somebody else is writing a trace of that name.
+fn is_in_the_way(error: &BranchError) -> bool {
+    let BranchError::Agent(AgentError::Trace { source, .. }) = error else { return false };
+    matches!(source.downcast_ref::<TraceError>(), Some(TraceError::PartExists { .. }))
 }
 
 #[derive(Deserialize, IntoParams)]
@@ -369,8 +382,8 @@ pub(super) struct BlameQuery {
 /// Why an episode failed, measured: what every step cost, the decisive one, and what would have been better.
 #[utoipa::path(get, path = "/api/traces/{trace}/blame", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), BlameQuery),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn blame(
     State(app): State<Arc<App>>,
     Named(name): Named<String>,
@@ -398,8 +411,8 @@ pub(super) struct RewardQuery {
 /// The rewards of an episode under a preset, term by term.
 #[utoipa::path(get, path = "/api/traces/{trace}/reward", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), RewardQuery),
-    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 401, body = ErrorBody),
-        (status = 404, body = ErrorBody), (status = 422, body = ErrorBody)))]
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
 pub(super) async fn reward(
     State(app): State<Arc<App>>,
     Named(name): Named<String>,
