@@ -95,7 +95,7 @@ pub(super) async fn set(
         let text = format!("a text of a label has at most {TEXT_BYTES} bytes, and no NUL");
         return Err(ApiError::unprocessable("bad_label", text));
     }
-    for (option, value) in texts {
+    for (option, value) in &texts {
         if let Some(value) = value {
             command.arg(format!("--{option}={value}"));
         }
