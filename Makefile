@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy eval-blame prove-sft conformance service lint acceptance determinism determinism-cross clean
+.PHONY: help demo test bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy eval-blame load prove-sft conformance service lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -36,6 +36,9 @@ eval-taxonomy: ## how often the failure taxonomy is right, on 3,000 episodes wit
 
 eval-blame: ## how often the decisive step is right, on 600 episodes with injected faults (ten minutes)
 	tests/eval-blame.sh
+
+load: ## a thousand sessions in one server, 200 acting, beside a server that does nothing (ten minutes)
+	tests/load.sh
 
 prove-sft: ## train a small language model on an exported set and measure it in a home it never saw (needs Python)
 	tests/training/prove-sft.sh

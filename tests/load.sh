@@ -141,6 +141,7 @@ row 'calls a second' calls_per_s
 row 'mean picture, kB' picture_kb
 row 'cores busy, server' server_cores
 row 'cores busy, clients' client_cores
+row 'cores busy, anything else on the machine' others_cores
 row 'seconds to open all' opened_s
 row 'resident, nobody there, MB' fresh_mb
 row 'resident, all parked, MB' parked_mb

@@ -16,15 +16,20 @@ import traceback
 REEL = os.environ.get("REEL", "reel")
 
 
-class Server:
-    """`reel serve` on a free port of the loopback, in a folder of its own."""
+class Skipped(Exception):
+    """A test that this machine cannot do, and why."""
 
-    def __init__(self, *arguments, data=None, environment=None):
+
+class Server:
+    """`reel serve` on a free port of the loopback, in a folder of its own. `before` are words before the command, which end in its
+    execution: a shell that lowers limits, say."""
+
+    def __init__(self, *arguments, data=None, environment=None, before=()):
         self.folder = None if data else tempfile.TemporaryDirectory(prefix="reel-service-")
         self.data = pathlib.Path(data or self.folder.name)
         self.log = self.data / "serve.log"
         self.data.mkdir(parents=True, exist_ok=True)
-        command = [REEL, "serve", "--listen", "127.0.0.1:0", "--data", str(self.data), *map(str, arguments)]
+        command = [*before, REEL, "serve", "--listen", "127.0.0.1:0", "--data", str(self.data), *map(str, arguments)]
         with open(self.log, "a") as log:
             self.process = subprocess.Popen(
                 command, stdout=subprocess.PIPE, stderr=log, text=True, env={**os.environ, **(environment or {})}
@@ -164,6 +169,8 @@ def main(prefix, tests):
         begun = time.monotonic()
         try:
             known[name]()
+        except Skipped as reason:
+            print(f"skipped: {name}: {reason}", flush=True)
         except Exception as error:  # a failed assertion, or whatever kept it from being made
             failed += 1
             print(f"FAILED {name}: {type(error).__name__}: {error}", flush=True)

@@ -58,6 +58,9 @@ const SHOWN: u64 = 5;
 /// And how much of each.
 const SHOWN_CHARS: usize = 500;
 
+/// In which /proc counts time.
+const TICKS_PER_S: f64 = 100.0;
+
 type Failure = Box<dyn Error + Send + Sync>;
 
 struct Arguments {
@@ -153,16 +156,16 @@ async fn run(arguments: Arguments) -> Result<u64, Failure> {
 
     // What opening took is no part of the table.
     lock(&load.took_ms).clear();
-    let (own, begun) = (Usage::of(std::process::id())?, Instant::now());
+    let (own, machine_s, begun) = (Usage::of(std::process::id())?, machine_cpu_s()?, Instant::now());
     load.clone().act_all().await?;
     let took_s = begun.elapsed().as_secs_f64();
     let (server, client) = (Usage::of(load.arguments.pid)?, Usage::of(std::process::id())?);
     println!("acting_mb {:.1}\npeak_mb {:.1}", server.resident_mb, server.peak_mb);
-    println!(
-        "server_cores {:.2}\nclient_cores {:.2}",
-        (server.cpu_s - parked.cpu_s) / took_s,
-        (client.cpu_s - own.cpu_s) / took_s
-    );
+    let (server_s, client_s) = (server.cpu_s - parked.cpu_s, client.cpu_s - own.cpu_s);
+    let others_s = machine_cpu_s()? - machine_s - server_s - client_s;
+    for (whose, cpu_s) in [("server", server_s), ("client", client_s), ("others", others_s)] {
+        println!("{whose}_cores {:.2}", cpu_s / took_s);
+    }
     let took_ms = std::mem::take(&mut *lock(&load.took_ms));
     let calls: usize = took_ms.values().map(Vec::len).sum();
     println!("calls {calls}\ncalls_per_s {:.1}", calls as f64 / took_s);
@@ -407,11 +410,20 @@ impl Usage {
             Ok::<f64, Failure>(kib * 1024.0 / 1e6)
         };
         let stat = fs::read_to_string(format!("/proc/{pid}/stat"))?;
-        // After the name, which may hold anything, come state and numbers; the 12th and 13th are ticks of 10 ms.
+        // After the name, which may hold anything, come state and numbers; the 12th and 13th are ticks.
         let (_, numbers) = stat.rsplit_once(')').ok_or("/proc says nothing of time")?;
         let ticks = numbers.split_whitespace().skip(11).take(2).map(str::parse::<f64>).sum::<Result<f64, _>>()?;
-        Ok(Self { resident_mb: megabytes("VmRSS")?, peak_mb: megabytes("VmHWM")?, cpu_s: ticks / 100.0 })
+        Ok(Self { resident_mb: megabytes("VmRSS")?, peak_mb: megabytes("VmHWM")?, cpu_s: ticks / TICKS_PER_S })
     }
+}
+
+/// What all processes of the machine took so far, and other machines on its processor.
+fn machine_cpu_s() -> Result<f64, Failure> {
+    let stat = fs::read_to_string("/proc/stat")?;
+    // User, nice, system, idle, waiting for disks, two kinds of interrupts, stolen; then what is in the first two already.
+    let ticks = stat.split_whitespace().skip(1).take(8).map(str::parse::<f64>).collect::<Result<Vec<_>, _>>()?;
+    let idle: f64 = ticks.iter().skip(3).take(2).sum();
+    Ok((ticks.iter().sum::<f64>() - idle) / TICKS_PER_S)
 }
 
 /// Splitmix64.

@@ -83,9 +83,10 @@ pub(super) struct LeaseBody {
     task_id: String,
     /// The seed of all rollouts.
     #[serde(default)]
+    #[schema(format = "uint64")]
     seed: u64,
     /// G: how many rollouts there will be.
-    #[schema(minimum = 1)]
+    #[schema(minimum = 1, format = "uint32")]
     rollouts: u32,
     /// Name of the group in the traces; without it, one made of the rest.
     group_id: Option<String>,

@@ -12,7 +12,7 @@ use axum::{
 };
 use futures_util::StreamExt as _;
 use reel_query::{Format, Limits, Parameters, QueryError, Session, format, named};
-use reel_tables::Store;
+use reel_tables::{Store, StoreError};
 use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
@@ -179,9 +179,15 @@ impl Drop for GiveBack<'_> {
 }
 
 fn run(app: &App, question: &Question, sender: &mpsc::Sender<Result<Bytes, QueryError>>) -> Result<(), QueryError> {
+    let newest = Store::open(app.config.store())?;
     let store = match question.at {
+        // Looking for one that is not there takes the longer the larger its number is.
+        Some(version) if version > newest.version() => {
+            let location = app.config.store();
+            return Err(StoreError::NoVersion { version, newest: newest.version(), location }.into());
+        }
         Some(version) => Store::open_at(app.config.store(), version)?,
-        None => Store::open(app.config.store())?,
+        None => newest,
     };
     let session = Session::with_limits(store, app.sql_limits())?;
     let control = session.control();
@@ -214,7 +220,7 @@ fn run(app: &App, question: &Question, sender: &mpsc::Sender<Result<Bytes, Query
 enum Encoder {
     Json { begun: bool },
     Csv { begun: bool },
-    Arrow(Option<StreamWriter<Vec<u8>>>),
+    Arrow(Option<Box<StreamWriter<Vec<u8>>>>),
 }
 
 impl Encoder {
@@ -250,7 +256,7 @@ impl Encoder {
             Encoder::Arrow(writer) => {
                 let writer = match writer {
                     Some(writer) => writer,
-                    None => writer.insert(StreamWriter::try_new(Vec::new(), &batch.schema())?),
+                    None => writer.insert(Box::new(StreamWriter::try_new(Vec::new(), &batch.schema())?)),
                 };
                 writer.write(batch)?;
                 Ok(std::mem::take(writer.get_mut()).into())

@@ -315,6 +315,7 @@ pub(super) struct BranchBody {
     /// A built-in policy that goes on after them, e.g. `planner`.
     policy: Option<String>,
     /// Its seed; without it that of the episode.
+    #[schema(format = "uint64")]
     seed: Option<u64>,
     /// Go on with the parent's calls from this one on instead.
     parent_from: Option<usize>,
