@@ -276,6 +276,8 @@ def tables(client, episode):
     client.expect(400, "POST", "/api/sql", b"\xff")
     for version in (99, 2**63 - 2, 2**64 - 1):
         client.expect(404, "POST", "/api/sql", {"sql": "SELECT 1", "at": version})
+    client.expect(422, "POST", "/api/sql", b'["SELECT 1", {}, "json", null]')
+    client.expect(422, "POST", "/api/sql", {"sql": "SELECT " + "x" * (3 << 20)})
     for sql in ("", "SELECT", "DROP TABLE episodes", "SELECT 1; SELECT 2", "SELECT $unknown", "SELECT 1 / 0"):
         client.expect(422, "POST", "/api/sql", {"sql": sql})
 

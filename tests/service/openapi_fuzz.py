@@ -149,6 +149,6 @@ def fuzz(python, folder, seen, made, episodes, seconds, seed):
             seen.add(method, path, int(status))
         if code != 0:
             print(output.read_text(), file=sys.stderr)
-            seen.complain(f"schemathesis found something, which is above (exit code {code}): again with --seed {seed}")
+            seen.complain(f"schemathesis ended with {code}, and said above why; --seed {seed} does it again")
         seen.end(server)
     return len(lines)

@@ -297,7 +297,8 @@ impl Household {
 
     fn start(&mut self, task: Arc<Task>) -> Result<Begun, LiveError> {
         let place = Place { household: &self.name, number: self.begun, policy: &self.policy, lease: self.lease.as_ref() };
-        let (config, path) = (self.setup.config(&task, &place), self.setup.path(&task, &place));
+        let (path, before) = self.setup.path(&task, &place);
+        let config = self.setup.config(&task, &place, before);
         let folder = path.parent().unwrap_or(Path::new("."));
         fs::create_dir_all(folder).map_err(|source| LiveError::Folder { path: folder.display().to_string(), source })?;
         let number = self.begun;

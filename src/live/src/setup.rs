@@ -1,6 +1,6 @@
 //! What households play, and how it is recorded.
 
-use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+use std::{path::PathBuf, sync::Arc};
 
 use reel_episode::{EpisodeConfig, Rollout};
 use reel_reward::Preset;
@@ -59,9 +59,12 @@ impl Setup {
         self.tasks.iter().find(|task| task.task_id == task_id)
     }
 
-    pub(crate) fn config(&self, task: &Arc<Task>, place: &Place<'_>) -> EpisodeConfig {
+    pub(crate) fn config(&self, task: &Arc<Task>, place: &Place<'_>, before: u32) -> EpisodeConfig {
         // Which session it was is part of the inputs: two agents that play the same task do not play the same episode.
-        let parameters = [("session", json!(place.household)), ("number", json!(place.number))];
+        let mut parameters = vec![("session", json!(place.household)), ("number", json!(place.number))];
+        if before > 0 {
+            parameters.push(("before", json!(before)));
+        }
         let rollout = place.lease.map(|lease| Rollout { group_id: lease.group_id.clone(), index: place.number });
         EpisodeConfig {
             task: task.clone(),
@@ -73,16 +76,25 @@ impl Setup {
             policy: PolicyInfo {
                 name: place.policy.to_owned(),
                 checkpoint: None,
-                parameters: parameters.map(|(key, value)| (key.to_owned(), value)).into_iter().collect::<BTreeMap<_, _>>(),
+                parameters: parameters.into_iter().map(|(key, value)| (key.to_owned(), value)).collect(),
             },
             rollout,
             parent: None,
         }
     }
 
-    pub(crate) fn path(&self, task: &Task, place: &Place<'_>) -> PathBuf {
+    /// Where the episode is recorded, under a name that no trace and no recording has; and how many of its name there were before,
+    /// of an earlier session that was called the same.
+    pub(crate) fn path(&self, task: &Task, place: &Place<'_>) -> (PathBuf, u32) {
         let task = task.task_id.replace(|c: char| !c.is_ascii_alphanumeric() && !"-_.".contains(c), "_");
-        self.folder.join(format!("{}--{}--{:04}--{task}.mcap", self.run_id, place.household, place.number))
+        let name = format!("{}--{}--{:04}--{task}", self.run_id, place.household, place.number);
+        let path = |before: u32| match before {
+            0 => self.folder.join(format!("{name}.mcap")),
+            _ => self.folder.join(format!("{name}--{before}.mcap")),
+        };
+        let taken = |path: &PathBuf| path.exists() || path.with_added_extension("part").exists();
+        let mut names = (0..).map(|before| (path(before), before));
+        names.find(|(path, _)| !taken(path)).expect("there is always a further number")
     }
 }
 

@@ -3,7 +3,7 @@
 use std::{
     fs, io,
     path::{Path, PathBuf},
-    time::UNIX_EPOCH,
+    time::{Duration, Instant, UNIX_EPOCH},
 };
 
 use axum::body::Bytes;
@@ -14,6 +14,9 @@ use tokio::io::AsyncWriteExt as _;
 use utoipa::ToSchema;
 
 use crate::rest::ApiError;
+
+/// Bytes a second that an upload must come with, its first moments apart.
+const SLOWEST_UPLOAD: u64 = 16 << 10;
 
 /// The folder of traces.
 #[derive(Clone, Debug)]
@@ -40,6 +43,16 @@ impl Archive {
         fs::create_dir_all(&folder)?;
         // Paths in tables are absolute, and a change of the working directory changes nothing.
         Ok(Self { folder: folder.canonicalize()? })
+    }
+
+    /// Removes what a killed server was taking in.
+    pub fn sweep(&self) {
+        for entry in fs::read_dir(&self.folder).into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if name.starts_with('.') && name.ends_with(".upload") {
+                let _ = fs::remove_file(entry.path());
+            }
+        }
     }
 
     /// Where a trace of that name lies, or would lie.
@@ -116,7 +129,7 @@ impl Archive {
         &self,
         name: &str,
         limit: u64,
-        patience: std::time::Duration,
+        patience: Duration,
         mut body: impl Stream<Item = Result<Bytes, E>> + Unpin,
     ) -> Result<TraceFile, ApiError> {
         let path = self.path(name)?;
@@ -128,13 +141,16 @@ impl Archive {
         // Whatever happens, nothing half taken stays.
         let _remove = RemoveFile(&beside);
         let mut file = tokio::fs::File::create_new(&beside).await.map_err(ApiError::disk)?;
-        let mut bytes = 0_u64;
+        let (mut bytes, begun) = (0_u64, Instant::now());
         loop {
             let part = tokio::time::timeout(patience, body.next()).await;
             let part = part.map_err(|_| ApiError::timeout("the upload stood still for too long"))?;
             let Some(part) = part else { break };
             let part = part.map_err(|error| ApiError::bad_request("broken_body", format!("the upload broke off: {error}")))?;
             bytes += part.len() as u64;
+            if begun.elapsed() > patience + Duration::from_secs(bytes / SLOWEST_UPLOAD) {
+                return Err(ApiError::timeout("the upload comes too slowly"));
+            }
             if bytes > limit {
                 return Err(ApiError::too_large(format!("a trace may have {limit} bytes (limits.upload_mib)")));
             }

@@ -53,9 +53,8 @@ pub(crate) async fn serve(listener: TcpListener, router: Router, app: Arc<App>, 
                 request.extensions_mut().insert(Client(address));
                 router.clone().oneshot(request.map(Body::new))
             });
-            let mut builder = Builder::new(TokioExecutor::new());
+            let mut builder = Builder::new(TokioExecutor::new()).http1_only();
             builder.http1().timer(TokioTimer::new()).header_read_timeout(app.read_patience());
-            builder.http2().timer(TokioTimer::new()).keep_alive_interval(Some(app.read_patience()));
             let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service));
             tokio::pin!(connection);
             let ended = tokio::select! {

@@ -1,6 +1,6 @@
 //! The service as a whole process: runtime, signals, the limit on open files.
 
-use std::{net::SocketAddr, sync::Arc};
+use std::{net::SocketAddr, sync::Arc, time::Duration};
 
 use reel_live::Pool;
 use tokio::{
@@ -10,6 +10,9 @@ use tokio::{
 
 use crate::{Config, ServeError, Service, service::run_name, start_logs};
 
+/// How long work that nobody waits for may take to end.
+const AT_LAST: Duration = Duration::from_secs(1);
+
 /// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and the number of tasks.
 ///
 /// # Errors
@@ -17,12 +20,16 @@ use crate::{Config, ServeError, Service, service::run_name, start_logs};
 pub fn run(config: Config, on_listening: impl FnOnce(SocketAddr, usize)) -> Result<(), ServeError> {
     start_logs(&config);
     raise_file_limit();
-    runtime(None)?.block_on(async {
+    let runtime = runtime(None)?;
+    let served = runtime.block_on(async {
         let service = Service::start(config).await?;
         on_listening(service.address().map_err(ServeError::System)?, service.tasks());
         service.run(stopped()).await;
         Ok(())
-    })
+    });
+    // Every trace is whole by now; what still computes (a question, a replay) is for nobody.
+    runtime.shutdown_timeout(AT_LAST);
+    served
 }
 
 /// Serves one agent over standard input and output, until it goes.

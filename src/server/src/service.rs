@@ -50,9 +50,9 @@ pub(crate) struct App {
 }
 
 impl App {
-    /// Whether clients have to show tokens: where the world can reach it, or where there are any.
+    /// Whether clients have to show tokens: where the world can reach it, or where there is a file of them.
     pub fn demands_tokens(&self) -> bool {
-        !self.config.is_local() || !self.tokens.entries().is_empty()
+        !self.config.is_local() || self.tokens.in_use()
     }
 
     /// How long a client may take to send something.
@@ -114,6 +114,7 @@ impl Service {
         let run = config.play.run.clone().unwrap_or_else(|| run_name("serve"));
         let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
         let archive = Archive::open(config.traces()).map_err(ServeError::Data)?;
+        archive.sweep();
         restore_all(&archive);
         let address = config.listen;
         let listener = TcpListener::bind(address).await.map_err(|source| ServeError::Listen { address, source })?;
@@ -200,6 +201,8 @@ fn router(app: &Arc<App>) -> Router {
         .merge(policies)
         .merge(analysis::router(app, max_body))
         .fallback(rest::nothing_here)
+        // The gate has taken bodies in already, within the limit of the configuration.
+        .layer(axum::extract::DefaultBodyLimit::disable())
         .layer(middleware::from_fn_with_state(app.clone(), gate::pass))
         .layer(CatchPanicLayer::custom(rest::broke_down))
 }

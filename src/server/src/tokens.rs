@@ -103,6 +103,11 @@ impl Tokens {
         self.known.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
     }
 
+    /// Whether there is a file of tokens. An empty one lets nobody in: who revoked the last token did not open the doors.
+    pub fn in_use(&self) -> bool {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner).0.is_some()
+    }
+
     /// Looks whether the file changed. A file that became unreadable leaves the tokens as they were.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! Reading requests, with errors that clients can read.
 
 use axum::{
-    body::Bytes,
+    body::to_bytes,
     extract::{FromRequest, FromRequestParts, Path, Query, Request},
     http::request::Parts,
 };
@@ -15,9 +15,14 @@ pub(super) struct Body<T>(pub T);
 impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
     type Rejection = ApiError;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
-        let bytes =
-            Bytes::from_request(request, state).await.map_err(|error| ApiError::bad_request("broken_body", error.to_string()))?;
+    async fn from_request(request: Request, _: &S) -> Result<Self, ApiError> {
+        // The gate took it in already, as far as it may be large.
+        let bytes = to_bytes(request.into_body(), usize::MAX).await;
+        let bytes = bytes.map_err(|error| ApiError::bad_request("broken_body", error.to_string()))?;
+        // Structs could be read from lists, too, which is not documented.
+        if bytes.trim_ascii_start().starts_with(b"[") {
+            return Err(ApiError::unprocessable("bad_body", "the body is not what is asked for: it is a list".to_owned()));
+        }
         serde_json::from_slice(&bytes).map(Body).map_err(|error| {
             if error.is_data() {
                 ApiError::unprocessable("bad_body", format!("the body is not what is asked for: {error}"))
