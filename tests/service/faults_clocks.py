@@ -6,7 +6,7 @@ import tempfile
 import time
 
 from faults_kit import DAY_S, serving
-from harness import Agent, Skipped, reel, until
+from harness import Agent, Skipped, until
 
 
 def fault_wall_time_is_in_no_trace():
@@ -22,18 +22,22 @@ def fault_wall_time_is_in_no_trace():
     assert made[0] == made[1], "the bytes differ"
 
 
+#: Two episodes, the second one broken off.
+SCRIPT = [
+    ("finish", {}), ("nav_to", {"receptacle_name": "table_1"}), ("show_receptacles", {}), ("ask", {"question": "which?"}),
+    ("pick", {"marker_id": 1}), ("finish", {}), ("walk_around", {}), ("finish", {}),
+]
+
+
 def scripted(agent):
-    for tool, arguments in [("finish", {}), ("nav_to", {"receptacle_name": "table_1"}), ("show_receptacles", {}),
-        ("ask", {"question": "which?"}),
-            ("pick", {"marker_id": 1}), ("finish", {}), ("walk_around", {}), ("finish", {})]:
+    for tool, arguments in SCRIPT:
         agent.call(tool, **arguments)
 
 
 def faketime():
     """The library by which a process sees another wall clock."""
-    found = [path for pattern in ["/usr/lib/*/faketime/libfaketimeMT.so.1", "/usr/lib*/faketime/libfaketimeMT.so.1",
-        "/usr/local/lib/faketime/libfaketimeMT.so.1"]
-        for path in glob.glob(pattern)]
+    places = ["/usr/lib/*", "/usr/lib*", "/usr/local/lib"]
+    found = [path for place in places for path in glob.glob(f"{place}/faketime/libfaketimeMT.so.1")]
     if not found:
         raise Skipped("libfaketime is not installed (apt-get install faketime)")
     return found[0]
@@ -47,18 +51,26 @@ def fault_clock_jumps():
         scripted(Agent(honest, worker="a"))
         clock = pathlib.Path(folder) / "clock"
         clock.write_text("+0")
-        other = {"LD_PRELOAD": library, "FAKETIME_TIMESTAMP_FILE": str(clock), "FAKETIME_NO_CACHE": "1",
-            "FAKETIME_DONT_FAKE_MONOTONIC": "1", "DONT_FAKE_MONOTONIC": "1"}
-        with serving("--run", "same", config="[limits]\npark_after_s = 20\nclose_after_s = 40\n", folder=folder,
-            environment=other) as server:
-            jumps = [("+3d", 3 * DAY_S), ("@2099-12-31 23:59:58", None), ("-400d", -400 * DAY_S),
-                ("@1970-01-02 00:00:00", None), ("+0", 0)]
+        other = {
+            "LD_PRELOAD": library, "FAKETIME_TIMESTAMP_FILE": str(clock), "FAKETIME_NO_CACHE": "1",
+            "FAKETIME_DONT_FAKE_MONOTONIC": "1", "DONT_FAKE_MONOTONIC": "1",
+        }
+        config = "[limits]\npark_after_s = 20\nclose_after_s = 40\n"
+        with serving("--run", "same", config=config, folder=folder, environment=other) as server:
+            #: Where the clock goes, and how far that is from now; none where it is the year that is named.
+            jumps = [
+                ("+3d", 3 * DAY_S), ("@2099-12-31 23:59:58", None), ("-400d", -400 * DAY_S), ("@1970-01-02 00:00:00", None),
+                ("+0", 0),
+            ]
             agent, idle = Agent(server, worker="a"), Agent(server, worker="idle")
             idle.call("finish"), idle.call("finish")
-            since = time.monotonic()
-            agent.call("finish")
-            script = iter([("nav_to", {"receptacle_name": "table_1"}), ("show_receptacles", {}),
-                ("ask", {"question": "which?"}), ("pick", {"marker_id": 1}), ("finish", {})])
+            since, script = time.monotonic(), iter(SCRIPT)
+
+            def play():
+                tool, arguments = next(script)
+                return agent.call(tool, **arguments)
+
+            play()
             for jump, by in jumps:
                 clock.write_text(jump)
                 # The next round in which the server looks after its sessions sees the new time.
@@ -68,19 +80,16 @@ def fault_clock_jumps():
                 assert entry and entry["state"] == "playing", f"after the jump to {jump} the idle session is {entry}"
                 idle_s = entry["idle_s"]
                 assert idle_s <= time.monotonic() - since + 1, f"after the jump to {jump} it is idle for {idle_s} s"
-                tool, arguments = next(script)
-                assert agent.call(tool, **arguments)["content"], jump
+                assert play()["content"], jump
                 job = server.json("POST", "/api/jobs", {"kind": "ingest"})
                 assert job[0] == 202, job
                 year, ahead = time.gmtime(job[1]["created"]).tm_year, job[1]["created"] - time.time()
                 if abs(ahead - by) > 60 if by is not None else str(year) not in (jump[1:5], "2100"):
                     raise Skipped(f"the clock of a process cannot be changed here: at {jump} it is in {year}")
-            agent.call("walk_around"), agent.call("finish")
-            ended = lambda: all(job["stage"] not in ("waiting", "running") for job in server.json("GET",
-                "/api/jobs")[1])  # noqa: E731
-            assert until(ended, 30), "jobs do not end"
-            assert all(job["stage"] == "done" for job in server.json("GET", "/api/jobs")[1]), server.json("GET",
-                "/api/jobs")[1]
+            play(), play()
+            jobs = lambda: server.json("GET", "/api/jobs")[1]  # noqa: E731
+            assert until(lambda: all(job["stage"] not in ("waiting", "running") for job in jobs()), 30), "jobs do not end"
+            assert all(job["stage"] == "done" for job in jobs()), jobs()
             made = {path.name: path.read_bytes() for path in server.traces() if "--w-a--" in path.name}
             same = {path.name: path.read_bytes() for path in honest.traces()}
             assert made.keys() == same.keys(), (made.keys(), same.keys())

@@ -52,8 +52,7 @@ def fault_kill_under_load():
                 assert all("was under way" in text for text in lost), f"more is lost than what was under way: {lost}"
                 names = [path.stem for path in traces.glob("*.mcap")]
                 with concurrent.futures.ThreadPoolExecutor(4) as pool:
-                    list(pool.map(lambda player: player.compare(run, names, lambda name: steps(traces / f"{name}.mcap")),
-                        found))
+                    list(pool.map(lambda player: player.compare(run, names, lambda name: steps(traces / f"{name}.mcap")), found))
             whole = sorted(traces.glob(f"{run}--*.mcap"))
             assert len(whole) >= 16, whole
             code, out, err = reel("doctor", *whole)
@@ -325,8 +324,7 @@ def fault_upload_breaks_off():
                 return sorted(path.name for path in (server.data / "traces").iterdir() if not path.name.startswith("up--"))
 
             half = sound_bytes[: len(sound_bytes) // 2]
-            for name, body in [("torn", half), ("empty", b""), ("garbage", b"\x89MCAP0\r\n" + bytes(1000)),
-                ("text", b"hello")]:
+            for name, body in [("torn", half), ("empty", b""), ("garbage", b"\x89MCAP0\r\n" + bytes(1000)), ("text", b"hello")]:
                 status, answer = server.json("PUT", f"/api/traces/{name}", body)
                 assert (status, answer["error"]["code"]) == (422, "bad_trace"), (name, status, answer)
                 assert str(server.data) not in answer["error"]["message"], f"a path of the server: {answer}"

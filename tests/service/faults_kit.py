@@ -2,6 +2,7 @@
 hand."""
 
 import contextlib
+import http.client
 import json
 import pathlib
 import re
@@ -21,6 +22,8 @@ MIB = 1 << 20
 DAY_S = 24 * 3600
 #: What a slow client is given, in the tests that wait for it; and how late the machine may be with anything.
 READ_S, LATE_S = 2, 8
+#: Headers of a body in JSON, as MCP wants them.
+JSON_BODY = {"content-type": "application/json", "accept": "application/json, text/event-stream"}
 
 
 @contextlib.contextmanager
@@ -37,6 +40,9 @@ def serving(*arguments, config="", folder=None, **named):
             if server.process.poll() is None:
                 sound(server)
                 assert stopped(server), "the server was still there 25 s after SIGTERM"
+        except (OSError, http.client.HTTPException) as error:
+            code = server.process.poll()
+            raise AssertionError(f"{error!r}; the server {'lives' if code is None else f'ended with {code}'}: {tail(server)}") from error
         finally:
             server.process.kill()
             server.stop()
@@ -149,8 +155,7 @@ def players(server, count, prefix="a"):
 
 
 def all_played(found, calls, patience=60):
-    assert until(lambda: all(player.answered >= calls or player.error for player in found),
-        patience), "the agents do not get on"
+    assert until(lambda: all(player.answered >= calls or player.error for player in found), patience), "the agents do not get on"
     errors = [player.error for player in found if player.error]
     assert not errors, errors
 
@@ -189,10 +194,9 @@ def analyst(server):
     """An assistant at `/analysis/mcp`."""
     agent = Agent.__new__(Agent)
     agent.server, agent.path, agent.number = server, "/analysis/mcp", 0
-    agent.headers = {"content-type": "application/json", "accept": "application/json, text/event-stream",
-        "mcp-protocol-version": "2025-06-18"}
-    agent.rpc("initialize", {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "harness",
-        "version": "1"}})
+    agent.headers = {**JSON_BODY, "mcp-protocol-version": "2025-06-18"}
+    client = {"name": "harness", "version": "1"}
+    agent.rpc("initialize", {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": client})
     agent.post({"jsonrpc": "2.0", "method": "notifications/initialized"})
     return agent
 
@@ -206,8 +210,7 @@ def request(method, path, headers=None):
 
 def posted(path, body, headers=None):
     """A request with a JSON body, whatever that holds."""
-    accept = {"content-type": "application/json", "accept": "application/json, text/event-stream"}
-    return request("POST", path, {**accept, "content-length": str(len(body)), **(headers or {})}) + body
+    return request("POST", path, {**JSON_BODY, "content-length": str(len(body)), **(headers or {})}) + body
 
 
 def connections(server):
@@ -217,9 +220,10 @@ def connections(server):
 
 def head_of(server, method, path, headers=None):
     """Status of an answer, without its body: streams have no end."""
-    body = {"content-type": "application/json", "accept": "application/json, text/event-stream", "content-length": "2"}
-    wire = Wire(server, request(method, path, {**(body if method in ("POST", "PUT") else {}),
-        **(headers or {})}) + (b"{}" if method in ("POST", "PUT") else b""))
+    if method in ("POST", "PUT"):
+        wire = Wire(server, request(method, path, {**JSON_BODY, "content-length": "2", **(headers or {})}) + b"{}")
+    else:
+        wire = Wire(server, request(method, path, headers))
     status = wire.status()
     wire.close()
     return status

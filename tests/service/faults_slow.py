@@ -9,7 +9,7 @@ import socket
 import threading
 import time
 
-from faults_kit import LATE_S, MIB, READ_S, Stream, Wire, connections, exact, posted, request, resident, serving, steps
+from faults_kit import JSON_BODY, LATE_S, MIB, READ_S, Stream, Wire, connections, exact, posted, request, resident, serving, steps
 from harness import Agent, until
 
 
@@ -18,8 +18,7 @@ def fault_slow_clients():
     or answered 408. Meanwhile others are served at once."""
     with serving(config=f"[limits]\nread_s = {READ_S}\n") as server:
         head = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n"
-        sized = {"content-length": "100000", "content-type": "application/json",
-            "accept": "application/json, text/event-stream"}
+        sized = {**JSON_BODY, "content-length": "100000"}
         # What is sent first, what trickles after it, and what may be answered. Who has not said what it wants may be told that it
         # is too late, or nothing; who speaks another protocol may be told at once.
         clients = {
@@ -55,7 +54,7 @@ def fault_slow_clients():
                 time.sleep(0.1)
             answers = [client.result() for client in waiting]
         late = [(name, took) for name, took, _ in answers if took is None]
-        early = [(name, took) for name, took, _ in answers if took is not None and took < READ_S / 2 and 505 not in clients[name][2]]
+        early = [(name, took) for name, took, _ in answers if took and took < READ_S / 2 and 505 not in clients[name][2]]
         wrong = [(name, said) for name, _, said in answers if said is not True]
         assert slowest < LATE_S / 2, f"another client waited {slowest:.1f} s"
         assert not early, f"closed before their time: {early}"
@@ -68,8 +67,8 @@ def fault_slow_upload():
     """An upload that trickles cannot hold its place for ever; one that is slow, but steady and done in time, is taken."""
     with serving("--run", "slow", config=f"[limits]\nread_s = {READ_S}\n") as server:
         wire = Wire(server, request("PUT", "/api/traces/slow", {"content-length": "100000"}))
-        assert wire.until_closed(5 * READ_S + LATE_S,
-            drip=b"x"), f"after {5 * READ_S + LATE_S} s of three bytes a second it goes on"
+        patience = 5 * READ_S + LATE_S
+        assert wire.until_closed(patience, drip=b"x"), f"after {patience} s of three bytes a second it goes on"
         assert wire.status_heard() == 408, wire.heard[:200]
         agent = Agent(server, worker="a")
         agent.call("finish"), agent.call("finish")
@@ -132,8 +131,8 @@ def fault_halves():
                     # Ends with a reset instead.
                     wire.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\x00\x00\x00\x00\x00\x00\x00")
                 wire.close()
-        assert until(lambda: connections(server) == 1,
-            15), f"{connections(server) - 1} connections are left of clients that are gone"
+        gone = until(lambda: connections(server) == 1, 15)
+        assert gone, f"{connections(server) - 1} connections are left of clients that are gone"
         assert server.json("GET", "/api/sessions")[1] == [], "sessions are left of clients that are gone"
         assert os.listdir(server.data / "traces") == []
 
@@ -142,17 +141,15 @@ def fault_large_bodies():
     """A hundred megabytes, announced or in chunks: 413 at once, on every route that takes a body, and no memory goes into it."""
     with serving(config="[limits]\nupload_mib = 8\n") as server:
         sse = Stream(server)
-        paths = ["/mcp", "/w/a/mcp", "/analysis/mcp", "/api/sql", f"/messages/?session_id={sse.session}", "/api/jobs",
-            "/nowhere"]
+        paths = ["/mcp", "/w/a/mcp", "/analysis/mcp", "/api/sql", f"/messages/?session_id={sse.session}", "/api/jobs", "/nowhere"]
         routes = [("POST", path) for path in paths] + [("PUT", "/api/traces/large")]
-        common = {"content-type": "application/json", "accept": "application/json, text/event-stream"}
         part = b"x" * (1 << 16)
         # What the first requests need is there before it is measured.
         assert Wire(server, posted("/api/sql", b'"' + b"x" * (3 * MIB) + b'"')).status() in range(400, 500)
         before, wrong = resident(server), []
         for method, path in routes:
             begun = time.monotonic()
-            wire = Wire(server, request(method, path, {**common, "content-length": str(100 * MIB)}))
+            wire = Wire(server, request(method, path, {**JSON_BODY, "content-length": str(100 * MIB)}))
             if method == "PUT":
                 wire.socket.sendall(part)
             sent = 0
@@ -167,7 +164,7 @@ def fault_large_bodies():
             if status != 413 or sent > 30 * MIB or time.monotonic() - begun > LATE_S:
                 wrong.append((path, "announced", status, sent, time.monotonic() - begun))
             begun = time.monotonic()
-            wire = Wire(server, request(method, path, {**common, "transfer-encoding": "chunked"}))
+            wire = Wire(server, request(method, path, {**JSON_BODY, "transfer-encoding": "chunked"}))
             sent = 0
             while not wire.status(0.0) and sent < 100 * MIB:
                 try:

@@ -4,7 +4,10 @@ use std::{
     collections::BTreeSet,
     fs, io,
     path::{Path, PathBuf},
-    sync::{Arc, Mutex, PoisonError},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
     time::SystemTime,
 };
 
@@ -86,6 +89,7 @@ pub enum TokenError {
 pub struct Tokens {
     path: PathBuf,
     known: Mutex<(Option<SystemTime>, Arc<Vec<TokenEntry>>)>,
+    were_in_use: AtomicBool,
 }
 
 impl Tokens {
@@ -95,7 +99,9 @@ impl Tokens {
     /// When it cannot be read.
     pub fn open(path: &Path) -> Result<Self, TokenError> {
         let entries = read(path)?;
-        Ok(Self { path: path.to_owned(), known: Mutex::new((changed(path), Arc::new(entries))) })
+        let found = changed(path);
+        let were_in_use = AtomicBool::new(found.is_some());
+        Ok(Self { path: path.to_owned(), known: Mutex::new((found, Arc::new(entries))), were_in_use })
     }
 
     /// Every token.
@@ -103,9 +109,11 @@ impl Tokens {
         self.known.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
     }
 
-    /// Whether there is a file of tokens. An empty one lets nobody in: who revoked the last token did not open the doors.
+    /// Whether there is, or was, a file of tokens. An empty one lets nobody in: who revoked the last token, or moved the file away,
+    /// did not open the doors.
     pub fn in_use(&self) -> bool {
-        self.known.lock().unwrap_or_else(PoisonError::into_inner).0.is_some()
+        let is_there = self.known.lock().unwrap_or_else(PoisonError::into_inner).0.is_some();
+        self.were_in_use.fetch_or(is_there, Ordering::AcqRel) || is_there
     }
 
     /// Looks whether the file changed. A file that became unreadable leaves the tokens as they were.
