@@ -291,7 +291,7 @@ impl Paths {
                 arguments.extend(self.traces(traces)?);
             }
             Work::Blame {} => say(&["blame", "--json", "--store", &self.store]),
-            Work::Taxonomy {} => say(&["taxonomy", "classify", "--json", "--store", &self.store]),
+            Work::Taxonomy {} => say(&["taxonomy", "--json", "--store", &self.store]),
             Work::Reward { preset } => {
                 if reel_reward::Preset::parse(preset).is_none() {
                     let known = reel_reward::Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
