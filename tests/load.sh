@@ -9,7 +9,7 @@
 #   load.sh [--short]   --short: 60 sessions, 20 acting for 10 s, thinking 1 s
 #
 # SESSIONS, ACTING, SECONDS_ACTING, THINK, TASKS  how much
-# PARK_AFTER     seconds until an idle session is parked (default 5)
+# PARK_AFTER     seconds until an idle session is parked (default: what the server does by itself)
 # REEL           a binary that is built already
 # LOAD_EXAMPLES  folder with the examples `load` and `idle_server`, built already
 # LOAD_DIR       where everything is kept (default: a temporary folder, removed at the end)
@@ -99,7 +99,7 @@ tasks = "$work/tasks"
 run = "load"
 
 [limits]
-park_after_s = ${PARK_AFTER:-5}
+${PARK_AFTER:+park_after_s = $PARK_AFTER}
 sessions = $sessions
 TOML
 rm -rf "$work/data"

@@ -46,7 +46,7 @@ def fault_session_ids():
         for event in ["0", "0/1", "1/1", "1/2", "2/2", "0/9", "x", "", "1/1/1", "-1", "9" * 30, "x" * 5000]:
             wire = Wire(server, request("GET", "/mcp", {**second.headers, "last-event-id": event}))
             assert wire.status() in (*range(200, 300), *range(400, 500)), f"after event {event[:20]!r}: {wire.heard[:100]}"
-            wire.until_closed(time.monotonic() - wire.begun + 0.3)
+            wire.until_closed(time.monotonic() - wire.begun + 0.1)
             others = [word for word in (b"private", b"no episode") if word in wire.heard]
             assert not others, f"after event {event[:20]!r} another session's answer comes"
             wire.close()
@@ -248,11 +248,11 @@ def fault_last_token():
         with serving(folder=folder) as server:
             assert server.request("GET", "/api/traces")[0] == 401
             assert reel("token", "revoke", "only", "--data", data)[0] == 0
-            time.sleep(2.5)
+            time.sleep(2)
             status = server.request("GET", "/api/traces")[0]
             assert status == 401, "the last token was revoked, and now everybody may everything"
             (data / "tokens.toml").unlink()
-            time.sleep(2.5)
+            time.sleep(2)
             status = server.request("GET", "/api/traces")[0]
             assert status == 401, "the file of tokens is gone, and now everybody may everything"
 
@@ -381,7 +381,6 @@ def fault_paths_are_contained():
             "/api/jobs": None,
             f"/api/traces/{trace}/blame": None, f"/api/traces/{trace}/reward": None,
             f"/api/traces/{trace}/branches": {"at": 999, "policy": "planner", "name": "b"},
-            "/api/sql": {"sql": "SELECT trace FROM episodes"},
             f"/api/traces/{trace}/replay": {},
         }
         for path, body in answers.items():

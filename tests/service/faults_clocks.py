@@ -5,7 +5,7 @@ import pathlib
 import tempfile
 import time
 
-from faults_kit import DAY_S, serving
+from faults_kit import DAY_S, QUICK, serving
 from harness import Agent, Skipped, until
 
 
@@ -55,7 +55,7 @@ def fault_clock_jumps():
             "LD_PRELOAD": library, "FAKETIME_TIMESTAMP_FILE": str(clock), "FAKETIME_NO_CACHE": "1",
             "FAKETIME_DONT_FAKE_MONOTONIC": "1", "DONT_FAKE_MONOTONIC": "1",
         }
-        config = "[limits]\npark_after_s = 20\nclose_after_s = 40\n"
+        config = "[limits]\npark_after_s = 120\nclose_after_s = 240\n"
         with serving("--run", "same", config=config, folder=folder, environment=other) as server:
             #: Where the clock goes, and how far that is from now; none where it is the year that is named.
             jumps = [
@@ -71,7 +71,7 @@ def fault_clock_jumps():
                 return agent.call(tool, **arguments)
 
             play()
-            for jump, by in jumps:
+            for jump, by in jumps[1::2] if QUICK else jumps:
                 clock.write_text(jump)
                 # The next round in which the server looks after its sessions sees the new time.
                 time.sleep(1.3)
@@ -86,7 +86,8 @@ def fault_clock_jumps():
                 year, ahead = time.gmtime(job[1]["created"]).tm_year, job[1]["created"] - time.time()
                 if abs(ahead - by) > 60 if by is not None else str(year) not in (jump[1:5], "2100"):
                     raise Skipped(f"the clock of a process cannot be changed here: at {jump} it is in {year}")
-            play(), play()
+            for tool, arguments in script:
+                agent.call(tool, **arguments)
             jobs = lambda: server.json("GET", "/api/jobs")[1]  # noqa: E731
             assert until(lambda: all(job["stage"] not in ("waiting", "running") for job in jobs()), 30), "jobs do not end"
             assert all(job["stage"] == "done" for job in jobs()), jobs()

@@ -260,7 +260,7 @@ def fault_hostile_requests():
         trace, wrong = with_tables(server), []
         requests = list(strange_requests(trace))
         if QUICK:
-            requests = [one for number, one in enumerate(requests) if number % 3 == 0 or one[2]]
+            requests = [one for number, one in enumerate(requests) if number % 5 == 0]
         for method, path, body, headers in requests:
             try:
                 status, _, answer = server.request(method, path, body, headers, timeout=30)
@@ -330,7 +330,7 @@ def fault_hostile_sql():
             "many rows": "VALUES " + ",".join(["(1)"] * 100_000),
         }
         if QUICK:
-            names = ["a file", "a copy", "a long text", "a long sum", "brackets", "no end", "a product", "zones"]
+            names = ["a file", "a copy", "a long text", "a long sum", "brackets", "no end", "a product"]
             questions = {name: questions[name] for name in names}
         wrong, patience = [], sql_s + 3 * LATE_S
         asked = {name: {"sql": sql} for name, sql in questions.items()}

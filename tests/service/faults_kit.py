@@ -20,10 +20,19 @@ from harness import Agent, Server, Skipped, reel, until
 QUICK = "--quick" in sys.argv
 MIB = 1 << 20
 DAY_S = 24 * 3600
-#: What a slow client is given, in the tests that wait for it; and how late the machine may be with anything.
-READ_S, LATE_S = 2, 8
+#: What a slow client is given, in the tests that wait for it; and how late the machine may be with anything: the short form runs
+#: beside other tests.
+READ_S, LATE_S = 2, 40 if QUICK else 8
+#: What the server gives open requests when it stops, and what goes on at its very end.
+STOP_S = 12 + LATE_S
 #: Headers of a body in JSON, as MCP wants them.
 JSON_BODY = {"content-type": "application/json", "accept": "application/json, text/event-stream"}
+
+
+def long_form():
+    """What follows is left out of the short form."""
+    if QUICK:
+        raise Skipped("takes too long for the short form")
 
 
 @contextlib.contextmanager
@@ -39,19 +48,20 @@ def serving(*arguments, config="", folder=None, **named):
             yield server
             if server.process.poll() is None:
                 sound(server)
-                assert stopped(server), "the server was still there 25 s after SIGTERM"
+                assert stopped(server), f"the server was still there {STOP_S} s after SIGTERM"
         except (OSError, http.client.HTTPException) as error:
             code = server.process.poll()
-            raise AssertionError(f"{error!r}; the server {'lives' if code is None else f'ended with {code}'}: {tail(server)}") from error
+            state = "lives" if code is None else f"ended with {code}"
+            raise AssertionError(f"{error!r}; the server {state}: {tail(server)}") from error
         finally:
             server.process.kill()
             server.stop()
 
 
-def stopped(server, patience=25):
+def stopped(server):
     """Whether the server goes when it is told to, and with code 0."""
     try:
-        code = server.stop(patience=patience)
+        code = server.stop(patience=STOP_S)
     except subprocess.TimeoutExpired:
         return False
     assert code == 0, f"the server ended with {code}: {tail(server)}"
@@ -154,7 +164,7 @@ def players(server, count, prefix="a"):
     return found
 
 
-def all_played(found, calls, patience=60):
+def all_played(found, calls, patience=60 + 3 * LATE_S):
     assert until(lambda: all(player.answered >= calls or player.error for player in found), patience), "the agents do not get on"
     errors = [player.error for player in found if player.error]
     assert not errors, errors

@@ -42,6 +42,18 @@ patience_s = 1
 """
 
 
+class Bounded(Server):
+    """A server that is ended in any case."""
+
+    def stop(self, how=signal.SIGTERM, patience=30):
+        try:
+            return super().stop(how, patience)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            return "no end in time"
+
+
 class Document:
     """The OpenAPI document of a server."""
 
@@ -91,11 +103,7 @@ class Seen:
 
     def end(self, server):
         """Ends a server, which has to end well."""
-        try:
-            code = server.stop(patience=30)
-        except subprocess.TimeoutExpired:
-            server.process.kill()
-            code = "no end"
+        code = server.stop()
         if code != 0:
             self.complain(f"the server ended with {code}")
 
@@ -333,7 +341,7 @@ def open_server(folder, episodes):
     """Everything that a server without tokens answers; what was seen."""
     failed = next(episode for episode in episodes if not episode["success"])
     succeeded = next(episode for episode in episodes if episode["success"])
-    with Server("--tasks", folder / "tasks", "--ask", "rest", data=folder / "data") as server:
+    with Bounded("--tasks", folder / "tasks", "--ask", "rest", data=folder / "data") as server:
         seen = Seen(Document(document_of(server)))
         client = Client(server, seen)
         service(client)
@@ -374,7 +382,7 @@ def narrow_server(folder, seen, made, episodes):
                "id": "999999", "moment": "start"}
     bodies = {"/api/sql": {"sql": "SELECT 1"}, "/api/traces/{trace}/branches": {"at": 0, "name": "nothing"}}
 
-    with Server("--config", config, "--tasks", folder / "tasks", data=data) as server:
+    with Bounded("--config", config, "--tasks", folder / "tasks", data=data) as server:
         clients = {name: Client(server, seen, token) for name, token in made.items()}
         admin, anybody = clients["admin"], Client(server, seen)
         secured = [key for key, said in seen.document.operations.items() if said.get("security")]
@@ -437,6 +445,20 @@ def narrow_server(folder, seen, made, episodes):
         not_ready(server, seen)
 
 
+def fuzzed_server(folder, seen, made, episodes, python, seconds, seed):
+    """How many answers Schemathesis got."""
+    config = folder / "fuzzed.toml"
+    config.write_text(openapi_fuzz.CONFIG)
+    with Bounded("--config", config, "--tasks", folder / "tasks", data=folder / "data") as server:
+        answers, wrong = openapi_fuzz.fuzz(python, folder, server, seen.document.document, made, episodes, seconds, seed)
+        for answer in answers:
+            seen.add(*answer)
+        if wrong:
+            seen.complain(wrong)
+        seen.end(server)
+    return len(answers)
+
+
 def operations_with(seen, status):
     """The operations that document a status."""
     return [(method, path) for method, path, documented in seen.document.answers if documented == status]
@@ -479,6 +501,10 @@ def document_of(server):
     return document
 
 
+def say(what):
+    print(f"openapi: {what}", file=sys.stderr, flush=True)
+
+
 def main():
     arguments = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     arguments.add_argument("--seconds", type=int, default=300, help="how long Schemathesis runs (300)")
@@ -491,14 +517,22 @@ def main():
     if python is None:
         print(f"skipped: the OpenAPI document, because schemathesis {openapi_fuzz.VERSION} could not be installed (pip)")
         return 0
+    # Whatever ends this ends its servers.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("openapi: stopped"))
+    signal.signal(signal.SIGALRM, lambda *_: sys.exit("openapi: this takes far too long"))
+    signal.alarm(seconds + 600)
     with tempfile.TemporaryDirectory(prefix="reel-openapi-") as folder:
         folder = pathlib.Path(folder)
+        say("recording episodes")
         episodes = record(folder)
+        say("asking a server without tokens")
         seen = open_server(folder, episodes)
         made = tokens(folder / "data")
+        say("asking a server with tokens and narrow limits")
         narrow_server(folder, seen, made, episodes)
         asked = sum(seen.counts.values())
-        fuzzed = openapi_fuzz.fuzz(python, folder, seen, made, episodes, seconds, arguments.seed)
+        say(f"schemathesis asks for {seconds} s, with seed {arguments.seed}")
+        fuzzed = fuzzed_server(folder, seen, made, episodes, python, seconds, arguments.seed)
 
     identifiers = collections.Counter(said.get("operationId") for said in seen.document.operations.values())
     for name in (name for name, count in identifiers.items() if count > 1):

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 
-from harness import Agent, Server
+from harness import Agent
 
 VERSION = "4.32.5"
 CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "reel-python"
@@ -18,8 +18,9 @@ HOOKS = pathlib.Path(__file__).resolve().parent / "openapi_hooks.py"
 SPARE = [f"spare-{number}" for number in range(50)]
 
 # A server whose questions are not waited for.
-FUZZED = """
+CONFIG = """
 [play]
+ask = "rest"
 ask_patience_s = 2
 
 [limits]
@@ -117,38 +118,29 @@ def settings(folder, episodes, token):
     (folder / "schemathesis.toml").write_text("\n".join(lines) + "\n")
 
 
-def fuzz(python, folder, seen, made, episodes, seconds, seed):
-    """Schemathesis against a server with tokens; how many answers it got."""
-    config = folder / "fuzzed.toml"
-    config.write_text(FUZZED)
+def fuzz(python, folder, server, document, made, episodes, seconds, seed):
+    """Every answer of a server to Schemathesis (method, path, status), and what was wrong, if anything was."""
     settings(folder, episodes, made["admin"])
-    (folder / "openapi.json").write_text(json.dumps(seen.document.document))
-    answers = folder / "answers"
+    (folder / "openapi.json").write_text(json.dumps(document))
+    answers, log = folder / "answers", folder / "schemathesis.log"
     answers.touch()
-    with Server("--config", config, "--tasks", folder / "tasks", "--ask", "rest", data=folder / "data") as server:
-        stop = threading.Event()
-        asking = threading.Thread(target=keep_asking, args=(server, made["actor"], episodes[0]["task_id"], stop), daemon=True)
-        asking.start()
-        names = ":".join(episode["trace"] for episode in episodes)
-        trace = folder / "data" / "traces" / f"{episodes[-1]['trace']}.mcap"
-        environment = {**os.environ, "REEL_ANSWERS": str(answers), "REEL_KEEP": names, "REEL_TRACE": str(trace)}
-        command = [python, "-m", "schemathesis.cli", "run", "openapi.json", "--url", server.url, "--no-color"]
-        output = folder / "schemathesis.log"
-        with open(output, "w") as log:
-            try:
-                code = subprocess.run(
-                    [*command, "--max-time", str(seconds), "--seed", str(seed)],
-                    cwd=folder, env=environment, stdout=log, stderr=log, timeout=seconds + 180,
-                ).returncode
-            except subprocess.TimeoutExpired:
-                code = "no end"
-        stop.set()
-        lines = answers.read_text().splitlines()
-        for line in lines:
-            method, path, status = line.split()
-            seen.add(method, path, int(status))
-        if code != 0:
-            print(output.read_text(), file=sys.stderr)
-            seen.complain(f"schemathesis ended with {code}, and said above why; --seed {seed} does it again")
-        seen.end(server)
-    return len(lines)
+    stop = threading.Event()
+    asking = threading.Thread(target=keep_asking, args=(server, made["actor"], episodes[0]["task_id"], stop), daemon=True)
+    asking.start()
+    names = ":".join(episode["trace"] for episode in episodes)
+    trace = folder / "data" / "traces" / f"{episodes[-1]['trace']}.mcap"
+    environment = {**os.environ, "REEL_ANSWERS": str(answers), "REEL_KEEP": names, "REEL_TRACE": str(trace)}
+    command = [python, "-m", "schemathesis.cli", "run", "openapi.json", "--url", server.url, "--no-color"]
+    command += ["--max-time", str(seconds), "--seed", str(seed)]
+    with open(log, "w") as output:
+        try:
+            limit = seconds + 180
+            code = subprocess.run(command, cwd=folder, env=environment, stdout=output, stderr=output, timeout=limit).returncode
+        except subprocess.TimeoutExpired:
+            code = "no end in time"
+    stop.set()
+    if code != 0:
+        print(log.read_text(), file=sys.stderr)
+    wrong = f"schemathesis ended with {code}, and said above why; --seed {seed} does it again" if code != 0 else None
+    lines = (line.split() for line in answers.read_text().splitlines())
+    return [(method, path, int(status)) for method, path, status in lines], wrong

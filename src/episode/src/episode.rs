@@ -3,7 +3,7 @@
 use std::{fmt, sync::Arc};
 
 use reel_reward::{Rewarder, metrics};
-use reel_sim::{SIM_VERSION, Simulator, Snapshot, ToolResult, render::Detail};
+use reel_sim::{SIM_VERSION, Simulator, Snapshot, Stage, ToolResult, render::Detail};
 use reel_world::{
     Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Scene, Task, Tool, chain, invariants,
     record::{
@@ -24,17 +24,19 @@ pub struct Episode {
     graphs: Graphs,
     start: StartRecord,
     steps: Vec<StepRecord>,
-    chain: Digest,
     ended: Option<EndReason>,
 }
 
 /// An episode put aside; see [`Episode::park`].
 #[derive(Debug)]
 pub struct Parked {
+    stage: Arc<Stage>,
     config: EpisodeConfig,
     start: StartRecord,
     steps: Vec<StepRecord>,
+    graphs: Graphs,
     snapshot: Snapshot,
+    ended: Option<EndReason>,
 }
 
 impl Parked {
@@ -43,7 +45,22 @@ impl Parked {
     /// # Errors
     /// As [`Episode::resume`].
     pub fn wake(self) -> Result<Episode, EpisodeError> {
-        Episode::resume(self.config, self.start, self.steps, &self.snapshot)
+        Episode::resume_on(self.stage, self.config, self.start, self.steps, &self.snapshot)
+    }
+
+    /// Closes it where it lies, as [`Episode::end`] does.
+    pub fn end(self) -> EndRecord {
+        end(self.ended, &self.config, &self.start, &self.steps, self.graphs)
+    }
+
+    /// The task.
+    pub fn task(&self) -> &Arc<Task> {
+        &self.config.task
+    }
+
+    /// The calls so far, and what came of them.
+    pub fn steps(&self) -> &[StepRecord] {
+        &self.steps
     }
 }
 
@@ -68,10 +85,17 @@ impl Episode {
     /// # Errors
     /// When task and scene do not belong together.
     pub fn start_with(config: EpisodeConfig, detail: Detail) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
-        check_scene(&config)?;
+        Ok(Self::start_on(stage(&config.scene, &config.task)?, config, detail))
+    }
+
+    /// [`Episode::start_with`] on a stage that is there already: that of the task and scene of `config`, by [`stage`].
+    ///
+    /// # Panics
+    /// When it is the stage of another task or scene.
+    pub fn start_on(stage: Arc<Stage>, config: EpisodeConfig, detail: Detail) -> (Episode, StartRecord, Frame) {
+        check_stage(&stage, &config);
         let header = header(&config);
-        let (task, scene) = (&config.task, &config.scene);
-        let mut simulator = Simulator::new(scene.clone(), task.clone(), config.profile, config.seed);
+        let mut simulator = Simulator::new(stage, config.profile, config.seed);
         simulator.set_detail(detail);
         let frame = simulator.take_picture();
         let graphs = simulator.graphs();
@@ -85,11 +109,10 @@ impl Episode {
         };
         start.digests.chain = chain::start_link(&header, &start);
         let (rewarder, user) = observers(&config, &start);
-        let chain = start.digests.chain;
         let ended = simulator.fault().then_some(EndReason::Fault);
         let episode =
-            Episode { header, simulator, user, rewarder, graphs, start: start.clone(), steps: Vec::new(), chain, ended, config };
-        Ok((episode, start, frame))
+            Episode { header, simulator, user, rewarder, graphs, start: start.clone(), steps: Vec::new(), ended, config };
+        (episode, start, frame)
     }
 
     /// Goes on with a recorded episode: `steps` are its calls up to the snapshot, and what comes now equals what came
@@ -103,13 +126,29 @@ impl Episode {
         steps: Vec<StepRecord>,
         snapshot: &Snapshot,
     ) -> Result<Episode, EpisodeError> {
-        check_scene(&config)?;
+        Self::resume_on(stage(&config.scene, &config.task)?, config, start, steps, snapshot)
+    }
+
+    /// [`Episode::resume`] on a stage that is there already: that of the task and scene of `config`, by [`stage`].
+    ///
+    /// # Errors
+    /// When the snapshot is not one of the state after these steps.
+    ///
+    /// # Panics
+    /// When it is the stage of another task or scene.
+    pub fn resume_on(
+        stage: Arc<Stage>,
+        config: EpisodeConfig,
+        start: StartRecord,
+        steps: Vec<StepRecord>,
+        snapshot: &Snapshot,
+    ) -> Result<Episode, EpisodeError> {
+        check_stage(&stage, &config);
         let last = steps.last().map_or(&start.digests, |step| &step.digests);
         if last.state != snapshot.digest() {
             return Err(EpisodeError::OtherMoment { steps: steps.len(), expected: last.state, found: snapshot.digest() });
         }
-        let chain = last.chain;
-        let simulator = Simulator::resume(config.scene.clone(), config.task.clone(), config.profile, config.seed, snapshot)?;
+        let simulator = Simulator::resume(stage, config.profile, config.seed, snapshot)?;
         let (mut rewarder, mut user) = observers(&config, &start);
         for step in &steps {
             // Its terms are in the record already; what counts is what the rewarder remembers of it.
@@ -117,7 +156,7 @@ impl Episode {
             observe(&mut user, step);
         }
         let (header, graphs) = (header(&config), simulator.graphs());
-        let mut episode = Episode { header, simulator, user, rewarder, graphs, start, steps, chain, ended: None, config };
+        let mut episode = Episode { header, simulator, user, rewarder, graphs, start, steps, ended: None, config };
         let tool = episode.steps.last().and_then(|step| Tool::parse(&step.input.call).ok());
         episode.ended = episode.end_reason(tool.as_ref());
         Ok(episode)
@@ -146,11 +185,12 @@ impl Episode {
         self.simulator.snapshot()
     }
 
-    /// Puts the episode aside: its records and a snapshot, without the scene's shapes, the navigation map and the last picture,
-    /// which make up most of what a running one holds.
+    /// Puts the episode aside: its records and a snapshot, without the engine and the last picture. Its stage stays, shared with
+    /// others of the task.
     pub fn park(self) -> Parked {
-        let snapshot = self.snapshot();
-        Parked { config: self.config, start: self.start, steps: self.steps, snapshot }
+        let (stage, snapshot) = (self.simulator.stage().clone(), self.snapshot());
+        let Self { config, start, steps, graphs, ended, .. } = self;
+        Parked { stage, config, start, steps, graphs, snapshot, ended }
     }
 
     /// The header of the trace.
@@ -224,8 +264,7 @@ impl Episode {
             record.outcome = Outcome::error(ErrorCode::PhysicsFault, "The simulation failed; the episode ends.");
         }
         record.reward = self.rewarder.step(&record);
-        record.digests.chain = chain::step_link(&self.chain, &record);
-        self.chain = record.digests.chain;
+        record.digests.chain = chain::step_link(&chain_of(&self.start, &self.steps), &record);
         observe(&mut self.user, &record);
         self.check_invariants();
         self.steps.push(record.clone());
@@ -267,13 +306,7 @@ impl Episode {
 
     /// Closes the episode: final graphs and metrics. `Aborted` if it still runs.
     pub fn end(self) -> EndRecord {
-        EndRecord {
-            reason: self.ended.unwrap_or(EndReason::Aborted),
-            metrics: metrics(&self.config.preset, &self.config.task, &self.start, &self.steps, &self.graphs),
-            chain: self.chain,
-            steps: u32::try_from(self.steps.len()).expect("an episode has few steps"),
-            graphs: self.graphs,
-        }
+        end(self.ended, &self.config, &self.start, &self.steps, self.graphs)
     }
 
     fn dispatch(&mut self, tool: &Tool, input: &StepInput) -> (ToolResult, Option<UserReply>) {
@@ -318,13 +351,36 @@ impl Episode {
     }
 }
 
-fn check_scene(config: &EpisodeConfig) -> Result<(), EpisodeError> {
-    let (task, scene) = (&config.task, &config.scene);
+/// Sets a task up, for [`Episode::start_on`].
+///
+/// # Errors
+/// When the task plays in another scene.
+pub fn stage(scene: &Arc<Scene>, task: &Arc<Task>) -> Result<Arc<Stage>, EpisodeError> {
     if task.scene_id == scene.scene_id {
-        return Ok(());
+        return Ok(Stage::new(scene.clone(), task.clone()));
     }
     let (wanted, given) = (task.scene_id.clone(), scene.scene_id.clone());
     Err(EpisodeError::OtherScene { task: task.task_id.clone(), wanted, given })
+}
+
+fn check_stage(stage: &Stage, config: &EpisodeConfig) {
+    let its = Arc::ptr_eq(stage.task(), &config.task) && Arc::ptr_eq(stage.scene(), &config.scene);
+    assert!(its, "the stage of task {} was handed to task {}", stage.task().task_id, config.task.task_id);
+}
+
+/// The last link.
+fn chain_of(start: &StartRecord, steps: &[StepRecord]) -> Digest {
+    steps.last().map_or(start.digests.chain, |step| step.digests.chain)
+}
+
+fn end(ended: Option<EndReason>, config: &EpisodeConfig, start: &StartRecord, steps: &[StepRecord], graphs: Graphs) -> EndRecord {
+    EndRecord {
+        reason: ended.unwrap_or(EndReason::Aborted),
+        metrics: metrics(&config.preset, &config.task, start, steps, &graphs),
+        chain: chain_of(start, steps),
+        steps: u32::try_from(steps.len()).expect("an episode has few steps"),
+        graphs,
+    }
 }
 
 /// Those who watch an episode: the rewards and the user, told of its start.

@@ -12,7 +12,7 @@ use reel_world::{
     record::{EpisodeHeader, Marker, Parent, PolicyInfo, StepRecord},
 };
 
-pub use episode::{Episode, Parked};
+pub use episode::{Episode, Parked, stage};
 
 /// What an episode is a function of, besides its calls.
 #[derive(Clone, Debug)]

@@ -8,10 +8,11 @@ use std::{
 };
 
 use reel_episode::{Briefing, Episode, Parked, StepOutput};
+use reel_sim::render::Detail;
 use reel_trace::Recorder;
 use reel_world::{
     Frame, InstanceId, Profile, ReceptacleId, Task,
-    record::{EndReason, Graphs, Marker, Metrics, RobotState, StepInput, StepRecord},
+    record::{EndReason, EndRecord, Graphs, Marker, Metrics, RobotState, StepInput, StepRecord},
 };
 use serde::Serialize;
 
@@ -51,8 +52,6 @@ struct Resting {
     episode: Parked,
     recorder: Recorder,
     path: PathBuf,
-    task: Arc<Task>,
-    steps: u32,
 }
 
 /// An episode that has begun.
@@ -201,7 +200,7 @@ impl Household {
     /// When no episode runs, or the trace cannot be written: the episode is ended then.
     pub fn call(&mut self, input: StepInput) -> Result<Made, LiveError> {
         let mut playing = self.take()?;
-        let step = calls(&playing.episode);
+        let step = calls(playing.episode.steps());
         playing.recorder.input(step, &input)?;
         let StepOutput { record, frame } = playing.episode.step(input);
         playing.recorder.step(&record, frame.as_ref())?;
@@ -210,7 +209,8 @@ impl Household {
         let view = view(&playing.episode);
         let ended = playing.episode.ended();
         if ended.is_some() {
-            self.end(*playing)?;
+            let Playing { episode, recorder, path } = *playing;
+            self.close(episode.task().clone(), episode.end(), recorder, path)?;
         } else {
             self.now = Now::Playing(playing);
         }
@@ -224,7 +224,7 @@ impl Household {
     pub fn briefing(&self) -> Result<Briefing, LiveError> {
         let task = match &self.now {
             Now::Playing(playing) => playing.episode.task(),
-            Now::Parked(resting) => &resting.task,
+            Now::Parked(resting) => resting.episode.task(),
             _ => return Err(self.refusal()),
         };
         Ok(Briefing::new(task, &self.setup.scene))
@@ -236,8 +236,7 @@ impl Household {
             && let Ok(playing) = self.take()
         {
             let Playing { episode, recorder, path } = *playing;
-            let (task, steps) = (episode.task().clone(), calls(&episode));
-            self.now = Now::Parked(Box::new(Resting { episode: episode.park(), recorder, path, task, steps }));
+            self.now = Now::Parked(Box::new(Resting { episode: episode.park(), recorder, path }));
         }
     }
 
@@ -258,17 +257,24 @@ impl Household {
     /// # Errors
     /// When its trace cannot be written.
     pub fn leave(&mut self) -> Result<(), LiveError> {
-        match &self.now {
-            Now::Playing(_) | Now::Parked(_) => {
-                let playing = self.take()?;
-                self.end(*playing)
+        match self.take_out() {
+            Now::Playing(playing) => {
+                let Playing { episode, recorder, path } = *playing;
+                self.close(episode.task().clone(), episode.end(), recorder, path)
+            }
+            Now::Parked(resting) => {
+                let Resting { episode, recorder, path } = *resting;
+                self.close(episode.task().clone(), episode.end(), recorder, path)
             }
             Now::Broken { part, .. } => {
-                self.finished = restore(part, None).ok().map(|recovery| recovery.trace).or(self.finished.take());
+                self.finished = restore(&part, None).ok().map(|recovery| recovery.trace).or(self.finished.take());
                 self.now = Now::Empty;
                 Ok(())
             }
-            Now::Empty | Now::Over { .. } => Ok(()),
+            now @ (Now::Empty | Now::Over { .. }) => {
+                self.now = now;
+                Ok(())
+            }
         }
     }
 
@@ -276,8 +282,8 @@ impl Household {
     pub fn state(&self) -> State {
         let (state, task, steps, ended) = match &self.now {
             Now::Empty => ("empty", None, 0, None),
-            Now::Playing(playing) => ("playing", Some(playing.episode.task()), calls(&playing.episode), None),
-            Now::Parked(resting) => ("parked", Some(&resting.task), resting.steps, None),
+            Now::Playing(playing) => ("playing", Some(playing.episode.task()), calls(playing.episode.steps()), None),
+            Now::Parked(resting) => ("parked", Some(resting.episode.task()), calls(resting.episode.steps()), None),
             Now::Over { task, reason, metrics } => {
                 let ended = Ended { reason: *reason, success: metrics.success, total_reward: metrics.total_reward };
                 ("over", Some(task), metrics.length, Some(ended))
@@ -304,7 +310,7 @@ impl Household {
         let number = self.begun;
         self.begun += 1;
         self.now = Now::Broken { part: part(&path), reason: "it could not be started".to_owned() };
-        let (episode, start, frame) = Episode::start(config)?;
+        let (episode, start, frame) = Episode::start_on(self.setup.stage(&task)?, config, Detail::Picture);
         let mut recorder = Recorder::create(&path, episode.header(), episode.task(), episode.scene(), self.setup.options)?;
         recorder.start(&start, Some(&frame))?;
         let index = self.setup.tasks.iter().position(|other| Arc::ptr_eq(other, &task)).unwrap_or(0);
@@ -314,32 +320,38 @@ impl Household {
         Ok(begun)
     }
 
-    fn end(&mut self, playing: Playing) -> Result<(), LiveError> {
-        let task = playing.episode.task().clone();
-        let end = playing.episode.end();
-        playing.recorder.end(&end)?;
-        self.finished = Some(playing.path);
+    fn close(&mut self, task: Arc<Task>, end: EndRecord, recorder: Recorder, path: PathBuf) -> Result<(), LiveError> {
+        recorder.end(&end)?;
+        self.finished = Some(path);
         self.now = Now::Over { task, reason: end.reason, metrics: end.metrics };
         Ok(())
     }
 
-    /// Takes the running episode out, awake. Should it not come back, because the simulator panics or the disk refuses, what
-    /// is left says that it broke down.
+    /// Takes the running episode out, awake.
     fn take(&mut self) -> Result<Box<Playing>, LiveError> {
-        let path = match &self.now {
-            Now::Playing(playing) => &playing.path,
-            Now::Parked(resting) => &resting.path,
-            _ => return Err(self.refusal()),
-        };
-        let broken = Now::Broken { part: part(path), reason: "a call did not come to its end".to_owned() };
-        match std::mem::replace(&mut self.now, broken) {
+        if !self.plays() {
+            return Err(self.refusal());
+        }
+        match self.take_out() {
             Now::Playing(playing) => Ok(playing),
             Now::Parked(resting) => {
-                let Resting { episode, recorder, path, .. } = *resting;
+                let Resting { episode, recorder, path } = *resting;
                 Ok(Box::new(Playing { episode: episode.wake()?, recorder, path }))
             }
-            _ => unreachable!("nothing else has a path"),
+            _ => unreachable!("it plays"),
         }
+    }
+
+    /// Takes out what there is. Should it not come back, because the simulator panics or the disk refuses, what is left says
+    /// that it broke down.
+    fn take_out(&mut self) -> Now {
+        let left = match &self.now {
+            Now::Playing(playing) => Some(&playing.path),
+            Now::Parked(resting) => Some(&resting.path),
+            _ => None,
+        };
+        let left = left.map(|path| Now::Broken { part: part(path), reason: "a call did not come to its end".to_owned() });
+        std::mem::replace(&mut self.now, left.unwrap_or(Now::Empty))
     }
 
     fn refusal(&self) -> LiveError {
@@ -362,8 +374,8 @@ fn view(episode: &Episode) -> View {
     }
 }
 
-fn calls(episode: &Episode) -> u32 {
-    u32::try_from(episode.steps().len()).expect("an episode has few steps")
+fn calls(steps: &[StepRecord]) -> u32 {
+    u32::try_from(steps.len()).expect("an episode has few steps")
 }
 
 /// Where the recorder writes until the end.

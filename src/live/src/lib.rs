@@ -13,4 +13,4 @@ pub use error::LiveError;
 pub use household::{Begun, Ended, Household, Made, State, View};
 pub use pool::{Entry, Limits, Pool};
 pub use restore::restore;
-pub use setup::{Lease, Setup, check_name};
+pub use setup::{Lease, Setup, Stages, check_name};

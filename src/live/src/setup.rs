@@ -1,9 +1,14 @@
 //! What households play, and how it is recorded.
 
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    collections::HashMap,
+    path::PathBuf,
+    sync::{Arc, Mutex, PoisonError, Weak},
+};
 
 use reel_episode::{EpisodeConfig, Rollout};
 use reel_reward::Preset;
+use reel_sim::Stage;
 use reel_trace::RecordOptions;
 use reel_world::{Profile, Scene, Task, record::PolicyInfo};
 use serde_json::json;
@@ -29,7 +34,13 @@ pub struct Setup {
     pub folder: PathBuf,
     /// Whether traces hold pictures, and what a recorded call survives.
     pub options: RecordOptions,
+    /// Those of the tasks that are being played.
+    pub stages: Stages,
 }
+
+/// What the simulators of one task share, as long as there is one of them.
+#[derive(Clone, Debug, Default)]
+pub struct Stages(Arc<Mutex<HashMap<String, Weak<Stage>>>>);
 
 /// A household that is let for a prompt group: it plays one task at one seed so many times.
 #[derive(Clone, PartialEq, Eq, Debug)]
@@ -57,6 +68,24 @@ impl Setup {
     /// Finds a task by its id.
     pub fn task(&self, task_id: &str) -> Option<&Arc<Task>> {
         self.tasks.iter().find(|task| task.task_id == task_id)
+    }
+
+    /// The stage of one of the tasks.
+    ///
+    /// # Errors
+    /// When the task plays in another scene.
+    pub(crate) fn stage(&self, task: &Arc<Task>) -> Result<Arc<Stage>, LiveError> {
+        let known = || self.stages.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let fits = |stage: &Arc<Stage>| Arc::ptr_eq(stage.task(), task);
+        if let Some(stage) = known().get(&task.task_id).and_then(Weak::upgrade).filter(fits) {
+            return Ok(stage);
+        }
+        // Others need not wait meanwhile; who builds the same at the same time keeps its own.
+        let stage = reel_episode::stage(&self.scene, task)?;
+        let mut known = known();
+        known.retain(|_, stage| stage.strong_count() > 0);
+        known.insert(task.task_id.clone(), Arc::downgrade(&stage));
+        Ok(stage)
     }
 
     pub(crate) fn config(&self, task: &Arc<Task>, place: &Place<'_>, before: u32) -> EpisodeConfig {

@@ -21,17 +21,22 @@ use axum::{
 use futures_util::{StreamExt as _, stream};
 use rmcp::{
     RoleServer, ServerHandler,
-    model::ClientJsonRpcMessage,
+    model::{ClientJsonRpcMessage, ClientNotification, JsonRpcMessage, JsonRpcNotification, RequestId},
     serve_server,
     service::{RxJsonRpcMessage, TxJsonRpcMessage},
     transport::Transport,
 };
-use tokio::sync::mpsc;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::{CancellationToken, DropGuard};
 
 /// Messages that may wait in each direction of one connection.
 const QUEUE: usize = 64;
+/// Requests of one connection whose answers the client has not read yet. Who wants more waits, and is refused after a while:
+/// answers hold pictures, and a client may post without ever reading.
+const UNREAD: usize = 32;
+/// How long a message waits for room.
+const PATIENCE: Duration = Duration::from_secs(15);
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 type In = RxJsonRpcMessage<RoleServer>;
@@ -39,13 +44,51 @@ type Out = TxJsonRpcMessage<RoleServer>;
 
 /// The open connections, by the id that a client was told.
 #[derive(Clone, Default)]
-pub(crate) struct Connections(Arc<Mutex<HashMap<String, mpsc::Sender<In>>>>);
+pub(crate) struct Connections(Arc<Mutex<HashMap<String, Client>>>);
 
-impl Connections {
-    fn lock(&self) -> MutexGuard<'_, HashMap<String, mpsc::Sender<In>>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+/// A client that listens.
+#[derive(Clone)]
+struct Client {
+    to_server: mpsc::Sender<In>,
+    places: Arc<Semaphore>,
+    /// The places of requests whose answers were not read yet.
+    unread: Arc<Mutex<HashMap<RequestId, OwnedSemaphorePermit>>>,
+}
+
+impl Client {
+    fn new(to_server: mpsc::Sender<In>) -> Self {
+        Self { to_server, places: Arc::new(Semaphore::new(UNREAD)), unread: Arc::default() }
     }
 
+    /// Hands a message on, as soon as there is room for it and its answer; false where the client is gone.
+    async fn say(&self, message: In) -> bool {
+        match &message {
+            JsonRpcMessage::Request(request) => {
+                let Ok(place) = self.places.clone().acquire_owned().await else { return false };
+                lock(&self.unread).insert(request.id.clone(), place);
+            }
+            JsonRpcMessage::Notification(JsonRpcNotification {
+                notification: ClientNotification::CancelledNotification(cancelled),
+                ..
+            }) => self.has_read(cancelled.params.request_id.as_ref()),
+            _ => {}
+        }
+        self.to_server.send(message).await.is_ok()
+    }
+
+    /// Notes that the answer of a request goes out, or need not.
+    fn has_read(&self, request: Option<&RequestId>) {
+        if let Some(request) = request {
+            lock(&self.unread).remove(request);
+        }
+    }
+}
+
+fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Connections {
     /// Opens a connection, one of at most `limit`, that `handler` serves as long as the client reads; messages go to `post`.
     pub(crate) fn open(
         &self,
@@ -58,13 +101,14 @@ impl Connections {
         let (to_server, from_client) = mpsc::channel(QUEUE);
         let (to_client, from_server) = mpsc::channel::<Out>(QUEUE);
         let gone = closing.child_token();
+        let client = Client::new(to_server);
         {
-            let mut open = self.lock();
+            let mut open = lock(&self.0);
             if open.len() >= limit {
                 let text = format!("{limit} streams are open, which is the limit");
                 return (StatusCode::SERVICE_UNAVAILABLE, text).into_response();
             }
-            open.insert(id.clone(), to_server);
+            open.insert(id.clone(), client.clone());
         }
         let transport = Connection { from_client, to_client: Some(to_client), gone: gone.clone() };
         tokio::spawn(async move {
@@ -74,9 +118,13 @@ impl Connections {
             }
         });
         let hello = Event::default().event("endpoint").data(format!("{post}?session_id={id}"));
-        let open = Open { connections: self.clone(), id, _gone: gone.clone().drop_guard() };
+        let open = Open { connections: self.clone(), id, client, _gone: gone.clone().drop_guard() };
         let messages = ReceiverStream::new(from_server).map(move |message| {
-            let _open = &open;
+            match &message {
+                JsonRpcMessage::Response(answer) => open.client.has_read(Some(&answer.id)),
+                JsonRpcMessage::Error(error) => open.client.has_read(error.id.as_ref()),
+                _ => {}
+            }
             let json = serde_json::to_string(&message).expect("a message of the protocol is JSON");
             Event::default().event("message").data(json)
         });
@@ -90,16 +138,17 @@ impl Connections {
             return (StatusCode::BAD_REQUEST, "session_id is required: post to the path that the event 'endpoint' named")
                 .into_response();
         };
-        let Some(to_server) = self.lock().get(id).cloned() else {
+        let Some(client) = lock(&self.0).get(id).cloned() else {
             return (StatusCode::NOT_FOUND, "no such session: open a new stream").into_response();
         };
         match serde_json::from_slice::<ClientJsonRpcMessage>(body) {
-            Ok(message) => match to_server.send_timeout(message, KEEP_ALIVE).await {
-                Ok(()) => (StatusCode::ACCEPTED, "Accepted").into_response(),
-                Err(mpsc::error::SendTimeoutError::Timeout(_)) => {
-                    (StatusCode::TOO_MANY_REQUESTS, "too many messages wait in this session").into_response()
+            Ok(message) => match tokio::time::timeout(PATIENCE, client.say(message)).await {
+                Ok(true) => (StatusCode::ACCEPTED, "Accepted").into_response(),
+                Ok(false) => (StatusCode::GONE, "the session is closed").into_response(),
+                Err(_) => {
+                    let text = "too many answers wait to be read in this session: read its stream, then post again";
+                    (StatusCode::TOO_MANY_REQUESTS, text).into_response()
                 }
-                Err(mpsc::error::SendTimeoutError::Closed(_)) => (StatusCode::GONE, "the session is closed").into_response(),
             },
             Err(error) => (StatusCode::BAD_REQUEST, format!("no message of the protocol: {error}")).into_response(),
         }
@@ -142,11 +191,13 @@ impl Transport<RoleServer> for Connection {
 struct Open {
     connections: Connections,
     id: String,
+    client: Client,
     _gone: DropGuard,
 }
 
 impl Drop for Open {
     fn drop(&mut self) {
-        self.connections.lock().remove(&self.id);
+        lock(&self.connections.0).remove(&self.id);
+        self.client.places.close();
     }
 }

@@ -32,6 +32,7 @@ impl Worker {
     /// When the name could not be one of a file.
     pub fn named(name: &str) -> Result<Self, reel_live::LiveError> {
         let worker = Self(name.to_owned());
+        check_name(name)?;
         check_name(&worker.household()).map(|()| worker)
     }
 

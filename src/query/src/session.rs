@@ -49,6 +49,8 @@ use crate::{
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// How long a query that was told to stop may take to do so before it is left alone.
 const GRACE: Duration = Duration::from_secs(1);
+/// Batches of an answer that wait for who takes them.
+const AHEAD: usize = 4;
 
 /// Parameters of a query, by name without `$`.
 pub type Parameters = BTreeMap<String, String>;
@@ -63,6 +65,12 @@ struct Inner {
     environment: Arc<RuntimeEnv>,
     runtime: Arc<Runtime>,
     views: Vec<View>,
+}
+
+/// What a running query hands on.
+enum Part {
+    Batch(RecordBatch),
+    End(Result<(), QueryError>),
 }
 
 /// Why a query has no result.
@@ -173,9 +181,12 @@ impl Session {
     /// # Errors
     /// As [`Session::run`], and when a parameter is missing.
     pub fn run_with(&self, sql: &str, parameters: &Parameters) -> Result<Vec<RecordBatch>, QueryError> {
-        let (sender, batches) = mpsc::channel();
-        self.run_each(sql, parameters, move |batch| sender.send(batch).is_ok())?;
-        Ok(batches.into_iter().collect())
+        let mut batches = Vec::new();
+        self.run_each(sql, parameters, |batch| {
+            batches.push(batch);
+            true
+        })?;
+        Ok(batches)
     }
 
     /// Runs one query, handing each batch of the answer on as it comes, until `take` wants no more. It may wait: the query
@@ -183,12 +194,7 @@ impl Session {
     ///
     /// # Errors
     /// As [`Session::run_with`]; some batches may have been handed on then.
-    pub fn run_each(
-        &self,
-        sql: &str,
-        parameters: &Parameters,
-        take: impl FnMut(RecordBatch) -> bool + Send + 'static,
-    ) -> Result<(), QueryError> {
+    pub fn run_each(&self, sql: &str, parameters: &Parameters, take: impl FnMut(RecordBatch) -> bool) -> Result<(), QueryError> {
         if sql.len() > SQL_BYTES_MAX {
             return Err(QueryError::TooLong { bytes: sql.len() });
         }
@@ -197,14 +203,15 @@ impl Session {
             return Err(QueryError::TooDeep { operators });
         }
         self.0.control.begin();
-        let (sender, answer) = mpsc::channel();
+        let (sender, answer) = mpsc::sync_channel(AHEAD);
         let (inner, sql, parameters) = (self.0.clone(), sql.to_owned(), parameters.clone());
         // a long chain of operators is a deep tree, and planning walks down it
         let thread = std::thread::Builder::new().stack_size(reel_tables::STACK_BYTES).spawn(move || {
-            let _ = sender.send(inner.runtime.block_on(inner.answer(&sql, &parameters, take)));
+            let end = inner.runtime.block_on(inner.answer(&sql, &parameters, sender.clone()));
+            let _ = sender.send(Part::End(end));
         });
         thread.map_err(|error| QueryError::Engine(error.into()))?;
-        self.0.watch(&answer)
+        self.0.watch(&answer, take)
     }
 
     /// Fields of `episodes.steps` that a query reads from disk; none: all of them.
@@ -226,18 +233,29 @@ impl Session {
 }
 
 impl Inner {
-    /// Waits for the answer, and for no longer and with no more memory than is allowed. What does not listen is left alone.
-    fn watch(&self, answer: &mpsc::Receiver<Result<(), QueryError>>) -> Result<(), QueryError> {
+    /// Hands the answer on, for no longer and with no more memory than is allowed. What does not listen is left alone.
+    fn watch(&self, answer: &mpsc::Receiver<Part>, mut take: impl FnMut(RecordBatch) -> bool) -> Result<(), QueryError> {
         let (begun, resident_before) = (Instant::now(), limits::resident_bytes().unwrap_or(0));
         let memory = self.limits.memory_bytes.saturating_mul(4);
+        let mut looked = begun;
         let stopped = loop {
             match answer.recv_timeout(LOOK_EVERY) {
-                Ok(answer) => return answer,
+                Ok(Part::Batch(batch)) => {
+                    if !take(batch) {
+                        self.control.cancel();
+                        return Ok(());
+                    }
+                    if looked.elapsed() < LOOK_EVERY {
+                        continue;
+                    }
+                }
+                Ok(Part::End(end)) => return end,
                 Err(mpsc::RecvTimeoutError::Disconnected) => {
                     return Err(QueryError::Engine(DataFusionError::Execution("the query engine panicked".into())));
                 }
                 Err(mpsc::RecvTimeoutError::Timeout) => {}
             }
+            looked = Instant::now();
             if self.control.is_cancelled() {
                 break Stopped::Cancelled;
             }
@@ -250,18 +268,14 @@ impl Inner {
             }
         };
         self.control.cancel();
-        let _ = answer.recv_timeout(GRACE);
+        let patience = Instant::now() + GRACE;
+        while let Ok(Part::Batch(_)) = answer.recv_timeout(patience.saturating_duration_since(Instant::now())) {}
         Err(QueryError::Stopped(stopped))
     }
 
-    async fn answer(
-        &self,
-        sql: &str,
-        parameters: &Parameters,
-        take: impl FnMut(RecordBatch) -> bool + Send + 'static,
-    ) -> Result<(), QueryError> {
+    async fn answer(&self, sql: &str, parameters: &Parameters, to: mpsc::SyncSender<Part>) -> Result<(), QueryError> {
         let (context, plan) = self.plan(sql, parameters).await?;
-        self.hand_on(&context, plan, take).await
+        self.hand_on(&context, plan, to).await
     }
 
     async fn plan(&self, sql: &str, parameters: &Parameters) -> Result<(SessionContext, LogicalPlan), QueryError> {
@@ -369,12 +383,7 @@ impl Inner {
         Ok(())
     }
 
-    async fn hand_on(
-        &self,
-        context: &SessionContext,
-        plan: LogicalPlan,
-        mut take: impl FnMut(RecordBatch) -> bool + Send + 'static,
-    ) -> Result<(), QueryError> {
+    async fn hand_on(&self, context: &SessionContext, plan: LogicalPlan, to: mpsc::SyncSender<Part>) -> Result<(), QueryError> {
         let rows_max = self.limits.rows;
         let frame = context.execute_logical_plan(plan).await?;
         let columns = Arc::new(frame.schema().as_arrow().clone());
@@ -388,12 +397,12 @@ impl Inner {
                     return Err(DataFusionError::External(Box::new(Stopped::Rows { rows: rows_max })));
                 }
                 empty = false;
-                if !take(batch) {
+                if to.send(Part::Batch(batch)).is_err() {
                     return Ok(());
                 }
             }
             if empty {
-                take(in_plain_types(&RecordBatch::new_empty(columns))?);
+                let _ = to.send(Part::Batch(in_plain_types(&RecordBatch::new_empty(columns))?));
             }
             Ok::<_, DataFusionError>(())
         });

@@ -2,7 +2,7 @@
 //! the pictures side by side and the texts word by word, and the motion states after any physics step. Never decides
 //! whether a trace is exact.
 
-use reel_sim::{Simulator, render::Detail};
+use reel_sim::{Simulator, Stage, render::Detail};
 use reel_trace::Trace;
 use reel_world::{
     FRAME_HEIGHT, FRAME_WIDTH, Frame,
@@ -104,7 +104,8 @@ pub fn state_at(trace: &Trace, moment: Moment, step: usize) -> Result<Option<Vec
     match moment {
         Moment::Start => {
             let config = player::config(trace)?;
-            let mut simulator = Simulator::new_watching(config.scene, config.task, config.profile, config.seed, Some(step));
+            let mut simulator =
+                Simulator::new_watching(Stage::new(config.scene, config.task), config.profile, config.seed, Some(step));
             Ok(simulator.take_watched())
         }
         Moment::Call(call) => {

@@ -8,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use reel_live::Setup;
+use reel_live::{Setup, Stages};
 use reel_mcp::{AskAnswers, AskWhom};
 use reel_reward::Preset;
 use reel_tasks::{GenerateOptions, Listed, generate, home};
@@ -123,7 +123,7 @@ pub struct Limits {
     pub patience_s: u64,
     /// Connections at once.
     pub connections: usize,
-    /// Seconds that a client has for the head of a request, and again for its body.
+    /// Seconds that a client has for the head of a request, again for its body, and for reading any of the answer.
     pub read_s: u64,
     /// Largest body of a request, in MiB.
     pub body_mib: usize,
@@ -153,7 +153,7 @@ impl Default for Config {
             hosts: Vec::new(),
             origins: Vec::new(),
             log: LogFormat::Text,
-            log_filter: "info,rmcp=error".to_owned(),
+            log_filter: "info,rmcp=error,buoyant_kernel=warn".to_owned(),
             play: Play::default(),
             limits: Limits::default(),
         }
@@ -379,6 +379,7 @@ impl Config {
             run_id,
             folder: self.traces(),
             options: RecordOptions { images, durability },
+            stages: Stages::default(),
         })
     }
 

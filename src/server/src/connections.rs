@@ -1,4 +1,5 @@
-//! Accepting connections: so many, each with a time for the head of its requests; and letting them end.
+//! Accepting connections: so many, each with a time for the head of its requests and for reading what it asked for; and letting
+//! them end.
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 
@@ -10,6 +11,7 @@ use hyper_util::{
     service::TowerToHyperService,
 };
 use tokio::{net::TcpListener, sync::Semaphore};
+use tokio_io_timeout::TimeoutStream;
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
 use tower::ServiceExt as _;
 
@@ -55,7 +57,10 @@ pub(crate) async fn serve(listener: TcpListener, router: Router, app: Arc<App>, 
             });
             let mut builder = Builder::new(TokioExecutor::new()).http1_only();
             builder.http1().timer(TokioTimer::new()).header_read_timeout(app.read_patience());
-            let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(service));
+            // Who asks and does not read would have its place, and what it asked for in memory, for ever.
+            let mut stream = TimeoutStream::new(stream);
+            stream.set_write_timeout(Some(app.read_patience()));
+            let connection = builder.serve_connection(TokioIo::new(Box::pin(stream)), TowerToHyperService::new(service));
             tokio::pin!(connection);
             let ended = tokio::select! {
                 ended = &mut connection => ended,

@@ -28,6 +28,8 @@ use crate::{archive::Archive, rest::ApiError};
 const REMEMBERED: usize = 200;
 /// Most that is kept of what a job prints.
 const OUTPUT_BYTES: u64 = 4 << 20;
+/// Longest option of an export: what command lines take anywhere.
+const OPTION_BYTES: usize = 16 << 10;
 /// Jobs at work at once; the others wait.
 const AT_ONCE: usize = 1;
 
@@ -172,6 +174,8 @@ pub(crate) struct Paths {
     pub archive: Archive,
     pub store: String,
     pub exports: std::path::PathBuf,
+    /// The folder that all of it lies in: what jobs say of files is said relative to it.
+    pub data: std::path::PathBuf,
 }
 
 /// A line of progress, as `REEL_PROGRESS=json` makes a command print them.
@@ -227,7 +231,7 @@ impl Jobs {
             }
             known.push_back(Known { job: receiver, stop: stop.clone() });
         }
-        let (at_once, reel, running) = (self.at_once.clone(), self.command.reel.clone(), self.running.clone());
+        let (at_once, command, running) = (self.at_once.clone(), self.command.clone(), self.running.clone());
         tokio::spawn(async move {
             let place = tokio::select! {
                 place = at_once.acquire_owned() => place.expect("the places are never closed"),
@@ -238,7 +242,7 @@ impl Jobs {
             };
             running.inc();
             sender.send_modify(|job| job.stage = Stage::Running);
-            let stage = run(&reel, &arguments, &sender, &stop).await;
+            let stage = run(&command, &arguments, &sender, &stop).await;
             sender.send_modify(|job| job.stage = stage);
             running.dec();
             let job = sender.borrow();
@@ -317,6 +321,10 @@ impl Paths {
                     match value {
                         Value::Bool(true) => arguments.push(format!("--{option}").into()),
                         Value::Bool(false) | Value::Null => {}
+                        Value::String(text) if text.contains('\0') || text.len() > OPTION_BYTES => {
+                            let text = format!("option '{option}' takes a text of at most {OPTION_BYTES} bytes, none of them 0");
+                            return Err(ApiError::unprocessable("bad_option", text));
+                        }
                         Value::String(text) => arguments.push(format!("--{option}={text}").into()),
                         Value::Number(number) => arguments.push(format!("--{option}={number}").into()),
                         _ => {
@@ -330,6 +338,11 @@ impl Paths {
         Ok(arguments)
     }
 
+    /// A line without the way to the data folder, which is nobody's business outside.
+    fn relative(&self, line: &str) -> String {
+        line.replace(&format!("{}{}", self.data.display(), std::path::MAIN_SEPARATOR), "")
+    }
+
     fn traces(&self, names: &[String]) -> Result<Vec<OsString>, ApiError> {
         if names.is_empty() {
             return Ok(vec![self.archive.folder().as_os_str().to_owned()]);
@@ -339,8 +352,8 @@ impl Paths {
 }
 
 /// Runs a command to its end.
-async fn run(reel: &OsString, arguments: &[OsString], job: &watch::Sender<Job>, stop: &CancellationToken) -> Stage {
-    let mut command = Command::new(reel);
+async fn run(paths: &Paths, arguments: &[OsString], job: &watch::Sender<Job>, stop: &CancellationToken) -> Stage {
+    let mut command = Command::new(&paths.reel);
     // Secrets of the server are no business of its jobs.
     command.args(arguments).env("REEL_PROGRESS", "json").env_remove("REEL_TOKEN").stdin(Stdio::null());
     command.stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
@@ -353,6 +366,7 @@ async fn run(reel: &OsString, arguments: &[OsString], job: &watch::Sender<Job>, 
     };
     let (stdout, stderr) = (child.stdout.take().expect("it is piped"), child.stderr.take().expect("it is piped"));
     let reports = lines(stdout, |line| {
+        let line = paths.relative(&line);
         let value = serde_json::from_str(&line).unwrap_or(Value::String(line));
         job.send_modify(|job| job.report.push(value));
     });
@@ -360,7 +374,7 @@ async fn run(reel: &OsString, arguments: &[OsString], job: &watch::Sender<Job>, 
         Ok(Progress { progress }) => job.send_modify(|job| {
             (job.done, job.total, job.message) = (progress.done, progress.total, progress.what);
         }),
-        Err(_) => job.send_modify(|job| job.complaints.push(line)),
+        Err(_) => job.send_modify(|job| job.complaints.push(paths.relative(&line))),
     });
     let ended = async { tokio::join!(reports, complaints, child.wait()).2 };
     tokio::select! {

@@ -18,7 +18,7 @@ const AT_LAST: Duration = Duration::from_secs(1);
 /// # Errors
 /// When the service cannot start.
 pub fn run(config: Config, on_listening: impl FnOnce(SocketAddr, usize)) -> Result<(), ServeError> {
-    start_logs(&config);
+    let _logs = start_logs(&config);
     raise_file_limit();
     let runtime = runtime(None)?;
     let served = runtime.block_on(async {
@@ -37,7 +37,7 @@ pub fn run(config: Config, on_listening: impl FnOnce(SocketAddr, usize)) -> Resu
 /// # Errors
 /// When the configuration is wrong, or what comes in is not the protocol.
 pub fn run_stdio(config: Config) -> Result<(), ServeError> {
-    start_logs(&config);
+    let _logs = start_logs(&config);
     let run = config.play.run.clone().unwrap_or_else(|| format!("{}-{}", run_name("mcp"), std::process::id()));
     let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
     std::fs::create_dir_all(&setup.folder).map_err(ServeError::Data)?;

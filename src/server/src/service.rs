@@ -17,6 +17,7 @@ use reel_mcp::{Guard, Questions};
 use tokio::{net::TcpListener, sync::Semaphore};
 use tokio_util::sync::CancellationToken;
 use tower_http::catch_panic::CatchPanicLayer;
+use tracing_appender::non_blocking::WorkerGuard;
 use tracing_subscriber::{EnvFilter, fmt};
 
 use crate::{
@@ -126,6 +127,7 @@ impl Service {
             archive: archive.clone(),
             store: config.store(),
             exports: config.data.join("exports"),
+            data: config.data.canonicalize().map_err(ServeError::Data)?,
         };
         let app = Arc::new(App {
             pool: Arc::new(Pool::new(setup, config.pool())),
@@ -181,15 +183,19 @@ pub(crate) fn run_name(what: &str) -> String {
     format!("{what}-{now}")
 }
 
-/// Logs to standard error: never tokens, never what policies say.
-pub fn start_logs(config: &Config) {
+/// Logs to standard error: never tokens, never what policies say. A thread of its own writes, as long as the guard lives: where
+/// standard error is a full disk or a pipe that nobody empties, lines are lost, and nobody waits for them.
+#[must_use]
+pub fn start_logs(config: &Config) -> WorkerGuard {
     let filter = EnvFilter::try_new(&config.log_filter).unwrap_or_else(|_| EnvFilter::new("info"));
-    let logs = fmt().with_env_filter(filter).with_writer(io::stderr);
+    let (writer, guard) = tracing_appender::non_blocking(io::stderr());
+    let logs = fmt().with_env_filter(filter).with_writer(writer).log_internal_errors(false);
     // Where somebody else set logs up already, theirs stay.
     let _ = match config.log {
         LogFormat::Text => logs.with_target(false).try_init(),
         LogFormat::Json => logs.json().try_init(),
     };
+    guard
 }
 
 fn router(app: &Arc<App>) -> Router {

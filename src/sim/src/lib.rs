@@ -15,10 +15,12 @@ mod math;
 mod outside;
 mod simulator;
 mod snapshot;
+mod stage;
 mod tools;
 
 pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
 pub use snapshot::{Snapshot, SnapshotError};
+pub use stage::Stage;
 pub use tools::ToolResult;
 
 /// Changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`, and in a line below.

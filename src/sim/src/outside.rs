@@ -29,19 +29,19 @@ impl Simulator {
         if let Some(held) = self.held {
             let [ahead, up] = GRIPPER_M;
             let pose = pose.then(&Pose::at([ahead, 0.0, up]));
-            extra.push(Drawable { parts: &self.object_models[held].parts, pose, entity: self.object_entity(held) });
+            extra.push(Drawable { parts: &self.stage.object_models[held].parts, pose, entity: self.object_entity(held) });
         }
         self.picture_with(camera, &extra, self.detail)
     }
 
     /// A camera above the middle of the home, so high that all of it is in the picture; the longer side lies level.
     pub fn camera_above(&self) -> Camera {
-        let [low, high] = self.model.bounds;
+        let [low, high] = self.stage.model.bounds;
         let [width, depth] = [0, 1].map(|axis| high[axis] - low[axis] + 0.3);
         let (yaw, [level, upright]) =
             if width >= depth { (std::f32::consts::FRAC_PI_2, [width, depth]) } else { (0.0, [depth, width]) };
         // The tops of the walls are nearest to it.
-        let walls = self.model.walls.iter().map(|wall| wall.height as f32).fold(0.0, f32::max);
+        let walls = self.stage.model.walls.iter().map(|wall| wall.height as f32).fold(0.0, f32::max);
         let height = walls + (level / FIELD[0]).max(upright / FIELD[1]);
         let middle = [(low[0] + high[0]) * 0.5, (low[1] + high[1]) * 0.5];
         Camera { position: [middle[0], middle[1], height], yaw, pitch: -std::f32::consts::FRAC_PI_2 }

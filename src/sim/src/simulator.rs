@@ -1,7 +1,7 @@
 //! The state of one episode in the simulator: physics, registry, inventory, markers, robot; its graphs,
 //! pictures and digests. The tool handlers are in `tools`.
 
-use std::{collections::BTreeSet, sync::Arc};
+use std::sync::Arc;
 
 use reel_world::{
     Digest, DoorState, FLOOR, Frame, InstanceId, Profile, Scene, Task, WorldGraph,
@@ -9,10 +9,9 @@ use reel_world::{
 };
 
 use crate::{
-    Snapshot, SnapshotError,
+    Stage,
     geometry::{Camera, Pose},
-    math,
-    model::{ObjectModel, SceneModel, object_model, scene_model},
+    model::{ObjectModel, SceneModel},
     nav::{CAMERA_HEIGHT_M, NavMap, Viewpoint},
     physics::{Motion, Physics, SPAWN_OFFSET_M},
     render::{Detail, Drawable, Mark, Region, overlay, render},
@@ -35,16 +34,10 @@ const FIRST_FURNITURE_ENTITY: u16 = 2;
 /// One episode's world.
 #[derive(Debug)]
 pub struct Simulator {
-    pub(crate) scene: Arc<Scene>,
-    pub(crate) task: Arc<Task>,
+    pub(crate) stage: Arc<Stage>,
     pub(crate) profile: Profile,
     pub(crate) seed: u64,
-    pub(crate) model: Arc<SceneModel>,
-    pub(crate) object_models: Arc<[ObjectModel]>,
-    pub(crate) nav: Arc<NavMap>,
     pub(crate) physics: Physics,
-    /// The door (index into physics) of each piece of furniture.
-    pub(crate) door_of: Vec<Option<usize>>,
     pub(crate) registry: WorldGraph,
     pub(crate) held: Option<usize>,
     pub(crate) markers: Vec<Marker>,
@@ -66,67 +59,57 @@ pub struct Simulator {
 
 impl Simulator {
     /// Spawns the task's objects in the scene and lets them settle.
-    pub fn new(scene: Arc<Scene>, task: Arc<Task>, profile: Profile, seed: u64) -> Self {
-        Self::new_watching(scene, task, profile, seed, None)
+    pub fn new(stage: Arc<Stage>, profile: Profile, seed: u64) -> Self {
+        Self::new_watching(stage, profile, seed, None)
     }
 
     /// [`Simulator::new`], keeping the motion states after one physics step of the settling (from 0) for
     /// [`Simulator::take_watched`].
-    pub fn new_watching(scene: Arc<Scene>, task: Arc<Task>, profile: Profile, seed: u64, watch: Option<usize>) -> Self {
-        let mut simulator = Self::empty(scene, task, profile, seed);
+    pub fn new_watching(stage: Arc<Stage>, profile: Profile, seed: u64, watch: Option<usize>) -> Self {
+        let mut simulator = Self::empty(stage.clone(), profile, seed);
         simulator.watch = watch;
-        let task = simulator.task.clone();
-        for (index, object) in task.objects.iter().enumerate() {
+        for (index, object) in stage.task.objects.iter().enumerate() {
             let [x, y, z] = object.position.map(|value| value as f32);
             let pose = Pose::yawed([x, y, z + SPAWN_OFFSET_M], object.yaw as f32);
-            simulator.physics.insert_object(index, &simulator.object_models[index], pose);
+            simulator.physics.insert_object(index, &stage.object_models[index], pose);
         }
         simulator.run(SPAWN_SETTLE_STEPS);
         simulator
     }
 
-    /// A simulator of an episode that goes on from a snapshot.
-    ///
-    /// # Errors
-    /// When the snapshot is damaged or of another episode.
-    pub fn resume(
-        scene: Arc<Scene>,
-        task: Arc<Task>,
-        profile: Profile,
-        seed: u64,
-        snapshot: &Snapshot,
-    ) -> Result<Self, SnapshotError> {
-        Self::empty(scene, task, profile, seed).restored(snapshot)
+    /// What no call changes, to be shared with others of this task.
+    pub fn stage(&self) -> &Arc<Stage> {
+        &self.stage
     }
 
     /// The task.
     pub fn task(&self) -> &Task {
-        &self.task
+        &self.stage.task
     }
 
     /// The scene.
     pub fn scene(&self) -> &Scene {
-        &self.scene
+        &self.stage.scene
     }
 
     /// The scene as parts.
     pub fn model(&self) -> &SceneModel {
-        &self.model
+        &self.stage.model
     }
 
     /// The object models, in the order of the task's objects.
     pub fn object_models(&self) -> &[ObjectModel] {
-        &self.object_models
+        &self.stage.object_models
     }
 
     /// The navigation map.
     pub fn nav(&self) -> &NavMap {
-        &self.nav
+        &self.stage.nav
     }
 
     /// What the gripper holds.
     pub fn held(&self) -> Option<&InstanceId> {
-        self.held.map(|index| &self.task.objects[index].instance)
+        self.held.map(|index| &self.stage.task.objects[index].instance)
     }
 
     /// The current marker map.
@@ -136,7 +119,7 @@ impl Simulator {
 
     /// The receptacle the robot stands at.
     pub fn landmark(&self) -> Option<&reel_world::ReceptacleId> {
-        self.landmark.map(|index| &self.model.furniture[index].id)
+        self.landmark.map(|index| &self.stage.model.furniture[index].id)
     }
 
     /// The robot.
@@ -178,13 +161,13 @@ impl Simulator {
     /// Where physics says the objects are, and how the doors stand.
     pub fn physical_graph(&self) -> WorldGraph {
         let mut graph = WorldGraph::default();
-        for (index, furniture) in self.model.furniture.iter().enumerate() {
+        for (index, furniture) in self.stage.model.furniture.iter().enumerate() {
             let state = graph.receptacles.entry(furniture.id.clone()).or_default();
             state.door = self.door_state(index);
         }
-        for (index, object) in self.task.objects.iter().enumerate() {
+        for (index, object) in self.stage.task.objects.iter().enumerate() {
             if let Some(place) = self.place_of(index) {
-                let id = place.map_or_else(|| FLOOR.into(), |furniture| self.model.furniture[furniture].id.clone());
+                let id = place.map_or_else(|| FLOOR.into(), |furniture| self.stage.model.furniture[furniture].id.clone());
                 graph.add(&id, &object.instance);
             }
         }
@@ -193,7 +176,7 @@ impl Simulator {
 
     /// Door state of a piece of furniture; none where it has no door.
     pub fn door_state(&self, furniture: usize) -> Option<DoorState> {
-        let door = self.door_of[furniture]?;
+        let door = self.stage.door_of[furniture]?;
         Some(if self.physics.door_is_open(door) { DoorState::Open } else { DoorState::Closed })
     }
 
@@ -203,7 +186,7 @@ impl Simulator {
         let center = [(bounds[0][0] + bounds[1][0]) * 0.5, (bounds[0][1] + bounds[1][1]) * 0.5];
         let bottom = bounds[0][2];
         let mut best: Option<(f32, usize)> = None;
-        for (index, furniture) in self.model.furniture.iter().enumerate().filter(|(_, furniture)| furniture.present) {
+        for (index, furniture) in self.stage.model.furniture.iter().enumerate().filter(|(_, furniture)| furniture.present) {
             let surface = &furniture.surface;
             let inside = (0..2)
                 .all(|axis| center[axis] >= surface.min[axis] - REST_ASIDE_M && center[axis] <= surface.max[axis] + REST_ASIDE_M);
@@ -218,12 +201,13 @@ impl Simulator {
     /// Motion state of every body, objects by instance and then doors.
     pub fn bodies(&self) -> Vec<BodyState> {
         let objects = self
+            .stage
             .task
             .objects
             .iter()
             .enumerate()
             .filter_map(|(index, object)| Some(body_state(object.instance.to_string(), self.physics.object_motion(index)?)));
-        let doors = self.model.furniture.iter().zip(&self.door_of).filter_map(|(furniture, door)| {
+        let doors = self.stage.model.furniture.iter().zip(&self.stage.door_of).filter_map(|(furniture, door)| {
             Some(body_state(format!("door:{}", furniture.id), self.physics.door_motion((*door)?)))
         });
         objects.chain(doors).collect()
@@ -250,9 +234,9 @@ impl Simulator {
 
     /// Shortest base path start -> src -> dest with a perfect map, in metres (`l` of SPL).
     pub fn shortest_path_m(&self) -> Option<f32> {
-        let index = |id: &reel_world::ReceptacleId| self.model.furniture.iter().position(|furniture| furniture.id == *id);
-        let source = self.nav.viewpoint(&self.model, self.robot.base, index(&self.task.src)?)?;
-        let destination = self.nav.viewpoint(&self.model, source.base, index(&self.task.dest)?)?;
+        let index = |id: &reel_world::ReceptacleId| self.stage.model.furniture.iter().position(|furniture| furniture.id == *id);
+        let source = self.stage.nav.viewpoint(&self.stage.model, self.robot.base, index(&self.stage.task.src)?)?;
+        let destination = self.stage.nav.viewpoint(&self.stage.model, source.base, index(&self.stage.task.dest)?)?;
         Some(source.path_length_m + destination.path_length_m)
     }
 
@@ -274,17 +258,17 @@ impl Simulator {
 
     /// The picture from any camera, with more in it than the scene.
     pub(crate) fn picture_with(&self, camera: &Camera, extra: &[Drawable<'_>], detail: Detail) -> Frame {
-        let shell = Drawable { parts: &self.model.shell, pose: Pose::IDENTITY, entity: SHELL_ENTITY };
+        let shell = Drawable { parts: &self.stage.model.shell, pose: Pose::IDENTITY, entity: SHELL_ENTITY };
         let mut drawables = vec![shell];
-        for (index, furniture) in self.model.furniture.iter().enumerate() {
+        for (index, furniture) in self.stage.model.furniture.iter().enumerate() {
             let entity = furniture_entity(index);
             drawables.push(Drawable { parts: &furniture.parts, pose: Pose::IDENTITY, entity });
-            if let (Some(door), Some(body)) = (&furniture.door, self.door_of[index]) {
+            if let (Some(door), Some(body)) = (&furniture.door, self.stage.door_of[index]) {
                 let pose = self.physics.door_motion(body).pose;
                 drawables.push(Drawable { parts: &door.parts, pose, entity });
             }
         }
-        for (index, shape) in self.object_models.iter().enumerate() {
+        for (index, shape) in self.stage.object_models.iter().enumerate() {
             if let Some(motion) = self.physics.object_motion(index) {
                 drawables.push(Drawable { parts: &shape.parts, pose: motion.pose, entity: self.object_entity(index) });
             }
@@ -301,7 +285,7 @@ impl Simulator {
     /// Objects in the last picture, in the task's order.
     pub fn visible(&self) -> Vec<VisibleObject> {
         let seen = seen_entities(&self.view);
-        let objects = self.task.objects.iter().enumerate();
+        let objects = self.stage.task.objects.iter().enumerate();
         let visible = objects.filter_map(|(index, object)| {
             let sight = seen.get(usize::from(self.object_entity(index)))?.filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
             Some(VisibleObject { object: object.instance.clone(), pixels: sight.pixels, bbox: sight.bbox })
@@ -315,51 +299,32 @@ impl Simulator {
     }
 
     pub(crate) fn object_entity(&self, index: usize) -> u16 {
-        furniture_entity(self.model.furniture.len() + index)
+        furniture_entity(self.stage.model.furniture.len() + index)
     }
 
     pub(crate) fn object_index(&self, instance: &InstanceId) -> Option<usize> {
-        self.task.objects.iter().position(|object| object.instance == *instance)
+        self.stage.task.objects.iter().position(|object| object.instance == *instance)
     }
 
     pub(crate) fn furniture_index(&self, id: &reel_world::ReceptacleId) -> Option<usize> {
-        self.model.furniture.iter().position(|furniture| furniture.id == *id)
+        self.stage.model.furniture.iter().position(|furniture| furniture.id == *id)
     }
 
     /// The scene with its doors, and the robot at its start; no objects yet.
-    fn empty(scene: Arc<Scene>, task: Arc<Task>, profile: Profile, seed: u64) -> Self {
-        math::link();
-        let in_use: BTreeSet<_> = task.objects.iter().map(|object| object.receptacle.clone()).collect();
-        let model = scene_model(&scene, &in_use);
-        let object_models: Arc<[ObjectModel]> = task.objects.iter().map(object_model).collect();
-        let physics = Physics::new(&model, object_models.len());
-        let mut door_count = 0;
-        let door_of = model.furniture.iter().map(|furniture| {
-            furniture.door.as_ref().map(|_| {
-                door_count += 1;
-                door_count - 1
-            })
-        });
-        let door_of = door_of.collect();
-        let nav = NavMap::new(&model);
-        let robot = start_robot(&scene, &model, &nav);
+    fn empty(stage: Arc<Stage>, profile: Profile, seed: u64) -> Self {
+        let physics = Physics::new(&stage.model, stage.object_models.len());
         Self {
-            registry: task.initial.clone(),
-            scene,
-            task,
+            registry: stage.task.initial.clone(),
+            robot: start_robot(&stage.scene, &stage.model, &stage.nav),
+            stage,
             profile,
             seed,
-            model: Arc::new(model),
-            object_models,
-            nav: Arc::new(nav),
             physics,
-            door_of,
             held: None,
             markers: Vec::new(),
             has_marker_map: false,
             markers_persist: false,
             landmark: None,
-            robot,
             view: Frame::new(),
             detail: Detail::Picture,
             sim_step: 0,

@@ -1,10 +1,12 @@
 //! The whole state of a simulator between two calls, taken out and put back: what comes after a restore equals what
 //! came after the original, bit for bit. Never part of a trace: the engine's form is no file format.
 
-use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, record::RobotState};
+use std::sync::Arc;
+
+use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Profile, record::RobotState};
 use serde::{Deserialize, Serialize};
 
-use crate::{SIM_VERSION, physics::Physics, simulator::Simulator};
+use crate::{SIM_VERSION, Stage, physics::Physics, render::Detail, simulator::Simulator};
 
 /// The state of a simulator between two calls.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -102,11 +104,11 @@ impl Simulator {
         }
     }
 
-    /// A simulator of the same task, scene, profile and seed in the state of a snapshot.
+    /// A simulator of an episode that goes on from a snapshot.
     ///
     /// # Errors
     /// When the snapshot is damaged or of another episode.
-    pub fn restored(&self, snapshot: &Snapshot) -> Result<Self, SnapshotError> {
+    pub fn resume(stage: Arc<Stage>, profile: Profile, seed: u64, snapshot: &Snapshot) -> Result<Self, SnapshotError> {
         if snapshot.sim_version != SIM_VERSION {
             return Err(SnapshotError::OtherSimulator { found: snapshot.sim_version });
         }
@@ -115,30 +117,25 @@ impl Simulator {
             Some(index) if index >= count => Err(damaged("it speaks of things that are not there")),
             index => Ok(index),
         };
-        if (physics.object_count(), physics.door_count()) != (self.object_models.len(), self.physics.door_count()) {
+        if (physics.object_count(), physics.door_count()) != (stage.object_models.len(), stage.door_count()) {
             return Err(damaged("it has other objects or doors than the task"));
         }
         let mut view = Frame::new();
         view.ids = pixels(&snapshot.view).ok_or_else(|| damaged("its picture has another size"))?;
         let restored = Self {
-            scene: self.scene.clone(),
-            task: self.task.clone(),
-            profile: self.profile,
-            seed: self.seed,
-            model: self.model.clone(),
-            object_models: self.object_models.clone(),
-            nav: self.nav.clone(),
-            door_of: self.door_of.clone(),
+            profile,
+            seed,
             physics,
             registry: serde_json::from_str(&snapshot.registry).map_err(damaged)?,
-            held: things(snapshot.held, self.object_models.len())?,
+            held: things(snapshot.held, stage.object_models.len())?,
             markers: serde_json::from_str(&snapshot.markers).map_err(damaged)?,
             has_marker_map: snapshot.has_marker_map,
             markers_persist: snapshot.markers_persist,
-            landmark: things(snapshot.landmark, self.model.furniture.len())?,
+            landmark: things(snapshot.landmark, stage.model.furniture.len())?,
+            stage,
             robot: snapshot.robot,
             view,
-            detail: self.detail,
+            detail: Detail::Picture,
             sim_step: snapshot.sim_step,
             step_digests: Vec::new(),
             watch: None,

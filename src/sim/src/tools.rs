@@ -69,7 +69,7 @@ impl Simulator {
             Tool::Place { marker } => self.place(*marker),
             Tool::Open { marker } => self.drive_door(*marker, true),
             Tool::Close { marker } => self.drive_door(*marker, false),
-            Tool::Lifecycle(Lifecycle::ListReceptacles) => Ok(ToolResult::new(Outcome::ok(self.scene.room_listing()))),
+            Tool::Lifecycle(Lifecycle::ListReceptacles) => Ok(ToolResult::new(Outcome::ok(self.stage.scene.room_listing()))),
             Tool::Ask { .. } | Tool::Finish | Tool::Lifecycle(_) => Ok(ToolResult::new(Outcome::ok(""))),
         };
         result.unwrap_or_else(|(code, text)| ToolResult::error(code, text))
@@ -79,10 +79,10 @@ impl Simulator {
         let unknown = || (ErrorCode::UnknownReceptacle, format!("Receptacle {receptacle} not found in the scene."));
         let index = self.furniture_index(receptacle).ok_or_else(unknown)?;
         let hidden = || (ErrorCode::NoViewpoint, format!("Cannot find a non-occluded position to navigate to {receptacle}."));
-        if !self.model.furniture[index].present {
+        if !self.stage.model.furniture[index].present {
             return Err(hidden());
         }
-        let viewpoint = self.nav.viewpoint(&self.model, self.robot.base, index).ok_or_else(hidden)?;
+        let viewpoint = self.stage.nav.viewpoint(&self.stage.model, self.robot.base, index).ok_or_else(hidden)?;
         self.go(&viewpoint);
         self.landmark = Some(index);
         self.clear_markers();
@@ -96,13 +96,16 @@ impl Simulator {
         let nav = self.name("nav_to");
         let landmark =
             self.landmark.ok_or_else(|| (ErrorCode::NoLandmark, format!("No landmark selected. Use '{nav}' first.")))?;
-        let id = self.model.furniture[landmark].id.clone();
+        let id = self.stage.model.furniture[landmark].id.clone();
         let hidden = self.door_state(landmark) == Some(DoorState::Closed) && !self.profile.inventory_ignores_doors();
         let objects: Vec<InstanceId> = match self.profile {
             _ if hidden => Vec::new(),
             reel_world::Profile::Paper => {
                 let here = |index: &usize| self.place_of(*index) == Some(Some(landmark));
-                (0..self.task.objects.len()).filter(here).map(|index| self.task.objects[index].instance.clone()).collect()
+                (0..self.stage.task.objects.len())
+                    .filter(here)
+                    .map(|index| self.stage.task.objects[index].instance.clone())
+                    .collect()
             }
             reel_world::Profile::RealRepo => self.registry.objects_on(&id),
         };
@@ -114,7 +117,7 @@ impl Simulator {
         let first = self.profile.first_inventory_number();
         let mut text = String::from("I found the following object(s): ");
         for (number, object) in (first..).zip(&objects) {
-            let category = &self.task.object(object).expect("what lies here is an object of the task").category;
+            let category = &self.stage.task.object(object).expect("what lies here is an object of the task").category;
             text.push_str(&format!("\n\t{number}: a(an) {category}."));
         }
         text.push('\n');
@@ -130,15 +133,15 @@ impl Simulator {
     fn show_objects(&mut self, query: &str) -> Result<ToolResult, Refusal> {
         let _ = self.take_picture();
         let in_view = self.objects_in_view();
-        let categories: BTreeSet<&str> = in_view.iter().map(|index| self.task.objects[*index].category.as_str()).collect();
+        let categories: BTreeSet<&str> = in_view.iter().map(|index| self.stage.task.objects[*index].category.as_str()).collect();
         let matched = language::match_category(query, &categories);
-        let found = in_view.into_iter().filter(|index| matched.categories.contains(&self.task.objects[*index].category));
+        let found = in_view.into_iter().filter(|index| matched.categories.contains(&self.stage.task.objects[*index].category));
         let found: Vec<usize> = found.collect();
         if found.is_empty() {
             self.clear_markers();
             return Err((ErrorCode::NothingFound, format!("No object matching '{query}' is in view.")));
         }
-        let instance = |index: &usize| MarkerTarget::Object(self.task.objects[*index].instance.clone());
+        let instance = |index: &usize| MarkerTarget::Object(self.stage.task.objects[*index].instance.clone());
         let targets: Vec<MarkerTarget> = found.iter().map(instance).collect();
         self.set_markers((1..).zip(targets), true);
         let text = format!("Found {} object(s) matching '{query}': {}.", found.len(), numbers(&self.markers));
@@ -148,7 +151,7 @@ impl Simulator {
     fn show_receptacles(&mut self) -> Result<ToolResult, Refusal> {
         let _ = self.take_picture();
         let sights = self.sights();
-        let mut found: Vec<(u64, usize)> = (0..self.model.furniture.len())
+        let mut found: Vec<(u64, usize)> = (0..self.stage.model.furniture.len())
             .filter_map(|index| {
                 let sight = sights.get(usize::from(furniture_entity(index)))?.as_ref()?;
                 (sight.pixels >= RECEPTACLE_PIXELS).then(|| (sight.column(), index))
@@ -159,7 +162,7 @@ impl Simulator {
             self.clear_markers();
             return Err((ErrorCode::NothingFound, "No receptacle is in view.".to_owned()));
         }
-        let receptacle = |(_, index): &(u64, usize)| MarkerTarget::Receptacle(self.model.furniture[*index].id.clone());
+        let receptacle = |(_, index): &(u64, usize)| MarkerTarget::Receptacle(self.stage.model.furniture[*index].id.clone());
         let targets: Vec<MarkerTarget> = found.iter().map(receptacle).collect();
         self.set_markers((1..).zip(targets), false);
         let lines = self.markers.iter().map(|marker| match &marker.target {
@@ -181,12 +184,12 @@ impl Simulator {
                 if place.is_some_and(|furniture| self.door_state(furniture) == Some(DoorState::Closed)) {
                     return Err(not_in_view(number));
                 }
-                let viewpoint = self.nav.approach(self.robot.base, motion.pose.position, place);
+                let viewpoint = self.stage.nav.approach(self.robot.base, motion.pose.position, place);
                 (viewpoint, Some(instance.clone()), None)
             }
             MarkerTarget::Receptacle(id) => {
                 let index = self.furniture_index(id).expect("markers stand for receptacles of the scene");
-                let viewpoint = self.nav.viewpoint(&self.model, self.robot.base, index);
+                let viewpoint = self.stage.nav.viewpoint(&self.stage.model, self.robot.base, index);
                 if viewpoint.is_some() {
                     self.landmark = Some(index);
                 }
@@ -208,7 +211,7 @@ impl Simulator {
 
     fn pick(&mut self, number: u32) -> Result<ToolResult, Refusal> {
         if let Some(held) = self.held {
-            let category = &self.task.objects[held].category;
+            let category = &self.stage.task.objects[held].category;
             let text = format!("You are already holding '{category}'. Place it before picking another object.");
             return Err((ErrorCode::AlreadyHolding, text));
         }
@@ -233,7 +236,7 @@ impl Simulator {
             let text = format!("Marker {number} is out of reach. Use '{gaze}' to approach it first.");
             return Err((ErrorCode::OutOfReach, text));
         }
-        let receptacle = self.place_of(index).flatten().map(|furniture| self.model.furniture[furniture].id.clone());
+        let receptacle = self.place_of(index).flatten().map(|furniture| self.stage.model.furniture[furniture].id.clone());
         if let Some(place) = self.registry.place_of(&instance).cloned() {
             self.registry.remove(&place, &instance);
         }
@@ -262,18 +265,18 @@ impl Simulator {
         if self.door_state(index) == Some(DoorState::Closed) {
             return Err((ErrorCode::DoorClosed, format!("The door of '{id}' is closed. Use 'open' first.")));
         }
-        let surface = self.model.furniture[index].surface;
+        let surface = self.stage.model.furniture[index].surface;
         if placement::distance_to_surface(&surface, self.robot.base) > REACH_M + REACH_SLACK_M {
             let nav = self.name("nav_to");
             return Err((ErrorCode::OutOfReach, format!("'{id}' is out of reach. Use '{nav}' to approach it first.")));
         }
         let obstacles: Vec<[[f32; 3]; 2]> =
-            (0..self.task.objects.len()).filter_map(|object| self.physics.object_bounds(object)).collect();
-        let half = self.object_models[held].half;
+            (0..self.stage.task.objects.len()).filter_map(|object| self.physics.object_bounds(object)).collect();
+        let half = self.stage.object_models[held].half;
         let full = || (ErrorCode::NoFreeSpot, format!("There is no free spot on '{id}' for the held object."));
         let pose = placement::clamp(&surface, half, self.robot.base, &obstacles).ok_or_else(full)?;
-        let instance = self.task.objects[held].instance.clone();
-        self.physics.insert_object(held, &self.object_models[held], pose);
+        let instance = self.stage.task.objects[held].instance.clone();
+        self.physics.insert_object(held, &self.stage.object_models[held], pose);
         self.registry.add(&id, &instance);
         self.held = None;
         self.run(PLACE_SETTLE_STEPS);
@@ -292,7 +295,7 @@ impl Simulator {
             }
         };
         let index = self.furniture_index(&id).expect("markers stand for receptacles of the scene");
-        let (Some(door), Some(model)) = (self.door_of[index], &self.model.furniture[index].door) else {
+        let (Some(door), Some(model)) = (self.stage.door_of[index], &self.stage.model.furniture[index].door) else {
             return Err((ErrorCode::NoDoor, format!("'{id}' has no door. Cannot {verb} it.")));
         };
         if self.held.is_some() {
@@ -323,7 +326,7 @@ impl Simulator {
     /// Objects in the last picture, from left to right.
     fn objects_in_view(&self) -> Vec<usize> {
         let sights = self.sights();
-        let mut found: Vec<(u64, usize)> = (0..self.task.objects.len())
+        let mut found: Vec<(u64, usize)> = (0..self.stage.task.objects.len())
             .filter_map(|index| {
                 let sight = sights.get(usize::from(self.object_entity(index)))?.as_ref()?;
                 (sight.pixels >= VISIBLE_PIXELS).then(|| (sight.column(), index))
@@ -355,8 +358,9 @@ impl Simulator {
     }
 
     fn placeable(&self, furniture: usize) -> bool {
-        let id = &self.model.furniture[furniture].id;
-        self.scene.receptacle(id).is_some_and(|receptacle| receptacle.placeable) && self.model.furniture[furniture].present
+        let id = &self.stage.model.furniture[furniture].id;
+        self.stage.scene.receptacle(id).is_some_and(|receptacle| receptacle.placeable)
+            && self.stage.model.furniture[furniture].present
     }
 
     /// A tool's name as this profile calls it.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use reel_agents::{Job, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_sim::{Simulator, model::Surface};
+use reel_sim::{Simulator, Stage, model::Surface};
 use reel_world::{Family, ObjectInstance, Profile, Task, record::PolicyInfo};
 
 /// How far aside of the surface's rectangle a reference rest still counts as over it, in metres.
@@ -60,7 +60,7 @@ fn what_stayed_on_its_receptacle_there_stays_here() {
     let (mut stayed, mut excluded, mut ejected, mut without) = (0_u32, 0_u32, 0_u32, 0_u32);
     let mut exceptions = Vec::new();
     for task in &tasks {
-        let simulator = Simulator::new(scene.clone(), task.clone(), Profile::Paper, 1);
+        let simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 1);
         let graph = simulator.physical_graph();
         for object in &task.objects {
             let Some(rest) = object.reference_rest else {

@@ -13,7 +13,7 @@ use reel_blame::{alternative, blame};
 use reel_episode::EpisodeConfig;
 use reel_replay::{SnapshotCache, seek, verify_with};
 use reel_reward::Preset;
-use reel_sim::{Simulator, geometry::Pose, physics::Physics, render::Detail};
+use reel_sim::{Simulator, Stage, geometry::Pose, physics::Physics, render::Detail};
 use reel_tasks::{GenerateOptions, generate};
 use reel_trace::{Images, Trace, encode_webp};
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Family, Profile, Scene, Task, record::PolicyInfo};
@@ -262,7 +262,7 @@ fn seeks(paths: &[PathBuf], folder: &Path) -> anyhow::Result<(f64, f64)> {
 
 /// Steps per second with our digest of every step, and without anything of ours; interleaved, each the best of its rounds.
 fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
-    let simulator = Simulator::new(scene.clone(), task.clone(), Profile::Paper, 0);
+    let simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0);
     let spawn = || {
         let models = simulator.object_models();
         let mut physics = Physics::new(simulator.model(), models.len());
@@ -295,7 +295,7 @@ fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
 
 /// Milliseconds per picture, rendered, rendered without shading, and encoded: the medians.
 fn pictures(scene: &Arc<Scene>, task: &Arc<Task>) -> [f64; 3] {
-    let mut simulator = Simulator::new(scene.clone(), task.clone(), Profile::Paper, 0);
+    let mut simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0);
     let (mut render, mut geometry, mut encode) = (Vec::new(), Vec::new(), Vec::new());
     for index in 0..PICTURES {
         let target = &scene.receptacles[index as usize % scene.receptacles.len()].id;

@@ -6,7 +6,7 @@ mod episodes;
 
 use std::{path::Path, sync::Arc, time::Duration};
 
-use reel_live::{Lease, Limits, LiveError, Pool, Setup};
+use reel_live::{Lease, Limits, LiveError, Pool, Setup, Stages};
 use reel_replay::verify;
 use reel_reward::Preset;
 use reel_tasks::home;
@@ -28,6 +28,7 @@ fn setup(folder: &Path) -> Setup {
         run_id: "live".to_owned(),
         folder: folder.to_owned(),
         options: Images::None.into(),
+        stages: Stages::default(),
     }
 }
 

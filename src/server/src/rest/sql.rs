@@ -12,7 +12,7 @@ use axum::{
 };
 use futures_util::StreamExt as _;
 use reel_query::{Format, Limits, Parameters, QueryError, Session, format, named};
-use reel_tables::{Store, StoreError};
+use reel_tables::Store;
 use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
@@ -179,41 +179,22 @@ impl Drop for GiveBack<'_> {
 }
 
 fn run(app: &App, question: &Question, sender: &mpsc::Sender<Result<Bytes, QueryError>>) -> Result<(), QueryError> {
-    let newest = Store::open(app.config.store())?;
-    let store = match question.at {
-        // Looking for one that is not there takes the longer the larger its number is.
-        Some(version) if version > newest.version() => {
-            let location = app.config.store();
-            return Err(StoreError::NoVersion { version, newest: newest.version(), location }.into());
-        }
-        Some(version) => Store::open_at(app.config.store(), version)?,
-        None => newest,
-    };
+    let location = app.config.store();
+    let store = question.at.map_or_else(|| Store::open(&location), |version| Store::open_at(&location, version))?;
     let session = Session::with_limits(store, app.sql_limits())?;
-    let control = session.control();
     let mut encoder = Encoder::new(question.format);
-    std::thread::scope(|scope| {
-        let (to_encode, batches) = std::sync::mpsc::sync_channel::<RecordBatch>(AHEAD);
-        let asking =
-            scope.spawn(|| session.run_each(&question.sql, &question.parameters, move |batch| to_encode.send(batch).is_ok()));
-        let mut goes_on = true;
-        for batch in batches {
-            let part = encoder.encode(&batch);
-            let broken = part.is_err();
-            // Nobody reads any more, or something cannot be shown: the query stops.
-            if sender.blocking_send(part.map_err(QueryError::from)).is_err() || broken {
-                control.cancel();
-                goes_on = false;
-                break;
-            }
-        }
-        let asked = asking.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        if goes_on {
-            asked?;
-            let _ = sender.blocking_send(encoder.end().map_err(QueryError::from));
-        }
-        Ok(())
-    })
+    let mut reading = true;
+    session.run_each(&question.sql, &question.parameters, |batch| {
+        let part = encoder.encode(&batch);
+        // Where nobody reads any more, or something cannot be shown, the query stops.
+        reading = part.is_ok();
+        reading &= sender.blocking_send(part.map_err(QueryError::from)).is_ok();
+        reading
+    })?;
+    if reading {
+        let _ = sender.blocking_send(encoder.end().map_err(QueryError::from));
+    }
+    Ok(())
 }
 
 /// Batches as the parts of one answer.

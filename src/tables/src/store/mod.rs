@@ -403,15 +403,15 @@ async fn load(location: &Location, version: Option<u64>) -> Result<BTreeMap<Tabl
         return Err(StoreError::NoStore { location: location.to_string() });
     }
     let delta = |source| StoreError::Delta { source: Box::new(source), location: location.to_string() };
-    let episodes = match open(location, Table::Episodes, version).await {
-        Ok(table) => table,
-        Err(error) => {
-            let newest = open(location, Table::Episodes, None).await?.version().unwrap_or_default();
-            return Err(match version {
-                Some(version) if version > newest => StoreError::NoVersion { version, newest, location: location.to_string() },
-                _ => error,
-            });
+    let episodes = open(location, Table::Episodes, None).await?;
+    let newest = episodes.version().unwrap_or_default();
+    let episodes = match version {
+        // Looking for one that is not there takes the longer the larger its number is.
+        Some(version) if version > newest => {
+            return Err(StoreError::NoVersion { version, newest, location: location.to_string() });
         }
+        Some(version) if version < newest => open(location, Table::Episodes, Some(version)).await?,
+        _ => episodes,
     };
     let state = episodes.snapshot().map_err(delta)?.snapshot().clone();
     let mut tables = BTreeMap::new();

@@ -102,7 +102,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             print_summary(&measured);
             println!("kept in table `blame` of {}", store.location());
         }
-        return Ok(if unreadable { Answer::No } else { Answer::Yes });
+        return Ok(if unreadable { Answer::Loss } else { Answer::Yes });
     }
     if arguments.labels && !arguments.json {
         evaluation::print(&measured)?;
