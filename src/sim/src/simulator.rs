@@ -47,8 +47,8 @@ pub struct Simulator {
     /// Furniture index.
     pub(crate) landmark: Option<usize>,
     pub(crate) robot: RobotState,
-    /// The id buffer of the last picture, and what stood in it.
-    pub(crate) view: Frame,
+    /// What stood in the last picture: (entity, pixels) runs over its rows.
+    pub(crate) view: Vec<(u16, u32)>,
     pub(crate) detail: Detail,
     pub(crate) sim_step: u64,
     pub(crate) step_digests: Vec<u32>,
@@ -247,8 +247,14 @@ impl Simulator {
 
     /// Takes the picture from the robot's head and remembers what is in view.
     pub fn take_picture(&mut self) -> Frame {
-        self.view = self.picture_from(&self.camera());
-        self.view.clone()
+        let frame = self.picture_from(&self.camera());
+        self.view = runs(&frame.ids);
+        frame
+    }
+
+    /// [`Simulator::take_picture`] for what stands in it alone.
+    pub(crate) fn look(&mut self) {
+        self.view = runs(&self.picture_with(&self.camera(), &[], Detail::Geometry).ids);
     }
 
     /// The picture from any camera; changes nothing.
@@ -325,7 +331,7 @@ impl Simulator {
             has_marker_map: false,
             markers_persist: false,
             landmark: None,
-            view: Frame::new(),
+            view: runs(&Frame::new().ids),
             detail: Detail::Picture,
             sim_step: 0,
             step_digests: Vec::new(),
@@ -402,20 +408,30 @@ pub(crate) fn furniture_entity(index: usize) -> u16 {
     FIRST_FURNITURE_ENTITY + u16::try_from(index).expect("a scene has fewer than 65,000 things")
 }
 
-fn seen_entities(frame: &Frame) -> Vec<Option<Sight>> {
+/// The entities of a picture as runs.
+fn runs(ids: &[u16]) -> Vec<(u16, u32)> {
+    ids.chunk_by(|a, b| a == b).map(|run| (run[0], run.len() as u32)).collect()
+}
+
+fn seen_entities(view: &[(u16, u32)]) -> Vec<Option<Sight>> {
+    const WIDTH: u32 = reel_world::FRAME_WIDTH as u32;
     let mut seen: Vec<Option<Sight>> = Vec::new();
-    for (row, ids) in frame.ids.chunks_exact(reel_world::FRAME_WIDTH).enumerate() {
-        for (column, id) in ids.iter().enumerate() {
-            let id = usize::from(*id);
-            if id >= seen.len() {
-                seen.resize(id + 1, None);
-            }
-            let (x, y) = (column as u16, row as u16);
-            let sight = seen[id].get_or_insert(Sight { pixels: 0, bbox: [x, y, x, y], column_sum: 0 });
-            sight.pixels += 1;
-            sight.column_sum += column as u64;
-            let [x0, y0, x1, y1] = sight.bbox;
-            sight.bbox = [x0.min(x), y0.min(y), x1.max(x), y1.max(y)];
+    let mut at = 0;
+    for &(id, pixels) in view {
+        let (id, end) = (usize::from(id), at + pixels);
+        if id >= seen.len() {
+            seen.resize(id + 1, None);
+        }
+        while at < end {
+            let (row, first) = (at / WIDTH, at % WIDTH);
+            let last = (first + end - at - 1).min(WIDTH - 1);
+            let (x0, x1, y) = (first as u16, last as u16, row as u16);
+            let sight = seen[id].get_or_insert(Sight { pixels: 0, bbox: [x0, y, x1, y], column_sum: 0 });
+            sight.pixels += last - first + 1;
+            sight.column_sum += u64::from(first + last) * u64::from(last - first + 1) / 2;
+            let [left, top, right, bottom] = sight.bbox;
+            sight.bbox = [left.min(x0), top.min(y), right.max(x1), bottom.max(y)];
+            at += last - first + 1;
         }
     }
     seen

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, Frame, Profile, record::RobotState};
+use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, Profile, record::RobotState};
 use serde::{Deserialize, Serialize};
 
 use crate::{SIM_VERSION, Stage, physics::Physics, render::Detail, simulator::Simulator};
@@ -24,7 +24,7 @@ pub struct Snapshot {
     landmark: Option<u32>,
     robot: RobotState,
     sim_step: u64,
-    /// The id buffer of the last picture: (id, pixels) runs.
+    /// What stood in the last picture: (entity, pixels) runs over its rows.
     view: Vec<(u16, u32)>,
 }
 
@@ -81,13 +81,6 @@ impl Simulator {
     /// Takes the state out.
     pub fn snapshot(&self) -> Snapshot {
         let index = |index: usize| u32::try_from(index).expect("a scene has fewer than 65,000 things");
-        let mut view: Vec<(u16, u32)> = Vec::new();
-        for id in &self.view.ids {
-            match view.last_mut() {
-                Some((last, pixels)) if last == id => *pixels += 1,
-                _ => view.push((*id, 1)),
-            }
-        }
         Snapshot {
             sim_version: SIM_VERSION,
             digest: self.digest(),
@@ -100,7 +93,7 @@ impl Simulator {
             landmark: self.landmark.map(index),
             robot: self.robot,
             sim_step: self.sim_step,
-            view,
+            view: self.view.clone(),
         }
     }
 
@@ -120,8 +113,10 @@ impl Simulator {
         if (physics.object_count(), physics.door_count()) != (stage.object_models.len(), stage.door_count()) {
             return Err(damaged("it has other objects or doors than the task"));
         }
-        let mut view = Frame::new();
-        view.ids = pixels(&snapshot.view).ok_or_else(|| damaged("its picture has another size"))?;
+        let pixels = snapshot.view.iter().try_fold(0u32, |sum, (_, pixels)| sum.checked_add(*pixels));
+        if pixels != Some((FRAME_WIDTH * FRAME_HEIGHT) as u32) {
+            return Err(damaged("its picture has another size"));
+        }
         let restored = Self {
             profile,
             seed,
@@ -134,7 +129,7 @@ impl Simulator {
             landmark: things(snapshot.landmark, stage.model.furniture.len())?,
             stage,
             robot: snapshot.robot,
-            view,
+            view: snapshot.view.clone(),
             detail: Detail::Picture,
             sim_step: snapshot.sim_step,
             step_digests: Vec::new(),
@@ -146,12 +141,6 @@ impl Simulator {
             found => Err(SnapshotError::OtherEpisode { expected: snapshot.digest, found }),
         }
     }
-}
-
-fn pixels(runs: &[(u16, u32)]) -> Option<Vec<u16>> {
-    let size = FRAME_WIDTH * FRAME_HEIGHT;
-    let total = runs.iter().try_fold(0usize, |sum, (_, pixels)| sum.checked_add(*pixels as usize).filter(|sum| *sum <= size))?;
-    (total == size).then(|| runs.iter().flat_map(|(id, pixels)| std::iter::repeat_n(*id, *pixels as usize)).collect())
 }
 
 fn damaged(what: impl std::fmt::Display) -> SnapshotError {

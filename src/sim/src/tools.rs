@@ -131,7 +131,7 @@ impl Simulator {
     }
 
     fn show_objects(&mut self, query: &str) -> Result<ToolResult, Refusal> {
-        let _ = self.take_picture();
+        self.look();
         let in_view = self.objects_in_view();
         let categories: BTreeSet<&str> = in_view.iter().map(|index| self.stage.task.objects[*index].category.as_str()).collect();
         let matched = language::match_category(query, &categories);
@@ -149,7 +149,7 @@ impl Simulator {
     }
 
     fn show_receptacles(&mut self) -> Result<ToolResult, Refusal> {
-        let _ = self.take_picture();
+        self.look();
         let sights = self.sights();
         let mut found: Vec<(u64, usize)> = (0..self.stage.model.furniture.len())
             .filter_map(|index| {
@@ -225,7 +225,7 @@ impl Simulator {
             }
         };
         let index = self.object_index(&instance).expect("markers stand for objects of the task");
-        let _ = self.take_picture();
+        self.look();
         if !self.objects_in_view().contains(&index) {
             return Err(not_in_view(number));
         }
