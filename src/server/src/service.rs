@@ -185,7 +185,6 @@ pub(crate) fn run_name(what: &str) -> String {
 
 /// Logs to standard error: never tokens, never what policies say. A thread of its own writes, as long as the guard lives: where
 /// standard error is a full disk or a pipe that nobody empties, lines are lost, and nobody waits for them.
-#[must_use]
 pub fn start_logs(config: &Config) -> WorkerGuard {
     let filter = EnvFilter::try_new(&config.log_filter).unwrap_or_else(|_| EnvFilter::new("info"));
     let (writer, guard) = tracing_appender::non_blocking(io::stderr());
