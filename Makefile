@@ -3,18 +3,21 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy eval-blame load prove-sft conformance service lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy eval-blame load prove-sft conformance service lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
 
-demo: ## build reel; then record, replay, ask, export and draw episodes in demo-out
+demo: pages ## build reel; then record, replay, ask, export and draw episodes in demo-out
 	cargo build --locked --workspace --all-targets
 	"$(CARGO_TARGET_DIR)/debug/reel" demo --out demo-out
 
-test: ## run every test of the workspace
+test: pages ## run every test of the workspace
 	cargo test --locked --workspace -- $(TEST_ARGS)
+
+pages: ## build the web pages that `reel serve` shows (needs Node, which it installs where it may)
+	dashboards/build.sh
 
 bench: ## measure the lean release build
 	cargo run --locked --release -p reel-cli --no-default-features -- bench

@@ -23,7 +23,7 @@ think=${THINK:-${short:+1}} tasks=${TASKS:-${short:+20}}
 sessions=${sessions:-1000} acting=${acting:-200} seconds=${seconds:-120} think=${think:-5.9} tasks=${tasks:-100}
 
 export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
-[[ -n ${REEL:-} ]] || cargo build --locked --profile fast -p reel-cli
+[[ -n ${REEL:-} ]] || cargo build --locked --profile fast -p reel-cli --no-default-features --features service
 reel="${REEL:-$CARGO_TARGET_DIR/fast/reel}"
 [[ -n ${LOAD_EXAMPLES:-} ]] || cargo build --locked --profile fast -p reel-mcp --example load --example idle_server
 examples="${LOAD_EXAMPLES:-$CARGO_TARGET_DIR/fast/examples}"

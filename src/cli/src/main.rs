@@ -14,8 +14,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Analytics allocates much and from several threads. The second version of mimalloc gives memory back soon.
-#[cfg(feature = "analytics")]
+/// Analytics and the service allocate much and from several threads. The second version of mimalloc gives memory back soon.
+#[cfg(feature = "service")]
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
@@ -86,6 +86,9 @@ enum Command {
     #[command(about = "Keep what people say about failed episodes")]
     #[cfg(feature = "analytics")]
     Label(commands::label::Arguments),
+    #[command(about = "Write a store as one HTML file: rates, reasons, examples with pictures")]
+    #[cfg(feature = "analytics")]
+    Report(commands::report::Arguments),
     #[command(about = "Look after a store: versions, quarantine, compaction, vacuum")]
     #[cfg(feature = "analytics")]
     Tables(commands::tables::Arguments),
@@ -98,16 +101,16 @@ enum Command {
     #[command(about = "Check or make task files")]
     Tasks(commands::tasks::Arguments),
     #[command(about = "Serve live worlds to agents (MCP), and episodes to people (REST)")]
-    #[cfg(feature = "analytics")]
+    #[cfg(feature = "service")]
     Serve(commands::serve::Arguments),
     #[command(about = "Serve one agent over standard input and output (MCP)")]
-    #[cfg(feature = "analytics")]
+    #[cfg(feature = "service")]
     Mcp(commands::serve::Mcp),
     #[command(about = "Make and revoke the tokens that clients of `reel serve` show")]
-    #[cfg(feature = "analytics")]
+    #[cfg(feature = "service")]
     Token(commands::token::Arguments),
     #[command(about = "Check a configuration of `reel serve`, or print the default")]
-    #[cfg(feature = "analytics")]
+    #[cfg(feature = "service")]
     Config(commands::config::Arguments),
     #[command(about = "The whole loop on embedded defaults: run, replay, ingest, query, picture")]
     #[cfg(feature = "analytics")]
@@ -149,18 +152,20 @@ fn main() -> ExitCode {
         #[cfg(feature = "analytics")]
         Command::Label(arguments) => commands::label::run(&arguments),
         #[cfg(feature = "analytics")]
+        Command::Report(arguments) => commands::report::run(&arguments),
+        #[cfg(feature = "analytics")]
         Command::Tables(arguments) => commands::tables::run(&arguments),
         Command::Compact(arguments) => commands::repack::compact(&arguments),
         Command::Expand(arguments) => commands::repack::expand(&arguments),
         Command::Export(arguments) => commands::export::run(&arguments),
         Command::Tasks(arguments) => commands::tasks::run(&arguments),
-        #[cfg(feature = "analytics")]
+        #[cfg(feature = "service")]
         Command::Serve(arguments) => commands::serve::run(&arguments),
-        #[cfg(feature = "analytics")]
+        #[cfg(feature = "service")]
         Command::Mcp(arguments) => commands::serve::mcp(&arguments),
-        #[cfg(feature = "analytics")]
+        #[cfg(feature = "service")]
         Command::Token(arguments) => commands::token::run(&arguments),
-        #[cfg(feature = "analytics")]
+        #[cfg(feature = "service")]
         Command::Config(arguments) => commands::config::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Demo(arguments) => commands::demo::run(&arguments),

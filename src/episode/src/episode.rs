@@ -48,6 +48,15 @@ impl Parked {
         Episode::resume_on(self.stage, self.config, self.start, self.steps, &self.snapshot)
     }
 
+    /// What the robot's head sees.
+    ///
+    /// # Errors
+    /// When the snapshot cannot be restored.
+    pub fn look(&self) -> Result<Frame, EpisodeError> {
+        let simulator = Simulator::resume(self.stage.clone(), self.config.profile, self.config.seed, &self.snapshot)?;
+        Ok(simulator.picture_from(&simulator.camera()))
+    }
+
     /// Closes it where it lies, as [`Episode::end`] does.
     pub fn end(self) -> EndRecord {
         end(self.ended, &self.config, &self.start, &self.steps, self.graphs)
@@ -297,6 +306,11 @@ impl Episode {
     /// The motion states after the watched physics step; none where it was not executed.
     pub fn take_watched(&mut self) -> Option<Vec<BodyState>> {
         self.simulator.take_watched()
+    }
+
+    /// What the robot's head sees.
+    pub fn look(&self) -> Frame {
+        self.simulator.picture_from(&self.simulator.camera())
     }
 
     /// The simulator, to look at.

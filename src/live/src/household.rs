@@ -205,7 +205,7 @@ impl Household {
         let StepOutput { record, frame } = playing.episode.step(input);
         playing.recorder.step(&record, frame.as_ref())?;
         let shows_all = frame.is_none() && self.setup.profile == Profile::RealRepo;
-        let look = shows_all.then(|| playing.episode.simulator()).map(|it| it.picture_from(&it.camera()));
+        let look = shows_all.then(|| playing.episode.look());
         let view = view(&playing.episode);
         let ended = playing.episode.ended();
         if ended.is_some() {
@@ -228,6 +228,18 @@ impl Household {
             _ => return Err(self.refusal()),
         };
         Ok(Briefing::new(task, &self.setup.scene))
+    }
+
+    /// What the robot's head sees now; the episode stays as it is, awake or not.
+    ///
+    /// # Errors
+    /// When no episode runs.
+    pub fn look(&self) -> Result<Frame, LiveError> {
+        match &self.now {
+            Now::Playing(playing) => Ok(playing.episode.look()),
+            Now::Parked(resting) => Ok(resting.episode.look()?),
+            _ => Err(self.refusal()),
+        }
     }
 
     /// Puts a running episode aside, so that it takes little memory.

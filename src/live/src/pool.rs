@@ -10,6 +10,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use reel_world::Frame;
 use serde::Serialize;
 use tokio::sync::{Mutex as AsyncMutex, OwnedMutexGuard, Semaphore};
 
@@ -166,6 +167,26 @@ impl Pool {
             }
             Err(_) => Err(LiveError::Closing),
         }
+    }
+
+    /// What a household's robot sees now. Who looks uses nothing: the household is put aside and closed as if nobody had.
+    ///
+    /// # Errors
+    /// When there is no such household, nothing runs in it, or no worker had time.
+    pub async fn look(&self, name: &str) -> Result<Frame, LiveError> {
+        let slot = self.lock().get(name).cloned().ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
+        let waited = async {
+            let household = slot.household.clone().lock_owned().await;
+            (household, self.work.clone().acquire_owned().await.expect("the pool never closes its workers"))
+        };
+        let patience = self.limits.patience;
+        let (household, worker) =
+            tokio::time::timeout(patience, waited).await.map_err(|_| LiveError::Busy(patience.as_secs()))?;
+        let looked = tokio::task::spawn_blocking(move || {
+            let _worker = worker;
+            household.look()
+        });
+        looked.await.unwrap_or(Err(LiveError::Closing))
     }
 
     /// Closes a household; what runs in it ends as aborted.

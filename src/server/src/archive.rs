@@ -119,6 +119,12 @@ impl Archive {
         Ok(names.into_iter().filter_map(file).take(limit).collect())
     }
 
+    /// A text without the way to the data folder, which is nobody's business outside.
+    pub fn hide(&self, text: &str) -> String {
+        let data = self.folder.parent().unwrap_or(Path::new(""));
+        text.replace(&format!("{}{}", data.display(), std::path::MAIN_SEPARATOR), "")
+    }
+
     /// The folder.
     pub fn folder(&self) -> &Path {
         &self.folder

@@ -256,6 +256,11 @@ impl Config {
         self.data.join("traces")
     }
 
+    /// Where training sets are written.
+    pub fn exports(&self) -> PathBuf {
+        self.data.join("exports")
+    }
+
     /// Where the store of tables is.
     pub fn store(&self) -> String {
         self.store.clone().unwrap_or_else(|| self.data.join("store").display().to_string())

@@ -42,7 +42,9 @@ fn needed(method: &Method, path: &str) -> Option<Role> {
         "/metrics" | "/analysis/mcp" | "/api/sql" => Some(Role::Read),
         _ if path.starts_with("/w/") => Some(Role::Act),
         _ if path == "/api/leases" || path.starts_with("/api/leases/") => Some(Role::Act),
-        _ if reads => Some(Role::Read),
+        _ if reads && path.starts_with("/api/") => Some(Role::Read),
+        // The web pages: the same for everybody, and they show nothing that they are not given.
+        _ if reads => None,
         // Computes and keeps nothing.
         _ if path.starts_with("/api/traces/") && path.ends_with("/replay") => Some(Role::Read),
         _ => Some(Role::Admin),
@@ -180,6 +182,8 @@ mod tests {
                 assert_eq!(needed(method, path), Some(role), "{method} {path}");
             }
         }
-        assert_eq!(needed(&Method::GET, "/healthz"), None);
+        for path in ["/healthz", "/", "/episodes/x", "/assets/index.js"] {
+            assert_eq!(needed(&Method::GET, path), None);
+        }
     }
 }

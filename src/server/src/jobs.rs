@@ -174,8 +174,6 @@ pub(crate) struct Paths {
     pub archive: Archive,
     pub store: String,
     pub exports: std::path::PathBuf,
-    /// The folder that all of it lies in: what jobs say of files is said relative to it.
-    pub data: std::path::PathBuf,
 }
 
 /// A line of progress, as `REEL_PROGRESS=json` makes a command print them.
@@ -338,11 +336,6 @@ impl Paths {
         Ok(arguments)
     }
 
-    /// A line without the way to the data folder, which is nobody's business outside.
-    fn relative(&self, line: &str) -> String {
-        line.replace(&format!("{}{}", self.data.display(), std::path::MAIN_SEPARATOR), "")
-    }
-
     fn traces(&self, names: &[String]) -> Result<Vec<OsString>, ApiError> {
         if names.is_empty() {
             return Ok(vec![self.archive.folder().as_os_str().to_owned()]);
@@ -366,7 +359,7 @@ async fn run(paths: &Paths, arguments: &[OsString], job: &watch::Sender<Job>, st
     };
     let (stdout, stderr) = (child.stdout.take().expect("it is piped"), child.stderr.take().expect("it is piped"));
     let reports = lines(stdout, |line| {
-        let line = paths.relative(&line);
+        let line = paths.archive.hide(&line);
         let value = serde_json::from_str(&line).unwrap_or(Value::String(line));
         job.send_modify(|job| job.report.push(value));
     });
@@ -374,7 +367,7 @@ async fn run(paths: &Paths, arguments: &[OsString], job: &watch::Sender<Job>, st
         Ok(Progress { progress }) => job.send_modify(|job| {
             (job.done, job.total, job.message) = (progress.done, progress.total, progress.what);
         }),
-        Err(_) => job.send_modify(|job| job.complaints.push(paths.relative(&line))),
+        Err(_) => job.send_modify(|job| job.complaints.push(paths.archive.hide(&line))),
     });
     let ended = async { tokio::join!(reports, complaints, child.wait()).2 };
     tokio::select! {

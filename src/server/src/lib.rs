@@ -3,13 +3,17 @@
 //!
 //! Puts together what other crates do; what an episode is, they know. Every way in passes the same gate (`gate`).
 
+#[cfg(feature = "tables")]
 mod analysis;
 mod archive;
 mod config;
 mod connections;
 mod gate;
+#[cfg(feature = "tables")]
 mod jobs;
 mod metrics;
+#[cfg(feature = "tables")]
+mod pages;
 mod rest;
 mod run;
 mod service;

@@ -23,6 +23,7 @@ pub(crate) struct Metrics {
     call_time: Family<Tool, Histogram>,
     sessions: Family<State, Gauge>,
     pub connections: Gauge,
+    #[cfg(feature = "tables")]
     pub jobs_running: Gauge,
 }
 
@@ -66,15 +67,28 @@ impl Metrics {
         let request_time = Family::<Route, Histogram>::new_with_constructor(times);
         let call_time = Family::<Tool, Histogram>::new_with_constructor(times);
         let sessions = Family::<State, Gauge>::default();
-        let (connections, jobs_running) = (Gauge::default(), Gauge::default());
+        let connections = Gauge::default();
         registry.register("http_requests", "Requests answered", requests.clone());
         registry.register_with_unit("http_request", "From head to head of the answer", Unit::Seconds, request_time.clone());
         registry.register("tool_calls", "Tool calls of policies, by outcome", calls.clone());
         registry.register_with_unit("tool_call", "Tool calls, waiting included", Unit::Seconds, call_time.clone());
         registry.register("sessions", "Policy sessions, by state", sessions.clone());
         registry.register("connections", "Open connections", connections.clone());
+        #[cfg(feature = "tables")]
+        let jobs_running = Gauge::default();
+        #[cfg(feature = "tables")]
         registry.register("jobs_running", "Jobs at work", jobs_running.clone());
-        Self { registry, requests, request_time, calls, call_time, sessions, connections, jobs_running }
+        Self {
+            registry,
+            requests,
+            request_time,
+            calls,
+            call_time,
+            sessions,
+            connections,
+            #[cfg(feature = "tables")]
+            jobs_running,
+        }
     }
 
     /// A request was answered. `route` is a pattern: as many as there are routes.

@@ -20,12 +20,13 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tracing_appender::non_blocking::WorkerGuard;
 use tracing_subscriber::{EnvFilter, fmt};
 
+#[cfg(feature = "tables")]
+use crate::jobs::{Jobs, Paths};
 use crate::{
-    Config, ConfigError, LogFormat, TokenError, Tokens, analysis,
+    Config, ConfigError, LogFormat, TokenError, Tokens,
     archive::Archive,
     connections,
     gate::{self, Rates},
-    jobs::{Jobs, Paths},
     metrics::Metrics,
     rest,
 };
@@ -39,6 +40,7 @@ pub(crate) struct App {
     pub pool: Arc<Pool>,
     pub questions: Arc<Questions>,
     pub archive: Archive,
+    #[cfg(feature = "tables")]
     pub jobs: Jobs,
     pub tokens: Tokens,
     pub guard: Guard,
@@ -122,16 +124,17 @@ impl Service {
         let closing = CancellationToken::new();
         let metrics = Arc::new(Metrics::new());
         let setup = reel_live::Setup { folder: archive.folder().to_owned(), ..setup };
+        #[cfg(feature = "tables")]
         let paths = Paths {
             reel: std::env::current_exe().map_err(ServeError::Data)?.into_os_string(),
             archive: archive.clone(),
             store: config.store(),
-            exports: config.data.join("exports"),
-            data: config.data.canonicalize().map_err(ServeError::Data)?,
+            exports: config.exports(),
         };
         let app = Arc::new(App {
             pool: Arc::new(Pool::new(setup, config.pool())),
             questions: Arc::default(),
+            #[cfg(feature = "tables")]
             jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
             archive,
             tokens,
@@ -202,10 +205,12 @@ fn router(app: &Arc<App>) -> Router {
     let options = app.config.options(Some(Arc::new(move |tool, outcome, took| metrics.call(tool, outcome, took))));
     let max_body = app.config.limits.body_mib << 20;
     let policies = reel_mcp::router(app.pool.clone(), app.questions.clone(), Arc::new(options), app.closing.clone(), max_body);
-    rest::router(app)
-        .merge(policies)
-        .merge(analysis::router(app, max_body))
-        .fallback(rest::nothing_here)
+    let router = rest::router(app).merge(policies);
+    #[cfg(feature = "tables")]
+    let router = router.merge(crate::analysis::router(app, max_body)).fallback(crate::pages::page);
+    #[cfg(not(feature = "tables"))]
+    let router = router.fallback(rest::nothing_here);
+    router
         // The gate has taken bodies in already, within the limit of the configuration.
         .layer(axum::extract::DefaultBodyLimit::disable())
         .layer(middleware::from_fn_with_state(app.clone(), gate::pass))

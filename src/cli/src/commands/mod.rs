@@ -5,7 +5,7 @@ pub mod annotate;
 pub mod bench;
 pub mod blame;
 pub mod branch;
-#[cfg(feature = "analytics")]
+#[cfg(feature = "service")]
 pub mod config;
 #[cfg(feature = "analytics")]
 pub mod dataset;
@@ -34,9 +34,11 @@ pub mod repack;
 pub mod repair;
 pub mod replay;
 #[cfg(feature = "analytics")]
+pub mod report;
+#[cfg(feature = "analytics")]
 pub mod reward;
 pub mod run;
-#[cfg(feature = "analytics")]
+#[cfg(feature = "service")]
 pub mod serve;
 pub mod show;
 #[cfg(feature = "analytics")]
@@ -44,6 +46,6 @@ pub mod tables;
 pub mod tasks;
 #[cfg(feature = "analytics")]
 pub mod taxonomy;
-#[cfg(feature = "analytics")]
+#[cfg(feature = "service")]
 pub mod token;
 pub mod video;

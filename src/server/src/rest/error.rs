@@ -6,10 +6,14 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use reel_live::LiveError;
+#[cfg(feature = "tables")]
 use reel_query::QueryError;
+#[cfg(feature = "tables")]
 use reel_tables::StoreError;
 use serde::Serialize;
 use utoipa::ToSchema;
+
+use crate::archive::Archive;
 
 /// Why a request has no answer.
 #[derive(Debug)]
@@ -88,9 +92,9 @@ impl ApiError {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal", message)
     }
 
-    /// The same without a folder before the names of what is in it.
-    pub fn without(mut self, folder: &std::path::Path) -> Self {
-        self.message = self.message.replace(&format!("{}{}", folder.display(), std::path::MAIN_SEPARATOR), "");
+    /// The same without the way to the data folder.
+    pub fn hidden(mut self, archive: &Archive) -> Self {
+        self.message = archive.hide(&self.message);
         self
     }
 
@@ -148,12 +152,14 @@ impl From<LiveError> for ApiError {
     }
 }
 
+#[cfg(feature = "tables")]
 impl From<StoreError> for ApiError {
     fn from(error: StoreError) -> Self {
         Self::not_found(format!("the tables cannot be read: {error}; a job of kind 'ingest' makes them"))
     }
 }
 
+#[cfg(feature = "tables")]
 impl From<QueryError> for ApiError {
     fn from(error: QueryError) -> Self {
         let message = error.to_string();

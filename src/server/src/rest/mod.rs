@@ -2,12 +2,18 @@
 //! at `/api/openapi.json`.
 
 mod error;
+#[cfg(feature = "tables")]
+mod exports;
 mod extract;
 mod health;
+#[cfg(feature = "tables")]
 mod jobs;
+#[cfg(feature = "tables")]
 mod labels;
 mod sessions;
+#[cfg(feature = "tables")]
 mod sql;
+#[cfg(feature = "tables")]
 mod tables;
 mod traces;
 
@@ -30,6 +36,7 @@ use utoipa::{
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 pub(crate) use error::ApiError;
+#[cfg(feature = "tables")]
 pub(crate) use tables::rows;
 
 use crate::service::App;
@@ -62,7 +69,8 @@ impl Modify for Security {
 struct Everywhere;
 
 /// Names in paths, where not every text is one.
-const NAMES: [(&str, &str); 3] = [
+const NAMES: [(&str, &str); 4] = [
+    ("export", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
     ("trace", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}$"),
     ("moment", r"^(start|[0-9]{1,9})(\.png)?$"),
     ("worker", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,61}$"),
@@ -107,27 +115,35 @@ fn documented() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .routes(routes!(traces::list))
         .routes(routes!(traces::upload, traces::download, traces::delete))
         .routes(routes!(traces::episode))
+        .routes(routes!(traces::scene))
         .routes(routes!(traces::steps))
         .routes(routes!(traces::frame))
         .routes(routes!(traces::replay))
         .routes(routes!(traces::branch))
         .routes(routes!(traces::blame))
         .routes(routes!(traces::reward))
+        .routes(routes!(sessions::list))
+        .routes(routes!(sessions::show, sessions::close))
+        .routes(routes!(sessions::frame))
+        .routes(routes!(sessions::questions))
+        .routes(routes!(sessions::answer))
+        .routes(routes!(sessions::lease))
+        .routes(routes!(sessions::release));
+    #[cfg(feature = "tables")]
+    let routes = routes
         .routes(routes!(tables::episodes))
         .routes(routes!(tables::episode))
         .routes(routes!(sql::ask))
         .routes(routes!(sql::named))
         .routes(routes!(sql::ask_named))
         .routes(routes!(labels::list, labels::set))
+        .routes(routes!(exports::list))
+        .routes(routes!(exports::show))
+        .routes(routes!(exports::examples))
+        .routes(routes!(exports::findings))
         .routes(routes!(jobs::list, jobs::start))
         .routes(routes!(jobs::show, jobs::cancel))
-        .routes(routes!(jobs::events))
-        .routes(routes!(sessions::list))
-        .routes(routes!(sessions::show, sessions::close))
-        .routes(routes!(sessions::questions))
-        .routes(routes!(sessions::answer))
-        .routes(routes!(sessions::lease))
-        .routes(routes!(sessions::release));
+        .routes(routes!(jobs::events));
     let (router, mut document) = routes.split_for_parts();
     Everywhere.modify(&mut document);
     (router, document)
@@ -161,10 +177,7 @@ pub(crate) fn broke_down(panic: Box<dyn Any + Send + 'static>) -> Response {
 
 /// An error as clients see it: names, never paths of this machine.
 fn told(app: &App, error: ApiError) -> ApiError {
-    match app.archive.folder().parent() {
-        Some(data) => error.without(data),
-        None => error,
-    }
+    error.hidden(&app.archive)
 }
 
 /// Does blocking work where few do at a time, and gives its answer.

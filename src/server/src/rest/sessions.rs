@@ -2,9 +2,16 @@
 
 use std::sync::Arc;
 
-use axum::{Json, extract::State, http::StatusCode};
+use axum::{
+    Json,
+    extract::State,
+    http::{StatusCode, header},
+    response::{IntoResponse as _, Response},
+};
 use reel_live::{Entry, Lease, check_name};
 use reel_mcp::Worker;
+use reel_trace::encode_png;
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use utoipa::ToSchema;
@@ -29,6 +36,17 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
 pub(super) async fn show(State(app): State<Arc<App>>, Named(session): Named<String>) -> Result<Json<Value>, ApiError> {
     Ok(Json(shown(&app, &app.pool.entry(&session)?)))
+}
+
+/// What the head of a session's robot sees now, as PNG. Looking counts as no use of the session.
+#[utoipa::path(get, path = "/api/sessions/{session}/frame", tag = "sessions", security(("token" = [])),
+    params(("session" = String, Path)),
+    responses((status = 200, content_type = "image/png"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 503, body = ErrorBody)))]
+pub(super) async fn frame(State(app): State<Arc<App>>, Named(session): Named<String>) -> Result<Response, ApiError> {
+    let frame = app.pool.look(&session).await?;
+    let png = encode_png(&frame.rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
+    Ok(([(header::CONTENT_TYPE, "image/png"), (header::CACHE_CONTROL, "no-store")], png).into_response())
 }
 
 /// Closes a session: its episode ends as aborted, and its trace is whole.

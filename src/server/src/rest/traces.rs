@@ -199,6 +199,16 @@ pub(super) async fn episode(State(app): State<Arc<App>>, Named(name): Named<Stri
     answer.await.map(Json)
 }
 
+/// The scene that a trace plays in: rooms, walls, receptacles.
+#[utoipa::path(get, path = "/api/traces/{trace}/scene", operation_id = "trace_scene", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path)),
+    responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
+        (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
+pub(super) async fn scene(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Value>, ApiError> {
+    let answer = analyse(&app, move |app| Ok(json!(*app.archive.read(&name)?.scene)));
+    answer.await.map(Json)
+}
+
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(super) struct Steps {

@@ -1,0 +1,77 @@
+/** What the service answers: REST under /api, SQL among it. Every failure is an ApiError that a page can show. */
+
+export class ApiError extends Error {
+  constructor(
+    readonly status: number,
+    readonly code: string,
+    message: string,
+  ) {
+    super(message);
+  }
+}
+
+export type Row = Record<string, unknown>;
+
+const TOKEN = "reel-token";
+
+/** The token of this browser, where the service demands one. */
+export const token = {
+  get: () => localStorage.getItem(TOKEN),
+  set: (value: string) => localStorage.setItem(TOKEN, value),
+};
+
+async function send(method: string, path: string, body?: unknown, signal?: AbortSignal): Promise<Response> {
+  const headers: Record<string, string> = {};
+  const known = token.get();
+  if (known) headers["authorization"] = `Bearer ${known}`;
+  if (body !== undefined) headers["content-type"] = "application/json";
+  let answer: Response;
+  try {
+    answer = await fetch(path, { method, headers, body: body === undefined ? undefined : JSON.stringify(body), signal });
+  } catch (error) {
+    if (error instanceof DOMException && error.name === "AbortError") throw error;
+    throw new ApiError(0, "unreachable", "The service does not answer. Does `reel serve` still run?");
+  }
+  if (answer.ok) return answer;
+  const text = await answer.text();
+  try {
+    const { code, message } = JSON.parse(text).error;
+    throw new ApiError(answer.status, code, message);
+  } catch (error) {
+    if (error instanceof ApiError) throw error;
+    throw new ApiError(answer.status, "unknown", text || answer.statusText);
+  }
+}
+
+export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
+  return (await send("GET", path, undefined, signal)).json();
+}
+
+export async function post<T>(path: string, body: unknown, signal?: AbortSignal): Promise<T> {
+  const answer = await send("POST", path, body, signal);
+  return answer.status === 204 ? (undefined as T) : answer.json();
+}
+
+/** An answer that is no JSON. */
+export async function text(path: string, signal?: AbortSignal): Promise<string> {
+  return (await send("GET", path, undefined, signal)).text();
+}
+
+export async function remove(path: string): Promise<void> {
+  await send("DELETE", path);
+}
+
+/** A picture, as an address for <img>; to be given back to URL.revokeObjectURL. */
+export async function picture(path: string, signal?: AbortSignal): Promise<string> {
+  return URL.createObjectURL(await (await send("GET", path, undefined, signal)).blob());
+}
+
+/** Asks the tables. Values go as `$parameters`, never into the text. */
+export async function sql<T = Row>(text: string, parameters: Record<string, string> = {}, signal?: AbortSignal): Promise<T[]> {
+  return post<T[]>("/api/sql", { sql: text, parameters }, signal);
+}
+
+/** A name of a trace, from the path that the tables tell. */
+export function traceName(path: string): string {
+  return path.replace(/^.*[/\\]/, "").replace(/\.mcap$/, "");
+}

@@ -1,0 +1,90 @@
+/** The list of episodes in SQL: what a row is, what can be chosen, and how the choice becomes conditions. */
+import { traceName } from "./api";
+import { link } from "./route.svelte";
+
+/** A row that every list of episodes has. */
+export interface Episode {
+  episode_id: string;
+  trace: string;
+  outcome: "success" | "failure" | "broken off";
+  policy: string;
+  family: string | null;
+  task_id: string | null;
+  class: string | null;
+  sub_class: string | null;
+  decisive_step: number | null;
+  [column: string]: unknown;
+}
+
+/** Episodes with their class, decisive step and verdict, as `listed`. Rows of an older file of the same trace do not count. */
+export const LISTED = `WITH listed AS (
+  SELECT
+    e.*,
+    CASE WHEN e.success THEN 'success' WHEN e.end_reason IS NULL OR e.success IS NULL THEN 'broken off' ELSE 'failure' END AS outcome,
+    CASE WHEN e.success THEN NULL ELSE coalesce(c.class, 'not classified') END AS class,
+    c.sub_class, c.rule, c.step AS rule_step, c.last_step AS rule_last_step, c.evidence,
+    coalesce(b.step, c.step) AS decisive_step,
+    b.cause, b.why, b.advice, b.wasted, b.point_of_no_return,
+    coalesce(v.verdict, 'unverified') AS verdict
+  FROM episodes e
+  LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
+  LEFT JOIN blame b ON b.episode_id = e.episode_id AND b.trace_digest = e.trace_digest
+  LEFT JOIN (
+    SELECT trace_digest, CASE WHEN bool_or(verdict = 'diverged') THEN 'diverged' ELSE min(verdict) END AS verdict
+    FROM verdicts GROUP BY trace_digest
+  ) v ON v.trace_digest = e.trace_digest
+)`;
+
+/** What stands beside the list, in this order. */
+export const FACETS = ["outcome", "policy", "family", "class", "sub_class", "run_id", "verdict", "end_reason"] as const;
+export type Facet = (typeof FACETS)[number];
+/** What links may choose besides. */
+export const FILTERS = [...FACETS, "task_id", "target_category", "dest", "picked", "placed_on"] as const;
+export type Filter = (typeof FILTERS)[number];
+export type Choice = Partial<Record<Filter, string>>;
+
+/** How a filter is called on a page. */
+export function filterName(filter: Filter): string {
+  const names: Partial<Record<Filter, string>> = {
+    sub_class: "sub-class", run_id: "run", verdict: "replay", end_reason: "end", task_id: "task", target_category: "wanted", dest: "destination",
+    placed_on: "placed on",
+  };
+  return names[filter] ?? filter;
+}
+
+/** What was chosen in the address. */
+export function choiceOf(query: URLSearchParams): Choice {
+  return Object.fromEntries(FILTERS.flatMap((filter) => (query.get(filter) ? [[filter, query.get(filter)]] : [])));
+}
+
+/** The value of a facet as text; what is not there is `none`, so that it can be chosen as well. */
+export function facetValue(facet: Facet): string {
+  return `coalesce(${facet}, 'none')`;
+}
+
+/** Another object was picked than the goal's, or the goal's was placed elsewhere. */
+const CONFUSED: Partial<Record<Filter, string>> = {
+  picked: `episode_id IN (SELECT s.episode_id FROM steps s JOIN episodes x ON x.episode_id = s.episode_id
+    JOIN objects o ON o.task_digest = x.task_digest AND o.instance = s.object
+    WHERE s.tool = 'pick' AND s.error_code IS NULL AND NOT s.goal_object AND o.category = $picked)`,
+  placed_on: `episode_id IN (SELECT episode_id FROM steps
+    WHERE tool = 'place' AND error_code IS NULL AND goal_object AND NOT goal_receptacle AND receptacle = $placed_on)`,
+};
+
+/** The condition of one filter, on `listed`; its value is the parameter of the same name. */
+export function condition(filter: Filter): string {
+  const facet = FACETS.find((facet) => facet === filter);
+  return facet ? `${facetValue(facet)} = $${facet}` : (CONFUSED[filter] ?? `${filter} = $${filter}`);
+}
+
+/** Conditions of a choice and of a clause that somebody wrote; a line break ends a comment in it. */
+export function where(choice: Choice, clause = ""): string {
+  const conditions = (Object.keys(choice) as Filter[]).map(condition);
+  if (clause.trim()) conditions.push(`(${clause}\n)`);
+  return conditions.length ? conditions.join(" AND ") : "true";
+}
+
+/** The page of an episode, at a step where one is known. */
+export function episodeLink(trace: string, step?: number | null): string {
+  return link(`/episodes/${encodeURIComponent(traceName(trace))}`, { step });
+}

@@ -1,0 +1,76 @@
+/** The address is the state: which page, which thing, and everything that was chosen on it. */
+
+type Values = Record<string, string | number | boolean | null | undefined>;
+
+class Route {
+  path = $state(location.pathname);
+  search = $state(location.search);
+
+  /** What was chosen on the page. */
+  get query(): URLSearchParams {
+    return new URLSearchParams(this.search);
+  }
+
+  /** Parts of the path: ["episodes", "<trace>"]. */
+  get parts(): string[] {
+    return this.path.split("/").filter(Boolean).map(decodeURIComponent);
+  }
+
+  /** Goes to a page of ours. */
+  go(address: string): void {
+    history.pushState(null, "", address);
+    this.read();
+    window.scrollTo(0, 0);
+  }
+
+  /** Chooses something on this page. Empty values leave the address. `keep` makes it a place to come back to. */
+  choose(values: Values, keep = false): void {
+    const query = this.query;
+    for (const [key, value] of Object.entries(values)) {
+      if (value === null || value === undefined || value === "" || value === false) query.delete(key);
+      else query.set(key, String(value));
+    }
+    const text = query.toString();
+    const address = this.path + (text ? `?${text}` : "");
+    if (keep) history.pushState(null, "", address);
+    else history.replaceState(null, "", address);
+    this.read();
+  }
+
+  read(): void {
+    this.path = location.pathname;
+    this.search = location.search;
+  }
+}
+
+export const route = new Route();
+
+/** Listens to the browser's own buttons and to links of ours. */
+export function follow(): () => void {
+  const back = () => route.read();
+  const click = (event: MouseEvent) => {
+    const link = (event.target as Element | null)?.closest?.("a[href]") as HTMLAnchorElement | null;
+    const plain = event.button === 0 && !event.metaKey && !event.ctrlKey && !event.shiftKey && !event.altKey;
+    const ours = link && link.origin === location.origin && !link.target && !link.download && !link.pathname.startsWith("/api/");
+    if (!plain || !ours || event.defaultPrevented) return;
+    if (link.hash && link.pathname === location.pathname && link.search === location.search) return;
+    event.preventDefault();
+    route.go(link.pathname + link.search + link.hash);
+  };
+  window.addEventListener("popstate", back);
+  document.addEventListener("click", click);
+  return () => {
+    window.removeEventListener("popstate", back);
+    document.removeEventListener("click", click);
+  };
+}
+
+/** A link with parameters; empty ones are left out. */
+export function link(path: string, values: Values = {}): string {
+  const query = new URLSearchParams();
+  for (const [key, value] of Object.entries(values)) {
+    if (value !== null && value !== undefined && value !== "" && value !== false) query.set(key, String(value));
+  }
+  const text = query.toString();
+  return path + (text ? `?${text}` : "");
+}

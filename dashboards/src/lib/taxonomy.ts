@@ -1,0 +1,29 @@
+/** The classes of failures, and who labels them in this browser. */
+import { post } from "./api";
+
+export const CLASSES: Record<string, string[]> = {
+  "Object Confusion": ["wrong_instance", "wrong_kind", "wrong_attribute", "wrong_receptacle", "similar_furniture", "ignored_answer"],
+  "Key Action Missing": ["missing_ask", "missing_open", "missing_pick", "missing_place", "never_looked", "premature_finish"],
+  "Lost Memory": ["oscillation", "exploration", "repeated_failure", "stale_marker", "false_history"],
+  Other: ["timeout", "invalid_output", "physical_failure", "primitive_failure", "unexplained"],
+};
+
+const AUTHOR = "reel-author";
+
+export const author = {
+  get: () => localStorage.getItem(AUTHOR) ?? "",
+  set: (name: string) => localStorage.setItem(AUTHOR, name),
+};
+
+export interface Label {
+  episode: string;
+  class?: string;
+  sub_class?: string;
+  step?: number;
+  note?: string;
+  author: string;
+}
+
+export function label(one: Label): Promise<unknown> {
+  return post("/api/labels", one);
+}

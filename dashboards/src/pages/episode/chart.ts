@@ -1,0 +1,39 @@
+/** What the two curves of an episode have in common: one axis of moments, the current one and the decisive one marked. */
+import type { Palette } from "../../lib/palette";
+import { START } from "../../lib/trace";
+
+export function moments(last: number): string[] {
+  return ["start", ...Array.from({ length: last + 1 }, (_, step) => String(step))];
+}
+
+export function place(moment: number): number {
+  return moment - START;
+}
+
+export function axes(last: number, colours: Palette, unit: string) {
+  const label = { color: colours.soft, fontSize: 11 };
+  return {
+    grid: { left: 44, right: 14, top: 30, bottom: 26 },
+    legend: { top: 0, right: 0, itemWidth: 12, itemHeight: 8, textStyle: label },
+    tooltip: { trigger: "axis", confine: true, axisPointer: { type: "shadow" } },
+    xAxis: {
+      type: "category", data: moments(last), axisLabel: { ...label, hideOverlap: true }, axisTick: { show: false },
+      axisLine: { lineStyle: { color: colours.line } },
+    },
+    yAxis: {
+      type: "value", name: unit, nameTextStyle: { ...label, align: "left" }, nameGap: 10, axisLabel: label,
+      splitLine: { lineStyle: { color: colours.line } },
+    },
+  };
+}
+
+/** Lines at the current and at the decisive step, to hang on a series. */
+export function marks(moment: number, decisive: number | null, colours: Palette) {
+  const line = (at: number, colour: string, text: string, dashed: boolean) => ({
+    xAxis: place(at), lineStyle: { color: colour, width: dashed ? 1 : 2, type: dashed ? "dashed" : "solid" },
+    label: { formatter: text, color: colour, fontSize: 11, position: "end", distance: 2 },
+  });
+  const data = [line(moment, colours.ink, "", false)];
+  if (decisive !== null) data.push(line(decisive, colours.bad, "◆", true));
+  return { symbol: "none", silent: true, data };
+}

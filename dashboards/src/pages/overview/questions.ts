@@ -1,0 +1,73 @@
+/** What the overview asks the tables. Episodes whose trace breaks off count nowhere but in the totals. */
+
+export interface Totals {
+  episodes: number;
+  tasks: number;
+  policies: number;
+  runs: number;
+  steps: number | null;
+}
+
+export const TOTALS = `SELECT count(*) AS episodes, count(DISTINCT task_digest) AS tasks, count(DISTINCT policy) AS policies,
+  count(DISTINCT run_id) AS runs, sum(length) AS steps FROM episodes`;
+
+/** A policy in a family, or in all (`family` is null and `whole` is 1). */
+export interface Cell {
+  policy: string;
+  family: string | null;
+  whole: number;
+  episodes: number;
+  won: number;
+  done: number;
+  spl: number | null;
+  steps: number;
+}
+
+export const CELLS = `SELECT policy, family, grouping(family) AS whole, count(*) AS episodes, count(*) FILTER (WHERE success) AS won,
+  avg(completion) AS done, avg(spl) AS spl, avg(length) AS steps
+FROM episodes WHERE end_reason IS NOT NULL
+GROUP BY GROUPING SETS ((policy, family), (policy))`;
+
+export interface Run {
+  run: string;
+  policy: string;
+  /** When its last trace was written. */
+  at_ms: number;
+  episodes: number;
+  won: number;
+  done: number;
+}
+
+export const RUNS = `SELECT coalesce(run_id, 'none') AS run, policy, max(trace_modified_ns) / 1000000 AS at_ms, count(*) AS episodes,
+  count(*) FILTER (WHERE success) AS won, avg(completion) AS done
+FROM episodes WHERE end_reason IS NOT NULL
+GROUP BY run_id, policy ORDER BY at_ms DESC LIMIT 400`;
+
+export interface Reason {
+  class: string;
+  sub_class: string | null;
+  episodes: number;
+}
+
+export const REASONS = `SELECT coalesce(c.class, 'not classified') AS class, c.sub_class, count(*) AS episodes
+FROM episodes e LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
+WHERE NOT e.success GROUP BY c.class, c.sub_class ORDER BY episodes DESC, class, sub_class`;
+
+export interface Sound {
+  verdict: string;
+  episodes: number;
+}
+
+export const HEALTH = `SELECT coalesce(v.verdict, 'unverified') AS verdict, count(*) AS episodes
+FROM episodes e LEFT JOIN (
+  SELECT trace_digest, CASE WHEN bool_or(verdict = 'diverged') THEN 'diverged' ELSE min(verdict) END AS verdict
+  FROM verdicts GROUP BY trace_digest
+) v ON v.trace_digest = e.trace_digest
+GROUP BY v.verdict`;
+
+export interface LeftOut {
+  reason: string;
+  files: number;
+}
+
+export const QUARANTINE = "SELECT reason, count(*) AS files FROM quarantine GROUP BY reason ORDER BY files DESC, reason";

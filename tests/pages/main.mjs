@@ -1,0 +1,64 @@
+/** The web pages in Chromium: `main.mjs [NAME...]`, or `main.mjs --screenshots DIR`. See run.sh. */
+import { mkdirSync } from "node:fs";
+import { findings, launch, opened, sql, traceName, url, visit } from "./kit.mjs";
+import * as tests from "./tests.mjs";
+
+const index = await (await fetch(`${url}/`, { headers: { accept: "text/html" } })).text();
+if (!index.includes('id="app"')) {
+  console.log("skipped: the web pages in a browser, because this build has none (make pages)");
+  process.exit(0);
+}
+
+const [failed] = await sql("SELECT e.trace, b.step AS decisive_step FROM episodes e JOIN blame b USING (episode_id) WHERE b.step IS NOT NULL AND NOT e.success ORDER BY 1 LIMIT 1");
+export const trace = traceName(failed.trace);
+const addresses = {
+  overview: "/", episodes: "/episodes", episode: `/episodes/${trace}?step=${failed.decisive_step}`, failures: "/failures",
+  compare: "/compare?a=oracle&b=planner", sql: "/sql?q=SELECT+family%2C+count(*)+AS+n+FROM+episodes+GROUP+BY+family",
+  datasets: "/datasets", live: "/live",
+};
+
+const browser = await launch();
+let bad = 0;
+if (process.argv[2] === "--screenshots") {
+  const folder = process.argv[3] ?? "screenshots";
+  mkdirSync(folder, { recursive: true });
+  for (const [name, address] of Object.entries(addresses)) {
+    for (const dark of [false, true]) {
+      for (const width of [1440, 1024]) {
+        const { page, context } = await opened(browser, { dark, width });
+        await visit(page, address);
+        await page.waitForTimeout(500);
+        await page.screenshot({ path: `${folder}/${name}-${dark ? "dark" : "light"}-${width}.png`, fullPage: name !== "episode" });
+        await context.close();
+      }
+    }
+  }
+} else {
+  const wanted = process.argv.slice(2);
+  const all = { ...tests };
+  for (const [name, address] of Object.entries(addresses)) {
+    all[`page_${name}`] = async (browser) => {
+      for (const dark of [false, true]) {
+        const { page, context, complaints } = await opened(browser, { dark });
+        await visit(page, address);
+        const heading = await page.locator("main h1").first().innerText();
+        const found = [...complaints, ...(await findings(page))];
+        await context.close();
+        if (!heading.trim() || found.length) throw new Error(`${address}: "${heading}" ${found.join("\n  ")}`);
+      }
+    };
+  }
+  for (const [name, test] of Object.entries(all)) {
+    if (wanted.length && !wanted.some((begin) => name.startsWith(begin))) continue;
+    const begun = performance.now();
+    try {
+      await test(browser, { trace, step: failed.decisive_step });
+      console.log(`ok ${name} (${((performance.now() - begun) / 1000).toFixed(1)} s)`);
+    } catch (error) {
+      bad += 1;
+      console.log(`FAILED ${name}: ${error.message.split("\n").slice(0, 8).join("\n  ")}`);
+    }
+  }
+}
+await browser.close();
+process.exit(bad ? 1 : 0);

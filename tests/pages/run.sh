@@ -1,0 +1,81 @@
+#!/usr/bin/env bash
+# Drives Chromium through every web page of a real `reel serve` over episodes that are recorded here: no mock. Needs Node, Chromium
+# (installed where it may be) and pages in the binary; what is missing is said, and the rest is skipped.
+#
+#   run.sh [NAME...]           only the tests whose names begin so
+#   run.sh --screenshots DIR   every page, light and dark, 1440 and 1024 wide
+#
+# REEL        a binary that is built already (default: cargo builds it)
+# REEL_NODE   where packages are installed (default: ~/.cache/reel-node)
+# PAGES_DATA  a data folder to be used again: made where it is not there (default: a temporary one)
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+export CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-$HOME/.cache/reel}"
+if [[ -z ${REEL:-} ]]; then
+  dashboards/build.sh
+  cargo build --locked --workspace --all-targets
+fi
+reel=${REEL:-$CARGO_TARGET_DIR/debug/reel}
+cache=${REEL_NODE:-${XDG_CACHE_HOME:-$HOME/.cache}/reel-node}
+
+skip() {
+  echo "skipped: the web pages in a browser, because $1"
+  exit 0
+}
+command -v npm >/dev/null || skip "there is no npm"
+if ! command -v chromium >/dev/null && [[ $(id -u) == 0 ]] && command -v apt-get >/dev/null; then
+  (apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium) >/dev/null 2>&1 || true
+fi
+CHROMIUM=$(command -v chromium || command -v chromium-browser || command -v google-chrome) || skip "there is no Chromium"
+export CHROMIUM
+
+packages=(playwright-core@1.65.1 axe-core@4.14.1)
+folder="$cache/pages-1.65.1-4.14.1"
+if [[ ! -d $folder ]]; then
+  mkdir -p "$cache" && fresh=$(mktemp -d "$cache/.fresh.XXXXXX")
+  if ! timeout 300 npm install --prefix "$fresh" --no-audit --no-fund --loglevel=error --fetch-retries=1 "${packages[@]}" >&2; then
+    rm -rf "$fresh"
+    skip "${packages[*]} cannot be installed"
+  fi
+  # Somebody else may have been faster.
+  mv -T "$fresh" "$folder" 2>/dev/null || rm -rf "$fresh"
+fi
+
+work=$(mktemp -d)
+data=${PAGES_DATA:-$work/data}
+pid=
+cleanup() {
+  [[ -z $pid ]] || { kill "$pid" && wait "$pid"; } 2>/dev/null || true
+  rm -rf "$work"
+}
+trap cleanup EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
+
+if [[ ! -d $data/store ]]; then
+  echo "recording episodes" >&2
+  mkdir -p "$data"
+  "$reel" tasks generate --count 8 --seed 7 --out "$work/tasks" >/dev/null
+  for policy in oracle planner; do
+    "$reel" run --tasks "$work/tasks" --policy "$policy" --out "$data/traces" >/dev/null
+  done
+  "$reel" faults run --tasks "$work/tasks" --out "$work/faulty" --count 12 --seed 4200 >/dev/null
+  find "$work/faulty" -name '*.mcap' -exec mv {} "$data/traces/" \;
+  # Everything lies flat in the archive.
+  find "$data/traces" -mindepth 2 -name '*.mcap' -exec mv {} "$data/traces/" \;
+  "$reel" ingest "$data/traces" --store "$data/store" >/dev/null
+  "$reel" taxonomy --store "$data/store" >/dev/null
+  "$reel" blame --store "$data/store" >/dev/null
+  "$reel" export sft --store "$data/store" --format trl --out "$data/exports/first" >/dev/null
+fi
+
+"$reel" serve --listen 127.0.0.1:0 --data "$data" >"$work/serve.out" 2>"$work/serve.log" &
+pid=$!
+url=
+for ((tries = 0; tries < 300; tries++)); do
+  url=$(sed -n 's|^listening on \(http://[0-9.:]*[0-9]\).*|\1|p' "$work/serve.out")
+  [[ -z $url ]] && kill -0 "$pid" 2>/dev/null || break
+  sleep 0.1
+done
+[[ -n $url ]] || { cat "$work/serve.log" >&2; exit 1; }
+PACKAGES=$folder URL=$url node tests/pages/main.mjs "$@" || { tail -5 "$work/serve.log" >&2; exit 1; }
