@@ -71,7 +71,8 @@ export type Recording = { episode: Episode; steps: Step[] };
 /** `pick(marker_id=2)`. */
 export function callText(call: Call): string {
   const given = Object.entries(call.arguments ?? {}).map(([name, value]) => `${name}=${typeof value === "string" ? value : JSON.stringify(value)}`);
-  return `${call.name}(${given.join(", ")})`;
+  // A policy that answered no call at all is recorded with an empty name.
+  return call.name || given.length ? `${call.name}(${given.join(", ")})` : "no call";
 }
 
 export function changeText(change: Change): string {

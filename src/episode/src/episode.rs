@@ -94,14 +94,18 @@ impl Episode {
     /// # Errors
     /// When task and scene do not belong together.
     pub fn start_with(config: EpisodeConfig, detail: Detail) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
-        Ok(Self::start_on(stage(&config.scene, &config.task)?, config, detail))
+        Ok(Self::begin(stage(&config.scene, &config.task)?, config, detail))
     }
 
-    /// [`Episode::start_with`] on a stage that is there already: that of the task and scene of `config`, by [`stage`].
+    /// [`Episode::start`] on a stage that is there already: that of the task and scene of `config`, by [`stage`].
     ///
     /// # Panics
     /// When it is the stage of another task or scene.
-    pub fn start_on(stage: Arc<Stage>, config: EpisodeConfig, detail: Detail) -> (Episode, StartRecord, Frame) {
+    pub fn start_on(stage: Arc<Stage>, config: EpisodeConfig) -> (Episode, StartRecord, Frame) {
+        Self::begin(stage, config, Detail::Picture)
+    }
+
+    fn begin(stage: Arc<Stage>, config: EpisodeConfig, detail: Detail) -> (Episode, StartRecord, Frame) {
         check_stage(&stage, &config);
         let header = header(&config);
         let mut simulator = Simulator::new(stage, config.profile, config.seed);

@@ -13,6 +13,7 @@ use reel_world::{
 };
 
 pub use episode::{Episode, Parked, stage};
+pub use reel_sim::Stage;
 
 /// What an episode is a function of, besides its calls.
 #[derive(Clone, Debug)]

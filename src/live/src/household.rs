@@ -8,7 +8,6 @@ use std::{
 };
 
 use reel_episode::{Briefing, Episode, Parked, StepOutput};
-use reel_sim::render::Detail;
 use reel_trace::Recorder;
 use reel_world::{
     Frame, InstanceId, Profile, ReceptacleId, Task,
@@ -322,7 +321,7 @@ impl Household {
         let number = self.begun;
         self.begun += 1;
         self.now = Now::Broken { part: part(&path), reason: "it could not be started".to_owned() };
-        let (episode, start, frame) = Episode::start_on(self.setup.stage(&task)?, config, Detail::Picture);
+        let (episode, start, frame) = Episode::start_on(self.setup.stage(&task)?, config);
         let mut recorder = Recorder::create(&path, episode.header(), episode.task(), episode.scene(), self.setup.options)?;
         recorder.start(&start, Some(&frame))?;
         let index = self.setup.tasks.iter().position(|other| Arc::ptr_eq(other, &task)).unwrap_or(0);

@@ -6,9 +6,8 @@ use std::{
     sync::{Arc, Mutex, PoisonError, Weak},
 };
 
-use reel_episode::{EpisodeConfig, Rollout};
+use reel_episode::{EpisodeConfig, Rollout, Stage};
 use reel_reward::Preset;
-use reel_sim::Stage;
 use reel_trace::RecordOptions;
 use reel_world::{Profile, Scene, Task, record::PolicyInfo};
 use serde_json::json;

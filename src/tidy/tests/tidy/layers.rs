@@ -31,7 +31,10 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("taxonomy", &["world", "tables", "query", "model"]),
     ("live", &["world", "reward", "episode", "trace"]),
     ("mcp", &["world", "trace", "live"]),
-    ("server", &["world", "reward", "tasks", "agents", "trace", "replay", "branch", "blame", "tables", "query", "live", "mcp"]),
+    (
+        "server",
+        &["world", "reward", "tasks", "agents", "trace", "replay", "branch", "blame", "tables", "query", "lint", "live", "mcp"],
+    ),
     ("tidy", &[]),
 ];
 

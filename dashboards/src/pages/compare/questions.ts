@@ -1,0 +1,103 @@
+/** What a comparison asks: which things can be compared, and their pairs on the same tasks. */
+import { sql } from "../../lib/api";
+
+/** Two policies, or two reward presets on the same episodes. */
+export type Kind = "policy" | "preset";
+
+export interface Thing {
+  name: string;
+  episodes: number;
+}
+
+export function things(kind: Kind, signal: AbortSignal): Promise<Thing[]> {
+  const text =
+    kind === "policy"
+      ? "SELECT policy AS name, count(*) AS episodes FROM episodes WHERE end_reason IS NOT NULL GROUP BY policy ORDER BY policy"
+      : `SELECT preset AS name, count(DISTINCT episode_id) AS episodes
+FROM (SELECT preset, episode_id FROM episodes UNION ALL SELECT preset, episode_id FROM rescored) GROUP BY preset ORDER BY preset`;
+  return sql<Thing>(text, {}, signal);
+}
+
+/** How many tasks every two policies share. */
+export interface Shared {
+  a: string;
+  b: string;
+  tasks: number;
+}
+
+export const SHARED = `WITH played AS (SELECT DISTINCT policy, task_digest FROM episodes WHERE end_reason IS NOT NULL)
+SELECT a.policy AS a, b.policy AS b, count(*) AS tasks FROM played a JOIN played b ON b.task_digest = a.task_digest AND b.policy > a.policy
+GROUP BY a.policy, b.policy ORDER BY tasks DESC, a, b`;
+
+/** One task played by both, or one episode under two presets. Means, where a task was played several times. */
+export interface Pair {
+  key: string;
+  task_id: string;
+  family: string | null;
+  success_a: number;
+  success_b: number;
+  return_a: number | null;
+  return_b: number | null;
+  steps_a: number;
+  steps_b: number;
+  episodes_a: number;
+  episodes_b: number;
+  trace_a: string;
+  trace_b: string;
+  step_a: number | null;
+  step_b: number | null;
+}
+
+/** Most pairs that a page takes. */
+export const MOST = 5000;
+
+/** Equal by their digest, or, where the tasks were changed on purpose, by name. */
+export function policyPairs(a: string, b: string, byName: boolean, signal: AbortSignal): Promise<Pair[]> {
+  const key = byName ? "task_id" : "task_digest";
+  // The episode to look at: one that ended as most did, so that a flip shows a success beside a failure.
+  const text = `WITH played AS (
+  SELECT e.policy, e.${key} AS key, e.task_id, e.family, CAST(e.success AS DOUBLE) AS success, e.total_reward, e.length, e.trace,
+    coalesce(bl.step, c.step) AS step
+  FROM episodes e
+  LEFT JOIN blame bl ON bl.episode_id = e.episode_id AND bl.trace_digest = e.trace_digest
+  LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
+  WHERE e.end_reason IS NOT NULL AND e.policy IN ($a, $b)
+),
+solved AS (
+  SELECT policy, key, min(task_id) AS task_id, min(family) AS family, avg(success) AS success, avg(total_reward) AS reward, avg(length) AS steps,
+    count(*) AS episodes,
+    CASE WHEN avg(success) > 0.5 THEN min(trace) FILTER (WHERE success = 1) ELSE min(trace) FILTER (WHERE success = 0) END AS trace
+  FROM played GROUP BY policy, key
+),
+told AS (SELECT s.*, p.step FROM solved s LEFT JOIN played p ON p.trace = s.trace)
+SELECT a.key, a.task_id, a.family, a.success AS success_a, b.success AS success_b, a.reward AS return_a, b.reward AS return_b,
+  a.steps AS steps_a, b.steps AS steps_b, a.episodes AS episodes_a, b.episodes AS episodes_b,
+  a.trace AS trace_a, b.trace AS trace_b, a.step AS step_a, b.step AS step_b
+FROM told a JOIN told b ON b.key = a.key AND a.policy = $a AND b.policy = $b
+ORDER BY a.task_id, a.key LIMIT ${MOST}`;
+  return sql<Pair>(text, { a, b }, signal);
+}
+
+export function presetPairs(a: string, b: string, signal: AbortSignal): Promise<Pair[]> {
+  const text = `WITH scored AS (
+  SELECT episode_id, preset, total_reward FROM episodes UNION ALL SELECT episode_id, preset, total_reward FROM rescored
+),
+once AS (SELECT episode_id, preset, avg(total_reward) AS reward FROM scored GROUP BY episode_id, preset)
+SELECT e.episode_id AS key, e.task_id, e.family, CAST(e.success AS DOUBLE) AS success_a, CAST(e.success AS DOUBLE) AS success_b,
+  a.reward AS return_a, b.reward AS return_b, e.length AS steps_a, e.length AS steps_b, 1 AS episodes_a, 1 AS episodes_b,
+  e.trace AS trace_a, e.trace AS trace_b, CAST(NULL AS INT) AS step_a, CAST(NULL AS INT) AS step_b
+FROM episodes e
+JOIN once a ON a.episode_id = e.episode_id AND a.preset = $a
+JOIN once b ON b.episode_id = e.episode_id AND b.preset = $b
+WHERE e.end_reason IS NOT NULL
+ORDER BY e.task_id, key LIMIT ${MOST}`;
+  return sql<Pair>(text, { a, b }, signal);
+}
+
+/** What became of a pair. */
+export type Side = "only_a" | "only_b" | "both" | "neither";
+
+export function side(pair: Pair): Side {
+  const [a, b] = [pair.success_a > 0.5, pair.success_b > 0.5];
+  return a ? (b ? "both" : "only_a") : b ? "only_b" : "neither";
+}
