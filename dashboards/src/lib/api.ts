@@ -20,7 +20,7 @@ export const token = {
   set: (value: string) => localStorage.setItem(TOKEN, value),
 };
 
-async function send(method: string, path: string, body?: unknown, signal?: AbortSignal): Promise<Response> {
+export async function send(method: string, path: string, body?: unknown, signal?: AbortSignal): Promise<Response> {
   const headers: Record<string, string> = {};
   const known = token.get();
   if (known) headers["authorization"] = `Bearer ${known}`;

@@ -1,6 +1,7 @@
 /** Colours for charts, which cannot read those of the style sheet. */
 
-export type Palette = { ink: string; soft: string; line: string; accent: string; good: string; bad: string; warn: string; series: string[] };
+export type Palette = { ink: string; soft: string; line: string; accent: string; good: string; bad: string; warn: string;
+  series: string[] };
 
 const light: Palette = {
   ink: "#1d2226", soft: "#565f66", line: "#dcd8ce", accent: "#1f6660", good: "#2c6e37", bad: "#a8352b", warn: "#b67a0c",

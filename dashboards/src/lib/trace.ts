@@ -40,11 +40,13 @@ export type Header = {
   parent?: { trace: string; call: number };
 };
 export type Metrics = {
-  success: boolean; completion: number; total_reward: number; discounted_return: number; length: number; asks: number; spl?: number;
+  success: boolean; completion: number; total_reward: number; discounted_return: number; length: number; asks: number;
+    spl?: number;
 };
 export type Episode = {
   trace: string; digest: string; header: Header; task: Task; steps: number; images: number;
-  start: { graphs: { physics: Graph; registry: Graph }; bodies: Body[]; robot?: Robot; visible: { object: string }[]; digests: Digests };
+  start: { graphs: { physics: Graph; registry: Graph }; bodies: Body[]; robot?: Robot; visible: { object: string }[];
+    digests: Digests };
   end?: { reason: string; metrics: Metrics };
 };
 
@@ -70,14 +72,15 @@ export type Recording = { episode: Episode; steps: Step[] };
 
 /** `pick(marker_id=2)`. */
 export function callText(call: Call): string {
-  const given = Object.entries(call.arguments ?? {}).map(([name, value]) => `${name}=${typeof value === "string" ? value : JSON.stringify(value)}`);
+  const given = Object.entries(call.arguments ?? {}).map(([name, value]) =>
+    `${name}=${typeof value === "string" ? value : JSON.stringify(value)}`);
   // A policy that answered no call at all is recorded with an empty name.
   return call.name || given.length ? `${call.name}(${given.join(", ")})` : "no call";
 }
 
 export function changeText(change: Change): string {
   if (change.event === "door") return `${change.receptacle}: door ${change.from} → ${change.to}`;
-  return `${change.receptacle}: ${change.event === "add" ? "+" : "−"} ${change.object ?? "?"}`;
+  return `${change.receptacle}: ${change.event === "add" ? "+" : "−"} ${shortName(change.object ?? "?")}`;
 }
 
 /** `teddy_bear_04_on_counter_1_at_home_0001` without the part that every object of the task has. */
@@ -102,7 +105,8 @@ export function stateAt({ episode, steps }: Recording, moment: number): { robot?
 
 /** Which doors stand open at a moment. */
 export function openDoors({ episode, steps }: Recording, moment: number): Set<string> {
-  const open = new Set(Object.entries(episode.start.graphs.physics).filter(([, place]) => place.door === "open").map(([id]) => id));
+  const open = new Set(Object.entries(episode.start.graphs.physics).filter(([, place]) => place.door === "open").map(([id]) =>
+    id));
   for (const { changes } of steps.slice(0, moment + 1)) {
     for (const change of changes.physics) {
       if (change.event !== "door") continue;

@@ -23,7 +23,8 @@ export type Example = {
   oddities?: string[];
 };
 
-export type Finding = { kind: string; severity: string; message: string; excerpt?: string; examples: { index: number; line: number }[] };
+export type Finding = { kind: string; severity: string; message: string; excerpt?: string;
+  examples: { index: number; line: number }[] };
 export type Check = {
   check: string; what: string; applies: boolean; findings: number; rows: number; share: number; worst: string | null;
   kinds: Record<string, number>; note: string; examples: Finding[];

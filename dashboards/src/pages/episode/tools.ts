@@ -2,7 +2,8 @@
 import { callText, markersBefore, shortName, type Call, type Recording } from "../../lib/trace";
 
 const KNOWN: Record<string, string[]> = {
-  nav_to: ["receptacle_name"], walk_around: [], show_object_by_category: ["target_category"], show_receptacles: [], gaze_at: ["marker_id"],
+  nav_to: ["receptacle_name"], walk_around: [], show_object_by_category: ["target_category"], show_receptacles: [],
+    gaze_at: ["marker_id"],
   pick: ["marker_id"], place: ["marker_id"], open: ["marker_id"], close: ["marker_id"], ask: ["question"], finish: [],
 };
 
@@ -22,7 +23,8 @@ export function choices(recording: Recording, argument: string, at: number): { v
     return Object.keys(episode.start.graphs.physics).map((id) => ({ value: id, label: id }));
   }
   if (argument === "target_category") {
-    return [...new Set(episode.task.objects.map(({ category }) => category))].sort().map((name) => ({ value: name, label: name }));
+    return [...new Set(episode.task.objects.map(({ category }) => category))].sort().map((name) =>
+      ({ value: name, label: name }));
   }
   if (argument === "marker_id") {
     return markersBefore(steps, at).map(({ id, target }) => ({ value: String(id), label: `${id}: ${shortName(target.id)}` }));
