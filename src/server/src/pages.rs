@@ -52,9 +52,10 @@ fn answer(path: &str, file: EmbeddedFile, kept: &'static str, headers: &HeaderMa
     let tag = format!("\"{tag}\"");
     let known = headers.get(header::IF_NONE_MATCH).is_some_and(|it| it.as_bytes() == tag.as_bytes());
     let mut response = if known { StatusCode::NOT_MODIFIED.into_response() } else { file.data.into_owned().into_response() };
-    let mut say = |name, value: &str| match HeaderValue::from_str(value) {
-        Ok(value) => drop(response.headers_mut().insert(name, value)),
-        Err(_) => {}
+    let mut say = |name, value: &str| {
+        if let Ok(value) = HeaderValue::from_str(value) {
+            response.headers_mut().insert(name, value);
+        }
     };
     say(header::CONTENT_TYPE, &kind);
     say(header::CACHE_CONTROL, kept);
