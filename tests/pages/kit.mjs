@@ -6,12 +6,23 @@ const require = createRequire(`${process.env.PACKAGES}/package.json`);
 const { chromium } = require("playwright-core");
 const axe = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
 
+/** The server with recorded episodes, and one with nothing. */
 export const url = process.env.URL;
+export const emptyUrl = process.env.EMPTY_URL;
 /** How long anything may take: the machine may be busy. */
 export const PATIENCE_MS = 30_000;
 
 export function assert(condition, message) {
   if (!condition) throw new Error(message);
+}
+
+/** Waits until something holds. */
+export async function until(holds, what) {
+  const end = performance.now() + PATIENCE_MS;
+  while (!(await holds())) {
+    assert(performance.now() < end, `waited in vain for ${what}`);
+    await new Promise((go) => setTimeout(go, 50));
+  }
 }
 
 export async function launch() {
@@ -60,3 +71,24 @@ export async function sql(text) {
 
 /** A name of a trace, from the path that the tables tell. */
 export const traceName = (path) => path.replace(/^.*\//, "").replace(/\.mcap$/, "");
+
+/** An agent that plays: MCP over Streamable HTTP, in as few words as it takes. */
+export async function agent() {
+  const headers = { "content-type": "application/json", accept: "application/json, text/event-stream" };
+  let id = 0;
+  const send = async (method, params, notify = false) => {
+    const body = { jsonrpc: "2.0", method, params, ...(notify ? {} : { id: (id += 1) }) };
+    const answer = await fetch(`${url}/mcp`, { method: "POST", headers, body: JSON.stringify(body) });
+    const text = await answer.text();
+    assert(answer.ok, `${method}: ${answer.status} ${text}`);
+    headers["mcp-session-id"] ??= answer.headers.get("mcp-session-id");
+    if (notify) return null;
+    const last = text.startsWith("{") ? text : text.split("\n").filter((line) => line.startsWith("data: {")).at(-1).slice(6);
+    return JSON.parse(last).result;
+  };
+  await send("initialize", { protocolVersion: "2025-06-18", capabilities: {}, clientInfo: { name: "watched", version: "1" } });
+  await send("notifications/initialized", {}, true);
+  return { send, close: () => fetch(`${url}/mcp`, { method: "DELETE", headers }) };
+}
+
+export const call = (agent, name, given) => agent.send("tools/call", { name, arguments: given });

@@ -10,10 +10,10 @@ if (!index.includes('id="app"')) {
 }
 
 const [failed] = await sql("SELECT e.trace, b.step AS decisive_step FROM episodes e JOIN blame b USING (episode_id) WHERE b.step IS NOT NULL AND NOT e.success ORDER BY 1 LIMIT 1");
-export const trace = traceName(failed.trace);
+const trace = traceName(failed.trace);
 const addresses = {
   overview: "/", episodes: "/episodes", episode: `/episodes/${trace}?step=${failed.decisive_step}`, failures: "/failures",
-  compare: "/compare?a=oracle&b=planner", sql: "/sql?q=SELECT+family%2C+count(*)+AS+n+FROM+episodes+GROUP+BY+family",
+  compare: "/compare?a=oracle&b=planner", confusions: "/failures?tab=confusions", panels: "/panels?page=behaviour", sql: "/sql?q=SELECT+family%2C+count(*)+AS+n+FROM+episodes+GROUP+BY+family",
   datasets: "/datasets", live: "/live",
 };
 

@@ -7,6 +7,7 @@
 #
 # REEL        a binary that is built already (default: cargo builds it)
 # REEL_NODE   where packages are installed (default: ~/.cache/reel-node)
+# ODD         a folder of traces that are not as they should be (src/cli/tests/cli/pages.rs makes it)
 # PAGES_DATA  a data folder to be used again: made where it is not there (default: a temporary one)
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -43,9 +44,9 @@ fi
 
 work=$(mktemp -d)
 data=${PAGES_DATA:-$work/data}
-pid=
+pids=()
 cleanup() {
-  [[ -z $pid ]] || { kill "$pid" && wait "$pid"; } 2>/dev/null || true
+  for pid in "${pids[@]}"; do { kill "$pid" && wait "$pid"; } 2>/dev/null || true; done
   rm -rf "$work"
 }
 trap cleanup EXIT
@@ -69,13 +70,23 @@ if [[ ! -d $data/store ]]; then
   "$reel" export sft --store "$data/store" --format trl --out "$data/exports/first" >/dev/null
 fi
 
-"$reel" serve --listen 127.0.0.1:0 --data "$data" >"$work/serve.out" 2>"$work/serve.log" &
-pid=$!
-url=
-for ((tries = 0; tries < 300; tries++)); do
-  url=$(sed -n 's|^listening on \(http://[0-9.:]*[0-9]\).*|\1|p' "$work/serve.out")
-  [[ -z $url ]] && kill -0 "$pid" 2>/dev/null || break
-  sleep 0.1
-done
-[[ -n $url ]] || { cat "$work/serve.log" >&2; exit 1; }
-PACKAGES=$folder URL=$url node tests/pages/main.mjs "$@" || { tail -5 "$work/serve.log" >&2; exit 1; }
+[[ -z ${ODD:-} ]] || cp "$ODD"/* "$data/traces/"
+
+# Starts a server over a data folder; its address is in `url`.
+serve() {
+  local name=$1 tries
+  "$reel" serve --listen 127.0.0.1:0 --data "$2" --ask rest >"$work/$name.out" 2>"$work/$name.log" &
+  pids+=($!)
+  url=
+  for ((tries = 0; tries < 300; tries++)); do
+    url=$(sed -n 's|^listening on \(http://[0-9.:]*[0-9]\).*|\1|p' "$work/$name.out")
+    [[ -z $url ]] && kill -0 "${pids[-1]}" 2>/dev/null || break
+    sleep 0.1
+  done
+  [[ -n $url ]] || { cat "$work/$name.log" >&2; exit 1; }
+}
+serve empty "$work/empty"
+export EMPTY_URL=$url
+serve full "$data"
+export URL=$url
+PACKAGES=$folder node tests/pages/main.mjs "$@" || { tail -5 "$work/full.log" >&2; exit 1; }

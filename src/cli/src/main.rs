@@ -63,6 +63,9 @@ enum Command {
     Frames(commands::frames::Arguments),
     #[command(about = "Write an episode as moving pictures, with the calls as captions")]
     Video(commands::video::Arguments),
+    #[command(about = "Open an episode in Rerun, or in its web viewer")]
+    #[cfg(feature = "rerun")]
+    View(commands::view::Arguments),
     #[command(about = "Turn what other frameworks recorded into traces")]
     Import(commands::import::Arguments),
     #[command(about = "Read traces into a store of tables")]
@@ -136,6 +139,8 @@ fn main() -> ExitCode {
         Command::Doctor(arguments) => commands::doctor::run(&arguments),
         Command::Frames(arguments) => commands::frames::run(&arguments),
         Command::Video(arguments) => commands::video::run(&arguments),
+        #[cfg(feature = "rerun")]
+        Command::View(arguments) => commands::view::run(&arguments),
         Command::Import(arguments) => commands::import::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Ingest(arguments) => commands::ingest::run(&arguments),

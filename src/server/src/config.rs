@@ -30,6 +30,9 @@ pub struct Config {
     /// The store of tables: a folder or s3://bucket/folder; without it `store` in the data folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub store: Option<String>,
+    /// Folder of panels and pages of the dashboards; without it `definitions` in the data folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub definitions: Option<PathBuf>,
     /// File of tokens; without it `tokens.toml` in the data folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tokens: Option<PathBuf>,
@@ -149,6 +152,7 @@ impl Default for Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 8801)),
             data: "reel-data".into(),
             store: None,
+            definitions: None,
             tokens: None,
             hosts: Vec::new(),
             origins: Vec::new(),
@@ -259,6 +263,11 @@ impl Config {
     /// Where training sets are written.
     pub fn exports(&self) -> PathBuf {
         self.data.join("exports")
+    }
+
+    /// Where panels and pages of the dashboards are.
+    pub fn definitions(&self) -> PathBuf {
+        self.definitions.clone().unwrap_or_else(|| self.data.join("definitions"))
     }
 
     /// Where the store of tables is.

@@ -8,6 +8,7 @@ mod analysis;
 mod archive;
 mod config;
 mod connections;
+mod files;
 mod gate;
 #[cfg(feature = "tables")]
 mod jobs;
@@ -18,6 +19,8 @@ mod rest;
 mod run;
 mod service;
 mod tokens;
+#[cfg(feature = "rerun")]
+mod viewer;
 
 pub use config::{Config, ConfigError, Limits, LogFormat, Order, Play};
 pub use reel_mcp::{AskAnswers, AskWhom};
@@ -25,3 +28,5 @@ pub use rest::openapi;
 pub use run::{run, run_stdio};
 pub use service::{ServeError, Service, start_logs};
 pub use tokens::{Role, TokenEntry, TokenError, Tokens};
+#[cfg(feature = "rerun")]
+pub use viewer::view;

@@ -57,7 +57,7 @@ pub fn run_stdio(config: Config) -> Result<(), ServeError> {
     served.map_err(|error| ServeError::Protocol(error.to_string()))
 }
 
-fn runtime(threads: Option<usize>) -> Result<Runtime, ServeError> {
+pub(crate) fn runtime(threads: Option<usize>) -> Result<Runtime, ServeError> {
     let mut builder = Builder::new_multi_thread();
     if let Some(threads) = threads {
         builder.worker_threads(threads);
@@ -66,7 +66,7 @@ fn runtime(threads: Option<usize>) -> Result<Runtime, ServeError> {
 }
 
 /// Ctrl-C, or what a service manager sends.
-async fn stopped() {
+pub(crate) async fn stopped() {
     let interrupted = async { drop(signal::ctrl_c().await) };
     #[cfg(unix)]
     {

@@ -206,6 +206,8 @@ fn router(app: &Arc<App>) -> Router {
     let max_body = app.config.limits.body_mib << 20;
     let policies = reel_mcp::router(app.pool.clone(), app.questions.clone(), Arc::new(options), app.closing.clone(), max_body);
     let router = rest::router(app).merge(policies);
+    #[cfg(feature = "rerun")]
+    let router = router.merge(crate::viewer::router());
     #[cfg(feature = "tables")]
     let router = router.merge(crate::analysis::router(app, max_body)).fallback(crate::pages::page);
     #[cfg(not(feature = "tables"))]

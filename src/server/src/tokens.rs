@@ -13,6 +13,8 @@ use std::{
 
 use serde::{Deserialize, Serialize};
 
+use crate::files::put;
+
 /// What a client may do. No role holds another: a policy that may act must not read what it is graded by.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -173,10 +175,7 @@ impl Tokens {
             fs::create_dir_all(folder).map_err(failed("make the folder of"))?;
         }
         let text = toml::to_string_pretty(&File { token }).expect("tokens have a TOML form");
-        // Beside it first: a server that reads it meanwhile sees the old one or the new one.
-        let beside = self.path.with_added_extension("new");
-        fs::write(&beside, text).map_err(failed("write"))?;
-        fs::rename(&beside, &self.path).map_err(failed("write"))?;
+        put(&self.path, &text).map_err(failed("write"))?;
         self.refresh()
     }
 }

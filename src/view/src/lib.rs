@@ -13,8 +13,6 @@ mod rerun_recording;
 mod side_by_side;
 mod transcript;
 
-use std::path::PathBuf;
-
 pub use contact_sheet::contact_sheet;
 pub use film::{Film, Part};
 pub use moment::moment;
@@ -44,12 +42,10 @@ pub enum ViewError {
         /// In pixels.
         height: usize,
     },
-    /// The Rerun recording cannot be written.
-    #[error("cannot write the Rerun recording: {reason}: {path}", path = path.display())]
+    /// The Rerun recording cannot be made.
+    #[error("cannot make the Rerun recording: {reason}")]
     Rerun {
         /// What Rerun says.
         reason: String,
-        /// Which file.
-        path: PathBuf,
     },
 }

@@ -1,7 +1,7 @@
 //! An episode as a Rerun recording: the head camera, the robot, objects and receptacles in 3D, the transcript, the rewards.
 //! Timelines `step` (-1: before the first decision) and `sim_time`; no wall-clock time.
 
-use std::{collections::BTreeMap, path::Path};
+use std::collections::BTreeMap;
 
 use reel_trace::Trace;
 use reel_world::{
@@ -11,6 +11,10 @@ use reel_world::{
 use rerun::{
     AsComponents, Boxes3D, EncodedImage, Pinhole, Quaternion, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
     Rgba32, Scalars, TextDocument, TextLog, TextLogLevel, Transform3D, ViewCoordinates,
+    blueprint::{
+        Blueprint, Horizontal, Spatial2DView, Spatial3DView, Tabs, TextDocumentView, TextLogView, TimePanel, TimeSeriesView,
+        Vertical,
+    },
 };
 
 use crate::{ViewError, canvas::encode_png, transcript};
@@ -27,17 +31,16 @@ const FURNITURE: Rgba32 = Rgba32::from_rgb(86, 104, 168);
 const DOOR: Rgba32 = Rgba32::from_rgb(150, 92, 170);
 const ROBOT: Rgba32 = Rgba32::from_rgb(40, 44, 52);
 
-/// Writes the recording. Equal traces give equal content.
+/// The recording, as the content of an `.rrd` file, with a layout for it.
 ///
 /// # Errors
-/// When the file cannot be written or a picture of the trace is damaged.
-pub fn rrd(trace: &Trace, path: &Path) -> Result<(), ViewError> {
-    let failed = |reason: String| ViewError::Rerun { reason, path: path.to_path_buf() };
+/// When a picture of the trace is damaged.
+pub fn rrd(trace: &Trace) -> Result<Vec<u8>, ViewError> {
     let builder = RecordingStreamBuilder::new("reel").recording_id(trace.header.episode_id.as_str());
-    let stream = builder.save(path).map_err(|error| failed(error.to_string()))?;
+    let (stream, storage) = builder.with_blueprint(layout()).memory().map_err(|error| failed(&error))?;
     stream.set_log_tick_enabled(false);
     stream.set_log_time_enabled(false);
-    let recording = Recording { trace, stream, path };
+    let recording = Recording { trace, stream };
     recording.scene()?;
     recording.moment(-1, 0, None, &trace.start.bodies, &trace.start.robot)?;
     let mut total = 0.0;
@@ -46,13 +49,32 @@ pub fn rrd(trace: &Trace, path: &Path) -> Result<(), ViewError> {
         total += record.reward_total();
         recording.told(record, total)?;
     }
-    recording.stream.flush_blocking().map_err(|error| failed(error.to_string()))
+    storage.drain_as_bytes().map_err(|error| failed(&error))
+}
+
+fn failed(error: &dyn std::error::Error) -> ViewError {
+    ViewError::Rerun { reason: error.to_string() }
+}
+
+/// The world beside what the robot sees and what is said, the rewards below; time goes by steps.
+fn layout() -> Blueprint {
+    let told = Tabs::new([
+        TextLogView::new("Transcript").with_origin("transcript").into(),
+        TextDocumentView::new("Episode").with_origin("episode").into(),
+    ]);
+    let seen = Vertical::new([Spatial2DView::new("Camera").with_origin("world/camera").into(), told.into()]);
+    let world = Vertical::new([
+        Spatial3DView::new("World").with_origin("world").into(),
+        TimeSeriesView::new("Rewards").with_contents(["reward/**", "return"]).into(),
+    ]);
+    let world = world.with_row_shares([3.0, 1.0]);
+    let sides = Horizontal::new([world.into(), seen.into()]).with_column_shares([3.0, 2.0]);
+    Blueprint::new(sides).with_time_panel(TimePanel::new().with_timeline("step"))
 }
 
 struct Recording<'a> {
     trace: &'a Trace,
     stream: RecordingStream,
-    path: &'a Path,
 }
 
 impl Recording<'_> {
@@ -120,15 +142,11 @@ impl Recording<'_> {
     }
 
     fn log(&self, entity: &str, what: &dyn AsComponents) -> Result<(), ViewError> {
-        self.stream.log(entity, what).map_err(|error| self.failed(&error))
+        self.stream.log(entity, what).map_err(|error: RecordingStreamError| failed(&error))
     }
 
     fn log_static(&self, entity: &str, what: &dyn AsComponents) -> Result<(), ViewError> {
-        self.stream.log_static(entity, what).map_err(|error| self.failed(&error))
-    }
-
-    fn failed(&self, error: &RecordingStreamError) -> ViewError {
-        ViewError::Rerun { reason: error.to_string(), path: self.path.to_path_buf() }
+        self.stream.log_static(entity, what).map_err(|error: RecordingStreamError| failed(&error))
     }
 }
 

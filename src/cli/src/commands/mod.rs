@@ -49,3 +49,5 @@ pub mod taxonomy;
 #[cfg(feature = "service")]
 pub mod token;
 pub mod video;
+#[cfg(feature = "rerun")]
+pub mod view;

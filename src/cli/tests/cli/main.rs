@@ -8,6 +8,8 @@ mod films;
 mod gate;
 mod import;
 mod moments;
+#[cfg(feature = "analytics")]
+mod pages;
 mod recovery;
 #[cfg(feature = "analytics")]
 mod service;

@@ -1,6 +1,8 @@
 //! The REST service: what people, pages and trainers ask, and what they get. Documented where it is written; the document is
 //! at `/api/openapi.json`.
 
+#[cfg(feature = "tables")]
+mod definitions;
 mod error;
 #[cfg(feature = "tables")]
 mod exports;
@@ -69,7 +71,8 @@ impl Modify for Security {
 struct Everywhere;
 
 /// Names in paths, where not every text is one.
-const NAMES: [(&str, &str); 4] = [
+const NAMES: [(&str, &str); 5] = [
+    ("definition", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
     ("export", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
     ("trace", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}$"),
     ("moment", r"^(start|[0-9]{1,9})(\.png)?$"),
@@ -129,6 +132,8 @@ fn documented() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .routes(routes!(sessions::answer))
         .routes(routes!(sessions::lease))
         .routes(routes!(sessions::release));
+    #[cfg(feature = "rerun")]
+    let routes = routes.routes(routes!(traces::recording));
     #[cfg(feature = "tables")]
     let routes = routes
         .routes(routes!(tables::episodes))
@@ -137,6 +142,8 @@ fn documented() -> (Router<Arc<App>>, utoipa::openapi::OpenApi) {
         .routes(routes!(sql::named))
         .routes(routes!(sql::ask_named))
         .routes(routes!(labels::list, labels::set))
+        .routes(routes!(definitions::list))
+        .routes(routes!(definitions::keep, definitions::drop))
         .routes(routes!(exports::list))
         .routes(routes!(exports::show))
         .routes(routes!(exports::examples))

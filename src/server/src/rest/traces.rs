@@ -209,6 +209,21 @@ pub(super) async fn scene(State(app): State<Arc<App>>, Named(name): Named<String
     answer.await.map(Json)
 }
 
+/// The episode as a Rerun recording; `/rerun/?trace=NAME&step=N` opens it in the web viewer.
+#[cfg(feature = "rerun")]
+#[utoipa::path(get, path = "/api/traces/{trace}/rrd", operation_id = "trace_recording", tag = "traces", security(("token" = [])),
+    params(("trace" = String, Path)),
+    responses((status = 200, content_type = "application/octet-stream"), (status = 400, body = ErrorBody),
+        (status = 404, body = ErrorBody), (status = 409, body = ErrorBody), (status = 422, body = ErrorBody),
+        (status = 503, body = ErrorBody)))]
+pub(super) async fn recording(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Response, ApiError> {
+    let answer = analyse(&app, move |app| {
+        let recording = reel_view::rrd(&app.archive.read(&name)?);
+        recording.map_err(|error| ApiError::unprocessable("bad_trace", error.to_string()))
+    });
+    Ok(([(header::CONTENT_TYPE, crate::viewer::RRD)], answer.await?).into_response())
+}
+
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(super) struct Steps {

@@ -33,7 +33,10 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("mcp", &["world", "trace", "live"]),
     (
         "server",
-        &["world", "reward", "tasks", "agents", "trace", "replay", "branch", "blame", "tables", "query", "lint", "live", "mcp"],
+        &[
+            "world", "reward", "tasks", "agents", "trace", "replay", "branch", "blame", "tables", "query", "lint", "view",
+            "live", "mcp",
+        ],
     ),
     ("tidy", &[]),
 ];
@@ -57,6 +60,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("mcap", &["trace"]),
     ("prost*", &["trace"]),
     ("rerun*", &["view"]),
+    ("re_web_viewer_server", &["server"]),
     ("tokio*", &["tables", "query", "live", "mcp", "server"]),
     ("rayon", &["agents", "blame", "branch", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents", "annotate", "query"]),

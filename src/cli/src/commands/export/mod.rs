@@ -82,11 +82,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         Command::Preferences(arguments) => preferences::run(arguments),
         #[cfg(feature = "rerun")]
         Command::Rrd { trace, out, json } => {
-            reel_view::rrd(&reel_trace::Trace::read(trace)?, out)?;
+            std::fs::write(out, reel_view::rrd(&reel_trace::Trace::read(trace)?)?)?;
             if *json {
                 println!("{}", json!({ "out": out }));
             } else {
-                println!("{}: open it with `rerun {0}`", out.display());
+                println!("{}: open it with `rerun {0}`; `reel view` needs no Rerun", out.display());
             }
             Ok(Answer::Yes)
         }

@@ -1,5 +1,5 @@
 /** Rows of any answer: as text, in order, as CSV. */
-import type { Row } from "../../lib/api";
+import type { Row } from "./api";
 
 export function columnsOf(rows: Row[]): string[] {
   return Object.keys(rows[0] ?? {});

@@ -1,0 +1,73 @@
+//! `reel view`: an episode in Rerun.
+
+use std::{env, net::SocketAddr, path::PathBuf, process::Command};
+
+use anyhow::{Context, bail};
+use reel_trace::Trace;
+
+use crate::Answer;
+
+/// Open an episode in Rerun: the world in 3D, what the robot saw, the transcript and the rewards on one clock. Where Rerun is
+/// installed it is opened; elsewhere its web viewer, which comes with Reel, is served until Ctrl-C.
+///
+/// Examples:
+///   reel view traces/FDP_home_0001--oracle--0.mcap
+///   reel view traces/FDP_home_0001--oracle--0.mcap --at 12 --web
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// The trace
+    #[arg(value_name = "TRACE")]
+    trace: PathBuf,
+    /// The step to begin at (in the web viewer)
+    #[arg(long, value_name = "STEP")]
+    at: Option<usize>,
+    /// The web viewer, even where Rerun is installed
+    #[arg(long)]
+    web: bool,
+    /// Where the web viewer listens
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:9876")]
+    listen: SocketAddr,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let trace = Trace::read(&arguments.trace)?;
+    let last = trace.steps.len().checked_sub(1);
+    if let Some(step) = arguments.at.filter(|step| last.is_none_or(|last| *step > last)) {
+        bail!("there is no step {step}: the episode has {} steps", trace.steps.len());
+    }
+    let recording = reel_view::rrd(&trace)?;
+    if !arguments.web && installed("rerun") {
+        let file = env::temp_dir().join(format!("reel-{}.rrd", trace.header.episode_id));
+        std::fs::write(&file, &recording).with_context(|| format!("cannot write {}", file.display()))?;
+        let ended = Command::new("rerun").arg(&file).status();
+        let _ = std::fs::remove_file(&file);
+        let ended = ended.context("cannot start rerun; `--web` needs none")?;
+        return Ok(if ended.success() { Answer::Yes } else { Answer::No });
+    }
+    serve(arguments, recording)
+}
+
+#[cfg(feature = "service")]
+fn serve(arguments: &Arguments, recording: Vec<u8>) -> anyhow::Result<Answer> {
+    // A name for the address; what the file is called otherwise is of no concern there.
+    let name = arguments.trace.file_stem().unwrap_or_default().to_string_lossy();
+    let name: String = name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' }).collect();
+    reel_server::view(arguments.listen, &name, arguments.at, recording, |address| {
+        println!("{address}");
+        println!("open it in a browser; Ctrl-C stops");
+    })?;
+    Ok(Answer::Yes)
+}
+
+#[cfg(not(feature = "service"))]
+fn serve(_: &Arguments, _: Vec<u8>) -> anyhow::Result<Answer> {
+    bail!("Rerun is not installed (pip install rerun-sdk==0.36.3), and this build of reel has no web viewer")
+}
+
+/// Whether a program is found along PATH.
+fn installed(program: &str) -> bool {
+    let folders = env::var_os("PATH").unwrap_or_default();
+    env::split_paths(&folders).any(|folder| folder.join(program).with_extension(env::consts::EXE_EXTENSION).is_file())
+}

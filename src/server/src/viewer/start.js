@@ -1,0 +1,53 @@
+// Opens the episode that the address names, at the step that it names.
+"use strict";
+
+const asked = new URLSearchParams(location.search);
+const trace = asked.get("trace");
+const step = asked.has("step") ? Number(asked.get("step")) : null;
+const said = document.getElementById("said");
+const say = (text) => {
+  said.textContent = text;
+  said.hidden = !text;
+};
+
+/** The recording; with the token that the pages of this service keep, where it demands one. */
+async function recording() {
+  const token = localStorage.getItem("reel-token");
+  const headers = token ? { authorization: `Bearer ${token}` } : {};
+  const answer = await fetch(`/api/traces/${encodeURIComponent(trace)}/rrd`, { headers });
+  if (!answer.ok) {
+    const { error } = await answer.json().catch(() => ({}));
+    throw new Error(error?.message ?? `the service answers ${answer.status}`);
+  }
+  return new Uint8Array(await answer.arrayBuffer());
+}
+
+/** Sets the clock once the viewer knows the recording. */
+function go(handle, tries = 0) {
+  const id = handle.get_active_recording_id();
+  if (id !== undefined && handle.get_timeline_time_range(id, "step")) {
+    handle.set_active_timeline(id, "step");
+    if (Number.isFinite(step)) handle.set_time_for_timeline(id, "step", step);
+    document.documentElement.dataset.opened = id;
+  } else if (tries < 600) {
+    setTimeout(() => go(handle, tries + 1), 50);
+  }
+}
+
+async function main() {
+  if (!trace) throw new Error("the address names no trace: /rerun/?trace=NAME");
+  document.title = `${trace} in Rerun`;
+  const [data] = await Promise.all([recording(), wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" })]);
+  const handle = new wasm_bindgen.WebHandle({
+    url: [], hide_welcome_screen: true, enable_history: false, notebook: false, persist: false,
+    render_backend: asked.get("renderer") ?? undefined,
+  });
+  await handle.start(document.getElementById("viewer"));
+  say("");
+  handle.open_channel("reel", trace);
+  handle.send_rrd_to_channel("reel", data);
+  handle.close_channel("reel");
+  go(handle);
+}
+
+main().catch((error) => say(`This episode cannot be shown in Rerun: ${error.message ?? error}`));
