@@ -30,7 +30,7 @@ export async function sankey_to_decisive_step(browser) {
     }
     const sub = parameter(page, "sub_class");
     assert(sub, "no click on the Sankey chose a sub-class");
-    const link = page.locator("a.open").first();
+    const link = page.locator("[aria-busy=false] a.open").first();
     await link.click();
     await page.waitForURL(/\/episodes\/.*step=/);
     const step = Number(parameter(page, "step"));
@@ -140,7 +140,7 @@ export async function sql_errors_are_told(browser) {
     await page.locator("[role=img] canvas").waitFor();
     await editor.fill("DROP TABLE episodes");
     await page.keyboard.press("Control+Enter");
-    await until(async () => /read/i.test((await alert.allInnerTexts()).join()), "that tables are only read");
+    await until(async () => /only questions are allowed/.test((await alert.allInnerTexts()).join()), "that tables are only read");
   }, { expected: ["422"] });
 }
 
@@ -217,7 +217,7 @@ export async function training_sets(browser) {
     await visit(page, "/datasets");
     await page.locator("article .turn").first().waitFor();
     await page.locator("article img").first().waitFor();
-    await page.getByRole("link", { name: "Episode" }).first().click();
+    await page.getByRole("link", { name: "Episode", exact: true }).first().click();
     await page.waitForURL(/\/episodes\/.*step=/);
     await page.goBack();
     await page.getByRole("button", { name: "Card" }).click();

@@ -51,7 +51,7 @@ export function follow(): () => void {
   const click = (event: MouseEvent) => {
     const link = (event.target as Element | null)?.closest?.("a[href]") as HTMLAnchorElement | null;
     const plain = event.button === 0 && !event.metaKey && !event.ctrlKey && !event.shiftKey && !event.altKey;
-    const ours = link && link.origin === location.origin && !link.target && !link.download && !link.pathname.startsWith("/api/");
+    const ours = link && link.origin === location.origin && !link.target && !link.download && !/^\/(api|rerun)\//.test(link.pathname);
     if (!plain || !ours || event.defaultPrevented) return;
     if (link.hash && link.pathname === location.pathname && link.search === location.search) return;
     event.preventDefault();

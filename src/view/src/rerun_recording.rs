@@ -1,8 +1,12 @@
 //! An episode as a Rerun recording: the head camera, the robot, objects and receptacles in 3D, the transcript, the rewards.
 //! Timelines `step` (-1: before the first decision) and `sim_time`; no wall-clock time.
 
-use std::collections::BTreeMap;
+use std::{
+    borrow::Cow,
+    collections::{BTreeMap, BTreeSet},
+};
 
+use reel_replay::pictures_at;
 use reel_trace::Trace;
 use reel_world::{
     DT_S, FRAME_HEIGHT, FRAME_WIDTH, InstanceId, Task,
@@ -12,8 +16,8 @@ use rerun::{
     AsComponents, Boxes3D, EncodedImage, Pinhole, Quaternion, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
     Rgba32, Scalars, TextDocument, TextLog, TextLogLevel, Transform3D, ViewCoordinates,
     blueprint::{
-        Blueprint, Horizontal, Spatial2DView, Spatial3DView, Tabs, TextDocumentView, TextLogView, TimePanel, TimeSeriesView,
-        Vertical,
+        Blueprint, BlueprintPanel, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs, TextDocumentView, TextLogView,
+        TimePanel, TimeSeriesView, Vertical, components::PanelState,
     },
 };
 
@@ -31,16 +35,25 @@ const FURNITURE: Rgba32 = Rgba32::from_rgb(86, 104, 168);
 const DOOR: Rgba32 = Rgba32::from_rgb(150, 92, 170);
 const ROBOT: Rgba32 = Rgba32::from_rgb(40, 44, 52);
 
-/// The recording, as the content of an `.rrd` file, with a layout for it.
+/// The recording, as the content of an `.rrd` file, with a layout for it. Pictures that the trace does not hold are drawn again
+/// where it can be replayed.
 ///
 /// # Errors
 /// When a picture of the trace is damaged.
 pub fn rrd(trace: &Trace) -> Result<Vec<u8>, ViewError> {
     let builder = RecordingStreamBuilder::new("reel").recording_id(trace.header.episode_id.as_str());
+    let builder = builder.recording_name(format!("{} by {}", trace.header.task_id, trace.header.policy.name));
     let (stream, storage) = builder.with_blueprint(layout()).memory().map_err(|error| failed(&error))?;
     stream.set_log_tick_enabled(false);
     stream.set_log_time_enabled(false);
-    let recording = Recording { trace, stream };
+    let mut drawn = BTreeMap::new();
+    if trace.image_count() == 0 {
+        let start = trace.start.digests.frame.as_ref().map(|_| None);
+        let steps = trace.steps.iter().filter(|record| record.digests.frame.is_some()).map(|record| Some(record.step));
+        let moments: BTreeSet<_> = start.into_iter().chain(steps).collect();
+        drawn = pictures_at(trace, &moments).unwrap_or_default();
+    }
+    let recording = Recording { trace, stream, drawn };
     recording.scene()?;
     recording.moment(-1, 0, None, &trace.start.bodies, &trace.start.robot)?;
     let mut total = 0.0;
@@ -69,12 +82,17 @@ fn layout() -> Blueprint {
     ]);
     let world = world.with_row_shares([3.0, 1.0]);
     let sides = Horizontal::new([world.into(), seen.into()]).with_column_shares([3.0, 2.0]);
-    Blueprint::new(sides).with_time_panel(TimePanel::new().with_timeline("step"))
+    Blueprint::new(sides)
+        .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
+        .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
+        .with_time_panel(TimePanel::new().with_timeline("step"))
 }
 
 struct Recording<'a> {
     trace: &'a Trace,
     stream: RecordingStream,
+    /// Pictures that the trace does not hold.
+    drawn: BTreeMap<Option<u32>, Vec<u8>>,
 }
 
 impl Recording<'_> {
@@ -109,7 +127,8 @@ impl Recording<'_> {
     ) -> Result<(), ViewError> {
         self.stream.set_time_sequence("step", step);
         self.stream.set_duration_secs("sim_time", sim_step as f64 * f64::from(DT_S));
-        if let Some(rgb) = self.trace.frame_rgb(picture)? {
+        let recorded = self.trace.frame_rgb(picture)?.map(Cow::Owned);
+        if let Some(rgb) = recorded.or_else(|| self.drawn.get(&picture).map(Cow::Borrowed)) {
             let png = encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
             self.log("world/camera/image", &EncodedImage::new(png).with_media_type("image/png"))?;
         }

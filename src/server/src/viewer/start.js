@@ -3,7 +3,7 @@
 
 const asked = new URLSearchParams(location.search);
 const trace = asked.get("trace");
-const step = asked.has("step") ? Number(asked.get("step")) : null;
+const step = Number(asked.get("step") ?? NaN);
 const said = document.getElementById("said");
 const say = (text) => {
   said.textContent = text;
@@ -22,16 +22,17 @@ async function recording() {
   return new Uint8Array(await answer.arrayBuffer());
 }
 
-/** Sets the clock once the viewer knows the recording. */
+/** Sets the clock once the viewer knows the recording, and until it stays there: a new recording is followed to its end first. */
 function go(handle, tries = 0) {
   const id = handle.get_active_recording_id();
   if (id !== undefined && handle.get_timeline_time_range(id, "step")) {
+    if (!Number.isFinite(step)) return;
+    handle.set_playing(id, false);
     handle.set_active_timeline(id, "step");
-    if (Number.isFinite(step)) handle.set_time_for_timeline(id, "step", step);
-    document.documentElement.dataset.opened = id;
-  } else if (tries < 600) {
-    setTimeout(() => go(handle, tries + 1), 50);
+    handle.set_time_for_timeline(id, "step", step);
+    document.documentElement.dataset.step = handle.get_time_for_timeline(id, "step");
   }
+  if (tries < 40) setTimeout(() => go(handle, tries + 1), 50);
 }
 
 async function main() {
