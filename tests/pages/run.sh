@@ -4,6 +4,7 @@
 #
 #   run.sh [NAME...]           only the tests whose names begin so
 #   run.sh --screenshots DIR   every page, light and dark, 1440 and 1024 wide
+#   run.sh --large             how long pages take over 100,000 made-up episodes, and whether they keep memory
 #
 # REEL        a binary that is built already (default: cargo builds it)
 # REEL_NODE   where packages are installed (default: ~/.cache/reel-node)
@@ -75,18 +76,30 @@ fi
 # Starts a server over a data folder; its address is in `url`.
 serve() {
   local name=$1 tries
-  "$reel" serve --listen 127.0.0.1:0 --data "$2" --ask rest >"$work/$name.out" 2>"$work/$name.log" &
+  "$reel" serve --listen 127.0.0.1:0 --data "$2" --ask rest "${@:3}" >"$work/$name.out" 2>"$work/$name.log" &
   pids+=($!)
   url=
   for ((tries = 0; tries < 300; tries++)); do
+    : >>"$work/$name.out"
     url=$(sed -n 's|^listening on \(http://[0-9.:]*[0-9]\).*|\1|p' "$work/$name.out")
     [[ -z $url ]] && kill -0 "${pids[-1]}" 2>/dev/null || break
     sleep 0.1
   done
   [[ -n $url ]] || { cat "$work/$name.log" >&2; exit 1; }
 }
+export PACKAGES=$folder
+if [[ ${1:-} == --large ]]; then
+  store="${BENCH_DIR:-${XDG_CACHE_HOME:-$HOME/.cache}/reel-bench}/synthetic-100000"
+  if [[ ! -d $store/classes ]]; then
+    "$reel" tables synthesize --episodes 100000 --store "$store" >/dev/null
+    "$reel" taxonomy --store "$store" >/dev/null
+  fi
+  serve large "$data" --store "$store"
+  URL=$url node tests/pages/large.mjs
+  exit
+fi
 serve empty "$work/empty"
 export EMPTY_URL=$url
 serve full "$data"
 export URL=$url
-PACKAGES=$folder node tests/pages/main.mjs "$@" || { tail -5 "$work/full.log" >&2; exit 1; }
+node tests/pages/main.mjs "$@" || { tail -5 "$work/full.log" >&2; exit 1; }

@@ -6,7 +6,6 @@ use std::{sync::Arc, time::Duration};
 use axum::Router;
 use reel_blame::Options;
 use reel_query::Parameters;
-use reel_tables::Store;
 use reel_trace::Trace;
 use rmcp::{
     ErrorData, RoleServer, ServerHandler,
@@ -114,10 +113,9 @@ impl Analysis {
     fn explain(&self, name: &str) -> Result<Value, String> {
         let trace = self.app.archive.read(name).map_err(|error| error.to_string())?;
         let blame = reel_blame::blame(&trace);
-        let class = Store::open(self.app.config.store()).ok().and_then(|_| {
-            let parameters = Parameters::from([("id".to_owned(), trace.header.episode_id.clone())]);
-            rows(&self.app, "SELECT class, sub_class FROM classes WHERE episode_id = $id", &parameters).ok()?.pop()
-        });
+        let parameters = Parameters::from([("id".to_owned(), trace.header.episode_id.clone())]);
+        let class = rows(&self.app, "SELECT class, sub_class FROM classes WHERE episode_id = $id", &parameters);
+        let class = class.ok().and_then(|mut rows| rows.pop());
         let said = match (&blame.decisive, blame.success) {
             (_, Some(true)) => format!("The episode succeeded after {} decisions.", trace.steps.len()),
             (None, _) => "No single step lost the episode: nothing that was possible was lost for good.".to_owned(),

@@ -18,6 +18,8 @@ mod pages;
 mod rest;
 mod run;
 mod service;
+#[cfg(feature = "tables")]
+mod store;
 mod tokens;
 #[cfg(feature = "rerun")]
 mod viewer;

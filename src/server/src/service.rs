@@ -20,8 +20,6 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tracing_appender::non_blocking::WorkerGuard;
 use tracing_subscriber::{EnvFilter, fmt};
 
-#[cfg(feature = "tables")]
-use crate::jobs::{Jobs, Paths};
 use crate::{
     Config, ConfigError, LogFormat, TokenError, Tokens,
     archive::Archive,
@@ -29,6 +27,11 @@ use crate::{
     gate::{self, Rates},
     metrics::Metrics,
     rest,
+};
+#[cfg(feature = "tables")]
+use crate::{
+    jobs::{Jobs, Paths},
+    store::Tables,
 };
 
 /// How often idle sessions, tokens and rates are looked after.
@@ -42,6 +45,8 @@ pub(crate) struct App {
     pub archive: Archive,
     #[cfg(feature = "tables")]
     pub jobs: Jobs,
+    #[cfg(feature = "tables")]
+    pub tables: Tables,
     pub tokens: Tokens,
     pub guard: Guard,
     pub rates: Rates,
@@ -136,6 +141,8 @@ impl Service {
             questions: Arc::default(),
             #[cfg(feature = "tables")]
             jobs: Jobs::new(paths, closing.child_token(), metrics.jobs_running.clone()),
+            #[cfg(feature = "tables")]
+            tables: Tables::new(config.store()),
             archive,
             tokens,
             guard: Guard { hosts: config.hosts.clone(), origins: config.origins.clone() },

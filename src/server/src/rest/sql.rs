@@ -12,7 +12,6 @@ use axum::{
 };
 use futures_util::StreamExt as _;
 use reel_query::{Format, Limits, Parameters, QueryError, Session, format, named};
-use reel_tables::Store;
 use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
@@ -179,8 +178,7 @@ impl Drop for GiveBack<'_> {
 }
 
 fn run(app: &App, question: &Question, sender: &mpsc::Sender<Result<Bytes, QueryError>>) -> Result<(), QueryError> {
-    let location = app.config.store();
-    let store = question.at.map_or_else(|| Store::open(&location), |version| Store::open_at(&location, version))?;
+    let store = question.at.map_or_else(|| app.tables.newest(), |version| app.tables.at(version))?;
     let session = Session::with_limits(store, app.sql_limits())?;
     let mut encoder = Encoder::new(question.format);
     let mut reading = true;

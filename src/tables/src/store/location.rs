@@ -4,7 +4,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use deltalake::logstore::{LogStoreRef, StorageConfig, default_logstore};
 use object_store::{
-    ObjectStore, ObjectStoreExt as _,
+    ObjectMeta, ObjectStore, ObjectStoreExt as _,
     aws::{AmazonS3Builder, AmazonS3ConfigKey},
     local::LocalFileSystem,
     path::Path,
@@ -82,12 +82,12 @@ impl Location {
         (root, self.objects.clone())
     }
 
-    /// Whether something lies in the folder of a table.
-    pub(super) async fn has(&self, table: &str) -> Result<bool, StoreError> {
-        let first = self.path(table)?.join("_delta_log").join("00000000000000000000.json");
-        match self.objects.head(&first).await {
-            Ok(_) => Ok(true),
-            Err(object_store::Error::NotFound { .. }) => Ok(false),
+    /// The file of a commit to a table, where there is one.
+    pub(super) async fn commit(&self, table: &str, version: u64) -> Result<Option<ObjectMeta>, StoreError> {
+        let file = self.path(table)?.join("_delta_log").join(format!("{version:020}.json"));
+        match self.objects.head(&file).await {
+            Ok(commit) => Ok(Some(commit)),
+            Err(object_store::Error::NotFound { .. }) => Ok(None),
             Err(error) => Err(StoreError::Delta { source: Box::new(error.into()), location: self.text.clone() }),
         }
     }

@@ -24,7 +24,7 @@ use deltalake::{
     operations::create::CreateBuilder,
     protocol::{DeltaOperation, SaveMode},
 };
-use object_store::{ObjectStore, ObjectStoreExt as _};
+use object_store::{ObjectMeta, ObjectStore, ObjectStoreExt as _};
 use parquet::errors::ParquetError;
 use serde::Serialize;
 use tokio::runtime::{Builder, Runtime};
@@ -49,12 +49,17 @@ pub const STACK_BYTES: usize = 64 << 20;
 /// How often a writer looks again after others were quicker.
 const TRIES_MAX: u32 = 100;
 
-/// The tables of a store at one version.
+/// The tables of a store at one version. A clone is cheap, and sees the same version.
+#[derive(Clone)]
 pub struct Store {
     location: Location,
     runtime: Arc<Runtime>,
     tables: BTreeMap<Table, DeltaTable>,
 }
+
+/// The commits by which a store sees what it sees ([`Store::stamp`]): of another store in the same place they are others.
+#[derive(PartialEq, Eq, Debug)]
+pub struct Stamp(Vec<ObjectMeta>);
 
 /// A version of a store.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
@@ -231,6 +236,25 @@ impl Store {
         self.tables[&Table::Episodes].version().unwrap_or_default()
     }
 
+    /// By which commits the store sees what it sees; none where somebody has committed since. While it stays the same, there is
+    /// nothing new to open.
+    ///
+    /// # Errors
+    /// When the place cannot be reached.
+    pub fn stamp(&self) -> Result<Option<Stamp>, StoreError> {
+        let mut commits = Vec::new();
+        // The other tables go by a commit of `episodes`.
+        for table in [Table::Episodes, Table::Verdicts] {
+            let version = self.tables[&table].version().unwrap_or_default();
+            let commit = |version| self.runtime.block_on(self.location.commit(table.name(), version));
+            match (commit(version)?, commit(version + 1)?) {
+                (Some(commit), None) => commits.push(commit),
+                _ => return Ok(None),
+            }
+        }
+        Ok(Some(Stamp(commits)))
+    }
+
     /// The versions there are, the newest first.
     ///
     /// # Errors
@@ -376,7 +400,7 @@ fn runtime() -> Result<Arc<Runtime>, StoreError> {
 
 async fn create(location: &Location) -> Result<(), StoreError> {
     for table in SIDE.into_iter().chain([Table::Verdicts, Table::Episodes]) {
-        if location.has(table.name()).await? {
+        if location.commit(table.name(), 0).await?.is_some() {
             continue;
         }
         let delta = |source| StoreError::Delta { source: Box::new(source), location: location.to_string() };
@@ -391,7 +415,7 @@ async fn create(location: &Location) -> Result<(), StoreError> {
         match made {
             Ok(_) => {}
             // another process made it meanwhile
-            Err(_) if location.has(table.name()).await? => {}
+            Err(_) if location.commit(table.name(), 0).await?.is_some() => {}
             Err(error) => return Err(delta(error)),
         }
     }
@@ -399,7 +423,7 @@ async fn create(location: &Location) -> Result<(), StoreError> {
 }
 
 async fn load(location: &Location, version: Option<u64>) -> Result<BTreeMap<Table, DeltaTable>, StoreError> {
-    if !location.has(Table::Episodes.name()).await? {
+    if location.commit(Table::Episodes.name(), 0).await?.is_none() {
         return Err(StoreError::NoStore { location: location.to_string() });
     }
     let delta = |source| StoreError::Delta { source: Box::new(source), location: location.to_string() };

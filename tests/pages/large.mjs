@@ -1,0 +1,111 @@
+/** How long pages take over a large store, and whether they keep memory: `make bench-pages`. Fails where a page is slower than promised. */
+import { assert, launch, opened, url, visit } from "./kit.mjs";
+
+const TURNS = 5;
+const NAVIGATIONS = Number(process.env.NAVIGATIONS ?? 500);
+const median = (values) => [...values].sort((a, b) => a - b)[Math.floor(values.length / 2)];
+const browser = await launch();
+let bad = 0;
+
+/** Prints a figure beside its promise. */
+function figure(what, times, promised) {
+  const [first, ...again] = times;
+  const usual = median(again);
+  const holds = usual <= promised;
+  bad += holds ? 0 : 1;
+  const ms = (time) => `${Math.round(time)} ms`;
+  console.log(`${what.padEnd(66)} ${ms(usual).padStart(8)}  first ${ms(first).padStart(8)}  promised ${ms(promised).padStart(8)}  ${holds ? "" : "FALLS SHORT"}`);
+}
+
+/** From asking for the address until what matters is there. */
+async function opening(address, shown) {
+  const times = [];
+  for (let turn = 0; turn <= TURNS; turn += 1) {
+    const { page, context } = await opened(browser);
+    // A page that is open already: what a link costs.
+    await page.goto(`${url}/live`);
+    await page.waitForLoadState("load");
+    const begun = performance.now();
+    await page.evaluate((address) => {
+      history.pushState(null, "", address);
+      dispatchEvent(new PopStateEvent("popstate"));
+    }, address);
+    await shown(page);
+    times.push(performance.now() - begun);
+    await context.close();
+  }
+  return times;
+}
+
+const [{ n }] = await (await fetch(`${url}/api/sql`, {
+  method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ sql: "SELECT count(*) AS n FROM episodes" }),
+})).json();
+console.log(`${n} episodes; the median of ${TURNS} openings after the first`);
+
+figure("Overview, with its table, reasons and health", await opening("/", async (page) => {
+  await page.getByRole("heading", { name: "Data health" }).waitFor();
+  await page.getByText("Verified exact").waitFor();
+}), 1000);
+figure("Failures, with the Sankey and the first episodes", await opening("/failures", async (page) => {
+  await page.locator("canvas").first().waitFor();
+  await page.locator("table tbody tr").first().waitFor();
+}), 1000);
+
+// What the service takes for the rows and the counts of a filtered list, as the browser sees it.
+const filters = [];
+for (const address of ["/episodes?outcome=failure", "/episodes?outcome=failure&family=FDO", "/episodes?where=length+%3E+20",
+  "/episodes?where=asks+%3D+0&policy=planner", "/episodes?outcome=success&sort=length", "/episodes?family=SUL&sort=total_reward"]) {
+  const { page, context } = await opened(browser);
+  await visit(page, address);
+  const took = await page.evaluate(() => performance.getEntriesByType("resource").filter((one) => one.name.endsWith("/api/sql"))
+    .map((one) => one.responseEnd - one.requestStart));
+  assert(took.length >= 2, `${address} asks ${took.length} questions`);
+  filters.push(Math.max(...took));
+  await context.close();
+}
+figure("Episodes, filtered and sorted: the slower of its two questions", filters, 300);
+
+const { traces } = await (await fetch(`${url}/api/traces?limit=1000`)).json();
+let long = null;
+for (const { trace } of traces) {
+  const { steps } = await (await fetch(`${url}/api/traces/${trace}/episode`)).json();
+  if (steps >= 30) long = trace;
+}
+assert(long, "no trace has 30 steps");
+figure("an episode of 30 steps, with its picture and transcript", await opening(`/episodes/${long}?step=12`, async (page) => {
+  await page.locator("button[aria-current=step]").waitFor();
+  await page.locator(".view img").first().waitFor();
+}), 500);
+
+// The same page goes round and round; what the collector cannot take back is kept.
+const { page, context } = await opened(browser);
+const session = await context.newCDPSession(page);
+await session.send("HeapProfiler.enable");
+await session.send("Performance.enable");
+async function kept() {
+  await session.send("HeapProfiler.collectGarbage");
+  const { metrics } = await session.send("Performance.getMetrics");
+  const of = (name) => metrics.find((one) => one.name === name).value;
+  return { heap: of("JSHeapUsedSize"), nodes: of("Nodes"), listeners: of("JSEventListeners") };
+}
+await visit(page, "/");
+const around = ["/", "/episodes", "/failures", "/compare", "/sql", "/panels", "/datasets", "/live", `/episodes/${long}?step=3`, "/failures?tab=confusions"];
+const measured = [];
+for (let turn = 1; turn <= NAVIGATIONS; turn += 1) {
+  await page.evaluate((address) => {
+    history.pushState(null, "", address);
+    dispatchEvent(new PopStateEvent("popstate"));
+  }, around[turn % around.length]);
+  await page.waitForTimeout(120);
+  if (turn % (NAVIGATIONS / 5) === 0) {
+    await page.waitForLoadState("networkidle");
+    const now = await kept();
+    measured.push(now);
+    console.log(`${String(turn).padStart(5)} navigations: ${(now.heap / 1e6).toFixed(1)} MB of JavaScript, ${now.nodes} nodes, ${now.listeners} listeners`);
+  }
+}
+const [early, late] = [measured[0], measured.at(-1)];
+const flat = late.heap < 1.1 * early.heap + 1e6 && late.nodes < 1.2 * early.nodes + 500;
+console.log(flat ? "memory is flat" : "memory GROWS");
+await browser.close();
+process.exit(bad || !flat ? 1 : 0);
