@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy eval-taxonomy eval-blame load prove-sft conformance service lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages screenshots viewers eval-taxonomy eval-blame load prove-sft conformance service lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -34,6 +34,15 @@ bench-export: ## the same training set by reel and by a Python script with mcap 
 bench-taxonomy: ## the failure rules over up to a million made-up episodes
 	tests/bench/taxonomy.sh
 
+bench-pages: ## how long the web pages take over 100,000 made-up episodes, and whether they keep memory (needs Node, Chromium)
+	tests/pages/large.sh
+
+screenshots: pages ## every web page in light and dark, on a laptop and on a projector, into screenshots/ (needs Node, Chromium)
+	tests/pages/run.sh --screenshots screenshots
+
+viewers: ## traces and recordings through Rerun's own checks (needs Python)
+	tests/viewers.sh
+
 eval-taxonomy: ## how often the failure taxonomy is right, on 3,000 episodes with injected faults (ten minutes)
 	tests/eval-taxonomy.sh
 
@@ -63,6 +72,8 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/eval-blame.sh
 	tests/conformance.sh
 	tests/service.sh
+	tests/viewers.sh
+	tests/pages/large.sh
 
 determinism: ## execute the golden traces in every build and condition of this machine: one table
 	tests/determinism.sh

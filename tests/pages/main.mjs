@@ -27,8 +27,8 @@ if (process.argv[2] === "--screenshots") {
       for (const width of [1440, 1024]) {
         const { page, context } = await opened(browser, { dark, width });
         await visit(page, address);
-        await page.waitForTimeout(500);
-        await page.screenshot({ path: `${folder}/${name}-${dark ? "dark" : "light"}-${width}.png`, fullPage: name !== "episode" });
+        await page.waitForTimeout(1500);
+        await page.screenshot({ path: `${folder}/${name}-${dark ? "dark" : "light"}-${width}.png` });
         await context.close();
       }
     }

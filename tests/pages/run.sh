@@ -76,11 +76,11 @@ fi
 # Starts a server over a data folder; its address is in `url`.
 serve() {
   local name=$1 tries
+  : >"$work/$name.out"
   "$reel" serve --listen 127.0.0.1:0 --data "$2" --ask rest "${@:3}" >"$work/$name.out" 2>"$work/$name.log" &
   pids+=($!)
   url=
   for ((tries = 0; tries < 300; tries++)); do
-    : >>"$work/$name.out"
     url=$(sed -n 's|^listening on \(http://[0-9.:]*[0-9]\).*|\1|p' "$work/$name.out")
     [[ -z $url ]] && kill -0 "${pids[-1]}" 2>/dev/null || break
     sleep 0.1

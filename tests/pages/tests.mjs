@@ -80,6 +80,17 @@ export async function stepping(browser, { trace, step }) {
   });
 }
 
+/** The same moment in Rerun's web viewer. */
+export async function rerun_opens_at_the_moment(browser, { trace, step }) {
+  await onPage(browser, async (page) => {
+    await visit(page, `/episodes/${trace}?step=${step}`);
+    const [viewer] = await Promise.all([page.waitForEvent("popup"), page.getByRole("link", { name: "Open in Rerun" }).click()]);
+    const shows = () => viewer.evaluate(() => Number(document.documentElement.dataset.step)).catch(() => null);
+    await until(async () => (await shows()) === step, `step ${step} in Rerun`);
+    assert((await viewer.title()).startsWith(trace), await viewer.title());
+  });
+}
+
 /** The better call at the decisive step, then the planner: another future, side by side, and it succeeds. */
 export async function what_if_succeeds(browser, { trace, step }) {
   await onPage(browser, async (page) => {

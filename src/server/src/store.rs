@@ -38,6 +38,14 @@ impl Tables {
     }
 }
 
+impl Drop for Tables {
+    /// A store has a runtime of its own, which may not end on a thread of another one.
+    fn drop(&mut self) {
+        let opened = self.opened.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+        let _ = std::thread::spawn(move || drop(opened)).join();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::{path::Path, sync::Arc};
@@ -74,5 +82,7 @@ mod tests {
         fill(&place, 3);
         assert_eq!(tables.newest().unwrap().version(), before.version());
         assert_ne!(tables.newest().unwrap().stamp().unwrap(), None);
+        // A server drops it while its own runtime runs.
+        tokio::runtime::Runtime::new().unwrap().block_on(async { drop(tables) });
     }
 }

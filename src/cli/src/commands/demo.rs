@@ -15,14 +15,14 @@ use reel_world::{Family, Profile, Task};
 
 use crate::{
     Answer,
-    commands::{ingest, query, run, taxonomy},
+    commands::{blame, ingest, query, run, taxonomy},
     inputs, progress,
 };
 
 const POLICIES: [&str; 7] = ["oracle", "planner", "wrong-object", "wrong-receptacle", "no-ask", "oscillating", "forgets-door"];
 
 /// The whole loop on embedded defaults: make tasks, play them with the oracle and with policies that make mistakes,
-/// replay every episode bit for bit, read them into tables, ask for the benchmark, say why the others failed, draw one episode.
+/// replay every episode bit for bit, read them into tables, ask for the benchmark, say which call lost the others and why, draw one episode.
 ///
 /// Example:
 ///   reel demo --out demo-out
@@ -95,7 +95,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     println!("{} (reel query --store {} --named {name})", named.summary(), store);
     query::print(&store, named.sql, Format::Table)?;
     let why = out.join("why.png");
-    println!("\nWhy the others failed (reel taxonomy --store {store})");
+    println!("\nWhich call lost the others (reel blame --store {store})");
+    blame::tell(&store, arguments.jobs)?;
+    println!("\nWhy they failed (reel taxonomy --store {store})");
     taxonomy::tell(&store, why.clone())?;
     println!();
 
@@ -109,6 +111,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     );
     println!("  {}", sheet.display());
     println!("  {}", why.display());
+    println!("  reel serve --data {}        # then open http://127.0.0.1:8801", out.display());
     println!("  reel show {}", episode.display());
     println!("  reel query --store {} \"SELECT task_id, policy, length FROM episodes WHERE NOT success\"", store);
     println!("  reel export sft --store {store} --out sft");

@@ -50,6 +50,26 @@ fn the_rules_find_what_was_injected() {
 }
 
 #[test]
+fn a_report_holds_everything_it_shows() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    classified(folder, "8");
+    expect(folder, 0, &["blame", "--store", "store"]);
+    let report = ["report", "--store", "store", "--out", "why.html"];
+    expect(folder, 0, &[&report[..], &["--title", "Why <they> fail"]].concat());
+    let page = fs::read_to_string(folder.join("why.html")).unwrap();
+    assert!(page.contains("Why &lt;they&gt; fail") && page.contains("<svg") && page.contains("data:image/png;base64,"));
+    // Nothing is fetched, and nothing runs.
+    for outside in ["<script", "<link", "src=\"http", "url(http", "@import"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    // What cannot be read into it is told, and no file is left.
+    fs::remove_file(folder.join("why.html")).unwrap();
+    let refused = complaint(folder, 2, &[&report[..], &["--where", "polcy = 'x'"]].concat());
+    assert!(refused.contains("polcy") && !folder.join("why.html").exists(), "{refused}");
+}
+
+#[test]
 fn people_label_disagree_and_decide() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
