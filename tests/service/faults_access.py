@@ -139,11 +139,12 @@ REQUESTS = {
         GET /api/traces/x/frames/0, GET /api/traces/x/blame, GET /api/traces/x/reward, POST /api/traces/x/replay,
         GET /api/episodes, GET /api/episodes/x, POST /api/sql, GET /api/queries, GET /api/queries/benchmark, GET /api/labels,
         GET /api/jobs, GET /api/jobs/1, GET /api/jobs/1/events, GET /api/sessions, GET /api/sessions/x, GET /api/questions,
-        GET /metrics, POST /analysis/mcp
+        GET /api/sessions/x/frame, GET /api/traces/x/scene, GET /api/traces/x/rrd, GET /api/definitions, GET /api/exports,
+        GET /api/exports/x, GET /api/exports/x/examples, GET /api/exports/x/lint, GET /metrics, POST /analysis/mcp
     """,
     "admin": """
         PUT /api/traces/x, DELETE /api/traces/x, POST /api/traces/x/branches, POST /api/jobs, DELETE /api/jobs/1,
-        POST /api/labels, DELETE /api/sessions/x, POST /api/sessions/x/answer
+        POST /api/labels, DELETE /api/sessions/x, POST /api/sessions/x/answer, PUT /api/definitions/x, DELETE /api/definitions/x
     """,
 }
 ROUTES = [(role, *one.split()) for role, listed in REQUESTS.items() for one in listed.split(",")]

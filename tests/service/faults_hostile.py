@@ -347,6 +347,10 @@ def fault_hostile_sql():
             if status is None or status >= 500:
                 wrong.append((name, status, answer[:160], round(time.monotonic() - begun, 1)))
         assert not write.exists(), "a question wrote a file"
-        status, _, answer = server.request("POST", "/api/sql", {"sql": "SELECT 7 AS n"}, timeout=patience)
+        # What did not listen is left alone for a while, and two cores are few.
+        for _ in range(10):
+            status, _, answer = server.request("POST", "/api/sql", {"sql": "SELECT 7 AS n"}, timeout=patience)
+            if status == 200:
+                break
         said = f"afterwards: {status} {answer[:160]}; wrong: {wrong}"
         assert (status, json.loads(answer)) == (200, [{"n": 7}]) and not wrong, said

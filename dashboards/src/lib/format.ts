@@ -11,7 +11,8 @@ export function number(value: number | null | undefined, digits = 0): string {
 
 export function signed(value: number | null | undefined, digits = 2): string {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
-  return `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)}`;
+  const written = Math.abs(value).toFixed(digits);
+  return Number(written) === 0 ? written : `${value < 0 ? "−" : "+"}${written}`;
 }
 
 /** `wrong_instance` as people read it. */
