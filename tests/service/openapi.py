@@ -30,6 +30,7 @@ EXPECTED_SERVER_ERRORS = {503, 507}
 NARROW = """
 [limits]
 sessions = 1
+workers = 1
 read_s = 3
 body_mib = 1
 upload_mib = 1
@@ -247,7 +248,7 @@ def traces(client, episode, recording):
     client.expect(400, "GET", path + "/blame", query={"alternative": "maybe"}, trace=name)
     client.expect(422, "GET", reward, query={"preset": "unknown"}, trace=name)
 
-    reads = [("GET", path + rest) for rest in ("/episode", "/steps", "/frames/{moment}", "/blame", "/reward")]
+    reads = [("GET", path + rest) for rest in ("/episode", "/scene", "/steps", "/frames/{moment}", "/blame", "/reward", "/rrd")]
     for method, rest in [*reads, ("POST", path + "/replay")]:
         client.expect(200, method, rest, trace=name, moment="start")
         client.expect(422, method, rest, trace="damaged", moment="start")
@@ -295,6 +296,43 @@ def tables(client, episode):
     client.expect(422, "GET", "/api/queries/{name}", query={"parameters": "unknown=1"}, name="overview")
 
 
+def exports(client, data):
+    """Training sets: the one that a job made, and one that somebody has broken."""
+    path = "/api/exports/{export}"
+    broken = data / "exports" / "broken"
+    broken.mkdir()
+    (broken / "manifest.json").write_text("{}")
+    if [one["name"] for one in client.expect(200, "GET", "/api/exports")].count("set") != 1:
+        client.seen.complain("the training set that a job made is not listed")
+    examples = client.expect(200, "GET", path + "/examples", query={"limit": 2}, export="set")
+    if len(examples) != 2 or "turns" not in examples[0]:
+        client.seen.complain(f"these are no two examples: {str(examples)[:200]}")
+    client.expect(400, "GET", path + "/examples", query={"limit": 21}, export="set")
+    for rest in ("", "/lint"):
+        client.expect(200, "GET", path + rest, export="set")
+    for rest in ("/examples", "/lint"):
+        client.expect(422, "GET", path + rest, export="broken")
+    for rest in ("", "/examples", "/lint"):
+        client.expect(404, "GET", path + rest, export="nothing")
+        client.expect(400, "GET", path + rest, export="../exports")
+
+
+def definitions(client, data):
+    """Panels: kept, listed, refused, gone; and one that somebody has broken."""
+    path, panel = "/api/definitions/{definition}", {"title": "Episodes", "sql": "SELECT count(*) FROM episodes"}
+    client.expect(201, "PUT", path, panel, definition="mine")
+    client.expect(422, "PUT", path, {"title": "Neither"}, definition="mine")
+    client.expect(400, "PUT", path, b"{", definition="mine")
+    (data / "definitions" / "broken.json").write_text("{")
+    listed = {one["name"]: one for one in client.expect(200, "GET", "/api/definitions")}
+    if listed["mine"]["definition"] != panel or "problem" not in listed["broken"]:
+        client.seen.complain(f"the panels are not those that were kept: {listed['mine']}, {listed['broken']}")
+    client.expect(204, "DELETE", path, definition="mine")
+    client.expect(404, "DELETE", path, definition="mine")
+    for method in ("PUT", "DELETE"):
+        client.expect(400, method, path, panel, definition="../mine")
+
+
 def sessions(client, agent, task):
     """Live sessions, prompt groups, and a question that a person answers."""
     path = "/api/sessions/{session}"
@@ -315,13 +353,18 @@ def sessions(client, agent, task):
 
     client.expect(200, "GET", "/api/sessions")
     client.expect(200, "GET", path, session=session)
+    client.expect(200, "GET", path + "/frame", session=session)
     client.expect(204, "DELETE", path, session=session)
+    client.expect(404, "GET", path + "/frame", session=session)
+    client.expect(400, "GET", path + "/frame", session=b"\xff")
     for method in ("GET", "DELETE"):
         client.expect(404, method, path, session=session)
         client.expect(400, method, path, session=b"\xff")
 
     lease = {"worker": "one", "task_id": task, "rollouts": 2}
     client.expect(201, "POST", "/api/leases", lease)
+    # Nothing is at play there yet.
+    client.expect(409, "GET", path + "/frame", session=client.expect(200, "GET", "/api/sessions")[0]["session"])
     client.expect(409, "POST", "/api/leases", {**lease, "seed": 1})
     for worker in ("", "..", "a/b", "x" * 63):
         client.expect(400, "POST", "/api/leases", {**lease, "worker": worker})
@@ -353,6 +396,8 @@ def open_server(folder, episodes):
         jobs(client, failed, recording)
         traces(client, succeeded, recording)
         tables(client, failed)
+        exports(client, folder / "data")
+        definitions(client, folder / "data")
         ingested = client.expect(200, "GET", "/api/episodes")["episodes"]
         if {episode["episode_id"] for episode in episodes} - {episode["episode_id"] for episode in ingested}:
             seen.complain("the tables do not have every episode that was ingested")
@@ -379,8 +424,9 @@ def narrow_server(folder, seen, made, episodes):
     config.write_text(NARROW)
     labelled = next(episode for episode in episodes if not episode["success"])["episode_id"]
     nothing = {"trace": "nothing", "episode": "nothing", "session": "nothing", "worker": "nothing", "name": "nothing",
-               "id": "999999", "moment": "start"}
-    bodies = {"/api/sql": {"sql": "SELECT 1"}, "/api/traces/{trace}/branches": {"at": 0, "name": "nothing"}}
+               "export": "nothing", "definition": "nothing", "id": "999999", "moment": "start"}
+    bodies = {"/api/sql": {"sql": "SELECT 1"}, "/api/definitions/{definition}": {"title": "Panel", "sql": "SELECT 1"},
+              "/api/traces/{trace}/branches": {"at": 0, "name": "nothing"}}
 
     with Bounded("--config", config, "--tasks", folder / "tasks", data=data) as server:
         clients = {name: Client(server, seen, token) for name, token in made.items()}
@@ -398,8 +444,9 @@ def narrow_server(folder, seen, made, episodes):
         def large(key):
             # A trace is counted while it comes, everything else by what it says of itself.
             mib = 1 << 20
-            admin.expect(413, *key, b"x" * (mib + 1) if key[0] == "PUT" else None,
-                         headers={} if key[0] == "PUT" else {"content-length": str(mib + 1)}, **nothing)
+            counted = key == ("PUT", "/api/traces/{trace}")
+            admin.expect(413, *key, b"x" * (mib + 1) if counted else None,
+                         headers={} if counted else {"content-length": str(mib + 1)}, **nothing)
 
         def late(key):
             admin.expect(408, *key, b"{", headers={"content-length": "10"}, **nothing)
@@ -417,7 +464,7 @@ def narrow_server(folder, seen, made, episodes):
         asking = threading.Thread(target=lambda: admin.expect(422, "POST", "/api/sql", endless))
         asking.start()
         time.sleep(1)
-        others = {"/readyz", "/api/leases"}
+        others = {"/readyz", "/api/leases", "/api/sessions/{session}/frame"}
         waiting = [key for key in operations_with(seen, 503) if key[1] not in others]
         together(lambda key: admin.expect(503, *key, bodies.get(key[1]), **{**nothing, "name": "overview"}), waiting)
         asking.join()
@@ -425,6 +472,24 @@ def narrow_server(folder, seen, made, episodes):
         lease = {"worker": "one", "task_id": episodes[0]["task_id"], "rollouts": 1}
         clients["actor"].expect(201, "POST", "/api/leases", lease)
         clients["actor"].expect(503, "POST", "/api/leases", {**lease, "worker": "two"})
+
+        # More want to look than can be served within its patience.
+        Agent(server, worker="one", headers=clients["actor"].headers).call("finish")
+        looking = [clients["hasty"], clients["reader"]] * 50
+        session = admin.expect(200, "GET", "/api/sessions")[0]["session"]
+        looks = together(lambda one: one.send("GET", "/api/sessions/{session}/frame", session=session)[0], looking)
+        if not {200, 503} <= set(looks):
+            seen.complain(f"a hundred who look at a session get {collections.Counter(looks)}")
+
+        (data / "definitions").rename(data / "elsewhere")
+        (data / "definitions").write_text("no folder")
+        try:
+            panel = "/api/definitions/{definition}"
+            for method in ("PUT", "DELETE"):
+                admin.expect(507, method, panel, bodies[panel], definition="mine")
+        finally:
+            (data / "definitions").unlink()
+            (data / "elsewhere").rename(data / "definitions")
 
         (data / "traces").rename(data / "elsewhere")
         try:
@@ -465,10 +530,9 @@ def operations_with(seen, status):
 
 
 def together(work, parts):
-    """Does something with every part, all at once."""
+    """What comes of doing something with every part, all at once."""
     with concurrent.futures.ThreadPoolExecutor(max(1, len(parts))) as threads:
-        for done in [threads.submit(work, part) for part in parts]:
-            done.result()
+        return [done.result() for done in [threads.submit(work, part) for part in parts]]
 
 
 def not_ready(server, seen):

@@ -39,7 +39,7 @@ pub(super) async fn show(State(app): State<Arc<App>>, Named(session): Named<Stri
 }
 
 /// What the head of a session's robot sees now, as PNG. Looking counts as no use of the session.
-#[utoipa::path(get, path = "/api/sessions/{session}/frame", tag = "sessions", security(("token" = [])),
+#[utoipa::path(get, path = "/api/sessions/{session}/frame", operation_id = "session_frame", tag = "sessions", security(("token" = [])),
     params(("session" = String, Path)),
     responses((status = 200, content_type = "image/png"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 503, body = ErrorBody)))]

@@ -49,8 +49,7 @@ pub const STACK_BYTES: usize = 64 << 20;
 /// How often a writer looks again after others were quicker.
 const TRIES_MAX: u32 = 100;
 
-/// The tables of a store at one version. A clone is cheap, and sees the same version.
-#[derive(Clone)]
+/// The tables of a store at one version.
 pub struct Store {
     location: Location,
     runtime: Arc<Runtime>,
@@ -234,6 +233,14 @@ impl Store {
     /// The number of this version.
     pub fn version(&self) -> u64 {
         self.tables[&Table::Episodes].version().unwrap_or_default()
+    }
+
+    /// The same version once more, with threads of its own: what hangs in one is not waited for in the other.
+    ///
+    /// # Errors
+    /// When the system refuses threads.
+    pub fn again(&self) -> Result<Self, StoreError> {
+        Ok(Self { location: self.location.clone(), runtime: runtime()?, tables: self.tables.clone() })
     }
 
     /// By which commits the store sees what it sees; none where somebody has committed since. While it stays the same, there is
