@@ -10,7 +10,7 @@ const axe = readFileSync(require.resolve("axe-core/axe.min.js"), "utf8");
 export const url = process.env.URL;
 export const emptyUrl = process.env.EMPTY_URL;
 /** How long anything may take: the machine may be busy. */
-export const PATIENCE_MS = 30_000;
+export const PATIENCE_MS = 120_000;
 
 export function assert(condition, message) {
   if (!condition) throw new Error(message);
