@@ -319,18 +319,18 @@ def exports(client, data):
 
 def definitions(client, data):
     """Panels: kept, listed, refused, gone; and one that somebody has broken."""
-    path, panel = "/api/definitions/{definition}", {"title": "Episodes", "sql": "SELECT count(*) FROM episodes"}
-    client.expect(201, "PUT", path, panel, definition="mine")
-    client.expect(422, "PUT", path, {"title": "Neither"}, definition="mine")
-    client.expect(400, "PUT", path, b"{", definition="mine")
+    path, panel = "/api/definitions/{file}", {"title": "Episodes", "sql": "SELECT count(*) FROM episodes"}
+    client.expect(201, "PUT", path, panel, file="mine")
+    client.expect(422, "PUT", path, {"title": "Neither"}, file="mine")
+    client.expect(400, "PUT", path, b"{", file="mine")
     (data / "definitions" / "broken.json").write_text("{")
     listed = {one["name"]: one for one in client.expect(200, "GET", "/api/definitions")}
     if listed["mine"]["definition"] != panel or "problem" not in listed["broken"]:
         client.seen.complain(f"the panels are not those that were kept: {listed['mine']}, {listed['broken']}")
-    client.expect(204, "DELETE", path, definition="mine")
-    client.expect(404, "DELETE", path, definition="mine")
+    client.expect(204, "DELETE", path, file="mine")
+    client.expect(404, "DELETE", path, file="mine")
     for method in ("PUT", "DELETE"):
-        client.expect(400, method, path, panel, definition="../mine")
+        client.expect(400, method, path, panel, file="../mine")
 
 
 def sessions(client, agent, task):
@@ -424,8 +424,8 @@ def narrow_server(folder, seen, made, episodes):
     config.write_text(NARROW)
     labelled = next(episode for episode in episodes if not episode["success"])["episode_id"]
     nothing = {"trace": "nothing", "episode": "nothing", "session": "nothing", "worker": "nothing", "name": "nothing",
-               "export": "nothing", "definition": "nothing", "id": "999999", "moment": "start"}
-    bodies = {"/api/sql": {"sql": "SELECT 1"}, "/api/definitions/{definition}": {"title": "Panel", "sql": "SELECT 1"},
+               "export": "nothing", "file": "nothing", "id": "999999", "moment": "start"}
+    bodies = {"/api/sql": {"sql": "SELECT 1"}, "/api/definitions/{file}": {"title": "Panel", "sql": "SELECT 1"},
               "/api/traces/{trace}/branches": {"at": 0, "name": "nothing"}}
 
     with Bounded("--config", config, "--tasks", folder / "tasks", data=data) as server:
@@ -484,9 +484,9 @@ def narrow_server(folder, seen, made, episodes):
         (data / "definitions").rename(data / "elsewhere")
         (data / "definitions").write_text("no folder")
         try:
-            panel = "/api/definitions/{definition}"
+            panel = "/api/definitions/{file}"
             for method in ("PUT", "DELETE"):
-                admin.expect(507, method, panel, bodies[panel], definition="mine")
+                admin.expect(507, method, panel, bodies[panel], file="mine")
         finally:
             (data / "definitions").unlink()
             (data / "elsewhere").rename(data / "definitions")

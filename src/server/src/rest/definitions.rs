@@ -125,8 +125,8 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Listed>
 }
 
 /// Keeps a panel or a page under a name.
-#[utoipa::path(put, path = "/api/definitions/{definition}", operation_id = "keep_definition", tag = "tables",
-    security(("token" = [])), params(("definition" = String, Path)), request_body = Definition,
+#[utoipa::path(put, path = "/api/definitions/{file}", operation_id = "keep_definition", tag = "tables",
+    security(("token" = [])), params(("file" = String, Path)), request_body = Definition,
     responses((status = 201, body = Definition), (status = 400, body = ErrorBody), (status = 422, body = ErrorBody),
         (status = 503, body = ErrorBody), (status = 507, body = ErrorBody)))]
 pub(super) async fn keep(
@@ -148,8 +148,8 @@ pub(super) async fn keep(
 }
 
 /// Takes away a panel or a page of yours; one of Reel's that it hid comes back.
-#[utoipa::path(delete, path = "/api/definitions/{definition}", operation_id = "drop_definition", tag = "tables",
-    security(("token" = [])), params(("definition" = String, Path)),
+#[utoipa::path(delete, path = "/api/definitions/{file}", operation_id = "drop_definition", tag = "tables",
+    security(("token" = [])), params(("file" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 503, body = ErrorBody),
         (status = 507, body = ErrorBody)))]
 pub(super) async fn drop(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<StatusCode, ApiError> {

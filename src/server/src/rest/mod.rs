@@ -72,7 +72,7 @@ struct Everywhere;
 
 /// Names in paths, where not every text is one.
 const NAMES: [(&str, &str); 5] = [
-    ("definition", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
+    ("file", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
     ("export", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"),
     ("trace", "^[A-Za-z0-9][A-Za-z0-9_.-]{0,199}$"),
     ("moment", r"^(start|[0-9]{1,9})(\.png)?$"),
