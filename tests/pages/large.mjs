@@ -1,5 +1,5 @@
 /** How long pages take over a large store, and whether they keep memory: `make bench-pages`. Fails where a page is slower than promised. */
-import { assert, launch, opened, url, visit } from "./kit.mjs";
+import { assert, launch, opened, sql, url, visit } from "./kit.mjs";
 
 const TURNS = 5;
 const NAVIGATIONS = Number(process.env.NAVIGATIONS ?? 500);
@@ -17,6 +17,14 @@ function figure(what, times, promised) {
   console.log(`${what.padEnd(66)} ${ms(usual).padStart(8)}  first ${ms(first).padStart(8)}  promised ${ms(promised).padStart(8)}  ${holds ? "" : "FALLS SHORT"}`);
 }
 
+/** What a link of ours does. */
+function follow(page, address) {
+  return page.evaluate((address) => {
+    history.pushState(null, "", address);
+    dispatchEvent(new PopStateEvent("popstate"));
+  }, address);
+}
+
 /** From asking for the address until what matters is there. */
 async function opening(address, shown) {
   const times = [];
@@ -26,10 +34,7 @@ async function opening(address, shown) {
     await page.goto(`${url}/live`);
     await page.waitForLoadState("load");
     const begun = performance.now();
-    await page.evaluate((address) => {
-      history.pushState(null, "", address);
-      dispatchEvent(new PopStateEvent("popstate"));
-    }, address);
+    await follow(page, address);
     await shown(page);
     times.push(performance.now() - begun);
     await context.close();
@@ -37,9 +42,7 @@ async function opening(address, shown) {
   return times;
 }
 
-const [{ n }] = await (await fetch(`${url}/api/sql`, {
-  method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify({ sql: "SELECT count(*) AS n FROM episodes" }),
-})).json();
+const [{ n }] = await sql("SELECT count(*) AS n FROM episodes");
 console.log(`${n} episodes; the median of ${TURNS} openings after the first`);
 
 figure("Overview, with its table, reasons and health", await opening("/", async (page) => {
@@ -92,10 +95,7 @@ await visit(page, "/");
 const around = ["/", "/episodes", "/failures", "/compare", "/sql", "/panels", "/datasets", "/live", `/episodes/${long}?step=3`, "/failures?tab=confusions"];
 const measured = [];
 for (let turn = 1; turn <= NAVIGATIONS; turn += 1) {
-  await page.evaluate((address) => {
-    history.pushState(null, "", address);
-    dispatchEvent(new PopStateEvent("popstate"));
-  }, around[turn % around.length]);
+  await follow(page, around[turn % around.length]);
   await page.waitForTimeout(120);
   if (turn % (NAVIGATIONS / 5) === 0) {
     await page.waitForLoadState("networkidle");

@@ -73,19 +73,11 @@ fi
 
 [[ -z ${ODD:-} ]] || cp "$ODD"/* "$data/traces/"
 
-# Starts a server over a data folder; its address is in `url`.
-serve() {
-  local name=$1 tries
-  : >"$work/$name.out"
-  "$reel" serve --listen 127.0.0.1:0 --data "$2" --ask rest "${@:3}" >"$work/$name.out" 2>"$work/$name.log" &
-  pids+=($!)
-  url=
-  for ((tries = 0; tries < 300; tries++)); do
-    url=$(sed -n 's|^listening on \(http://[0-9.:]*[0-9]\).*|\1|p' "$work/$name.out")
-    [[ -z $url ]] && kill -0 "${pids[-1]}" 2>/dev/null || break
-    sleep 0.1
-  done
-  [[ -n $url ]] || { cat "$work/$name.log" >&2; exit 1; }
+source tests/serve.sh
+# over NAME DATA ARGUMENT...: a server over a data folder, until the end.
+over() {
+  serve "$1" "$reel" serve --listen 127.0.0.1:0 --data "$2" --ask rest "${@:3}"
+  pids+=("$pid")
 }
 export PACKAGES=$folder
 if [[ ${1:-} == --large ]]; then
@@ -94,12 +86,12 @@ if [[ ${1:-} == --large ]]; then
     "$reel" tables synthesize --episodes 100000 --store "$store" >/dev/null
     "$reel" taxonomy --store "$store" >/dev/null
   fi
-  serve large "$data" --store "$store"
+  over large "$data" --store "$store"
   URL=$url node tests/pages/large.mjs
   exit
 fi
-serve empty "$work/empty"
+over empty "$work/empty"
 export EMPTY_URL=$url
-serve full "$data"
+over full "$data"
 export URL=$url
 node tests/pages/main.mjs "$@" || { tail -5 "$work/full.log" >&2; exit 1; }

@@ -83,6 +83,8 @@ mod tests {
         fill(&place, 3);
         assert_eq!(tables.newest().unwrap().version(), before.version());
         assert_ne!(tables.newest().unwrap().stamp().unwrap(), None);
+        // A question that hangs holds up no other.
+        assert!(!Arc::ptr_eq(&tables.newest().unwrap().runtime(), &tables.newest().unwrap().runtime()));
         // A server drops it while its own runtime runs.
         tokio::runtime::Runtime::new().unwrap().block_on(async { drop(tables) });
     }

@@ -1,6 +1,6 @@
 //! `reel view`: an episode in Rerun.
 
-use std::{env, net::SocketAddr, path::PathBuf, process::Command};
+use std::{env, io::ErrorKind, net::SocketAddr, path::PathBuf, process::Command};
 
 use anyhow::{Context, bail};
 use reel_trace::Trace;
@@ -38,13 +38,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         bail!("there is no step {step}: the episode has {} steps", trace.steps.len());
     }
     let recording = reel_view::rrd(&trace)?;
-    if !arguments.web && installed("rerun") {
-        let file = env::temp_dir().join(format!("reel-{}.rrd", trace.header.episode_id));
+    if !arguments.web {
+        let file = env::temp_dir().join(format!("reel-{}-{}.rrd", trace.header.episode_id, std::process::id()));
         std::fs::write(&file, &recording).with_context(|| format!("cannot write {}", file.display()))?;
         let ended = Command::new("rerun").arg(&file).status();
         let _ = std::fs::remove_file(&file);
-        let ended = ended.context("cannot start rerun; `--web` needs none")?;
-        return Ok(if ended.success() { Answer::Yes } else { Answer::No });
+        match ended {
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            ended => {
+                let ended = ended.context("cannot run rerun; `--web` needs none")?;
+                return Ok(if ended.success() { Answer::Yes } else { Answer::No });
+            }
+        }
     }
     serve(arguments, recording)
 }
@@ -64,10 +69,4 @@ fn serve(arguments: &Arguments, recording: Vec<u8>) -> anyhow::Result<Answer> {
 #[cfg(not(feature = "service"))]
 fn serve(_: &Arguments, _: Vec<u8>) -> anyhow::Result<Answer> {
     bail!("Rerun is not installed (pip install rerun-sdk==0.36.3), and this build of reel has no web viewer")
-}
-
-/// Whether a program is found along PATH.
-fn installed(program: &str) -> bool {
-    let folders = env::var_os("PATH").unwrap_or_default();
-    env::split_paths(&folders).any(|folder| folder.join(program).with_extension(env::consts::EXE_EXTENSION).is_file())
 }
