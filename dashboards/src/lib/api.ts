@@ -61,9 +61,24 @@ export async function remove(path: string): Promise<void> {
   await send("DELETE", path);
 }
 
+let foreseen: { path: string; blob: Promise<Blob> } | null = null;
+
+async function blob(path: string, signal?: AbortSignal): Promise<Blob> {
+  return (await send("GET", path, undefined, signal)).blob();
+}
+
+/** Asks for a picture that will be wanted in a moment. */
+export function foresee(path: string) {
+  foreseen = { path, blob: blob(path) };
+  // Whoever wants it is told what went wrong.
+  foreseen.blob.catch(() => null);
+}
+
 /** A picture, as an address for <img>; to be given back to URL.revokeObjectURL. */
 export async function picture(path: string, signal?: AbortSignal): Promise<string> {
-  return URL.createObjectURL(await (await send("GET", path, undefined, signal)).blob());
+  const known = foreseen?.path === path ? foreseen.blob : null;
+  if (known) foreseen = null;
+  return URL.createObjectURL(await (known ?? blob(path, signal)));
 }
 
 /** Asks the tables. Values go as `$parameters`, never into the text. */

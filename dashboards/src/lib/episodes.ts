@@ -27,8 +27,8 @@ export const LISTED = `WITH listed AS (
     b.cause, b.why, b.advice, b.wasted, b.point_of_no_return,
     coalesce(v.verdict, 'unverified') AS verdict
   FROM episodes e
-  LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
-  LEFT JOIN blame b ON b.episode_id = e.episode_id AND b.trace_digest = e.trace_digest
+  LEFT JOIN classes c ON c.trace_digest = e.trace_digest
+  LEFT JOIN blame b ON b.trace_digest = e.trace_digest
   LEFT JOIN (
     SELECT trace_digest, CASE WHEN bool_or(verdict = 'diverged') THEN 'diverged' ELSE min(verdict) END AS verdict
     FROM verdicts GROUP BY trace_digest

@@ -10,7 +10,7 @@ use reel_world::{
 };
 use serde_json::{Value, json};
 
-use crate::{Context, Policy, Seen, planner::DOOR_WORDS, policy, random};
+use crate::{Context, NoAnswer, Policy, Seen, planner::DOOR_WORDS, policy, random};
 
 /// Fewest calls before it finishes.
 const LENGTH_MIN: usize = 10;
@@ -223,7 +223,7 @@ impl Policy for Explorer {
         false
     }
 
-    fn act(&mut self, context: &Context<'_>) -> StepInput {
+    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         self.learn(context);
         let call = if context.step >= self.length {
             Tool::Finish.to_call()
@@ -237,7 +237,7 @@ impl Policy for Explorer {
             Some(spec) if other_name => ToolCall { name: spec.repo_name.to_owned(), ..call },
             _ => call,
         };
-        StepInput { call, policy: None, user_reply: None }
+        Ok(StepInput::bare(call))
     }
 
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {

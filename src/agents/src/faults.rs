@@ -13,7 +13,7 @@ use reel_world::{
 use serde_json::{Value, json};
 
 use crate::{
-    Context, Policy,
+    Context, NoAnswer, Policy,
     oracle::{Habits, Oracle},
     policy, random,
 };
@@ -159,18 +159,18 @@ impl Policy for Oscillating {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> StepInput {
+    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         if self.turns.is_none() && context.truth.is_none_or(|truth| truth.held.is_none()) {
-            let input = self.oracle.act(context);
+            let input = self.oracle.act(context)?;
             // It does not know when to stop, either.
             if input.call.name != Tool::Finish.paper_name() {
-                return input;
+                return Ok(input);
             }
         }
         let turn = self.turns.map_or(0, |turn| turn + 1);
         self.turns = Some(turn);
         let receptacle = self.between[turn % 2].clone();
-        StepInput { call: Tool::NavTo { receptacle }.to_call(), policy: None, user_reply: None }
+        Ok(StepInput::bare(Tool::NavTo { receptacle }.to_call()))
     }
 
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
@@ -236,7 +236,7 @@ impl Policy for Gibberish {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> StepInput {
+    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         if let Some(truth) = context.truth {
             let objects = truth.markers.iter().filter(|marker| matches!(marker.target, MarkerTarget::Object(_)));
             self.old_markers.extend(objects.map(|marker| marker.id));
@@ -247,7 +247,7 @@ impl Policy for Gibberish {
         }
         self.talking_nonsense = random::below(&mut self.rng, 4) == 0;
         if self.talking_nonsense {
-            return StepInput { call: self.nonsense(context), policy: None, user_reply: None };
+            return Ok(StepInput::bare(self.nonsense(context)));
         }
         let observation = self.kept.as_ref().unwrap_or(context.observation);
         self.oracle.act(&Context { observation, ..*context })

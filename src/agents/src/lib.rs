@@ -9,6 +9,7 @@ mod faults;
 mod injection;
 mod narration;
 mod oracle;
+mod outside;
 mod perception;
 mod planner;
 mod policy;
@@ -27,10 +28,11 @@ pub use injection::{
     paper_mix, sample,
 };
 pub use oracle::{Habits, Oracle};
+pub use outside::{Asked, Matcher, NoAnswer, Outside, User};
 pub use planner::{GoalHint, Planner};
 pub use policy::{Context, POLICIES, Policy, Seen, policy};
 pub use record::{RecordTo, TraceSink};
-pub use runner::{EpisodeReport, Job, run_all, run_episode, run_injected};
+pub use runner::{EpisodeReport, Job, Seats, builtin, run_all, run_episode, run_injected};
 pub use running::{Running, retrace};
 pub use sink::{NoSink, Recorded, Sink, SinkError};
 
@@ -70,6 +72,28 @@ pub enum AgentError {
         task: String,
         /// Why.
         source: Unfit,
+    },
+    /// The episode was not begun.
+    #[error("task {task}, seed {seed}: not played: {why}")]
+    NotPlayed {
+        /// The task.
+        task: String,
+        /// The seed.
+        seed: u64,
+        /// Why.
+        why: String,
+    },
+    /// A policy, a user or a matcher asks somebody who does not answer.
+    #[error("task {task}, seed {seed}: no answer; the episode ended at step {step} as aborted")]
+    NoAnswer {
+        /// The task.
+        task: String,
+        /// The seed.
+        seed: u64,
+        /// The step that was not decided.
+        step: u32,
+        /// Why.
+        source: NoAnswer,
     },
     /// The label cannot be written.
     #[error("task {task}, seed {seed}: the label cannot be written to {path}")]

@@ -15,7 +15,7 @@ use reel_world::{
     record::{MarkerTarget, PolicyInfo, StepInput},
 };
 
-use crate::{Context, Policy, Seen, narration::Narration, policy, random};
+use crate::{Context, NoAnswer, Policy, Seen, narration::Narration, policy, random};
 
 /// Failed calls after which it gives up: a replanned pick and place may each fail twice.
 const FAILURES_MAX: u32 = 5;
@@ -403,10 +403,10 @@ impl Policy for Oracle {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> StepInput {
+    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         let tool = self.next_tool(context);
         let output = self.narration.tell(&tool, &self.intents, context.observation);
-        StepInput { call: tool.to_call(), policy: Some(output), user_reply: None }
+        Ok(StepInput::said(tool.to_call(), output))
     }
 
     /// It comes in when something was done already, and plans from what it finds.

@@ -9,7 +9,7 @@ use reel_world::{
     record::{PolicyInfo, StepInput},
 };
 
-use crate::{Context, Policy, Seen, oracle::question, policy};
+use crate::{Context, NoAnswer, Policy, Seen, oracle::question, policy};
 
 /// Failed calls of its own after which it stops.
 const FAILURES_MAX: u32 = 6;
@@ -283,11 +283,11 @@ impl Policy for Planner {
         false
     }
 
-    fn act(&mut self, context: &Context<'_>) -> StepInput {
+    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         let tool = self.advice(context);
         let call = tool.to_call();
         self.remember(Some(tool), context, true);
-        StepInput { call, policy: None, user_reply: None }
+        Ok(StepInput::bare(call))
     }
 
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {

@@ -9,7 +9,7 @@ use reel_world::{
     record::{PolicyInfo, StepInput},
 };
 
-use crate::{AgentError, Explorer, GoalHint, Oracle, Planner, faults};
+use crate::{AgentError, Explorer, GoalHint, NoAnswer, Oracle, Planner, faults};
 
 /// What decides in an episode.
 pub trait Policy {
@@ -20,7 +20,11 @@ pub trait Policy {
     fn wants_truth(&self) -> bool;
 
     /// The next call.
-    fn act(&mut self, context: &Context<'_>) -> StepInput;
+    ///
+    /// # Errors
+    /// When whoever it asks does not answer. The episode ends there, as aborted. What can be told to it as feedback (an unknown
+    /// tool, an answer without a call) is no such error.
+    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer>;
 
     /// Is shown a call that somebody else decided where it would have been asked, before what comes of it: takes in what it
     /// would have learnt and remembered had it made this call itself. There is no truth in the context. Who keeps nothing

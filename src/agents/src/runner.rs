@@ -3,14 +3,20 @@
 use std::{
     any::Any,
     panic::{AssertUnwindSafe, catch_unwind},
-    path::PathBuf,
+    path::{Path, PathBuf},
 };
 
 use rayon::prelude::*;
 use reel_episode::EpisodeConfig;
-use reel_world::{Family, record::EndReason};
+use reel_trace::Trace;
+use reel_world::{
+    Family, Scene, Task,
+    record::{EndReason, EndRecord, EpisodeHeader, StartRecord, StepRecord},
+};
 
-use crate::{AgentError, Injected, Injection, Label, Policy, policy, record::RecordTo, running::Running};
+use crate::{
+    AgentError, Injected, Injection, Label, Outside, Policy, outside::broken_rules, policy, record::RecordTo, running::Running,
+};
 
 /// How an episode went.
 #[derive(Clone, PartialEq, Debug)]
@@ -31,6 +37,8 @@ pub struct EpisodeReport {
     pub completion: f64,
     /// Cumulative reward, undiscounted.
     pub total_reward: f64,
+    /// SPL; none where the shortest path is unknown.
+    pub spl: Option<f64>,
     /// Decisions.
     pub length: u32,
     /// `ask` calls.
@@ -43,6 +51,60 @@ pub struct EpisodeReport {
     pub bytes: u64,
     /// Why the policy gave up on the goal, where it failed for that.
     pub unreachable: Option<String>,
+    /// Tokens read and written by a model; none where nobody counted any.
+    pub tokens: Option<[u64; 2]>,
+    /// How long the policy took for all its decisions, in nanoseconds; 0 where nobody measured.
+    pub latency_ns: u64,
+    /// The rules of the simulated user that replies from outside broke, one for each time.
+    pub broken_rules: Vec<&'static str>,
+}
+
+impl EpisodeReport {
+    /// How an episode went by its records: where it was recorded and why the policy gave up, they do not say.
+    pub(crate) fn new(
+        header: &EpisodeHeader,
+        (task, scene): (&Task, &Scene),
+        (start, steps, end): (&StartRecord, &[StepRecord], &EndRecord),
+    ) -> Self {
+        let (metrics, (tokens, latency_ns)) = (&end.metrics, spent(steps));
+        Self {
+            episode_id: header.episode_id.clone(),
+            task_id: header.task_id.clone(),
+            family: header.family,
+            policy: header.policy.name.clone(),
+            seed: header.seed,
+            success: metrics.success,
+            completion: metrics.completion,
+            total_reward: metrics.total_reward,
+            spl: metrics.spl,
+            length: end.steps,
+            asks: metrics.asks,
+            end_reason: end.reason,
+            trace: None,
+            bytes: 0,
+            unreachable: None,
+            tokens,
+            latency_ns,
+            broken_rules: broken_rules(task, scene, start, steps),
+        }
+    }
+
+    /// How a recorded episode went; none where the recording has no end.
+    pub fn of_trace(trace: &Trace, path: &Path) -> Option<Self> {
+        let records = (&trace.start, trace.steps.as_slice(), trace.end.as_ref()?);
+        let report = Self::new(&trace.header, (&trace.task, &trace.scene), records);
+        Some(Self { trace: Some(path.to_owned()), ..report })
+    }
+}
+
+/// Tokens read and written, where anybody counted them, and the time that policies took, in nanoseconds.
+fn spent(steps: &[StepRecord]) -> (Option<[u64; 2]>, u64) {
+    let outputs = || steps.iter().filter_map(|step| step.input.policy.as_ref());
+    let tokens = outputs().filter_map(|output| output.tokens).fold(None, |sum: Option<[u64; 2]>, [read, written]| {
+        let [before, after] = sum.unwrap_or_default();
+        Some([before + u64::from(read), after + u64::from(written)])
+    });
+    (tokens, outputs().filter_map(|output| output.latency_ns).sum())
 }
 
 /// One episode to play.
@@ -50,7 +112,7 @@ pub struct EpisodeReport {
 pub struct Job {
     /// What it is a function of. Who decides is filled in by the runner.
     pub config: EpisodeConfig,
-    /// Name of the built-in policy; its seed is the episode's.
+    /// Name of the policy, for messages; of a built-in one the name by which it is found.
     pub policy: String,
     /// Where to record it; none: nowhere.
     pub record: Option<RecordTo>,
@@ -58,19 +120,47 @@ pub struct Job {
     pub command: String,
 }
 
+/// Who takes part in an episode: who decides, and who answers from outside.
+pub struct Seats {
+    /// Who decides.
+    pub policy: Box<dyn Policy + Send>,
+    /// Who answers from outside.
+    pub outside: Outside,
+}
+
+/// The built-in policy that a job names, with the episode's seed, and nobody outside.
+///
+/// # Errors
+/// When no policy is called so.
+pub fn builtin(job: &Job) -> Result<Seats, AgentError> {
+    let policy = policy(&job.policy, &job.config.task, &job.config.scene, job.config.seed)?;
+    Ok(Seats { policy, outside: Outside::default() })
+}
+
 /// Plays one episode to its end.
 ///
 /// # Errors
-/// When the episode cannot start or its trace cannot be written.
+/// When the episode cannot start, its trace cannot be written, or the policy or somebody outside does not answer: then what was
+/// recorded is closed as aborted.
 pub fn run_episode(
     mut config: EpisodeConfig,
     policy: &mut dyn Policy,
+    outside: Outside,
     record: Option<&RecordTo>,
 ) -> Result<EpisodeReport, AgentError> {
     config.policy = policy.info();
-    let mut running = Running::start(config, record)?;
-    running.play(policy)?;
-    running.end(policy.gave_up())
+    config.policy.parameters.extend(outside.settings.clone());
+    let mut running = Running::start(config, record)?.with_outside(outside);
+    match running.play(policy) {
+        Err(unanswered @ AgentError::NoAnswer { .. }) => {
+            running.end(None)?;
+            Err(unanswered)
+        }
+        played => {
+            played?;
+            running.end(policy.gave_up())
+        }
+    }
 }
 
 /// Plays one episode in which what the injection says goes wrong, and labels it. Where it is recorded, the label is written
@@ -86,7 +176,7 @@ pub fn run_injected(
     let task = config.task.clone();
     let mut policy = Injected::new(&task, &config.scene, injection)
         .map_err(|source| AgentError::Unfit { task: task.task_id.clone(), source })?;
-    let report = run_episode(config, &mut policy, record)?;
+    let report = run_episode(config, &mut policy, Outside::default(), record)?;
     let label = policy.label(&report.episode_id, report.success);
     if let Some(trace) = &report.trace {
         let mut path = trace.clone().into_os_string();
@@ -102,11 +192,13 @@ pub fn run_injected(
     Ok((report, label))
 }
 
-/// Plays many episodes on `workers` threads. Results come in the order of the jobs, whatever the order they end in;
-/// `on_done` is called from the worker threads as episodes end. A panic ends only its own episode.
+/// Plays many episodes on `workers` threads; `seat` says who plays one, when it is about to begin. Results come in the order of
+/// the jobs, whatever the order they end in; `on_done` is called from the worker threads as episodes end. A panic ends only its
+/// own episode.
 pub fn run_all(
     jobs: Vec<Job>,
     workers: usize,
+    seat: impl Fn(&Job) -> Result<Seats, AgentError> + Sync,
     on_done: impl Fn(&EpisodeReport) + Sync,
 ) -> Vec<Result<EpisodeReport, AgentError>> {
     let pool = match rayon::ThreadPoolBuilder::new().num_threads(workers.max(1)).build() {
@@ -118,8 +210,8 @@ pub fn run_all(
     };
     let play = |job: &Job| {
         let report = contained(job, || {
-            let mut policy = policy(&job.policy, &job.config.task, &job.config.scene, job.config.seed)?;
-            run_episode(job.config.clone(), policy.as_mut(), job.record.as_ref())
+            let Seats { mut policy, outside } = seat(job)?;
+            run_episode(job.config.clone(), policy.as_mut(), outside, job.record.as_ref())
         })?;
         on_done(&report);
         Ok(report)
@@ -150,7 +242,7 @@ fn message_of(panic: &(dyn Any + Send)) -> String {
 mod tests {
     use std::sync::Arc;
 
-    use reel_world::{Profile, Scene, Task, record::PolicyInfo};
+    use reel_world::{Profile, Scene, Skills, Task, record::PolicyInfo};
     use serde_json::json;
 
     use super::*;
@@ -166,6 +258,7 @@ mod tests {
             seed: 11,
             preset: reel_reward::Preset::paper(),
             profile: Profile::Paper,
+            skills: Skills::Perfect,
             run_id: "run".into(),
             policy: PolicyInfo::default(),
             rollout: None,
@@ -186,7 +279,7 @@ mod tests {
     #[test]
     fn results_come_in_the_order_of_the_jobs() {
         let unknown = |index: usize| Job { policy: format!("nobody-{index}"), ..job() };
-        let results = run_all((0..16).map(unknown).collect(), 2, |_| {});
+        let results = run_all((0..16).map(unknown).collect(), 2, builtin, |_| {});
         for (index, result) in results.into_iter().enumerate() {
             let error = result.unwrap_err().to_string();
             assert!(error.contains(&format!("'nobody-{index}'")), "{error}");

@@ -1,16 +1,19 @@
 //! An episode under way: the episode, where it is recorded, and what is known of its last call. Carries calls to the
 //! episode and records to the trace, inputs before they are used. Never decides anything.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use reel_episode::{Briefing, Episode, EpisodeConfig, Observation, StepOutput};
 use reel_world::{
-    Frame, Scene, Task, WorldGraph,
+    Frame, InstanceId, Scene, Task, Tool, WorldGraph,
     record::{EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
 
 use crate::{
-    AgentError, Context, EpisodeReport, Policy, Seen, perception,
+    AgentError, Asked, Context, EpisodeReport, NoAnswer, Outside, Policy, Seen, perception,
     record::{RecordTo, TraceSink},
     sink::{NoSink, Sink, SinkError},
 };
@@ -21,6 +24,7 @@ pub struct Running {
     sink: Box<dyn Sink>,
     path: PathBuf,
     known: Known,
+    outside: Outside,
 }
 
 impl Running {
@@ -34,7 +38,12 @@ impl Running {
         let (mut sink, path) = open(&episode, record)?;
         sink.start(&start, Some(&frame)).map_err(|source| unwritten(episode.header(), &path, source))?;
         let known = Known::at_start(episode.task(), episode.scene(), &start, Some(frame));
-        Ok(Self { episode, sink, path, known })
+        Ok(Self { episode, sink, path, known, outside: Outside::default() })
+    }
+
+    /// Lets these answer from now on.
+    pub fn with_outside(self, outside: Outside) -> Self {
+        Self { outside, ..self }
     }
 
     /// Goes on with an episode of which some calls were made, recording these first; `rgb` gives the picture after a step
@@ -65,7 +74,7 @@ impl Running {
             graph.apply(&step.changes.physics);
             known.after(episode.task(), episode.scene(), &graph, step, None);
         }
-        Ok(Self { episode, sink, path, known })
+        Ok(Self { episode, sink, path, known, outside: Outside::default() })
     }
 
     /// The episode, as far as it was played.
@@ -76,7 +85,7 @@ impl Running {
     /// Makes a call that was decided elsewhere; `witness` is shown it, as somebody else's.
     ///
     /// # Errors
-    /// When the trace cannot be written.
+    /// When the trace cannot be written, or nobody answers from outside.
     pub fn make(&mut self, input: StepInput, witness: Option<&mut dyn Policy>) -> Result<(), AgentError> {
         if let Some(witness) = witness {
             witness.watch(&self.known.context(), &input);
@@ -87,13 +96,14 @@ impl Running {
     /// Lets a policy play to the end.
     ///
     /// # Errors
-    /// When the trace cannot be written.
+    /// When the trace cannot be written, or somebody does not answer. The episode can be ended even so.
     pub fn play(&mut self, policy: &mut dyn Policy) -> Result<(), AgentError> {
         while self.episode.ended().is_none() {
             let input = {
                 let truth = policy.wants_truth().then(|| self.episode.privileged());
                 policy.act(&Context { truth: truth.as_ref(), ..self.known.context() })
             };
+            let input = input.map_err(|source| self.unanswered(source))?;
             self.step(input)?;
         }
         Ok(())
@@ -105,30 +115,55 @@ impl Running {
     /// When the trace cannot be written.
     pub fn end(self, unreachable: Option<String>) -> Result<EpisodeReport, AgentError> {
         let Self { episode, sink, path, .. } = self;
-        let header = episode.header().clone();
+        let (header, start, steps) = (episode.header().clone(), episode.start_record().clone(), episode.steps().to_vec());
+        let (task, scene) = (episode.task().clone(), episode.scene().clone());
         let end = episode.end();
         let recorded = sink.end(&end).map_err(|source| unwritten(&header, &path, source))?;
-        let metrics = end.metrics;
-        Ok(EpisodeReport {
-            episode_id: header.episode_id,
-            task_id: header.task_id,
-            family: header.family,
-            policy: header.policy.name,
-            seed: header.seed,
-            success: metrics.success,
-            completion: metrics.completion,
-            total_reward: metrics.total_reward,
-            length: end.steps,
-            asks: metrics.asks,
-            end_reason: end.reason,
-            bytes: recorded.as_ref().map_or(0, |recorded| recorded.bytes),
-            trace: recorded.map(|recorded| recorded.path),
-            unreachable: unreachable.filter(|_| !metrics.success),
-        })
+        let (trace, bytes) = recorded.map_or((None, 0), |recorded| (Some(recorded.path), recorded.bytes));
+        let report = EpisodeReport::new(&header, (&task, &scene), (&start, &steps, &end));
+        Ok(EpisodeReport { trace, bytes, unreachable: unreachable.filter(|_| !report.success), ..report })
+    }
+
+    /// Adds what comes from outside, where nobody brought it along.
+    fn asked_outside(&mut self, mut input: StepInput) -> Result<StepInput, NoAnswer> {
+        let Self { episode, outside, .. } = self;
+        match Tool::parse(&input.call) {
+            Ok(Tool::Ask { question }) => {
+                let start = episode.start_record();
+                let seen_at_start: Vec<InstanceId> = start.visible.iter().map(|object| object.object.clone()).collect();
+                let asked = Asked {
+                    question: &question,
+                    task: episode.task(),
+                    scene: episode.scene(),
+                    initial: &start.graphs.physics,
+                    steps: episode.steps(),
+                    seen_at_start: &seen_at_start,
+                };
+                if let (None, Some(user)) = (&input.user_reply, &mut outside.user) {
+                    input.user_reply = Some(user.answer(&asked)?);
+                }
+            }
+            Ok(Tool::ShowObjectByCategory { category }) => {
+                if let (None, Some(matcher)) = (&input.lookup, &mut outside.matcher) {
+                    let categories: BTreeSet<&str> =
+                        episode.task().objects.iter().map(|object| object.category.as_str()).collect();
+                    let categories: Vec<&str> = categories.into_iter().collect();
+                    input.lookup = Some(matcher.look_up(&category, &categories)?);
+                }
+            }
+            _ => {}
+        }
+        Ok(input)
+    }
+
+    fn unanswered(&self, source: NoAnswer) -> AgentError {
+        let header = self.episode.header();
+        AgentError::NoAnswer { task: header.task_id.clone(), seed: header.seed, step: self.known.calls, source }
     }
 
     fn step(&mut self, input: StepInput) -> Result<(), AgentError> {
-        let Self { episode, sink, path, known } = self;
+        let input = self.asked_outside(input).map_err(|source| self.unanswered(source))?;
+        let Self { episode, sink, path, known, .. } = self;
         sink.input(known.calls, &input).map_err(|source| unwritten(episode.header(), path, source))?;
         let StepOutput { record, frame } = episode.step(input);
         sink.step(&record, frame.as_ref()).map_err(|source| unwritten(episode.header(), path, source))?;

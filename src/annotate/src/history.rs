@@ -134,6 +134,7 @@ pub(crate) fn why(code: ErrorCode, call: Call<'_>) -> String {
         ErrorCode::NoDoor => format!("{it} had no door"),
         ErrorCode::DoorClosed => "its door was closed".to_owned(),
         ErrorCode::OutOfReach => format!("{it} was out of reach"),
+        ErrorCode::SkillFailed => "the gripper failed".to_owned(),
         ErrorCode::NoUser => "nobody answered".to_owned(),
         ErrorCode::BackendError | ErrorCode::PhysicsFault => "the robot reported an error".to_owned(),
         ErrorCode::EpisodeOver => "the episode was over".to_owned(),

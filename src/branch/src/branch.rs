@@ -119,7 +119,7 @@ impl Branch {
         };
         let mut running = Running::resume(episode, record, |step| pictures.remove(&step), witness(&mut heir))?;
         for call in &self.calls {
-            let input = StepInput { call: call.clone(), policy: None, user_reply: None };
+            let input = StepInput::bare(call.clone());
             make(&mut running, input, &mut heir)?;
         }
         if let Then::Parent(from) = self.then {

@@ -10,7 +10,12 @@ use std::{
 use anyhow::{Context, bail};
 use reel_replay::SnapshotCache;
 use reel_tasks::Listed;
-use reel_world::{Scene, Task};
+use reel_world::{Scene, Skills, Task};
+
+/// The skills of a name, for arguments.
+pub fn skills(name: &str) -> Result<Skills, String> {
+    Skills::parse(name).ok_or_else(|| format!("there are {}", Skills::ALL.map(Skills::as_str).join(" and ")))
+}
 
 /// The scene of a file; without one, the home that comes with Reel.
 pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {

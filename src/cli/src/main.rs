@@ -6,8 +6,10 @@ mod commands;
 #[cfg(feature = "analytics")]
 mod cost;
 mod inputs;
-#[cfg(feature = "analytics")]
+#[cfg(feature = "service")]
 mod model;
+#[cfg(feature = "service")]
+mod players;
 mod progress;
 
 use std::process::ExitCode;
@@ -37,6 +39,9 @@ struct Arguments {
 enum Command {
     #[command(about = "Play tasks with a policy and record every episode as a trace")]
     Run(commands::run::Arguments),
+    #[command(about = "Benchmark an agent, built in or driven by a model, or compare two")]
+    #[cfg(feature = "service")]
+    Bench(commands::bench::Arguments),
     #[command(about = "Play tasks with a policy that makes mistakes on purpose, and label what went wrong")]
     Faults(commands::faults::Arguments),
     #[command(about = "Re-execute traces and compare every digest, picture and text")]
@@ -109,6 +114,9 @@ enum Command {
     #[command(about = "Serve one agent over standard input and output (MCP)")]
     #[cfg(feature = "service")]
     Mcp(commands::serve::Mcp),
+    #[command(about = "Stand in for a model: recorded decisions on the OpenAI protocol, with trouble on request")]
+    #[cfg(feature = "service")]
+    MockLlm(commands::mock_llm::Arguments),
     #[command(about = "Make and revoke the tokens that clients of `reel serve` show")]
     #[cfg(feature = "service")]
     Token(commands::token::Arguments),
@@ -119,13 +127,15 @@ enum Command {
     #[cfg(feature = "analytics")]
     Demo(commands::demo::Arguments),
     #[command(about = "Measure: physics, pictures, episodes, replay, trace bytes")]
-    Bench(commands::bench::Arguments),
+    Perf(commands::perf::Arguments),
 }
 
 fn main() -> ExitCode {
     end_with_the_reader();
     let result = match Arguments::parse().command {
         Command::Run(arguments) => commands::run::run(&arguments),
+        #[cfg(feature = "service")]
+        Command::Bench(arguments) => commands::bench::run(&arguments),
         Command::Faults(arguments) => commands::faults::run(&arguments),
         Command::Replay(arguments) => commands::replay::run(&arguments),
         Command::Gate(arguments) => commands::gate::run(&arguments),
@@ -169,12 +179,14 @@ fn main() -> ExitCode {
         #[cfg(feature = "service")]
         Command::Mcp(arguments) => commands::serve::mcp(&arguments),
         #[cfg(feature = "service")]
+        Command::MockLlm(arguments) => commands::mock_llm::run(&arguments),
+        #[cfg(feature = "service")]
         Command::Token(arguments) => commands::token::run(&arguments),
         #[cfg(feature = "service")]
         Command::Config(arguments) => commands::config::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Demo(arguments) => commands::demo::run(&arguments),
-        Command::Bench(arguments) => commands::bench::run(&arguments),
+        Command::Perf(arguments) => commands::perf::run(&arguments),
     };
     match result {
         Ok(answer) => answer.into(),

@@ -14,7 +14,6 @@ use serde_json::Value;
 use crate::{
     BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck, Manifest, PictureOptions, Pictures,
     QWEN3_VL_SIDE, Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card,
-    prompt_digest,
 };
 
 /// How a dataset is written.
@@ -194,7 +193,7 @@ impl DatasetWriter {
             writer: self.options,
             options: description.options,
             table_version: description.table_version,
-            prompt_digest: prompt_digest(),
+            prompt_digest: reel_prompt::digest(),
             licence: description.licence,
             counts: self.counts,
             shards: shards?,

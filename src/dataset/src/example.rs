@@ -1,11 +1,16 @@
 //! Examples: a conversation up to a decision, from which a model learns that decision (SPEC sections 4 and 8).
 //! Owns what becomes an example and what is refused. Knows no format, no file.
 
-use std::{fmt, sync::Arc};
+use std::{
+    fmt,
+    sync::{Arc, LazyLock},
+};
 
+use reel_prompt::{self as prompt, Decision};
+use reel_world::NameSet;
 use serde::Serialize;
 
-use crate::{Episode, ImageId, LeakKind, Rollout, Secrets, Source, Split, Step, json, privileged, prompt, strip};
+use crate::{Episode, ImageId, LeakKind, Rollout, Secrets, Source, Split, Step, json, privileged, strip};
 
 /// How a decision is put to a model.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
@@ -292,28 +297,30 @@ pub fn examples(episode: &Episode, options: &ExampleOptions, secrets: &Secrets) 
         Example { id, call: step.call, tool, about, style: options.style, turns, tools, rollout }
     };
     if options.style == Style::SingleTurn {
-        let system = prompt::system(options.style);
-        let setting = Arc::new(Text::new(prompt::setting(episode, true)));
+        let system = Arc::new(Text::new(prompt::SYSTEM_SINGLE_TURN.trim_end()));
+        let setting = Arc::new(Text::new(setting(episode, Some(episode.names))));
+        let decisions: Vec<Decision<'_>> =
+            episode.steps.iter().zip(&outcomes).map(|(step, outcome)| decision(step, outcome)).collect();
         for index in wanted {
             match checks.single_turn(index) {
                 Some(reason) => made.refused.push(refuse(Some(episode.steps[index].call), reason)),
                 None => {
                     let step = &episode.steps[index];
-                    let mut situation = prompt::situation(episode, &outcomes, index);
+                    let mut situation = prompt::situation(&decisions[..index]);
                     if !step.images.is_empty() {
-                        situation.push_str("\nCurrent view: ");
+                        situation.push_str(prompt::VIEW);
                     }
                     let user = Turn::User { setting: Arc::clone(&setting), situation, images: step.images.clone() };
-                    let turns = vec![Turn::System(Arc::clone(&system)), user, Turn::Answer(prompt::answer(step))];
+                    let turns = vec![Turn::System(Arc::clone(&system)), user, Turn::Answer(prompt::answer(&decisions[index]))];
                     made.examples.push(example(index, turns, None));
                 }
             }
         }
         return made;
     }
-    let system = prompt::system(options.style);
-    let setting = Arc::new(Text::new(prompt::setting(episode, false)));
-    let tools = prompt::functions(episode.names);
+    let system = Arc::new(Text::new(prompt::SYSTEM_MULTI_TURN.trim_end()));
+    let setting = Arc::new(Text::new(setting(episode, None)));
+    let tools = tools(episode.names);
     let targets = if options.style == Style::MultiTurn { vec![last] } else { wanted.clone() };
     for target in targets {
         if let Some(reason) = checks.conversation(target) {
@@ -328,7 +335,7 @@ pub fn examples(episode: &Episode, options: &ExampleOptions, secrets: &Secrets) 
         let mut turns = vec![Turn::System(Arc::clone(&system)), first];
         for (index, step) in episode.steps[..=target].iter().enumerate() {
             let (id, name) = (format!("call_{}", step.call), step.call_name.clone());
-            let (thought, arguments) = (prompt::thought(step), prompt::arguments(step));
+            let (thought, arguments) = (prompt::thought(&step.reasoning), prompt::arguments(&step.arguments));
             turns.push(Turn::Call { thought, id: id.clone(), name: name.clone(), arguments, learn: learn(index) });
             if index < target {
                 let seen = &episode.steps[index + 1].images;
@@ -339,6 +346,29 @@ pub fn examples(episode: &Episode, options: &ExampleOptions, secrets: &Secrets) 
         made.examples.push(example(target, turns, Some(Arc::clone(&tools))));
     }
     made
+}
+
+fn setting(episode: &Episode, tools: Option<NameSet>) -> String {
+    let receptacles = episode.receptacles.iter().map(|it| (it.id.as_str(), it.category.as_str(), it.room.as_str()));
+    prompt::setting(&episode.instruction, tools, receptacles)
+}
+
+/// The tools as native tool calling names them.
+fn tools(names: NameSet) -> Arc<Text> {
+    static PAPER: LazyLock<Arc<Text>> = LazyLock::new(|| native(NameSet::Paper));
+    static REAL_REPO: LazyLock<Arc<Text>> = LazyLock::new(|| native(NameSet::RealRepo));
+    fn native(names: NameSet) -> Arc<Text> {
+        Arc::new(Text::new(prompt::functions(names).to_string()))
+    }
+    Arc::clone(match names {
+        NameSet::Paper => &PAPER,
+        NameSet::RealRepo => &REAL_REPO,
+    })
+}
+
+fn decision<'a>(step: &'a Step, outcome: &'a str) -> Decision<'a> {
+    let Step { call, call_name, arguments, reasoning, history, schedule, subtask, .. } = step;
+    Decision { call: *call, name: call_name, arguments, outcome, reasoning, history, schedule, subtask }
 }
 
 fn about(episode: &Episode) -> About {
@@ -359,7 +389,7 @@ fn about(episode: &Episode) -> About {
         ("rules_version", &source.rules_version),
         ("table_version", &source.table_version.to_string()),
         ("annotator", &source.annotator),
-        ("prompt_digest", &prompt::prompt_digest().to_string()),
+        ("prompt_digest", &prompt::digest().to_string()),
     ];
     let field = |(key, value): &(&str, &str)| match *key {
         "table_version" => format!("\"{key}\":{value}"),

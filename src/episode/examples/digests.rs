@@ -18,7 +18,7 @@ use reel_episode::{Episode, EpisodeConfig, Rollout};
 use reel_reward::Preset;
 use reel_sim::{Snapshot, stress::Stress};
 use reel_world::{
-    Digest, Scene, Task,
+    Digest, Scene, Skills, Task,
     record::{EndRecord, EpisodeHeader, StepRecord},
 };
 use serde::Deserialize;
@@ -102,6 +102,7 @@ fn play(recorded: &Recorded, restored: bool) -> Digest {
         scene: recorded.scene.clone(),
         seed: header.seed,
         profile: header.profile,
+        skills: Skills::Perfect,
         preset: Preset::parse(&header.reward_preset).expect("a known preset"),
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),

@@ -3,7 +3,7 @@
 use std::{fmt, sync::Arc};
 
 use reel_reward::{Rewarder, metrics};
-use reel_sim::{SIM_VERSION, Simulator, Snapshot, Stage, ToolResult, render::Detail};
+use reel_sim::{Given, Luck, SIM_VERSION, Simulator, Snapshot, Stage, ToolResult, render::Detail};
 use reel_world::{
     Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Scene, Task, Tool, chain, invariants,
     record::{
@@ -13,6 +13,9 @@ use reel_world::{
 };
 
 use crate::{Briefing, EpisodeConfig, EpisodeError, Privileged, StepOutput, user::RuleUser};
+
+/// What a policy is told whose answer holds no call.
+const NO_CALL: &str = "No tool selected: the answer holds no call that can be read. Answer with one call of one of the tools.";
 
 /// A running episode.
 pub struct Episode {
@@ -245,6 +248,7 @@ impl Episode {
         let (result, reply) = match &parsed {
             _ if self.ended.is_some() => (refused(ErrorCode::EpisodeOver, "The episode is over."), None),
             Ok(tool) => self.dispatch(tool, &input),
+            Err(_) if says_no_call(&input) => (refused(ErrorCode::UnparsableOutput, NO_CALL), None),
             Err(error) => (refused(error.code(), &error.to_string()), None),
         };
         let graphs = self.simulator.graphs();
@@ -339,7 +343,11 @@ impl Episode {
                 let text = format!("Task {task_id} can only be started by a session; this episode plays one task.");
                 (refused(ErrorCode::BadArguments, &text), None)
             }
-            tool => (self.simulator.call(tool), None),
+            tool => {
+                let call = u32::try_from(self.steps.len()).expect("an episode has few steps");
+                let luck = Luck::of(self.config.skills, self.config.seed, &self.config.task.task_id, call);
+                (self.simulator.call(tool, Given { luck, lookup: input.lookup.as_ref() }), None)
+            }
         }
     }
 
@@ -434,6 +442,7 @@ fn header(config: &EpisodeConfig) -> EpisodeHeader {
         reward_preset: config.preset.name().to_owned(),
         policy: config.policy.clone(),
         backend: Backend::Sim,
+        skills: config.skills,
         parent: config.parent.clone(),
     };
     header.episode_id = Digest::of_json(&header).to_string()[..16].to_owned();
@@ -453,6 +462,11 @@ fn digests(simulator: &mut Simulator, frame: Option<&Frame>) -> StateDigests {
 /// What an auxiliary observation holds: what is in the picture and what was told in words.
 fn seen(visible: &[reel_world::record::VisibleObject], listed: &[InstanceId]) -> Vec<InstanceId> {
     visible.iter().map(|object| object.object.clone()).chain(listed.iter().cloned()).collect()
+}
+
+/// Whether a policy said something that holds no call.
+fn says_no_call(input: &StepInput) -> bool {
+    input.call.name.is_empty() && input.policy.as_ref().is_some_and(|policy| !policy.raw.is_empty())
 }
 
 fn said(text: impl Into<String>) -> ToolResult {

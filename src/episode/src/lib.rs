@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use reel_reward::Preset;
 use reel_world::{
-    Digest, ErrorCode, Frame, InstanceId, Profile, Receptacle, ReceptacleId, Scene, Task, WorldGraph,
+    Digest, ErrorCode, Frame, InstanceId, Profile, Receptacle, ReceptacleId, Scene, Skills, Task, WorldGraph,
     record::{EpisodeHeader, Marker, Parent, PolicyInfo, StepRecord},
 };
 
@@ -26,6 +26,8 @@ pub struct EpisodeConfig {
     pub seed: u64,
     /// Behaviour where paper and published code differ.
     pub profile: Profile,
+    /// How reliable the robot's skills are.
+    pub skills: Skills,
     /// Reward preset whose terms the steps hold.
     pub preset: Preset,
     /// The run it belongs to.

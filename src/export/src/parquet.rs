@@ -11,7 +11,7 @@ use arrow::datatypes::{DataType, Field, Fields, Schema};
 use parquet::arrow::{ARROW_SCHEMA_META_KEY, encode_arrow_schema};
 use polars_core::prelude::{BinaryChunked, Column, DataFrame, IntoSeries, NamedFrom, NewChunkedArray, Series, StructChunked};
 use polars_io::parquet::write::{BatchedWriter, KeyValueMetadata, ParquetCompression, ParquetWriter};
-use reel_dataset::{Example, Pictures, Shard, Split, prompt_digest};
+use reel_dataset::{Example, Pictures, Shard, Split};
 use serde_json::{Map, Value, json};
 
 use crate::ExportError;
@@ -140,7 +140,7 @@ fn frame(examples: &[Example], pictures: Option<&Pictures>) -> Result<DataFrame,
     for (name, value) in NUMBER_COLUMNS {
         columns.push(Column::new(name.into(), examples.iter().map(value).collect::<Vec<i64>>()));
     }
-    let digest = prompt_digest().to_string();
+    let digest = reel_prompt::digest().to_string();
     columns.push(Column::new(PROMPT_COLUMN.into(), vec![digest.as_str(); examples.len()]));
     let messages = |example: &Example| {
         let (roles, contents): (Vec<&str>, Vec<String>) = example.messages().into_iter().unzip();

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use reel_reward::{Preset, metrics, rewards};
 use reel_world::{
-    AssetId, Digest, Frame, InstanceId, Outcome, Profile, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph, chain,
+    AssetId, Digest, Frame, InstanceId, Outcome, Profile, ReceptacleId, Scene, Skills, Task, Tool, ToolCall, WorldGraph, chain,
     record::{
         Backend, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, Marker, MarkerTarget, PolicyInfo, RobotState,
         StartRecord, StateDigests, StepInput, StepRecord,
@@ -101,6 +101,7 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
         reward_preset: preset.name().to_owned(),
         policy: PolicyInfo { name, checkpoint: None, parameters: settings },
         backend: Backend::Proxy,
+        skills: Skills::Perfect,
         parent: None,
     };
     // Two runs of a model on a task have equal inputs as far as they are known: what came of them tells them apart.
@@ -271,7 +272,7 @@ fn record(step: u32, read: StepFiles, before: &State, after: &State, files: &mut
     let record = StepRecord {
         step,
         listed: listed.collect(),
-        input: StepInput { call, policy, user_reply: reply.clone() },
+        input: StepInput { call, policy, user_reply: reply.clone(), lookup: None },
         outcome,
         tool: tool.as_ref().map(|tool| tool.paper_name().to_owned()),
         reply,

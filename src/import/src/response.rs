@@ -14,22 +14,11 @@ pub(crate) enum Raw {
 /// Reads what can be read of a raw response; the raw text is kept as it came.
 pub(crate) fn parse(raw: Raw) -> PolicyOutput {
     match raw {
-        Raw::Text(text) => PolicyOutput { raw: text.clone(), ..said(Answer::parse(&text)) },
+        Raw::Text(text) => PolicyOutput { raw: text.clone(), ..Answer::parse(&text).output() },
         Raw::Json(text) => {
             let message = serde_json::from_str(&text).unwrap_or_default();
-            PolicyOutput { raw: text, ..said(Answer::of_message(&message)) }
+            PolicyOutput { raw: text, ..Answer::of_message(&message).output() }
         }
-    }
-}
-
-fn said(answer: Answer) -> PolicyOutput {
-    let plan = [("New Schedule", answer.schedule), ("Current subtask", answer.subtask)];
-    let plan = plan.into_iter().filter_map(|(key, words)| Some(format!("{key}: {}", words?)));
-    PolicyOutput {
-        reasoning: answer.reasoning,
-        history: answer.history.unwrap_or_default(),
-        plan: plan.collect::<Vec<_>>().join(" "),
-        ..PolicyOutput::default()
     }
 }
 

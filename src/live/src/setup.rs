@@ -9,7 +9,7 @@ use std::{
 use reel_episode::{EpisodeConfig, Rollout, Stage};
 use reel_reward::Preset;
 use reel_trace::RecordOptions;
-use reel_world::{Profile, Scene, Task, record::PolicyInfo};
+use reel_world::{Profile, Scene, Skills, Task, record::PolicyInfo};
 use serde_json::json;
 
 use crate::LiveError;
@@ -25,6 +25,8 @@ pub struct Setup {
     pub seed: u64,
     /// Behaviour where paper and published code differ.
     pub profile: Profile,
+    /// How reliable the robot's skills are.
+    pub skills: Skills,
     /// Reward preset whose terms the steps hold.
     pub preset: Preset,
     /// The run that the episodes belong to.
@@ -99,6 +101,7 @@ impl Setup {
             scene: self.scene.clone(),
             seed: place.lease.map_or(self.seed, |lease| lease.seed),
             profile: self.profile,
+            skills: self.skills,
             preset: self.preset.clone(),
             run_id: self.run_id.clone(),
             policy: PolicyInfo {

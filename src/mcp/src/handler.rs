@@ -216,13 +216,13 @@ impl ToolServer {
             match tool {
                 Ok(Tool::Finish) => {
                     if household.plays() {
-                        household.call(StepInput { call, policy: None, user_reply: None })?;
+                        household.call(StepInput::bare(call))?;
                     }
                     Ok(household.begin_next()?.map_or(Said::Completed, said_begun))
                 }
                 Ok(Tool::Lifecycle(Lifecycle::FinishWithId { task_id })) => household.begin(&task_id).map(said_begun),
                 _ => {
-                    let made = household.call(StepInput { call, policy: None, user_reply: reply })?;
+                    let made = household.call(StepInput { user_reply: reply, ..StepInput::bare(call) })?;
                     Ok(Said::Made(Box::new(made)))
                 }
             }

@@ -14,7 +14,7 @@ use crate::{
     Cache, Call, CallLog, Clock, Endpoint, ModelError, Reply, Request,
     cache::Kept,
     error::excerpt,
-    reply::{self, Answer},
+    reply::{self, Answer, NoAnswer},
     request,
 };
 
@@ -75,23 +75,47 @@ impl Client {
             Some(kept) => (0, Ok(kept)),
             None => self.ask_and_keep(&digest, &body, time_ns),
         };
-        let latency_ns = self.clock.now_ns().saturating_sub(time_ns);
-        if let Some(log) = &self.log {
-            let answer = result.as_ref().ok().map(|kept| &kept.answer);
-            log.write(&Call {
-                time_ns,
-                request: digest,
-                url: self.url.clone(),
-                model: self.endpoint.model.clone(),
-                attempts,
-                cached,
-                tokens_read: answer.and_then(|answer| answer.tokens_read),
-                tokens_written: answer.and_then(|answer| answer.tokens_written),
-                latency_ns,
-                error: result.as_ref().err().map(ToString::to_string),
-            })?;
-        }
+        let tokens = result.as_ref().map_or([None; 2], |kept| [kept.answer.tokens_read, kept.answer.tokens_written]);
+        self.note(time_ns, digest, &self.url, (attempts, cached), tokens, result.as_ref().err())?;
         Ok(reply(result?, cached, digest))
+    }
+
+    /// The vectors of texts, by the endpoint's `/embeddings`, in the order of the texts.
+    ///
+    /// # Errors
+    /// When there is no answer after all tries, or it cannot be logged as it should.
+    pub fn embed(&self, texts: &[&str]) -> Result<Vec<Vec<f32>>, ModelError> {
+        let url = self.endpoint.embeddings_url()?;
+        let body = canonical_json(&request::embedding_body(&self.endpoint, texts));
+        let time_ns = self.clock.now_ns();
+        let (attempts, result) = self.ask(&url, &body, |text| reply::parse_vectors(text, texts.len()));
+        self.note(time_ns, Digest::of(body.as_bytes()), &url, (attempts, false), [None; 2], result.as_ref().err())?;
+        result
+    }
+
+    /// A line of the log, where there is one.
+    fn note(
+        &self,
+        time_ns: u64,
+        request: Digest,
+        url: &str,
+        (attempts, cached): (u32, bool),
+        [tokens_read, tokens_written]: [Option<u32>; 2],
+        error: Option<&ModelError>,
+    ) -> Result<(), ModelError> {
+        let Some(log) = &self.log else { return Ok(()) };
+        log.write(&Call {
+            time_ns,
+            request,
+            url: url.to_owned(),
+            model: self.endpoint.model.clone(),
+            attempts,
+            cached,
+            tokens_read,
+            tokens_written,
+            latency_ns: self.clock.now_ns().saturating_sub(time_ns),
+            error: error.map(ToString::to_string),
+        })
     }
 
     /// The kept reply to a request, if there is one. Nobody is asked, and as no call is made none is logged.
@@ -101,7 +125,7 @@ impl Client {
     }
 
     fn ask_and_keep(&self, digest: &Digest, body: &str, time_ns: u64) -> (u32, Result<Kept, ModelError>) {
-        let (attempts, result) = self.ask(body);
+        let (attempts, result) = self.ask(&self.url, body, reply::parse);
         let result = result.and_then(|answer| {
             let kept = Kept { answer, latency_ns: self.clock.now_ns().saturating_sub(time_ns) };
             self.cache.as_ref().map_or(Ok(()), |cache| cache.put(digest, kept.clone()))?;
@@ -111,10 +135,10 @@ impl Client {
     }
 
     /// Asks until there is an answer or no hope of one; with how often it asked.
-    fn ask(&self, body: &str) -> (u32, Result<Answer, ModelError>) {
+    fn ask<T>(&self, url: &str, body: &str, read: impl Fn(&str) -> Result<T, NoAnswer>) -> (u32, Result<T, ModelError>) {
         let mut attempts = 1;
         loop {
-            match self.attempt(body, attempts) {
+            match self.attempt(url, body, attempts, &read) {
                 Ok(answer) => return (attempts, Ok(answer)),
                 Err(failure) if attempts > self.endpoint.retries || !failure.error.is_transient() => {
                     return (attempts, Err(failure.error));
@@ -128,9 +152,9 @@ impl Client {
         }
     }
 
-    fn attempt(&self, body: &str, attempts: u32) -> Result<Answer, Failure> {
-        let broken = |error| Failure { error: self.broken(error, attempts), retry_after: None };
-        let mut post = self.agent.post(&self.url).content_type("application/json");
+    fn attempt<T>(&self, url: &str, body: &str, attempts: u32, read: impl Fn(&str) -> Result<T, NoAnswer>) -> Result<T, Failure> {
+        let broken = |error| Failure { error: self.broken(url, error, attempts), retry_after: None };
+        let mut post = self.agent.post(url).content_type("application/json");
         if let Some(key) = &self.endpoint.api_key {
             post = post.header("authorization", key.bearer());
         }
@@ -139,12 +163,12 @@ impl Client {
         let retry_after = response.headers().get(RETRY_AFTER).and_then(|value| value.to_str().ok()?.trim().parse().ok());
         let bytes = response.body_mut().with_config().limit(ANSWER_BYTES_MAX).read_to_vec().map_err(broken)?;
         let text = self.without_key(&String::from_utf8_lossy(&bytes));
-        let url = self.url.clone();
+        let url = url.to_owned();
         if !status.is_success() {
             let error = ModelError::Status { url, attempts, status: status.as_u16(), excerpt: excerpt(&text) };
             return Err(Failure { error, retry_after: retry_after.map(Duration::from_secs) });
         }
-        reply::parse(&text).map_err(|none| {
+        read(&text).map_err(|none| {
             let error = match none.cut {
                 true => ModelError::Cut { url, attempts, what: none.what },
                 false => ModelError::Answer { url, what: none.what, excerpt: excerpt(&text) },
@@ -154,8 +178,8 @@ impl Client {
     }
 
     /// What the transport says, in our terms.
-    fn broken(&self, error: ureq::Error, attempts: u32) -> ModelError {
-        let url = self.url.clone();
+    fn broken(&self, url: &str, error: ureq::Error, attempts: u32) -> ModelError {
+        let url = url.to_owned();
         let what = self.without_key(&error.to_string());
         match error {
             ureq::Error::Timeout(_) => ModelError::Timeout { url, attempts, timeout_s: self.endpoint.timeout.as_secs_f64() },
@@ -183,8 +207,8 @@ impl Client {
 }
 
 fn reply(kept: Kept, cached: bool, request: Digest) -> Reply {
-    let Kept { answer: Answer { text, truncated, tokens_read, tokens_written }, latency_ns } = kept;
-    Reply { text, truncated, tokens_read, tokens_written, latency_ns, cached, request }
+    let Kept { answer: Answer { text, calls, truncated, tokens_read, tokens_written }, latency_ns } = kept;
+    Reply { text, calls, truncated, tokens_read, tokens_written, latency_ns, cached, request }
 }
 
 struct Failure {

@@ -48,6 +48,18 @@ impl Endpoint {
     /// # Errors
     /// When the base is no http address, or one with parts that do not belong there: credentials would be shown in errors.
     pub fn url(&self) -> Result<String, ModelError> {
+        Ok(format!("{}/chat/completions", self.base()?))
+    }
+
+    /// The address that texts go to for their vectors.
+    ///
+    /// # Errors
+    /// As [`Endpoint::url`].
+    pub fn embeddings_url(&self) -> Result<String, ModelError> {
+        Ok(format!("{}/embeddings", self.base()?))
+    }
+
+    fn base(&self) -> Result<&str, ModelError> {
         let base = self.base_url.trim().trim_end_matches('/');
         let base = base.strip_suffix("/chat/completions").unwrap_or(base);
         let host = base.strip_prefix("http://").or_else(|| base.strip_prefix("https://"));
@@ -64,7 +76,7 @@ impl Endpoint {
         };
         match wrong {
             Some(what) => Err(ModelError::BaseUrl { what }),
-            None => Ok(format!("{base}/chat/completions")),
+            None => Ok(base),
         }
     }
 }

@@ -7,8 +7,10 @@ use serde_json::{Value, error::Category};
 /// What a model answered.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Reply {
-    /// Its words.
+    /// Its words; none where it only called.
     pub text: String,
+    /// The functions that it called, as it wrote them.
+    pub calls: Vec<Value>,
     /// Whether it was cut off at [`crate::Endpoint::max_tokens`].
     pub truncated: bool,
     /// Tokens that it read, where the endpoint counts them.
@@ -27,6 +29,8 @@ pub struct Reply {
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub(crate) struct Answer {
     pub text: String,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub calls: Vec<Value>,
     pub truncated: bool,
     pub tokens_read: Option<u32>,
     pub tokens_written: Option<u32>,
@@ -41,22 +45,49 @@ pub(crate) struct NoAnswer {
 
 /// Reads the body of an answer.
 pub(crate) fn parse(body: &str) -> Result<Answer, NoAnswer> {
-    let wrong = |what: String| NoAnswer { what, cut: false };
-    let value: Value = serde_json::from_str(body)
-        .map_err(|error| NoAnswer { what: format!("it is no JSON ({error})"), cut: error.classify() == Category::Eof })?;
-    let choice = value.pointer("/choices/0").ok_or_else(|| wrong("it has no field `choices` with an entry".to_owned()))?;
+    let value = json(body)?;
+    let choice = value.pointer("/choices/0").ok_or_else(|| wrong("it has no field `choices` with an entry"))?;
+    let calls = choice.pointer("/message/tool_calls").and_then(Value::as_array).cloned().unwrap_or_default();
     let content = choice.pointer("/message/content").and_then(words);
     let text = match content.or_else(|| choice.pointer("/message/refusal").and_then(words)) {
         Some(text) => text,
-        None => return Err(wrong("its first choice holds no text (`message.content`)".to_owned())),
+        None if !calls.is_empty() => String::new(),
+        None => return Err(wrong("its first choice holds no text (`message.content`) and no call")),
     };
     let tokens = |path| value.pointer(path).and_then(Value::as_u64).and_then(|count| u32::try_from(count).ok());
     Ok(Answer {
         text,
+        calls,
         truncated: choice.get("finish_reason").and_then(Value::as_str) == Some("length"),
         tokens_read: tokens("/usage/prompt_tokens"),
         tokens_written: tokens("/usage/completion_tokens"),
     })
+}
+
+/// Reads the vectors of so many texts, in their order.
+pub(crate) fn parse_vectors(body: &str, count: usize) -> Result<Vec<Vec<f32>>, NoAnswer> {
+    let value = json(body)?;
+    let data = value.get("data").and_then(Value::as_array).ok_or_else(|| wrong("it has no field `data` with a list"))?;
+    let mut vectors = vec![Vec::new(); count];
+    for (place, entry) in data.iter().enumerate() {
+        let index = entry.get("index").and_then(Value::as_u64).map_or(place, |index| index as usize);
+        let vector = entry.get("embedding").and_then(|vector| Vec::<f32>::deserialize(vector).ok());
+        let vector = vector.ok_or_else(|| wrong("an entry of `data` has no list of numbers (`embedding`)"))?;
+        *vectors.get_mut(index).ok_or_else(|| wrong("it holds more vectors than texts were sent"))? = vector;
+    }
+    match vectors.first().map_or(0, Vec::len) {
+        length if length > 0 && vectors.iter().all(|vector| vector.len() == length) => Ok(vectors),
+        _ => Err(wrong("its vectors are of different lengths, or not one for each text")),
+    }
+}
+
+fn json(body: &str) -> Result<Value, NoAnswer> {
+    serde_json::from_str(body)
+        .map_err(|error| NoAnswer { what: format!("it is no JSON ({error})"), cut: error.classify() == Category::Eof })
+}
+
+fn wrong(what: &str) -> NoAnswer {
+    NoAnswer { what: what.to_owned(), cut: false }
 }
 
 /// A string, or the texts of a list of parts.
@@ -83,6 +114,16 @@ mod tests {
         assert_eq!(text(r#"{"content": [{"type": "text", "text": "a"}, {"type": "text", "text": "b"}]}"#).as_deref(), Some("ab"));
         assert_eq!(text(r#"{"content": null, "refusal": "no"}"#).as_deref(), Some("no"));
         assert_eq!(text(r#"{"content": null}"#), None);
+        assert_eq!(text(r#"{"content": null, "tool_calls": [{"id": "a"}]}"#).as_deref(), Some(""));
+    }
+
+    #[test]
+    fn vectors_come_in_the_order_of_the_texts() {
+        let body = r#"{"data": [{"index": 1, "embedding": [0.5, 1]}, {"index": 0, "embedding": [2, 3]}]}"#;
+        assert_eq!(parse_vectors(body, 2).ok(), Some(vec![vec![2.0, 3.0], vec![0.5, 1.0]]));
+        for (count, body) in [(3, body), (1, body), (1, r#"{"data": [{"embedding": "x"}]}"#), (1, "{}"), (1, r#"{"data": []}"#)] {
+            assert!(parse_vectors(body, count).is_err(), "{body}");
+        }
     }
 
     #[test]

@@ -10,6 +10,8 @@ use crate::Endpoint;
 pub struct Request {
     /// In their order.
     pub messages: Vec<Message>,
+    /// The functions that it may call, as a list of `{type: function, function: {...}}`; null where there are none.
+    pub tools: Value,
 }
 
 /// A message of a conversation.
@@ -19,12 +21,26 @@ pub struct Message {
     pub role: Role,
     /// Texts and pictures in their order.
     pub parts: Vec<Part>,
+    /// The functions that the model called in it, as it wrote them.
+    pub calls: Vec<Value>,
+    /// The call that it answers, by its id.
+    pub answers: Option<String>,
 }
 
 impl Message {
+    /// A message of texts and pictures.
+    pub fn new(role: Role, parts: Vec<Part>) -> Self {
+        Self { role, parts, calls: Vec::new(), answers: None }
+    }
+
     /// A message of one text.
     pub fn text(role: Role, text: impl Into<String>) -> Self {
-        Self { role, parts: vec![Part::Text(text.into())] }
+        Self::new(role, vec![Part::Text(text.into())])
+    }
+
+    /// What came of a call.
+    pub fn outcome(call: impl Into<String>, text: impl Into<String>) -> Self {
+        Self { answers: Some(call.into()), ..Self::text(Role::Tool, text) }
     }
 }
 
@@ -37,6 +53,8 @@ pub enum Role {
     User,
     /// The model.
     Assistant,
+    /// A function that the model called.
+    Tool,
 }
 
 /// A part of a message.
@@ -53,6 +71,11 @@ pub enum Part {
     },
 }
 
+/// The body of a request for the vectors of texts.
+pub(crate) fn embedding_body(endpoint: &Endpoint, texts: &[&str]) -> Value {
+    json!({"model": endpoint.model, "input": texts})
+}
+
 /// The body of the request. It holds no address and no key.
 pub(crate) fn body(endpoint: &Endpoint, request: &Request) -> Value {
     let messages: Vec<Value> = request.messages.iter().map(message).collect();
@@ -61,6 +84,9 @@ pub(crate) fn body(endpoint: &Endpoint, request: &Request) -> Value {
     body.insert("messages".into(), Value::Array(messages));
     body.insert("temperature".into(), json!(endpoint.temperature));
     body.insert("max_tokens".into(), json!(endpoint.max_tokens));
+    if !request.tools.is_null() {
+        body.insert("tools".into(), request.tools.clone());
+    }
     for (name, value) in &endpoint.extra {
         match value {
             Value::Null => drop(body.remove(name)),
@@ -76,12 +102,21 @@ fn message(message: &Message) -> Value {
         Role::System => "system",
         Role::User => "user",
         Role::Assistant => "assistant",
+        Role::Tool => "tool",
     };
     let content = match message.parts.as_slice() {
+        [] => Value::Null,
         [Part::Text(text)] => json!(text),
         parts => parts.iter().map(part).collect(),
     };
-    json!({"role": role, "content": content})
+    let mut said = json!({"role": role, "content": content});
+    if !message.calls.is_empty() {
+        said["tool_calls"] = message.calls.iter().cloned().collect();
+    }
+    if let Some(call) = &message.answers {
+        said["tool_call_id"] = json!(call);
+    }
+    said
 }
 
 fn part(part: &Part) -> Value {

@@ -154,6 +154,7 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
         scene: trace.scene.clone(),
         seed: header.seed,
         profile: header.profile,
+        skills: header.skills,
         preset,
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),

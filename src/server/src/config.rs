@@ -13,7 +13,7 @@ use reel_mcp::{AskAnswers, AskWhom};
 use reel_reward::Preset;
 use reel_tasks::{GenerateOptions, Listed, generate, home};
 use reel_trace::{Durability, Images, RecordOptions};
-use reel_world::{Family, Profile, Scene, Task};
+use reel_world::{Family, Profile, Scene, Skills, Task};
 use serde::{Deserialize, Serialize};
 
 /// How many tasks of each family are made where no tasks are given.
@@ -77,6 +77,8 @@ pub struct Play {
     pub seed: u64,
     /// `paper` or `real-repo`.
     pub profile: Profile,
+    /// How reliable the robot's skills are: `perfect`, or `real-v1` as on the paper's robot.
+    pub skills: Skills,
     /// Reward preset: a built-in name, or a file.
     pub preset: String,
     /// The run that the episodes belong to; without it, one named after the time of the start.
@@ -172,6 +174,7 @@ impl Default for Play {
             order: Order::Listed,
             seed: 0,
             profile: Profile::Paper,
+            skills: Skills::Perfect,
             preset: "paper".to_owned(),
             run: None,
             policy: None,
@@ -389,6 +392,7 @@ impl Config {
             scene,
             seed: play.seed,
             profile: play.profile,
+            skills: play.skills,
             preset: self.preset()?,
             run_id,
             folder: self.traces(),

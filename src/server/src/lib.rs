@@ -13,6 +13,7 @@ mod gate;
 #[cfg(feature = "tables")]
 mod jobs;
 mod metrics;
+mod mock_llm;
 #[cfg(feature = "tables")]
 mod pages;
 mod rest;
@@ -25,6 +26,7 @@ mod tokens;
 mod viewer;
 
 pub use config::{Config, ConfigError, Limits, LogFormat, Order, Play};
+pub use mock_llm::{MockOptions, mock_llm};
 pub use reel_mcp::{AskAnswers, AskWhom};
 pub use rest::openapi;
 pub use run::{run, run_stdio};

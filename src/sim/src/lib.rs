@@ -14,14 +14,16 @@ pub mod stress;
 mod math;
 mod outside;
 mod simulator;
+mod skills;
 mod snapshot;
 mod stage;
 mod tools;
 
 pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
+pub use skills::{Luck, Primitive};
 pub use snapshot::{Snapshot, SnapshotError};
 pub use stage::Stage;
-pub use tools::ToolResult;
+pub use tools::{Given, ToolResult};
 
 /// Changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`, and in a line below.
 pub const SIM_VERSION: u32 = SIM_CHANGES.len() as u32;

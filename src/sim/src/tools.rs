@@ -6,8 +6,8 @@
 use std::collections::BTreeSet;
 
 use reel_world::{
-    DoorState, ErrorCode, Frame, InstanceId, Lifecycle, Outcome, ReceptacleId, Tool, ToolSpec, language,
-    record::{Marker, MarkerTarget},
+    DoorState, ErrorCode, Frame, InstanceId, Lifecycle, Outcome, ReceptacleId, Skills, Tool, ToolSpec, language,
+    record::{Lookup, Marker, MarkerTarget},
 };
 
 use crate::{
@@ -15,6 +15,7 @@ use crate::{
     nav::REACH_M,
     placement,
     simulator::{Simulator, VISIBLE_PIXELS, furniture_entity},
+    skills::{Luck, Primitive},
 };
 
 /// Physics steps after each kind of call.
@@ -52,30 +53,47 @@ impl ToolResult {
     }
 }
 
+/// What a call is a function of, besides itself and the state.
+#[derive(Clone, Copy, Debug)]
+pub struct Given<'a> {
+    /// Its luck.
+    pub luck: Luck,
+    /// Which categories a query means, where that was looked up outside.
+    pub lookup: Option<&'a Lookup>,
+}
+
+impl Default for Given<'_> {
+    /// Perfect skills, and a query means what the vocabulary says.
+    fn default() -> Self {
+        Self { luck: Luck::of(Skills::Perfect, 0, "", 0), lookup: None }
+    }
+}
+
 /// A failed call, before it is told.
 type Refusal = (ErrorCode, String);
 
 impl Simulator {
     /// Carries out a tool of the world. `ask`, `finish` and lifecycle tools but `list_receptacles` belong to the
     /// episode and do nothing here.
-    pub fn call(&mut self, tool: &Tool) -> ToolResult {
+    pub fn call(&mut self, tool: &Tool, given: Given<'_>) -> ToolResult {
+        let luck = &given.luck;
         let result = match tool {
-            Tool::NavTo { receptacle } => self.nav_to(receptacle),
+            Tool::NavTo { receptacle } => self.nav_to(receptacle, luck),
             Tool::WalkAround => self.walk_around(),
-            Tool::ShowObjectByCategory { category } => self.show_objects(category),
+            Tool::ShowObjectByCategory { category } => self.show_objects(category, given.lookup),
             Tool::ShowReceptacles => self.show_receptacles(),
-            Tool::GazeAt { marker } => self.gaze_at(*marker),
-            Tool::Pick { marker } => self.pick(*marker),
-            Tool::Place { marker } => self.place(*marker),
-            Tool::Open { marker } => self.drive_door(*marker, true),
-            Tool::Close { marker } => self.drive_door(*marker, false),
+            Tool::GazeAt { marker } => self.gaze_at(*marker, luck),
+            Tool::Pick { marker } => self.pick(*marker, luck),
+            Tool::Place { marker } => self.place(*marker, luck),
+            Tool::Open { marker } => self.drive_door(*marker, true, luck),
+            Tool::Close { marker } => self.drive_door(*marker, false, luck),
             Tool::Lifecycle(Lifecycle::ListReceptacles) => Ok(ToolResult::new(Outcome::ok(self.stage.scene.room_listing()))),
             Tool::Ask { .. } | Tool::Finish | Tool::Lifecycle(_) => Ok(ToolResult::new(Outcome::ok(""))),
         };
         result.unwrap_or_else(|(code, text)| ToolResult::error(code, text))
     }
 
-    fn nav_to(&mut self, receptacle: &ReceptacleId) -> Result<ToolResult, Refusal> {
+    fn nav_to(&mut self, receptacle: &ReceptacleId, luck: &Luck) -> Result<ToolResult, Refusal> {
         let unknown = || (ErrorCode::UnknownReceptacle, format!("Receptacle {receptacle} not found in the scene."));
         let index = self.furniture_index(receptacle).ok_or_else(unknown)?;
         let hidden = || (ErrorCode::NoViewpoint, format!("Cannot find a non-occluded position to navigate to {receptacle}."));
@@ -83,7 +101,7 @@ impl Simulator {
             return Err(hidden());
         }
         let viewpoint = self.stage.nav.viewpoint(&self.stage.model, self.robot.base, index).ok_or_else(hidden)?;
-        self.go(&viewpoint);
+        self.go(&luck.arrive(viewpoint, |base| self.stage.nav.standable(base)));
         self.landmark = Some(index);
         self.clear_markers();
         self.run(self.profile.nav_settle_steps());
@@ -130,12 +148,16 @@ impl Simulator {
         Ok(result)
     }
 
-    fn show_objects(&mut self, query: &str) -> Result<ToolResult, Refusal> {
+    fn show_objects(&mut self, query: &str, lookup: Option<&Lookup>) -> Result<ToolResult, Refusal> {
         self.look();
         let in_view = self.objects_in_view();
-        let categories: BTreeSet<&str> = in_view.iter().map(|index| self.stage.task.objects[*index].category.as_str()).collect();
-        let matched = language::match_category(query, &categories);
-        let found = in_view.into_iter().filter(|index| matched.categories.contains(&self.stage.task.objects[*index].category));
+        let category = |index: &usize| &self.stage.task.objects[*index].category;
+        let by_vocabulary = || {
+            let categories: BTreeSet<&str> = in_view.iter().map(|index| category(index).as_str()).collect();
+            language::match_category(query, &categories).categories
+        };
+        let matched = lookup.map_or_else(by_vocabulary, |lookup| lookup.categories.clone());
+        let found = in_view.iter().copied().filter(|index| matched.contains(category(index)));
         let found: Vec<usize> = found.collect();
         if found.is_empty() {
             self.clear_markers();
@@ -173,7 +195,7 @@ impl Simulator {
         Ok(self.seen(text))
     }
 
-    fn gaze_at(&mut self, number: u32) -> Result<ToolResult, Refusal> {
+    fn gaze_at(&mut self, number: u32, luck: &Luck) -> Result<ToolResult, Refusal> {
         let (show, walk) = (self.name("show_object_by_category"), self.name("walk_around"));
         let target = self.marker(number, &format!("No marker map available. Use '{show}' or '{walk}' first."))?;
         let (viewpoint, object, receptacle) = match &target {
@@ -198,7 +220,7 @@ impl Simulator {
         };
         let text = || format!("Cannot find a non-occluded position to look at marker {number} from.");
         let viewpoint = viewpoint.ok_or_else(|| (ErrorCode::NoViewpoint, text()))?;
-        self.go(&viewpoint);
+        self.go(&luck.arrive(viewpoint, |base| self.stage.nav.standable(base)));
         self.run(GAZE_SETTLE_STEPS);
         if !self.markers_persist {
             self.markers.retain(|marker| marker.id == number);
@@ -209,7 +231,7 @@ impl Simulator {
         Ok(result)
     }
 
-    fn pick(&mut self, number: u32) -> Result<ToolResult, Refusal> {
+    fn pick(&mut self, number: u32, luck: &Luck) -> Result<ToolResult, Refusal> {
         if let Some(held) = self.held {
             let category = &self.stage.task.objects[held].category;
             let text = format!("You are already holding '{category}'. Place it before picking another object.");
@@ -236,6 +258,9 @@ impl Simulator {
             let text = format!("Marker {number} is out of reach. Use '{gaze}' to approach it first.");
             return Err((ErrorCode::OutOfReach, text));
         }
+        if !luck.succeeds(Primitive::Pick) {
+            return Err(skill_failed("pick", "the gripper closed on nothing"));
+        }
         let receptacle = self.place_of(index).flatten().map(|furniture| self.stage.model.furniture[furniture].id.clone());
         if let Some(place) = self.registry.place_of(&instance).cloned() {
             self.registry.remove(&place, &instance);
@@ -248,7 +273,7 @@ impl Simulator {
         Ok(result)
     }
 
-    fn place(&mut self, number: u32) -> Result<ToolResult, Refusal> {
+    fn place(&mut self, number: u32, luck: &Luck) -> Result<ToolResult, Refusal> {
         let held = self.held.ok_or_else(|| (ErrorCode::NothingHeld, "No object in the inventory to place.".to_owned()))?;
         let receptacles = self.name("show_receptacles");
         let id = match self.marker(number, &format!("No marker map available. Use '{receptacles}' first."))? {
@@ -275,6 +300,9 @@ impl Simulator {
         let half = self.stage.object_models[held].half;
         let full = || (ErrorCode::NoFreeSpot, format!("There is no free spot on '{id}' for the held object."));
         let pose = placement::clamp(&surface, half, self.robot.base, &obstacles).ok_or_else(full)?;
+        if !luck.succeeds(Primitive::place(self.door_state(index))) {
+            return Err(skill_failed("place", "the gripper did not let go of the object"));
+        }
         let instance = self.stage.task.objects[held].instance.clone();
         self.physics.insert_object(held, &self.stage.object_models[held], pose);
         self.registry.add(&id, &instance);
@@ -286,7 +314,7 @@ impl Simulator {
         Ok(result)
     }
 
-    fn drive_door(&mut self, number: u32, open: bool) -> Result<ToolResult, Refusal> {
+    fn drive_door(&mut self, number: u32, open: bool, luck: &Luck) -> Result<ToolResult, Refusal> {
         let (verb, done) = if open { ("open", "Opened") } else { ("close", "Closed") };
         let id = match self.marker(number, "No marker map available.")? {
             MarkerTarget::Receptacle(id) => id,
@@ -305,6 +333,9 @@ impl Simulator {
         if distance_2d(self.robot.base, [model.center[0], model.center[1]]) > REACH_M + 2.0 * REACH_SLACK_M {
             let nav = self.name("nav_to");
             return Err((ErrorCode::OutOfReach, format!("'{id}' is out of reach. Use '{nav}' to approach it first.")));
+        }
+        if !luck.succeeds(if open { Primitive::Open } else { Primitive::Close }) {
+            return Err(skill_failed(verb, "the gripper slipped off the handle"));
         }
         self.physics.drive_door(door, open);
         self.run(DOOR_SETTLE_STEPS);
@@ -372,6 +403,11 @@ impl Simulator {
 
 fn not_in_view(number: u32) -> Refusal {
     (ErrorCode::MarkerNotInView, format!("The object with marker {number} is not in view."))
+}
+
+/// As the robot's tool server tells of an exception (SPEC section 9).
+fn skill_failed(tool: &str, what: &str) -> Refusal {
+    (ErrorCode::SkillFailed, format!("Error executing {tool}: {what}."))
 }
 
 fn numbers(markers: &[Marker]) -> String {

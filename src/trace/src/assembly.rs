@@ -11,7 +11,8 @@ use prost::Message;
 use reel_world::{
     Digest, Outcome, Scene, Task, ToolCall, chain,
     record::{
-        EndRecord, EpisodeHeader, GraphChanges, Graphs, PolicyOutput, RewardTerm, StartRecord, StepInput, StepRecord, UserReply,
+        EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, PolicyOutput, RewardTerm, StartRecord, StepInput, StepRecord,
+        UserReply,
     },
 };
 use serde::de::DeserializeOwned;
@@ -74,6 +75,7 @@ struct Draft {
     call: ToolCall,
     policy: Option<PolicyOutput>,
     user_reply: Option<UserReply>,
+    lookup: Option<Lookup>,
     result: Option<(Outcome, reel::ToolResult)>,
     answer: Option<UserReply>,
     changes: Option<GraphChanges>,
@@ -279,9 +281,11 @@ impl<'a> Assembly<'a> {
         if self.start.is_none() || self.draft.is_some() || self.end_graphs.is_some() || message.step != expected {
             return Err(format!("call {} is out of place, {expected} whole steps are before it", message.step).into());
         }
+        let (call, lookup) = codec::read_tool_call(message)?;
         self.draft = Some(Draft {
             offset,
-            call: codec::read_tool_call(message)?,
+            call,
+            lookup,
             policy: None,
             user_reply: None,
             result: None,
@@ -413,7 +417,7 @@ impl Draft {
         let (outcome, result) = self.result.ok_or("the result of its step is missing")?;
         Ok(StepRecord {
             step,
-            input: StepInput { call: self.call, policy: self.policy, user_reply: self.user_reply },
+            input: StepInput { call: self.call, policy: self.policy, user_reply: self.user_reply, lookup: self.lookup },
             outcome,
             tool: result.tool,
             reply: self.answer,

@@ -161,7 +161,7 @@ impl<W: Write + Seek> Journal<W> {
             let latency_ns = input.policy.as_ref().and_then(|policy| policy.latency_ns).unwrap_or(0);
             self.policy_ns = self.policy_ns.saturating_add(latency_ns).min(POLICY_NS_MAX);
         }
-        self.message(schema::TOOL_CALL, &codec::tool_call(step, &input.call))?;
+        self.message(schema::TOOL_CALL, &codec::tool_call(step, &input.call, input.lookup.as_ref()))?;
         if let Some(policy) = &input.policy {
             self.message(schema::POLICY_OUTPUT, &codec::policy_output(step, policy))?;
         }

@@ -3,6 +3,8 @@
 
 use serde_json::{Deserializer, Map, Value};
 
+use crate::record::PolicyOutput;
+
 /// Places in a text that are tried as the beginning of a JSON object.
 const TRIES_MAX: usize = 1000;
 
@@ -64,6 +66,20 @@ impl Answer {
             subtask: words("current_subtask"),
             action: action_of(&object),
             object: Some(object),
+        }
+    }
+}
+
+impl Answer {
+    /// Reasoning, History and plan as a trace keeps them, without the raw text.
+    pub fn output(&self) -> PolicyOutput {
+        let plan = [("New Schedule", &self.schedule), ("Current subtask", &self.subtask)];
+        let plan = plan.into_iter().filter_map(|(key, words)| Some(format!("{key}: {}", words.as_ref()?)));
+        PolicyOutput {
+            reasoning: self.reasoning.clone(),
+            history: self.history.clone().unwrap_or_default(),
+            plan: plan.collect::<Vec<_>>().join(" "),
+            ..PolicyOutput::default()
         }
     }
 }

@@ -11,6 +11,7 @@ mod frame;
 mod graph;
 mod id;
 mod scene;
+mod skills;
 mod task;
 mod tool;
 
@@ -28,6 +29,7 @@ pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
 pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};
 pub use outcome::{ErrorClass, ErrorCode, Outcome};
 pub use scene::{Door, Receptacle, Rect, Room, Scene, Wall};
+pub use skills::Skills;
 pub use task::{Attributes, Family, ObjectInstance, PlanStep, Task};
 pub use tool::{CallError, Lifecycle, NameSet, Profile, Tool, ToolCall, ToolSpec};
 

@@ -83,6 +83,8 @@ error_codes! {
     DoorClosed = "door_closed", Moderate;
     /// Too far away for the arm.
     OutOfReach = "out_of_reach", Moderate;
+    /// The robot's skill failed; the call was right.
+    SkillFailed = "skill_failed", Moderate;
     /// Nobody answers `ask`.
     NoUser = "no_user", Moderate;
     /// What is behind a proxy failed, or refused in words of its own.
@@ -103,6 +105,7 @@ impl ErrorCode {
 
 /// What the texts of failures hold (SPEC sections 2 and 9).
 const TOLD: &[(&str, ErrorCode)] = &[
+    (": the gripper ", ErrorCode::SkillFailed),
     ("Error executing ", ErrorCode::BackendError),
     ("Input validation error", ErrorCode::BadArguments),
     ("No tool selected", ErrorCode::UnparsableOutput),

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, ToolCall, WorldGraph};
+use crate::{Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, Skills, ToolCall, WorldGraph};
 
 /// Where an episode ran.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
@@ -85,6 +85,9 @@ pub struct EpisodeHeader {
     /// Where it ran.
     #[serde(default)]
     pub backend: Backend,
+    /// How reliable the robot's skills were.
+    #[serde(default, skip_serializing_if = "Skills::are_perfect")]
+    pub skills: Skills,
     /// The trace and call this one branches from, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parent: Option<Parent>,
@@ -143,6 +146,15 @@ pub struct UserReply {
     pub source: UserSource,
 }
 
+/// Which categories a query means, looked up outside.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Lookup {
+    /// Categories of the task's objects, in order.
+    pub categories: Vec<String>,
+    /// Who says so, e.g. the model whose vectors were compared.
+    pub source: String,
+}
+
 /// The inputs of one step.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct StepInput {
@@ -154,6 +166,21 @@ pub struct StepInput {
     /// The reply from outside; absent: the rule-based user answers.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub user_reply: Option<UserReply>,
+    /// The look-up from outside of what a query means; absent: the vocabulary says it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lookup: Option<Lookup>,
+}
+
+impl StepInput {
+    /// A call with nothing from outside.
+    pub fn bare(call: ToolCall) -> Self {
+        Self { call, policy: None, user_reply: None, lookup: None }
+    }
+
+    /// A call and what came with it.
+    pub fn said(call: ToolCall, policy: PolicyOutput) -> Self {
+        Self { policy: Some(policy), ..Self::bare(call) }
+    }
 }
 
 /// What a marker stands for.

@@ -60,7 +60,7 @@ export function policyPairs(a: string, b: string, byName: boolean, signal: Abort
     coalesce(bl.step, c.step) AS step
   FROM episodes e
   LEFT JOIN blame bl ON bl.episode_id = e.episode_id AND bl.trace_digest = e.trace_digest
-  LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
+  LEFT JOIN classes c ON c.trace_digest = e.trace_digest
   WHERE e.end_reason IS NOT NULL AND e.policy IN ($a, $b)
 ),
 solved AS (

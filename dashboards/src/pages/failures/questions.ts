@@ -105,5 +105,5 @@ export const PAIRS = `SELECT l.author, l.kind, coalesce(l.class, 'none') AS labe
   count(*) AS episodes, count(*) FILTER (WHERE l.sub_class = c.sub_class) AS same
 FROM labels l
 JOIN episodes e ON e.episode_id = l.episode_id
-LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
+LEFT JOIN classes c ON c.trace_digest = e.trace_digest
 GROUP BY l.author, l.kind, l.class, c.class ORDER BY l.author, l.kind`;

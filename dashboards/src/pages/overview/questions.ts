@@ -50,7 +50,7 @@ export interface Reason {
 }
 
 export const REASONS = `SELECT coalesce(c.class, 'not classified') AS class, c.sub_class, count(*) AS episodes
-FROM episodes e LEFT JOIN classes c ON c.episode_id = e.episode_id AND c.trace_digest = e.trace_digest
+FROM episodes e LEFT JOIN classes c ON c.trace_digest = e.trace_digest
 WHERE NOT e.success GROUP BY c.class, c.sub_class ORDER BY episodes DESC, class, sub_class`;
 
 export interface Sound {

@@ -17,7 +17,7 @@ use super::{
     deed::{Deed, Leg, Memory, Until},
     voice::Voice,
 };
-use crate::{Context, Oracle, Policy, faults::mistaken_task, policy, random};
+use crate::{Context, NoAnswer, Oracle, Policy, faults::mistaken_task, policy, random};
 
 /// Legs and deeds that may be passed over between two calls; a course has far fewer.
 const PASSES_MAX: usize = 200;
@@ -269,9 +269,9 @@ impl Policy for Injected {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> StepInput {
+    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         let Some(truth) = context.truth else {
-            return StepInput { call: Tool::Finish.to_call(), policy: None, user_reply: None };
+            return Ok(StepInput::bare(Tool::Finish.to_call()));
         };
         self.held = truth.held.cloned();
         self.target_at = truth.graph.place_of(&self.task.target).cloned();
@@ -279,7 +279,7 @@ impl Policy for Injected {
         self.note(&call, context, truth);
         let thought = self.thought.take();
         let output = self.voice.tell(&call, thought.as_deref(), context.observation);
-        StepInput { call, policy: Some(output), user_reply: None }
+        Ok(StepInput::said(call, output))
     }
 
     fn gave_up(&self) -> Option<String> {

@@ -111,7 +111,7 @@ impl Flat {
                     landmark: self.landmark.as_ref(),
                 };
                 let truth = policy.wants_truth().then_some(&privileged);
-                policy.act(&Context { briefing: &briefing, observation: &observation, seen: &seen, truth, step })
+                policy.act(&Context { briefing: &briefing, observation: &observation, seen: &seen, truth, step }).unwrap()
             };
             let result = match Tool::parse(&input.call) {
                 Ok(tool) => self.use_tool(tool),

@@ -11,7 +11,7 @@ use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::{GenerateOptions, generate, home};
 use reel_trace::Trace;
-use reel_world::{ErrorCode, FailureClass, Family, HORIZON, Profile, Scene, Task, record::PolicyInfo};
+use reel_world::{ErrorCode, FailureClass, Family, HORIZON, Profile, Scene, Skills, Task, record::PolicyInfo};
 
 use crate::{
     flat::{self, Flat},
@@ -187,6 +187,7 @@ impl World {
             scene: self.scene.clone(),
             seed: injection.seed,
             profile: Profile::Paper,
+            skills: Skills::Perfect,
             preset: Preset::paper(),
             run_id: "run".into(),
             policy: PolicyInfo::default(),

@@ -5,11 +5,11 @@ mod data;
 
 use std::sync::Arc;
 
-use reel_agents::{Job, run_all};
+use reel_agents::{Job, builtin, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_sim::{Simulator, Stage, model::Surface};
-use reel_world::{Family, ObjectInstance, Profile, Task, record::PolicyInfo};
+use reel_world::{Family, ObjectInstance, Profile, Skills, Task, record::PolicyInfo};
 
 /// How far aside of the surface's rectangle a reference rest still counts as over it, in metres.
 const ASIDE_M: f64 = 0.05;
@@ -31,6 +31,7 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task() {
             scene: scene.clone(),
             seed: 1,
             profile: Profile::Paper,
+            skills: Skills::Perfect,
             preset: Preset::paper(),
             run_id: "real-bench".into(),
             policy: PolicyInfo::default(),
@@ -41,7 +42,7 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task() {
         record: None,
         command: "none".into(),
     };
-    let reports = run_all(spread.iter().map(job).collect(), 2, |_| {});
+    let reports = run_all(spread.iter().map(job).collect(), 2, builtin, |_| {});
     let failed: Vec<String> = reports
         .iter()
         .filter_map(|report| match report {

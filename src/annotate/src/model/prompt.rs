@@ -47,7 +47,7 @@ pub(super) fn request(
         "BEGIN RECORD {code}\n{record}END RECORD {code}\n\n{history}Write the notes of steps {first} to {last}: one JSON array of {} objects.",
         batch.len()
     );
-    Request { messages: vec![Message::text(Role::System, PROMPT), Message::text(Role::User, text)] }
+    Request { messages: vec![Message::text(Role::System, PROMPT), Message::text(Role::User, text)], ..Request::default() }
 }
 
 fn line(index: usize, step: &Step<'_>, secrets: &Secrets, over: bool) -> Value {

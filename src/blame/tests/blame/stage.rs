@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-use reel_agents::{Injection, Label, RecordTo, policy, run_episode, run_injected};
+use reel_agents::{Injection, Label, Outside, RecordTo, policy, run_episode, run_injected};
 use reel_blame::Blame;
 use reel_tasks::{GenerateOptions, generate, home};
 use reel_trace::{Images, RecordOptions, Trace};
@@ -33,7 +33,7 @@ impl Stage {
     pub fn play(&self, task: &Arc<Task>, name: &str) -> Trace {
         let mut policy = policy(name, task, &self.scene, 3).unwrap();
         let path = self.path(task, name);
-        run_episode(config(task, &self.scene, 3), policy.as_mut(), Some(&to(&path))).unwrap();
+        run_episode(config(task, &self.scene, 3), policy.as_mut(), Outside::default(), Some(&to(&path))).unwrap();
         Trace::read(&path).unwrap()
     }
 

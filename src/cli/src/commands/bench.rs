@@ -1,326 +1,456 @@
-//! `reel bench`: what things cost, measured in one process and one thread.
+//! `reel bench`: how good an agent is, in the form of the paper's tables.
 
 use std::{
+    collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
-    sync::Arc,
-    time::Instant,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::{Duration, Instant},
 };
 
-use anyhow::{Context, anyhow};
-use reel_agents::{Job, RecordTo, run_all};
-use reel_blame::{alternative, blame};
+use anyhow::{Context, bail};
+use reel_agents::{AgentError, EpisodeReport, Job, RecordTo, Seats, run_all};
 use reel_episode::EpisodeConfig;
-use reel_replay::{SnapshotCache, seek, verify_with};
 use reel_reward::Preset;
-use reel_sim::{Simulator, Stage, geometry::Pose, physics::Physics, render::Detail};
-use reel_tasks::{GenerateOptions, generate};
-use reel_trace::{Images, Trace, encode_webp};
-use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Family, Profile, Scene, Task, record::PolicyInfo};
-use serde::Serialize;
+use reel_statistics::{bootstrap, mcnemar, wilson};
+use reel_tasks::Listed;
+use reel_trace::{Durability, Images, RecordOptions, Trace};
+use reel_world::{
+    Digest, Family, Profile, Skills, Task,
+    record::{EndReason, PolicyInfo},
+};
+use serde_json::{Value, json};
 
-use crate::{Answer, inputs};
+use crate::{
+    Answer,
+    commands::run::remove_abandoned,
+    inputs,
+    players::{Cast, Players},
+    progress,
+};
 
-/// Physics steps after spawning that are timed: the world is awake in all of them.
-const PHYSICS_STEPS: u32 = 200;
-const PHYSICS_ROUNDS: u32 = 12;
-const PICTURES: u32 = 60;
+/// Samples of the bootstrap, and its seed.
+const SAMPLES: usize = 10_000;
+const SEED: u64 = 7;
+/// Episodes at a time where models are asked: they wait for the endpoint most of the time.
+const JOBS_WITH_MODELS: usize = 8;
 
-/// Policies whose failures are measured.
-const FAULTY: [&str; 3] = ["wrong-object", "wrong-receptacle", "oscillating"];
-
-/// Rounds of what is compared, in turn; the best of each counts.
-const ROUNDS: usize = 3;
-
-/// Measure on embedded defaults, ratios in one run and in turn: physics against the same rapier world stepped with
-/// nothing of ours; pictures and their encoding; recording with and without a trace and on two workers; replay with and
-/// without shading; seeking by a snapshot; blame of failed episodes; bytes of a trace.
+/// Benchmark an agent on tasks, in the form of the paper's main table: success (with Wilson's 95 % interval), completion, SPL,
+/// steps, questions, reward, latency and tokens by family. Every episode is recorded, and every answer from outside is in its
+/// trace, so that replay asks nobody. Run the same command again after it was stopped: what was played stays.
 ///
-/// Example:
-///   cargo run --release -p reel-cli --no-default-features -- bench
+/// Examples:
+///   reel bench --tasks tasks --agent planner --out bench/planner
+///   reel bench --tasks tasks --agent real-agent --endpoint http://localhost:8000/v1 --model qwen3-vl --repeat 3 --out bench/qwen
+///   reel bench --tasks tasks --agent function-calling --endpoint https://api.example/v1 --model m --key-from API_KEY
+///     --user-model m --prices 0.5,1.5 --max-cost 20 --out bench/m
+///   reel bench --compare bench/planner bench/qwen     # the same tasks and seeds, paired
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// How many tasks
-    #[arg(long, value_name = "N", default_value_t = 12)]
-    count: usize,
-    /// Folder for the traces of the measurement; removed at the end
+    /// Task file (REAL-Bench YAML) or folder of them
+    #[arg(long, value_name = "PATH", required_unless_present = "compare")]
+    tasks: Option<PathBuf>,
+    /// Compare what two folders hold instead of playing
+    #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "tasks")]
+    compare: Option<Vec<PathBuf>>,
+    /// Scene file (JSON); without it the home that comes with Reel
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    players: Players,
+    /// Episodes of every task, each with a seed of its own
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    repeat: u64,
+    /// Seed of the first episode of every task
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Folder for the traces
     #[arg(long, value_name = "DIR", default_value = "bench-out")]
     out: PathBuf,
+    /// Episodes at a time; without it one for each core, 8 where models are asked
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// How the environment behaves where the paper and the published code differ: paper or real-repo
+    #[arg(long, value_name = "NAME", default_value = "paper")]
+    profile: String,
+    /// How reliable the robot's skills are: perfect, or real-v1 as on the paper's robot
+    #[arg(long, value_name = "NAME", default_value = "perfect", value_parser = inputs::skills)]
+    skills: Skills,
+    /// Leave the pictures out; replay renders them again
+    #[arg(long)]
+    no_images: bool,
+    /// Begin no more episodes after so many tokens, read and written
+    #[arg(long, value_name = "N")]
+    max_total_tokens: Option<u64>,
+    /// Begin no more episodes after such a cost; needs --prices
+    #[arg(long, value_name = "COST", requires = "prices")]
+    max_cost: Option<f64>,
+    /// Begin no more episodes after so many minutes
+    #[arg(long, value_name = "MINUTES")]
+    max_minutes: Option<f64>,
+    /// Prices of a million tokens read and written, in any currency
+    #[arg(long, value_name = "READ,WRITTEN", value_delimiter = ',', num_args = 1)]
+    prices: Option<Vec<f64>>,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
-/// What was measured.
-#[derive(Serialize)]
-struct Figures {
-    episodes: usize,
-    calls_per_episode: f64,
-    /// Steps per second with our digest of each.
-    physics_steps_per_s: f64,
-    bare_rapier_steps_per_s: f64,
-    physics_to_bare: f64,
-    picture_ms: f64,
-    geometry_ms: f64,
-    webp_ms: f64,
-    /// One worker, pictures stored.
-    episodes_per_s: f64,
-    two_workers_to_one: f64,
-    record_to_unrecorded: f64,
-    lean_record_to_unrecorded: f64,
-    replay_to_record: f64,
-    replay_without_shading_to_record: f64,
-    exact: usize,
-    seek_cached_ms: f64,
-    seek_from_start_ms: f64,
-    seek_cached_to_start: f64,
-    /// Of failed episodes: measured from the records, with the alternative played, and with it recorded and replayed.
-    blame_to_replay: [f64; 3],
-    bytes_full: f64,
-    bytes_lean: f64,
-}
-
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let figures = measure(arguments)?;
-    fs::remove_dir_all(&arguments.out).with_context(|| format!("cannot clear {}", arguments.out.display()))?;
-    if arguments.json {
-        println!("{}", serde_json::to_string(&figures)?);
-    } else {
-        print(&figures);
+    match arguments.compare.as_deref() {
+        Some([a, b]) => compare(a, b, arguments.json),
+        _ => play(arguments),
     }
-    Ok(if figures.exact == figures.episodes { Answer::Yes } else { Answer::No })
 }
 
-fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
-    let scene = inputs::scene(None)?;
-    let made = generate(&GenerateOptions { scene: &scene, families: &Family::ALL, count: arguments.count, seed: 1 });
-    let tasks: Vec<Arc<Task>> = made.tasks.into_iter().map(Arc::new).collect();
-    let first = tasks.first().context("no task could be made")?;
-
-    let (ours, bare) = physics(&scene, first);
-    let [picture_ms, geometry_ms, webp_ms] = pictures(&scene, first);
-
-    let play = |name: &str, images: Option<Images>, workers: usize| -> anyhow::Result<(f64, Vec<PathBuf>)> {
-        let out = arguments.out.join(name);
-        fs::create_dir_all(&out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-        let jobs = tasks
-            .iter()
-            .enumerate()
-            .map(|(index, task)| job(&scene, task, images.map(|images| (out.join(format!("{index}.mcap")), images))));
-        let (jobs, begun) = (jobs.collect(), Instant::now());
-        let reports = run_all(jobs, workers, |_| {}).into_iter().collect::<Result<Vec<_>, _>>()?;
-        Ok((begun.elapsed().as_secs_f64(), reports.into_iter().filter_map(|report| report.trace).collect()))
-    };
-    let mut best = [f64::INFINITY; 6];
-    let (mut full, mut lean, mut exact) = (Vec::new(), Vec::new(), 0);
-    let replay = |paths: &[PathBuf], detail| -> anyhow::Result<(f64, usize)> {
-        let begun = Instant::now();
-        let mut exact = 0;
-        for path in paths {
-            exact += usize::from(verify_with(&Trace::read(path)?, detail).is_exact());
-        }
-        Ok((begun.elapsed().as_secs_f64(), exact))
-    };
-    for _ in 0..ROUNDS {
-        let seconds;
-        (seconds, full) = play("full", Some(Images::Full), 1)?;
-        best[0] = best[0].min(seconds);
-        best[1] = best[1].min(play("none", None, 1)?.0);
-        let seconds;
-        (seconds, lean) = play("lean", Some(Images::None), 1)?;
-        best[2] = best[2].min(seconds);
-        best[3] = best[3].min(play("two", Some(Images::Full), 2)?.0);
-        let (seconds, found) = replay(&full, Detail::Picture)?;
-        (best[4], exact) = (best[4].min(seconds), found);
-        best[5] = best[5].min(replay(&full, Detail::Geometry)?.0);
+fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let profile = Profile::parse(&arguments.profile)
+        .with_context(|| format!("no profile is called '{}'; there are paper and real-repo", arguments.profile))?;
+    if arguments.prices.as_ref().is_some_and(|prices| prices.len() != 2) {
+        bail!("--prices wants two numbers, of a million tokens read and written, like 0.5,1.5");
     }
-    let [record, unrecorded, lean_record, two, replayed, geometry] = best;
-    let (cached, from_start) = seeks(&full, &arguments.out.join("snapshots"))?;
-    let calls: usize = full.iter().map(|path| Ok(Trace::read(path)?.steps.len())).sum::<anyhow::Result<usize>>()?;
-    let episodes = full.len() as f64;
-    Ok(Figures {
-        episodes: full.len(),
-        calls_per_episode: calls as f64 / episodes,
-        physics_steps_per_s: ours,
-        bare_rapier_steps_per_s: bare,
-        physics_to_bare: ours / bare,
-        picture_ms,
-        geometry_ms,
-        webp_ms,
-        episodes_per_s: episodes / record,
-        two_workers_to_one: record / two,
-        record_to_unrecorded: record / unrecorded,
-        lean_record_to_unrecorded: lean_record / unrecorded,
-        replay_to_record: replayed / record,
-        replay_without_shading_to_record: geometry / record,
-        exact,
-        seek_cached_ms: cached,
-        seek_from_start_ms: from_start,
-        seek_cached_to_start: cached / from_start,
-        blame_to_replay: blames(&scene, &tasks, &arguments.out.join("failed"))?,
-        bytes_full: mean_bytes(&full)?,
-        bytes_lean: mean_bytes(&lean)?,
+    let scene = inputs::scene(arguments.scene.as_deref())?;
+    let tasks = arguments.tasks.as_deref().expect("clap demands it");
+    let (tasks, broken) = inputs::tasks(tasks, &scene, Listed::AsWritten)?;
+    fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
+    let cast = arguments.players.cast(&arguments.out.join("calls.jsonl"))?;
+    let name = cast.name();
+    let job = |task: &Arc<Task>, seed: u64| {
+        let file = format!("{}--{name}--{seed}.mcap", task.task_id).replace(|c: char| "/\\: ".contains(c), "_");
+        let path = arguments.out.join(file);
+        remove_abandoned(&path.with_added_extension("part"));
+        let images = if arguments.no_images { Images::None } else { Images::Full };
+        Job {
+            config: EpisodeConfig {
+                task: task.clone(),
+                scene: scene.clone(),
+                seed,
+                profile,
+                skills: arguments.skills,
+                preset: Preset::paper(),
+                run_id: format!("{name}-{seed}"),
+                policy: PolicyInfo::default(),
+                rollout: None,
+                parent: None,
+            },
+            policy: name.clone(),
+            record: Some(RecordTo { path, options: RecordOptions { images, durability: Durability::default() } }),
+            command: format!("reel bench --agent {} --seed {seed} --jobs 1 ...", arguments.players.agent),
+        }
+    };
+    let seeds = arguments.seed..arguments.seed.saturating_add(arguments.repeat);
+    let jobs: Vec<Job> =
+        seeds.flat_map(|seed| tasks.iter().map(move |task| (task, seed))).map(|(task, seed)| job(task, seed)).collect();
+    let all = jobs.len();
+    let (mut reports, mut open) = (Vec::new(), Vec::new());
+    for job in jobs {
+        match played(&job, &cast)? {
+            Some(report) => reports.push(report),
+            None => open.push(job),
+        }
+    }
+    if !reports.is_empty() {
+        eprintln!("reel: {} of {all} episodes were played before", reports.len());
+    }
+    let budget = Budget::new(arguments);
+    reports.iter().for_each(|report| budget.spend(report));
+    let bar = progress::bar(all, &name);
+    bar.set_position(reports.len() as u64);
+    let successes = AtomicU64::new(reports.iter().filter(|report| report.success).count() as u64);
+    let workers = if cast.asks_models() { arguments.jobs.unwrap_or(JOBS_WITH_MODELS) } else { inputs::workers(arguments.jobs) };
+    let seat = |job: &Job| -> Result<Seats, AgentError> {
+        let not_played = |why| AgentError::NotPlayed { task: job.config.task.task_id.clone(), seed: job.config.seed, why };
+        budget.check().map_err(not_played)?;
+        cast.seat(job)
+    };
+    let results = run_all(open, workers, seat, |report| {
+        budget.spend(report);
+        let successes = successes.fetch_add(u64::from(report.success), Ordering::Relaxed) + u64::from(report.success);
+        bar.inc(1);
+        bar.set_message(format!("{name}: {:.0} % succeed", 100.0 * successes as f64 / bar.position() as f64));
+    });
+    bar.finish_and_clear();
+    let (mut failed, mut skipped) = (0, 0);
+    for result in results {
+        match result {
+            Ok(report) => reports.push(report),
+            Err(AgentError::NotPlayed { .. }) => skipped += 1,
+            Err(error) => {
+                failed += 1;
+                eprintln!("reel: {:#}", anyhow::Error::from(error));
+            }
+        }
+    }
+    // In an order of its own, so that a run in parts ends with the table of one.
+    reports.sort_by(|a, b| (a.family, &a.task_id, a.seed).cmp(&(b.family, &b.task_id, b.seed)));
+    let prices = arguments.prices.as_deref().map(|prices| [prices[0], prices[1]]);
+    if arguments.json {
+        println!("{}", json!({"agent": name, "episodes": all, "played": reports.len(), "rows": rows(&reports, prices)}));
+    } else {
+        print!("{}", table(&name, arguments.skills, &reports, prices));
+        println!("traces: {}", arguments.out.display());
+    }
+    if skipped > 0 {
+        eprintln!(
+            "reel: {skipped} episodes were not begun: {}; the same command goes on",
+            budget.check().err().unwrap_or_default()
+        );
+    }
+    Ok(if failed > 0 || skipped > 0 {
+        Answer::No
+    } else if broken > 0 {
+        Answer::Loss
+    } else {
+        Answer::Yes
     })
 }
 
-fn print(figures: &Figures) {
-    let row = |name: &str, value: String, note: String| println!("{name:32} {value:>10}   {note}");
-    let Figures { episodes, exact, calls_per_episode, .. } = figures;
-    let steps = format!("{:.2} of the bare rapier loop ({:.0})", figures.physics_to_bare, figures.bare_rapier_steps_per_s);
-    row("physics steps per second", format!("{:.0}", figures.physics_steps_per_s), steps);
-    row("picture", format!("{:.2} ms", figures.picture_ms), format!("{:.2} ms ids and depth alone", figures.geometry_ms));
-    row("picture, encoded as WebP", format!("{:.2} ms", figures.webp_ms), String::new());
-    let note = format!("recorded with pictures, {calls_per_episode:.1} calls each");
-    row("episodes per second per core", format!("{:.2}", figures.episodes_per_s), note);
-    row("two workers to one", format!("{:.2}", figures.two_workers_to_one), "episodes per second".to_owned());
-    let note = format!("{:.2} without pictures", figures.lean_record_to_unrecorded);
-    row("recorded to unrecorded time", format!("{:.2}", figures.record_to_unrecorded), note);
-    row("replay to record time", format!("{:.2}", figures.replay_to_record), format!("{exact} of {episodes} exact"));
-    let ratio = format!("{:.2}", figures.replay_without_shading_to_record);
-    row("  ids and depth, no shading", ratio, "everything but RGB compared".to_owned());
-    let note = format!("{:.1} ms executed from the start: {:.2}", figures.seek_from_start_ms, figures.seek_cached_to_start);
-    row("seek to a call, by snapshot", format!("{:.1} ms", figures.seek_cached_ms), note);
-    let [records, played, replayed] = figures.blame_to_replay;
-    let note = format!("{records:.3} from the records alone, {replayed:.2} with the branch recorded and replayed; medians");
-    row("blame to replay time", format!("{played:.2}"), note);
-    let note = format!("{:.0} without pictures", figures.bytes_lean);
-    row("trace bytes per episode", format!("{:.0}", figures.bytes_full), note);
+/// The report of an episode that was played before; none where it was not, or did not come to its end. Another episode of that
+/// name is refused: it would be written over.
+fn played(job: &Job, cast: &Cast) -> anyhow::Result<Option<EpisodeReport>> {
+    let path = &job.record.as_ref().expect("every episode is recorded").path;
+    if !path.exists() {
+        return Ok(None);
+    }
+    let Ok(trace) = Trace::read(path) else { return Ok(None) };
+    let Seats { policy, outside } = cast.seat(job)?;
+    let mut policy = policy.info();
+    policy.parameters.extend(outside.settings);
+    let (header, config) = (&trace.header, &job.config);
+    let same = header.task_digest == Digest::of_json(&*config.task)
+        && header.scene_digest == Digest::of_json(&*config.scene)
+        && (header.profile, header.skills, header.seed) == (config.profile, config.skills, config.seed)
+        && header.policy == policy;
+    if !same {
+        bail!(
+            "{} was played with other settings, by another agent or on another task of that name; give another folder with --out",
+            path.display()
+        );
+    }
+    let report = EpisodeReport::of_trace(&trace, path);
+    Ok(report.filter(|report| report.end_reason != EndReason::Aborted))
 }
 
-/// What blame costs of a failed episode to what its replay does: from the records, with the better future played, and with
-/// that recorded and replayed. Medians.
-fn blames(scene: &Arc<Scene>, tasks: &[Arc<Task>], folder: &Path) -> anyhow::Result<[f64; 3]> {
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let jobs = tasks.iter().enumerate().flat_map(|(index, task)| {
-        FAULTY.map(|policy| {
-            let path = folder.join(format!("{index}-{policy}.mcap"));
-            Job { policy: policy.into(), ..job(scene, task, Some((path, Images::None))) }
-        })
-    });
-    let reports = run_all(jobs.collect(), 1, |_| {}).into_iter().collect::<Result<Vec<_>, _>>()?;
-    let mut ratios: [Vec<f64>; 3] = Default::default();
-    for path in reports.into_iter().filter(|report| !report.success).filter_map(|report| report.trace) {
-        let trace = Trace::read(&path)?;
-        let seconds = |work: &mut dyn FnMut() -> anyhow::Result<()>| -> anyhow::Result<f64> {
-            let begun = Instant::now();
-            work()?;
-            Ok(begun.elapsed().as_secs_f64())
-        };
-        let replay = seconds(&mut || Ok(_ = std::hint::black_box(verify_with(&trace, Detail::Picture))))?;
-        let Some(decisive) = blame(&trace).decisive else { continue };
-        let better = path.with_extension("better.mcap");
-        let records = seconds(&mut || Ok(_ = std::hint::black_box(blame(&trace))))?;
-        let played = seconds(&mut || Ok(_ = alternative(&trace, &decisive, None)?))?;
-        let replayed = seconds(&mut || Ok(_ = alternative(&trace, &decisive, Some(&better))?))?;
-        for (ratios, cost) in ratios.iter_mut().zip([records, records + played, records + replayed]) {
-            ratios.push(cost / replay);
+/// What a run may cost.
+struct Budget {
+    tokens: [AtomicU64; 2],
+    most_tokens: Option<u64>,
+    most_cost: Option<(f64, [f64; 2])>,
+    until: Option<Instant>,
+}
+
+impl Budget {
+    fn new(arguments: &Arguments) -> Self {
+        let prices = arguments.prices.as_deref().map(|prices| [prices[0], prices[1]]);
+        let minutes = arguments.max_minutes.filter(|minutes| *minutes >= 0.0 && minutes.is_finite());
+        Self {
+            tokens: [AtomicU64::new(0), AtomicU64::new(0)],
+            most_tokens: arguments.max_total_tokens,
+            most_cost: arguments.max_cost.zip(prices),
+            until: minutes.map(|minutes| Instant::now() + Duration::from_secs_f64((60.0 * minutes).min(1e9))),
         }
     }
-    Ok(ratios.map(median))
-}
 
-fn job(scene: &Arc<Scene>, task: &Arc<Task>, record: Option<(PathBuf, Images)>) -> Job {
-    Job {
-        config: EpisodeConfig {
-            task: task.clone(),
-            scene: scene.clone(),
-            seed: 1,
-            profile: Profile::Paper,
-            preset: Preset::paper(),
-            run_id: "bench".into(),
-            policy: PolicyInfo::default(),
-            rollout: None,
-            parent: None,
-        },
-        policy: "oracle".into(),
-        record: record.map(|(path, images)| RecordTo { path, options: images.into() }),
-        command: "reel bench".into(),
-    }
-}
-
-/// Milliseconds to the state after two thirds of the calls, by a snapshot of the cache and executed from the start: means.
-fn seeks(paths: &[PathBuf], folder: &Path) -> anyhow::Result<(f64, f64)> {
-    let cache = SnapshotCache::at(folder);
-    let (mut cached, mut from_start) = (0.0, 0.0);
-    for path in paths {
-        let trace = Trace::read(path)?;
-        let calls = trace.steps.len() * 2 / 3;
-        let go = |cache: Option<&SnapshotCache>| -> anyhow::Result<f64> {
-            let begun = Instant::now();
-            let replay = seek(&trace, calls, cache).map_err(|verdict| anyhow!("{}: {verdict}", path.display()))?;
-            std::hint::black_box(replay.episode().simulator().sim_step());
-            Ok(begun.elapsed().as_secs_f64() * 1e3)
-        };
-        from_start += go(None)?;
-        go(Some(&cache))?;
-        cached += go(Some(&cache))?;
-    }
-    Ok((cached / paths.len() as f64, from_start / paths.len() as f64))
-}
-
-/// Steps per second with our digest of every step, and without anything of ours; interleaved, each the best of its rounds.
-fn physics(scene: &Arc<Scene>, task: &Arc<Task>) -> (f64, f64) {
-    let simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0);
-    let spawn = || {
-        let models = simulator.object_models();
-        let mut physics = Physics::new(simulator.model(), models.len());
-        for (index, (object, model)) in task.objects.iter().zip(models).enumerate() {
-            let [x, y, z] = object.position.map(|value| value as f32);
-            physics.insert_object(index, model, Pose::yawed([x, y, z + 0.1], object.yaw as f32));
+    fn spend(&self, report: &EpisodeReport) {
+        for (spent, tokens) in self.tokens.iter().zip(report.tokens.unwrap_or_default()) {
+            spent.fetch_add(tokens, Ordering::Relaxed);
         }
-        physics
+    }
+
+    /// Why nothing may be begun any more.
+    fn check(&self) -> Result<(), String> {
+        let spent = self.tokens.each_ref().map(|tokens| tokens.load(Ordering::Relaxed));
+        if self.most_tokens.is_some_and(|most| spent[0] + spent[1] >= most) {
+            return Err(format!("{} tokens were spent", spent[0] + spent[1]));
+        }
+        if let Some((most, prices)) = self.most_cost
+            && cost(spent, prices) >= most
+        {
+            return Err(format!("{:.2} was spent", cost(spent, prices)));
+        }
+        if self.until.is_some_and(|until| Instant::now() >= until) {
+            return Err("the time is over".to_owned());
+        }
+        Ok(())
+    }
+}
+
+fn cost(tokens: [u64; 2], prices: [f64; 2]) -> f64 {
+    tokens.iter().zip(prices).map(|(tokens, price)| *tokens as f64 * price / 1e6).sum()
+}
+
+/// A line of the table: a family, or all of them.
+fn row(name: &str, group: &[&EpisodeReport], prices: Option<[f64; 2]>) -> Value {
+    let n = group.len() as f64;
+    let mean = |value: &dyn Fn(&EpisodeReport) -> f64| group.iter().map(|report| value(report)).sum::<f64>() / n;
+    let successes = group.iter().filter(|report| report.success).count();
+    let (low, high) = wilson(successes as f64, n).unwrap_or((0.0, 1.0));
+    let spl: Vec<f64> = group.iter().filter_map(|report| report.spl).collect();
+    let counted: Vec<[u64; 2]> = group.iter().filter_map(|report| report.tokens).collect();
+    let tokens = counted.iter().fold([0, 0], |sum, tokens| [sum[0] + tokens[0], sum[1] + tokens[1]]);
+    let mut broken: BTreeMap<&str, usize> = BTreeMap::new();
+    group.iter().flat_map(|report| &report.broken_rules).for_each(|rule| *broken.entry(rule).or_default() += 1);
+    json!({
+        "family": name, "episodes": group.len(), "successes": successes,
+        "success_rate": successes as f64 / n, "success_low": low, "success_high": high,
+        "completion": mean(&|report| report.completion),
+        "spl": (!spl.is_empty()).then(|| spl.iter().sum::<f64>() / spl.len() as f64),
+        "steps": mean(&|report| f64::from(report.length)),
+        "asks": mean(&|report| f64::from(report.asks)),
+        "reward": mean(&|report| report.total_reward),
+        "latency_s": mean(&|report| report.latency_ns as f64 / 1e9),
+        "tokens_read": (!counted.is_empty()).then_some(tokens[0]),
+        "tokens_written": (!counted.is_empty()).then_some(tokens[1]),
+        "cost": prices.filter(|_| !counted.is_empty()).map(|prices| cost(tokens, prices)),
+        "user_rules_broken": broken,
+    })
+}
+
+fn rows(reports: &[EpisodeReport], prices: Option<[f64; 2]>) -> Vec<Value> {
+    by_family(reports.iter(), |report| report.family).iter().map(|(name, group)| row(name, group, prices)).collect()
+}
+
+/// What there is of each family, and all of it at the end.
+fn by_family<T: Copy>(all: impl Iterator<Item = T> + Clone, family: impl Fn(&T) -> Family) -> Vec<(&'static str, Vec<T>)> {
+    let mut groups: Vec<(&str, Vec<T>)> =
+        Family::ALL.iter().map(|wanted| (wanted.as_str(), all.clone().filter(|one| family(one) == *wanted).collect())).collect();
+    groups.retain(|(_, group)| !group.is_empty());
+    groups.push(("all", all.collect()));
+    groups
+}
+
+fn table(name: &str, skills: Skills, reports: &[EpisodeReport], prices: Option<[f64; 2]>) -> String {
+    let skills = if skills.are_perfect() { String::new() } else { format!(", skills {}", skills.as_str()) };
+    let mut text = format!("{name}{skills}\n");
+    if reports.is_empty() {
+        return text + "  no episode was played to its end\n";
+    }
+    text.push_str("  family  episodes  SR %  (95 %)         CR %   SPL   steps   asks  reward  latency s       tokens\n");
+    for row in rows(reports, prices) {
+        let number = |key: &str| row[key].as_f64().unwrap_or_default();
+        let spl = row["spl"].as_f64().map_or_else(|| "-".to_owned(), |spl| format!("{:.1}", 100.0 * spl));
+        let tokens = match (row["tokens_read"].as_u64(), row["tokens_written"].as_u64()) {
+            (Some(read), Some(written)) => format!("{read} + {written}"),
+            _ => "-".to_owned(),
+        };
+        text.push_str(&format!(
+            "  {:6} {:9.0} {:5.1}  ({:4.1} to {:5.1}) {:6.1} {spl:>6} {:6.1} {:6.2} {:7.2} {:10.2} {tokens:>12}",
+            row["family"].as_str().unwrap_or_default(),
+            number("episodes"),
+            100.0 * number("success_rate"),
+            100.0 * number("success_low"),
+            100.0 * number("success_high"),
+            100.0 * number("completion"),
+            number("steps"),
+            number("asks"),
+            number("reward"),
+            number("latency_s"),
+        ));
+        if let Some(cost) = row["cost"].as_f64() {
+            text.push_str(&format!("  cost {cost:.2}"));
+        }
+        text.push('\n');
+        let broken = row["user_rules_broken"].as_object().filter(|broken| row["family"] == "all" && !broken.is_empty());
+        if let Some(broken) = broken {
+            let broken: Vec<String> = broken.iter().map(|(rule, times)| format!("{rule} {times}")).collect();
+            text.push_str(&format!("  rules that the user's answers broke: {}\n", broken.join(", ")));
+        }
+    }
+    text
+}
+
+/// Two episodes of one task and seed.
+#[derive(Clone, Copy)]
+struct Pair<'a> {
+    a: &'a EpisodeReport,
+    b: &'a EpisodeReport,
+}
+
+fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<Answer> {
+    let (ours, theirs) = (recorded(a)?, recorded(b)?);
+    let other: BTreeMap<_, _> = theirs.iter().map(|report| ((&report.task_id, report.seed), report)).collect();
+    let pairs: Vec<Pair<'_>> = ours.iter().filter_map(|a| Some(Pair { a, b: other.get(&(&a.task_id, a.seed))? })).collect();
+    if pairs.is_empty() {
+        bail!("{} and {} have no task and seed in common: nothing to pair", a.display(), b.display());
+    }
+    let alone = ours.len() + theirs.len() - 2 * pairs.len();
+    let rows: Vec<Value> =
+        by_family(pairs.iter(), |pair| pair.a.family).iter().map(|(name, group)| difference(name, group)).collect();
+    if as_json {
+        let names = [name_of(&ours), name_of(&theirs)];
+        println!("{}", json!({"a": names[0], "b": names[1], "pairs": pairs.len(), "unpaired": alone, "rows": rows}));
+        return Ok(Answer::Yes);
+    }
+    println!("A {} ({})\nB {} ({})", name_of(&ours), a.display(), name_of(&theirs), b.display());
+    println!("  family  pairs   SR A   SR B  B - A (95 %)              only A  only B        p  CR B - A  reward B - A");
+    for row in &rows {
+        let number = |key: &str| row[key].as_f64().unwrap_or_default();
+        let interval =
+            |key: &str| row[key].as_array().map_or([0.0; 3], |of| [0, 1, 2].map(|i| of[i].as_f64().unwrap_or_default()));
+        let [difference, low, high] = interval("success").map(|value| 100.0 * value);
+        println!(
+            "  {:6} {:6.0} {:6.1} {:6.1}  {difference:+6.1} ({low:+6.1} to {high:+6.1}) {:7.0} {:7.0} {:8.4} {:+9.3} {:+13.3}",
+            row["family"].as_str().unwrap_or_default(),
+            number("pairs"),
+            100.0 * number("success_a"),
+            100.0 * number("success_b"),
+            number("only_a"),
+            number("only_b"),
+            number("p"),
+            interval("completion")[0],
+            interval("reward")[0],
+        );
+    }
+    println!("intervals: paired bootstrap, {SAMPLES} samples; p: McNemar's exact test");
+    if alone > 0 {
+        println!("{alone} episodes have no partner and were left out");
+    }
+    Ok(Answer::Yes)
+}
+
+fn difference(name: &str, pairs: &[&Pair<'_>]) -> Value {
+    let n = pairs.len() as f64;
+    let count = |holds: &dyn Fn(&Pair<'_>) -> bool| pairs.iter().filter(|pair| holds(pair)).count();
+    let (only_a, only_b) = (count(&|pair| pair.a.success && !pair.b.success), count(&|pair| pair.b.success && !pair.a.success));
+    let interval = |value: &dyn Fn(&EpisodeReport) -> f64| {
+        let differences: Vec<f64> = pairs.iter().map(|pair| value(pair.b) - value(pair.a)).collect();
+        bootstrap(&differences, SAMPLES, SEED)
     };
-    let (mut ours, mut bare) = (0.0f64, 0.0f64);
-    let mut sum = 0u32;
-    for _ in 0..PHYSICS_ROUNDS {
-        let mut world = spawn();
-        let begun = Instant::now();
-        for _ in 0..PHYSICS_STEPS {
-            world.step();
-            sum = sum.wrapping_add(world.step_digest());
-        }
-        ours = ours.max(f64::from(PHYSICS_STEPS) / begun.elapsed().as_secs_f64());
-        let mut world = spawn();
-        let begun = Instant::now();
-        for _ in 0..PHYSICS_STEPS {
-            world.step_bare();
-        }
-        bare = bare.max(f64::from(PHYSICS_STEPS) / begun.elapsed().as_secs_f64());
+    json!({
+        "family": name, "pairs": pairs.len(),
+        "success_a": count(&|pair| pair.a.success) as f64 / n, "success_b": count(&|pair| pair.b.success) as f64 / n,
+        "success": interval(&|report| f64::from(u8::from(report.success))),
+        "only_a": only_a, "only_b": only_b, "p": mcnemar(only_a as f64, only_b as f64),
+        "completion": interval(&|report| report.completion),
+        "reward": interval(&|report| report.total_reward),
+        "steps": interval(&|report| f64::from(report.length)),
+    })
+}
+
+/// The episodes of a folder that came to their end, in a fixed order.
+fn recorded(folder: &Path) -> anyhow::Result<Vec<EpisodeReport>> {
+    let mut reports = Vec::new();
+    for path in inputs::traces(&[folder.to_owned()])? {
+        let trace = Trace::read(&path)?;
+        reports.extend(EpisodeReport::of_trace(&trace, &path).filter(|report| report.end_reason != EndReason::Aborted));
     }
-    std::hint::black_box(sum);
-    (ours, bare)
-}
-
-/// Milliseconds per picture, rendered, rendered without shading, and encoded: the medians.
-fn pictures(scene: &Arc<Scene>, task: &Arc<Task>) -> [f64; 3] {
-    let mut simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0);
-    let (mut render, mut geometry, mut encode) = (Vec::new(), Vec::new(), Vec::new());
-    for index in 0..PICTURES {
-        let target = &scene.receptacles[index as usize % scene.receptacles.len()].id;
-        simulator.call(&reel_world::Tool::NavTo { receptacle: target.clone() });
-        let begun = Instant::now();
-        let frame = simulator.take_picture();
-        render.push(begun.elapsed().as_secs_f64() * 1e3);
-        simulator.set_detail(Detail::Geometry);
-        let begun = Instant::now();
-        std::hint::black_box(simulator.take_picture());
-        geometry.push(begun.elapsed().as_secs_f64() * 1e3);
-        simulator.set_detail(Detail::Picture);
-        let begun = Instant::now();
-        std::hint::black_box(encode_webp(&frame.rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32));
-        encode.push(begun.elapsed().as_secs_f64() * 1e3);
+    reports.sort_by(|a, b| (a.family, &a.task_id, a.seed).cmp(&(b.family, &b.task_id, b.seed)));
+    if let Some([one, _]) = reports.array_windows().find(|[one, next]| (&one.task_id, one.seed) == (&next.task_id, next.seed)) {
+        bail!(
+            "{} has several episodes of task {} at seed {}; give a folder of one agent",
+            folder.display(),
+            one.task_id,
+            one.seed
+        );
     }
-    [median(render), median(geometry), median(encode)]
+    Ok(reports)
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
-fn mean_bytes(paths: &[PathBuf]) -> anyhow::Result<f64> {
-    let sizes = paths.iter().map(|path| Ok(fs::metadata(path)?.len())).collect::<anyhow::Result<Vec<u64>>>()?;
-    Ok(sizes.iter().sum::<u64>() as f64 / sizes.len().max(1) as f64)
+fn name_of(reports: &[EpisodeReport]) -> String {
+    reports.first().map(|report| report.policy.clone()).unwrap_or_default()
 }

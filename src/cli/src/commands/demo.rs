@@ -11,7 +11,7 @@ use anyhow::{Context, bail};
 use reel_query::{Format, named};
 use reel_tasks::{GenerateOptions, generate};
 use reel_trace::Trace;
-use reel_world::{Family, Profile, Task};
+use reel_world::{Family, Profile, Skills, Task};
 
 use crate::{
     Answer,
@@ -64,6 +64,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             policy,
             seed: 1,
             profile: Profile::Paper,
+            skills: Skills::Perfect,
             out: &traces,
             images: true,
             durability: Default::default(),

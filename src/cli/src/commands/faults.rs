@@ -16,7 +16,7 @@ use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions};
-use reel_world::{FailureClass, Profile, Scene, Task, record::PolicyInfo};
+use reel_world::{FailureClass, Profile, Scene, Skills, Task, record::PolicyInfo};
 use serde_json::json;
 
 use crate::{Answer, inputs, progress};
@@ -258,6 +258,7 @@ impl Maker<'_> {
             scene: self.scene.clone(),
             seed: injection.seed,
             profile: Profile::Paper,
+            skills: Skills::Perfect,
             preset: Preset::paper(),
             run_id: format!("faults-{}", self.run.seed),
             policy: PolicyInfo::default(),

@@ -2,6 +2,7 @@
 
 #[cfg(feature = "analytics")]
 pub mod annotate;
+#[cfg(feature = "service")]
 pub mod bench;
 pub mod blame;
 pub mod branch;
@@ -26,7 +27,10 @@ pub mod judge;
 #[cfg(feature = "analytics")]
 pub mod label;
 pub mod mint;
+#[cfg(feature = "service")]
+pub mod mock_llm;
 pub mod paranoid;
+pub mod perf;
 #[cfg(feature = "analytics")]
 pub mod query;
 pub mod recover;

@@ -33,7 +33,17 @@ fn play_again(arguments: &Arguments, folder: &Path) -> anyhow::Result<()> {
     let workers = inputs::workers(arguments.jobs);
     let mut again = Command::new(std::env::current_exe().context("cannot find this program to run it again")?);
     again.arg("run").arg("--tasks").arg(&arguments.tasks).args(["--policy", &arguments.policy]);
-    again.args(["--seed", &arguments.seed.to_string(), "--profile", &arguments.profile, "--no-images", "--reversed", "--json"]);
+    again.args([
+        "--seed",
+        &arguments.seed.to_string(),
+        "--profile",
+        &arguments.profile,
+        "--skills",
+        arguments.skills.as_str(),
+        "--no-images",
+        "--reversed",
+        "--json",
+    ]);
     again.arg("--out").arg(folder).args(["--jobs", &(workers + 1).to_string()]);
     if let Some(scene) = &arguments.scene {
         again.arg("--scene").arg(scene);

@@ -9,7 +9,7 @@ use reel_reward::Preset;
 use reel_sim::{Snapshot, stress::Stress};
 use reel_tasks::{GenerateOptions, generate, home};
 use reel_world::{
-    Digest, Family, Profile, ToolCall,
+    Digest, Family, Profile, Skills, ToolCall,
     record::{PolicyInfo, StepInput},
 };
 use serde_json::json;
@@ -49,6 +49,7 @@ fn play(restored: bool) -> (Digest, usize) {
         scene: Arc::new(scene),
         seed: 3,
         profile: Profile::Paper,
+        skills: Skills::Perfect,
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),
@@ -62,7 +63,7 @@ fn play(restored: bool) -> (Digest, usize) {
             let snapshot = Snapshot::from_bytes(&episode.snapshot().to_bytes()).expect("what was written can be read");
             episode = Episode::resume(config.clone(), start.clone(), steps.clone(), &snapshot).expect("it is of this moment");
         }
-        let input = StepInput { call, policy: None, user_reply: None };
+        let input = StepInput::bare(call);
         steps.push(episode.step(input).record);
     }
     let succeeded = steps.iter().filter(|step| step.outcome.error.is_none()).count();

@@ -12,7 +12,7 @@ use reel_reward::Preset;
 use reel_tasks::home;
 use reel_trace::{Images, Trace};
 use reel_world::{
-    Profile, ToolCall,
+    Profile, Skills, ToolCall,
     record::{EndReason, StepInput},
 };
 use serde_json::json;
@@ -24,6 +24,7 @@ fn setup(folder: &Path) -> Setup {
         scene: Arc::new(home()),
         seed: 3,
         profile: Profile::Paper,
+        skills: Skills::Perfect,
         preset: Preset::paper(),
         run_id: "live".to_owned(),
         folder: folder.to_owned(),
@@ -44,7 +45,7 @@ fn limits() -> Limits {
 }
 
 fn call(name: &str) -> StepInput {
-    StepInput { call: ToolCall::new(name, json!({})), policy: None, user_reply: None }
+    StepInput::bare(ToolCall::new(name, json!({})))
 }
 
 fn traces(folder: &Path) -> Vec<std::path::PathBuf> {

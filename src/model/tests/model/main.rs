@@ -33,7 +33,7 @@ fn client(base_url: &str) -> (Client, Arc<TestClock>) {
 }
 
 fn ask(text: &str) -> Request {
-    Request { messages: vec![Message::text(Role::System, "be short"), Message::text(Role::User, text)] }
+    Request { messages: vec![Message::text(Role::System, "be short"), Message::text(Role::User, text)], ..Request::default() }
 }
 
 fn calls(path: &Path) -> Vec<Call> {
@@ -71,8 +71,8 @@ fn without_a_key_none_is_sent_and_extra_fields_replace_ours() {
 fn pictures_go_as_data_urls() {
     let server = Scripted::start(vec![Act::Say("a mug".to_owned())]);
     let image = Part::Image { media_type: "image/png".to_owned(), bytes: b"\x89PNG\x00\xff".to_vec() };
-    let message = Message { role: Role::User, parts: vec![Part::Text("what?".to_owned()), image] };
-    client(&server.base_url).0.complete(&Request { messages: vec![message] }).unwrap();
+    let message = Message::new(Role::User, vec![Part::Text("what?".to_owned()), image]);
+    client(&server.base_url).0.complete(&Request { messages: vec![message], ..Request::default() }).unwrap();
     let expected = json!([
         {"type": "text", "text": "what?"},
         {"type": "image_url", "image_url": {"url": "data:image/png;base64,iVBORwD/"}},

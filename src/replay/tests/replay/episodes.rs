@@ -5,12 +5,12 @@ use std::{
     sync::{Arc, OnceLock},
 };
 
-use reel_agents::{RecordTo, policy, run_episode};
+use reel_agents::{Outside, RecordTo, policy, run_episode};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::{GenerateOptions, generate, home};
 use reel_trace::{Images, Recorder, Trace};
-use reel_world::{Family, Profile, Scene, Task, chain, record::PolicyInfo};
+use reel_world::{Family, Profile, Scene, Skills, Task, chain, record::PolicyInfo};
 
 /// One task of each family.
 pub fn tasks() -> &'static [Arc<Task>] {
@@ -33,7 +33,8 @@ pub fn record_seeded(path: &Path, task: &Arc<Task>, name: &str, seed: u64, image
     let scene = Arc::new(home());
     let mut policy = policy(name, task, &scene, seed).unwrap();
     let config = config(task, &scene, seed);
-    run_episode(config, policy.as_mut(), Some(&RecordTo { path: path.to_owned(), options: images.into() })).unwrap();
+    run_episode(config, policy.as_mut(), Outside::default(), Some(&RecordTo { path: path.to_owned(), options: images.into() }))
+        .unwrap();
     path.to_owned()
 }
 
@@ -44,6 +45,7 @@ pub fn config(task: &Arc<Task>, scene: &Arc<Scene>, seed: u64) -> EpisodeConfig 
         scene: scene.clone(),
         seed,
         profile: Profile::Paper,
+        skills: Skills::Perfect,
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),

@@ -123,7 +123,7 @@ impl Flat {
     pub fn act(&mut self, act: &Act) {
         let mut step = StepRecord {
             step: self.steps.len() as u32,
-            input: StepInput { call: ToolCall::new("", json!({})), policy: None, user_reply: None },
+            input: StepInput::bare(ToolCall::new("", json!({}))),
             outcome: Outcome::ok(""),
             tool: None,
             reply: None,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use reel_trace::{Images, Recorder, Trace};
-use reel_world::{record::*, *};
+use reel_world::{Skills, record::*, *};
 use serde_json::{Value, json};
 
 /// The clock to move, from `table_1` to `desk_1`.
@@ -47,6 +47,7 @@ impl Play {
             reward_preset: "paper".into(),
             policy: PolicyInfo { name: policy.into(), ..PolicyInfo::default() },
             backend: Backend::Sim,
+            skills: Skills::Perfect,
             parent: None,
         };
         let graph = task.initial.clone();
@@ -77,7 +78,7 @@ impl Play {
         let after = 0.25 * step as f32;
         self.steps.push(StepRecord {
             step,
-            input: StepInput { call: ToolCall::new(tool, arguments), policy: None, user_reply: None },
+            input: StepInput::bare(ToolCall::new(tool, arguments)),
             outcome,
             tool: Some(tool.into()),
             reply: None,

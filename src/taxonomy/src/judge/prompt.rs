@@ -32,7 +32,10 @@ pub(super) fn request(case: &Case, options: &Options) -> Request {
     let question = "Why did this episode fail? Answer with the one JSON object.";
     let system = Message::text(Role::System, PROMPT);
     if case.frames.is_empty() || options.frames == 0 {
-        return Request { messages: vec![system, Message::text(Role::User, format!("{record}\n\n{question}"))] };
+        return Request {
+            messages: vec![system, Message::text(Role::User, format!("{record}\n\n{question}"))],
+            ..Request::default()
+        };
     }
     let mut parts = vec![Part::Text(record)];
     for picture in spread(&case.frames, options.frames) {
@@ -40,7 +43,7 @@ pub(super) fn request(case: &Case, options: &Options) -> Request {
         parts.push(Part::Image { media_type: picture.media_type.clone(), bytes: picture.bytes.clone() });
     }
     parts.push(Part::Text(question.to_owned()));
-    Request { messages: vec![system, Message { role: Role::User, parts }] }
+    Request { messages: vec![system, Message::new(Role::User, parts)], ..Request::default() }
 }
 
 /// What the model is told about an answer that cannot be read.

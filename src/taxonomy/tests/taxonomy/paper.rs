@@ -3,7 +3,7 @@
 
 use std::{path::Path, sync::Arc};
 
-use reel_agents::{Context, Policy, RecordTo, run_episode};
+use reel_agents::{Context, NoAnswer, Outside, Policy, RecordTo, run_episode};
 use reel_episode::EpisodeConfig;
 use reel_query::Session;
 use reel_reward::Preset;
@@ -11,7 +11,7 @@ use reel_tables::Store;
 use reel_taxonomy::RuleSet;
 use reel_trace::{Images, RecordOptions};
 use reel_world::{
-    Attributes, Family, InstanceId, ObjectInstance, Profile, ReceptacleId, Scene, Task, Tool,
+    Attributes, Family, InstanceId, ObjectInstance, Profile, ReceptacleId, Scene, Skills, Task, Tool,
     record::{MarkerTarget, PolicyInfo, StepInput},
 };
 use tempfile::TempDir;
@@ -48,7 +48,7 @@ impl Policy for Script {
         true
     }
 
-    fn act(&mut self, context: &Context<'_>) -> StepInput {
+    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         let truth = context.truth.expect("a script is shown the truth");
         let number = |wanted: &dyn Fn(&MarkerTarget) -> bool| {
             let marker = truth.markers.iter().find(|marker| wanted(&marker.target));
@@ -70,7 +70,7 @@ impl Policy for Script {
             Some(Place(receptacle)) => Tool::Place { marker: place(receptacle) },
             Some(Finish) | None => Tool::Finish,
         };
-        StepInput { call: tool.to_call(), policy: None, user_reply: None }
+        Ok(StepInput::bare(tool.to_call()))
     }
 }
 
@@ -152,6 +152,7 @@ fn act(dir: &Path, task: Task, moves: &[Move]) -> (bool, std::path::PathBuf) {
         scene,
         seed: 0,
         profile: Profile::Paper,
+        skills: Skills::Perfect,
         preset: Preset::paper(),
         run_id: "paper".into(),
         policy: PolicyInfo::default(),
@@ -160,7 +161,7 @@ fn act(dir: &Path, task: Task, moves: &[Move]) -> (bool, std::path::PathBuf) {
     };
     let options = RecordOptions { images: Images::None, ..RecordOptions::default() };
     let mut script = Script { moves: moves.to_vec(), task };
-    let report = run_episode(config, &mut script, Some(&RecordTo { path: path.clone(), options })).unwrap();
+    let report = run_episode(config, &mut script, Outside::default(), Some(&RecordTo { path: path.clone(), options })).unwrap();
     (report.success, path)
 }
 

@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use prost::Message;
 use reel_world::{
-    Digest, ErrorCode, FrameDigests, GraphEvent, Outcome, ReceptacleState, ToolCall, WorldGraph,
+    Digest, ErrorCode, FrameDigests, GraphEvent, Outcome, ReceptacleState, Skills, ToolCall, WorldGraph,
     record::{
-        BodyState, EndRecord, EpisodeHeader, GraphChanges, Graphs, Marker, MarkerTarget, Metrics, Parent, PolicyInfo,
+        BodyState, EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, Marker, MarkerTarget, Metrics, Parent, PolicyInfo,
         PolicyOutput, RewardTerm, RobotState, StateDigests, UserReply, VisibleObject,
     },
 };
@@ -61,6 +61,7 @@ pub(crate) fn read_header(start: reel::EpisodeStart) -> Read<EpisodeHeader> {
         reward_preset: start.reward_preset,
         policy: PolicyInfo { name: policy.name, checkpoint: policy.checkpoint, parameters: parameters? },
         backend: parse_word(&start.backend)?,
+        skills: start.skills.map_or(Ok(Skills::Perfect), |skills| parse_word(&skills))?,
         parent: start.parent.map(parent).transpose()?,
     })
 }
@@ -93,8 +94,9 @@ pub(crate) fn read_graphs(message: reel::WorldGraphs) -> Read<Graphs> {
     Ok(Graphs { physics: graph(message.physics)?, registry: graph(message.registry)? })
 }
 
-pub(crate) fn read_tool_call(message: reel::ToolCall) -> Read<ToolCall> {
-    Ok(ToolCall { name: message.name, arguments: json(&message.arguments_json)? })
+pub(crate) fn read_tool_call(message: reel::ToolCall) -> Read<(ToolCall, Option<Lookup>)> {
+    let lookup = message.lookup.map(|it| Lookup { categories: it.categories, source: it.source });
+    Ok((ToolCall { name: message.name, arguments: json(&message.arguments_json)? }, lookup))
 }
 
 pub(crate) fn read_policy_output(message: reel::PolicyOutput) -> PolicyOutput {

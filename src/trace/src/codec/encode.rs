@@ -3,7 +3,7 @@
 use reel_world::{
     Digest, ErrorClass, FrameDigests, GraphEvent, ToolCall, WorldGraph,
     record::{
-        BodyState, EndRecord, EpisodeHeader, Graphs, MarkerTarget, PolicyOutput, RobotState, StartRecord, StateDigests,
+        BodyState, EndRecord, EpisodeHeader, Graphs, Lookup, MarkerTarget, PolicyOutput, RobotState, StartRecord, StateDigests,
         StepRecord, UserReply, VisibleObject,
     },
 };
@@ -36,6 +36,7 @@ pub(crate) fn episode_start(header: &EpisodeHeader) -> reel::EpisodeEvent {
         reward_preset: header.reward_preset.clone(),
         policy: Some(policy),
         backend: word(&header.backend),
+        skills: (!header.skills.are_perfect()).then(|| word(&header.skills)),
         parent: header.parent.as_ref().map(|parent| reel::Parent { trace: bytes(&parent.trace), call: parent.call }),
     }))
 }
@@ -75,8 +76,9 @@ pub(crate) fn world_graphs(moment: &str, graphs: &Graphs) -> reel::WorldGraphs {
 }
 
 /// The call of a step.
-pub(crate) fn tool_call(step: u32, call: &ToolCall) -> reel::ToolCall {
-    reel::ToolCall { step, name: call.name.clone(), arguments_json: call.arguments.to_string() }
+pub(crate) fn tool_call(step: u32, call: &ToolCall, lookup: Option<&Lookup>) -> reel::ToolCall {
+    let lookup = lookup.map(|it| reel::Lookup { categories: it.categories.clone(), source: it.source.clone() });
+    reel::ToolCall { step, name: call.name.clone(), arguments_json: call.arguments.to_string(), lookup }
 }
 
 /// What came with the call.

@@ -45,10 +45,11 @@ mod tests {
             "long": 0.123_456_789_012_345_68_f64, "nested": [[null, true, "\u{0}\n"], {}],
         });
         let call = reel_world::ToolCall::new("pick", arguments.clone());
-        let read = read_tool_call(tool_call(3, &call)).unwrap();
-        assert_eq!(read, call);
+        let (read, lookup) = read_tool_call(tool_call(3, &call, None)).unwrap();
+        assert_eq!((&read, lookup), (&call, None));
         assert_eq!(read.arguments.to_string(), arguments.to_string());
         let bare = reel_world::ToolCall::new("", Value::String("not an object".into()));
-        assert_eq!(read_tool_call(tool_call(3, &bare)).unwrap(), bare);
+        let lookup = Some(Lookup { categories: vec!["mug".into(), "cup".into()], source: "e5".into() });
+        assert_eq!(read_tool_call(tool_call(3, &bare, lookup.as_ref())).unwrap(), (bare, lookup));
     }
 }

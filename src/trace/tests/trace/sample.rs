@@ -3,7 +3,7 @@
 use std::{path::Path, sync::Arc};
 
 use reel_trace::{Images, RecordOptions, Recorder, Trace, TraceError, TraceSummary};
-use reel_world::{record::*, *};
+use reel_world::{Skills, record::*, *};
 use serde_json::{Value, json};
 
 /// The records of one episode.
@@ -148,6 +148,7 @@ impl Source {
                 call: ToolCall::new(self.text(), self.value()),
                 policy: self.maybe(Self::policy),
                 user_reply: self.maybe(Self::reply),
+                lookup: self.maybe(|s| Lookup { categories: s.list(Self::text), source: s.text() }),
             },
             outcome: Outcome { text: self.text(), error },
             tool: self.maybe(Self::text),
@@ -191,6 +192,7 @@ impl Source {
                 parameters: self.list(|s| (s.text(), s.value())).into_iter().collect(),
             },
             backend: [Backend::Sim, Backend::Robot, Backend::Proxy][self.below(3)],
+            skills: Skills::ALL[self.below(2)],
             parent: self.maybe(|s| Parent { trace: s.digest(), call: s.next() as u32 }),
         };
         let start = StartRecord {

@@ -1,0 +1,149 @@
+//! Who plays: a built-in policy or a model, and who answers from outside, from the command line.
+
+use std::{collections::BTreeMap, path::Path, sync::Arc, time::Duration};
+
+use anyhow::{Context, bail};
+use reel_agents::{AgentError, Job, Outside, POLICIES, Seats, builtin};
+use reel_model::{ApiKey, CallLog, Client, Endpoint};
+use reel_pilot::{AgentStyle, Embeddings, ModelUser, SIMILARITY_DEFAULT, agent};
+use serde_json::{Map, Value, json};
+
+use crate::model::RealClock;
+
+/// Who plays, and whom they ask.
+#[derive(clap::Args)]
+pub struct Players {
+    /// Who decides: a built-in policy, real-agent or function-calling
+    #[arg(long, value_name = "NAME", default_value = "oracle")]
+    pub agent: String,
+    /// OpenAI-compatible endpoint of the models, up to /v1
+    #[arg(long, value_name = "URL")]
+    endpoint: Option<String>,
+    /// The agent's model at the endpoint
+    #[arg(long, value_name = "NAME", requires = "endpoint")]
+    model: Option<String>,
+    /// Environment variable that holds the endpoint's key, where one is needed
+    #[arg(long, value_name = "VARIABLE", requires = "endpoint")]
+    key_from: Option<String>,
+    /// Sampling temperature; 0 is greedy
+    #[arg(long, value_name = "T", default_value_t = 0.0)]
+    temperature: f64,
+    /// Most tokens that the agent may write for a decision
+    #[arg(long, value_name = "N", default_value_t = 4096)]
+    max_tokens: u32,
+    /// Further fields of every request, as a JSON object; null takes a field away
+    #[arg(long, value_name = "JSON")]
+    request: Option<String>,
+    /// How long the endpoint may take for one answer, in seconds
+    #[arg(long, value_name = "S", default_value_t = 120.0)]
+    timeout: f64,
+    /// How often a request is tried again after 408, 429, 5xx, a refused or cut connection, or no answer in time
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    retries: u32,
+    /// The user who answers `ask` is this model at the endpoint; without it the rules answer
+    #[arg(long, value_name = "NAME", requires = "endpoint")]
+    user_model: Option<String>,
+    /// What `show_object_by_category` means is looked up by this embedding model at the endpoint; without it the vocabulary says
+    #[arg(long, value_name = "NAME", requires = "endpoint")]
+    match_model: Option<String>,
+    /// Cosine similarity from which a category is meant
+    #[arg(long, value_name = "S", default_value_t = SIMILARITY_DEFAULT, requires = "match_model")]
+    match_similarity: f32,
+}
+
+/// Players that can be seated at an episode.
+pub struct Cast {
+    agent: String,
+    deciding: Option<(AgentStyle, Arc<Client>)>,
+    user: Option<Arc<Client>>,
+    matcher: Option<(Arc<Client>, f32)>,
+}
+
+impl Players {
+    /// The players, with a log of their calls where models are asked.
+    ///
+    /// # Errors
+    /// When there is no such agent, or what it needs is missing.
+    pub fn cast(&self, log: &Path) -> anyhow::Result<Cast> {
+        let style = AgentStyle::parse(&self.agent);
+        if style.is_none() && !POLICIES.iter().any(|(name, _)| *name == self.agent) {
+            let models = AgentStyle::ALL.map(|(style, what)| format!("  {:17} {what}", style.as_str()));
+            let known = POLICIES.iter().map(|(name, what)| format!("  {name:17} {what}")).chain(models);
+            bail!("no agent is called '{}'; there are\n{}", self.agent, known.collect::<Vec<_>>().join("\n"));
+        }
+        let client = |model: &str, max_tokens: u32| -> anyhow::Result<Arc<Client>> {
+            let url = self.endpoint.as_deref().context("--endpoint is missing: where the model is")?;
+            let mut endpoint = Endpoint::new(url, model);
+            endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
+            endpoint.temperature = self.temperature;
+            endpoint.max_tokens = max_tokens;
+            endpoint.retries = self.retries;
+            endpoint.timeout = Duration::try_from_secs_f64(self.timeout).context("--timeout must be a time in seconds")?;
+            endpoint.extra = self.extra()?;
+            Ok(Arc::new(Client::new(endpoint, Arc::new(RealClock))?.with_log(CallLog::append(log)?)))
+        };
+        let deciding = match style {
+            Some(style) => {
+                let model = self.model.as_deref().with_context(|| format!("{} wants --endpoint and --model", self.agent))?;
+                Some((style, client(model, self.max_tokens)?))
+            }
+            None => None,
+        };
+        let user = self.user_model.as_deref().map(|model| client(model, USER_TOKENS)).transpose()?;
+        let matcher = self.match_model.as_deref().map(|model| client(model, 0)).transpose()?;
+        Ok(Cast { agent: self.agent.clone(), deciding, user, matcher: matcher.map(|client| (client, self.match_similarity)) })
+    }
+
+    fn extra(&self) -> anyhow::Result<Map<String, Value>> {
+        let Some(text) = &self.request else { return Ok(Map::new()) };
+        serde_json::from_str(text).context("--request must be a JSON object, like '{\"top_p\": 1}'")
+    }
+}
+
+/// Most tokens that a user may write.
+const USER_TOKENS: u32 = 1024;
+
+impl Cast {
+    /// What the players are called: of a model with its name.
+    pub fn name(&self) -> String {
+        match &self.deciding {
+            Some((style, client)) => format!("{}:{}", style.as_str(), client.endpoint().model),
+            None => self.agent.clone(),
+        }
+    }
+
+    /// Whether anybody is asked over the network.
+    pub fn asks_models(&self) -> bool {
+        self.deciding.is_some() || self.user.is_some() || self.matcher.is_some()
+    }
+
+    /// Seats them at an episode.
+    ///
+    /// # Errors
+    /// Never for names that [`Players::cast`] let through.
+    pub fn seat(&self, job: &Job) -> Result<Seats, AgentError> {
+        let outside = self.outside();
+        match &self.deciding {
+            Some((style, client)) => {
+                let policy = agent(*style, client.clone(), job.config.profile.names(), job.config.seed);
+                Ok(Seats { policy, outside })
+            }
+            None => Ok(Seats { outside, ..builtin(job)? }),
+        }
+    }
+
+    fn outside(&self) -> Outside {
+        let mut outside = Outside { user: None, matcher: None, settings: BTreeMap::new() };
+        if let Some(client) = &self.user {
+            let prompt = ModelUser::prompt_digest().to_string();
+            outside.settings.insert("user".to_owned(), json!({"model": client.endpoint().model, "prompt": prompt}));
+            outside.user = Some(Box::new(ModelUser::new(client.clone())));
+        }
+        if let Some((client, similarity)) = &self.matcher {
+            let settings = json!({"model": client.endpoint().model, "similarity": similarity});
+            outside.settings.insert("matcher".to_owned(), settings);
+            outside.matcher = Some(Box::new(Embeddings::new(client.clone(), *similarity)));
+        }
+        outside
+    }
+}

@@ -1,0 +1,268 @@
+//! Agents behind an endpoint: `reel bench` against `reel mock-llm`, with all the trouble that an endpoint can make.
+
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Child, Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+use reel_trace::Trace;
+use reel_world::{ErrorCode, record::UserSource};
+use serde_json::Value;
+
+use crate::{complaint, expect, reel};
+
+/// A stand-in for a model, until it is dropped.
+struct Mock {
+    child: Child,
+    url: String,
+}
+
+impl Mock {
+    fn start(folder: &Path, arguments: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_reel"))
+            .current_dir(folder)
+            .args(["mock-llm", "plans", "--listen", "127.0.0.1:0"])
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut url = String::new();
+        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut url).unwrap();
+        assert!(url.starts_with("http://"), "{url:?}");
+        Self { child, url: url.trim().to_owned() }
+    }
+}
+
+impl Drop for Mock {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Tasks, and what the oracle does in them.
+fn plans(folder: &Path, count: &str) {
+    expect(folder, 0, &["tasks", "generate", "--count", count, "--seed", "31", "--out", "tasks"]);
+    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oracle", "--out", "plans", "--no-images"]);
+}
+
+const STYLES: [&str; 2] = ["real-agent", "function-calling"];
+
+fn bench<'a>(style: &'a str, url: &'a str, out: &'a str) -> Vec<&'a str> {
+    vec![
+        "bench",
+        "--tasks",
+        "tasks",
+        "--agent",
+        style,
+        "--endpoint",
+        url,
+        "--model",
+        "mock",
+        "--out",
+        out,
+        "--no-images",
+        "--json",
+    ]
+}
+
+/// The row of all families.
+fn all(printed: &str) -> Value {
+    let told: Value = serde_json::from_str(printed).unwrap();
+    told["rows"].as_array().unwrap().last().unwrap().clone()
+}
+
+fn traces(folder: &Path) -> Vec<Trace> {
+    let mut paths: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
+    paths.sort();
+    paths.iter().map(|path| Trace::read(path).unwrap()).collect()
+}
+
+#[test]
+fn both_styles_complete_twenty_tasks_and_replay_with_nobody_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "20");
+    {
+        let mock = Mock::start(here, &[]);
+        for style in STYLES {
+            let mut arguments = bench(style, &mock.url, style);
+            arguments.extend(["--user-model", "person", "--match-model", "vectors", "--match-similarity", "0.95"]);
+            let row = all(&expect(here, 0, &arguments));
+            assert_eq!((&row["episodes"], &row["successes"]), (&20.into(), &20.into()), "{style}: {row}");
+            assert!(row["tokens_read"].as_u64() > Some(1000) && row["latency_s"].as_f64() > Some(0.0), "{row}");
+        }
+    }
+    for style in STYLES {
+        let traces = traces(&here.join(style));
+        let families: std::collections::BTreeSet<_> = traces.iter().map(|trace| trace.header.family).collect();
+        assert_eq!(families.len(), 4);
+        let steps = || traces.iter().flat_map(|trace| &trace.steps);
+        assert!(steps().filter_map(|step| step.input.user_reply.as_ref()).any(|reply| reply.source == UserSource::Model));
+        assert!(steps().filter_map(|step| step.input.lookup.as_ref()).any(|lookup| lookup.source == "vectors"));
+        assert!(steps().all(|step| step.input.policy.as_ref().is_some_and(|said| !said.raw.is_empty())));
+        let parameters = &traces[0].header.policy.parameters;
+        assert_eq!((&parameters["model"], &parameters["user"]["model"]), (&"mock".into(), &"person".into()));
+    }
+    // The endpoint is gone.
+    let replayed = expect(here, 0, &["replay", STYLES[0], STYLES[1]]);
+    assert!(replayed.contains("40 of 40 traces replay exactly"), "{replayed}");
+    let compared = expect(here, 0, &["bench", "--compare", STYLES[0], STYLES[1]]);
+    assert!(compared.contains("all        20  100.0  100.0"), "{compared}");
+}
+
+#[test]
+fn an_answer_that_is_none_is_feedback() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "4");
+    let cases = [
+        ("gibberish@2", ErrorCode::UnparsableOutput),
+        ("truncated@1", ErrorCode::UnparsableOutput),
+        ("unknown-tool@3", ErrorCode::UnknownTool),
+    ];
+    for (trouble, code) in cases {
+        let mock = Mock::start(here, &["--trouble", trouble]);
+        for style in STYLES {
+            let out = format!("{style}-{}", trouble.split('@').next().unwrap());
+            let row = all(&expect(here, 0, &bench(style, &mock.url, &out)));
+            assert_eq!(row["successes"], 4, "{trouble} {style}: {row}");
+            for trace in traces(&here.join(&out)) {
+                let failed: Vec<_> = trace.steps.iter().filter_map(|step| step.outcome.error).collect();
+                // A cut list of arguments is still a call: its arguments are wrong.
+                let expected =
+                    if (style, trouble) == ("function-calling", "truncated@1") { ErrorCode::BadArguments } else { code };
+                assert_eq!(failed, [expected], "{trouble} {style}");
+            }
+        }
+    }
+}
+
+#[test]
+fn of_two_calls_the_first_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "4");
+    let mock = Mock::start(here, &["--trouble", "two-calls@2"]);
+    for style in STYLES {
+        let row = all(&expect(here, 0, &bench(style, &mock.url, style)));
+        assert_eq!(row["successes"], 4, "{style}: {row}");
+        // The other call was `finish`, and nobody made it.
+        let planned = traces(&here.join("plans"));
+        for (trace, plan) in traces(&here.join(style)).iter().zip(&planned) {
+            assert_eq!(trace.steps.len(), plan.steps.len());
+        }
+    }
+}
+
+#[test]
+fn trouble_on_the_way_is_waited_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "4");
+    let trouble =
+        ["--trouble", "rate-limit@1", "--trouble", "error@2", "--trouble", "cut@3", "--trouble", "stall@4", "--stall", "60"];
+    let mock = Mock::start(here, &trouble);
+    for style in STYLES {
+        let mut arguments = bench(style, &mock.url, style);
+        // A stall of a minute is no answer in time.
+        arguments.extend(["--timeout", "2"]);
+        let begun = Instant::now();
+        let row = all(&expect(here, 0, &arguments));
+        assert_eq!(row["successes"], 4, "{style}: {row}");
+        assert!(begun.elapsed() < Duration::from_secs(50));
+        let calls = fs::read_to_string(here.join(style).join("calls.jsonl")).unwrap();
+        let tried_twice = calls.lines().filter(|line| line.contains("\"attempts\":2")).count();
+        assert_eq!(tried_twice, 16, "each of four troubles once in each of four episodes");
+    }
+}
+
+#[test]
+fn who_is_not_there_ends_the_episode_and_another_run_plays_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "4");
+    let url = { Mock::start(here, &[]).url.clone() };
+    let mut arguments = bench("real-agent", &url, "out");
+    arguments.extend(["--retries", "0"]);
+    let output = reel(here, &arguments);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(
+        told.contains("no answer; the episode ended at step 0 as aborted") && told.contains("is the endpoint running"),
+        "{told}"
+    );
+    let mock = Mock::start(here, &[]);
+    let row = all(&expect(here, 0, &bench("real-agent", &mock.url, "out")));
+    assert_eq!(row["successes"], 4, "{row}");
+    // Other settings are another benchmark.
+    let mut arguments = bench("real-agent", &mock.url, "out");
+    arguments.extend(["--temperature", "0.5"]);
+    assert!(complaint(here, 2, &arguments).contains("give another folder with --out"));
+    let unknown = complaint(here, 2, &["bench", "--tasks", "tasks", "--agent", "nobody"]);
+    assert!(unknown.contains("real-agent") && unknown.contains("planner"), "{unknown}");
+}
+
+#[test]
+fn a_run_that_is_killed_three_times_ends_with_the_same_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "8");
+    let mock = Mock::start(here, &["--delay", "40"]);
+    let mut whole: Value = serde_json::from_str(&expect(here, 0, &bench("real-agent", &mock.url, "whole"))).unwrap();
+    let mut killed_midway = 0;
+    for kill in 1..=3 {
+        let mut arguments = bench("real-agent", &mock.url, "parts");
+        arguments.extend(["--jobs", "1"]);
+        let mut child =
+            Command::new(env!("CARGO_BIN_EXE_reel")).current_dir(here).args(&arguments).stderr(Stdio::null()).spawn().unwrap();
+        let finished = || {
+            fs::read_dir(here.join("parts")).map_or(0, |all| {
+                all.filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|extension| extension == "mcap"))
+                    .count()
+            })
+        };
+        let end = Instant::now() + Duration::from_secs(60);
+        while finished() < 2 * kill && Instant::now() < end {
+            thread::sleep(Duration::from_millis(20));
+        }
+        // In the middle of the next episode.
+        thread::sleep(Duration::from_millis(150));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        killed_midway += usize::from(
+            fs::read_dir(here.join("parts"))
+                .unwrap()
+                .any(|entry| entry.unwrap().path().extension().is_some_and(|extension| extension == "part")),
+        );
+    }
+    assert!(killed_midway > 0, "no episode was under way");
+    let mut parts: Value = serde_json::from_str(&expect(here, 0, &bench("real-agent", &mock.url, "parts"))).unwrap();
+    for told in [&mut whole, &mut parts] {
+        // How long the endpoint took is no result.
+        told["rows"].as_array_mut().unwrap().iter_mut().for_each(|row| row["latency_s"] = Value::Null);
+    }
+    assert_eq!(whole, parts);
+    assert_eq!(all(&parts.to_string())["episodes"], 8);
+}
+
+#[test]
+fn a_budget_ends_a_run_that_can_go_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    plans(here, "4");
+    let mock = Mock::start(here, &[]);
+    let mut arguments = bench("real-agent", &mock.url, "out");
+    arguments.extend(["--jobs", "1", "--prices", "1,2", "--max-cost", "0.000001"]);
+    let output = reel(here, &arguments);
+    assert_eq!(output.status.code(), Some(1));
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&told["played"], &told["episodes"]), (&1.into(), &4.into()));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("3 episodes were not begun"));
+    assert_eq!(all(&expect(here, 0, &bench("real-agent", &mock.url, "out")))["successes"], 4);
+}

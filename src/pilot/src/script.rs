@@ -1,0 +1,417 @@
+//! A stand-in for a model: it gives the decisions of recorded episodes to whoever plays them again, in either style, and makes
+//! trouble on request. For tests, demos, and for trying an installation before there is a model.
+//!
+//! It keeps no conversations: where one stands is read from the prompt, as a model would. A decision counts as done when its
+//! outcome is the recorded one; else it is given again, so that it gets over unreliable skills, too.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt,
+    sync::{Mutex, PoisonError},
+};
+
+use reel_prompt::{Decision, VIEW, answer, arguments};
+use reel_trace::Trace;
+use reel_world::{Digest, ToolCall, answer::Call, language};
+use serde_json::{Value, json};
+
+/// Numbers in a vector of a text.
+const DIMENSIONS: usize = 256;
+/// Longest outcome in the log of a prompt.
+const LOGGED: usize = 120;
+
+/// What can be wrong with an answer.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub enum Trouble {
+    /// Words without sense.
+    Gibberish,
+    /// JSON that ends in the middle, as at the limit of tokens.
+    Truncated,
+    /// Two calls at once.
+    TwoCalls,
+    /// A tool that there is not.
+    UnknownTool,
+    /// Status 429 with `Retry-After`, once.
+    RateLimit,
+    /// Status 500, once.
+    Error,
+    /// No answer for a while, once.
+    Stall,
+    /// A connection that breaks off in the middle of the answer, once.
+    Cut,
+}
+
+impl Trouble {
+    /// All of them, with the names they go by.
+    pub const ALL: [(Trouble, &'static str); 8] = [
+        (Trouble::Gibberish, "gibberish"),
+        (Trouble::Truncated, "truncated"),
+        (Trouble::TwoCalls, "two-calls"),
+        (Trouble::UnknownTool, "unknown-tool"),
+        (Trouble::RateLimit, "rate-limit"),
+        (Trouble::Error, "error"),
+        (Trouble::Stall, "stall"),
+        (Trouble::Cut, "cut"),
+    ];
+
+    /// Reads `KIND@CALL`, e.g. `gibberish@3`.
+    ///
+    /// # Errors
+    /// What is wrong, and what there is.
+    pub fn parse(text: &str) -> Result<(Trouble, usize), String> {
+        let kinds = || Self::ALL.map(|(_, name)| name).join(", ");
+        let (kind, call) = text.split_once('@').ok_or_else(|| format!("'{text}' is not KIND@CALL, as in gibberish@3"))?;
+        let call = call.parse().map_err(|_| format!("'{call}' is no number of a call (from 0)"))?;
+        let kind = Self::ALL.into_iter().find(|(_, name)| *name == kind);
+        kind.map(|(trouble, _)| (trouble, call)).ok_or_else(|| format!("no trouble is called so; there are {}", kinds()))
+    }
+
+    /// Whether the answer itself is right, and only its way is hard.
+    fn is_on_the_way(self) -> bool {
+        matches!(self, Trouble::RateLimit | Trouble::Error | Trouble::Stall | Trouble::Cut)
+    }
+}
+
+/// What is said to a request.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Said {
+    /// The body of the answer.
+    pub body: Value,
+    /// What is wrong with its way.
+    pub trouble: Option<Trouble>,
+}
+
+/// Recorded decisions, by the instruction of their task.
+#[derive(Default)]
+pub struct Script {
+    plans: BTreeMap<String, Vec<Vec<Line>>>,
+    troubles: Vec<(Trouble, usize)>,
+    /// Requests whose way was made hard already.
+    troubled: Mutex<BTreeSet<Digest>>,
+}
+
+impl fmt::Debug for Script {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Script({} instructions, {:?})", self.plans.len(), self.troubles)
+    }
+}
+
+/// A recorded decision.
+#[derive(Clone, Debug)]
+struct Line {
+    call: ToolCall,
+    outcome: String,
+    reply: Option<String>,
+    reasoning: String,
+    history: String,
+    subtask: String,
+}
+
+impl Script {
+    /// The decisions of recorded episodes; the trouble comes at these calls of every episode.
+    pub fn new(traces: &[Trace], troubles: Vec<(Trouble, usize)>) -> Self {
+        let mut plans: BTreeMap<String, Vec<Vec<Line>>> = BTreeMap::new();
+        for trace in traces {
+            let lines = trace.steps.iter().map(|step| {
+                let said = step.input.policy.clone().unwrap_or_default();
+                let subtask = said.plan.rsplit_once("Current subtask: ").map_or("", |(_, words)| words).to_owned();
+                Line {
+                    call: step.input.call.clone(),
+                    outcome: step.outcome.text.clone(),
+                    reply: step.reply.as_ref().map(|reply| reply.text.clone()),
+                    reasoning: said.reasoning,
+                    history: said.history,
+                    subtask,
+                }
+            });
+            plans.entry(trace.task.instruction.clone()).or_default().push(lines.collect());
+        }
+        Self { plans, troubles, troubled: Mutex::default() }
+    }
+
+    /// How many instructions it knows.
+    pub fn instructions(&self) -> usize {
+        self.plans.len()
+    }
+
+    /// What it says to a chat completion.
+    ///
+    /// # Errors
+    /// When the request is none, or of a task that was not recorded: in words for whoever asked.
+    pub fn say(&self, request: &Value) -> Result<Said, String> {
+        let messages = request.get("messages").and_then(Value::as_array).ok_or("the request has no list `messages`")?;
+        let users = || messages.iter().filter(|message| message["role"] == "user").map(|message| words(&message["content"]));
+        let last = users().last().ok_or("there is no message of a user")?;
+        if last.contains("\nThe robot asks: ") {
+            return Ok(Said { body: completion(request, &text_message(&self.reply(&last)), "stop"), trouble: None });
+        }
+        let first = users().next().unwrap_or_default();
+        let instruction =
+            first.strip_prefix("Task: ").and_then(|rest| rest.split_once("\n\n")).map(|(instruction, _)| instruction);
+        let instruction = instruction.ok_or("the prompt does not begin with `Task: ...`")?;
+        let plans = self.plans.get(instruction).ok_or_else(|| format!("no recorded episode has the task {instruction:?}"))?;
+        let functions = request.get("tools").is_some();
+        let done = if functions { conversation(messages) } else { progress(&last) };
+        let (plan, reached) = plans
+            .iter()
+            .map(|plan| (plan, done.reached(plan)))
+            .max_by_key(|(_, (call, _))| *call)
+            .expect("an instruction comes with a plan");
+        let (call, smooth) = reached;
+        let trouble = self
+            .troubles
+            .iter()
+            .filter(|(_, at)| *at == call)
+            .map(|(trouble, _)| *trouble)
+            .find(|trouble| if trouble.is_on_the_way() { self.is_new(request, *trouble) } else { smooth });
+        let right = plan.get(call).cloned().unwrap_or_else(Line::finish);
+        let (message, reason) = right.message(functions, (call, plan.len()), trouble);
+        Ok(Said { body: completion(request, &message, reason), trouble: trouble.filter(|trouble| trouble.is_on_the_way()) })
+    }
+
+    /// The vectors of texts: which letters stand together in them, in the words of the vocabulary.
+    ///
+    /// # Errors
+    /// When the request is none.
+    pub fn embed(&self, request: &Value) -> Result<Value, String> {
+        let texts = match &request["input"] {
+            Value::String(text) => vec![text.as_str()],
+            Value::Array(texts) => texts.iter().filter_map(Value::as_str).collect(),
+            _ => return Err("the request has no texts in `input`".to_owned()),
+        };
+        let data: Vec<Value> = texts
+            .iter()
+            .enumerate()
+            .map(|(index, text)| json!({"object": "embedding", "index": index, "embedding": vector(text)}))
+            .collect();
+        Ok(json!({"object": "list", "data": data, "model": request["model"]}))
+    }
+
+    /// Whether a request meets this trouble for the first time.
+    fn is_new(&self, request: &Value, trouble: Trouble) -> bool {
+        let digest = Digest::of(format!("{trouble:?} {request}").as_bytes());
+        self.troubled.lock().unwrap_or_else(PoisonError::into_inner).insert(digest)
+    }
+
+    /// What a simulated user says: what was replied to the same question, else nothing of use.
+    fn reply(&self, asked: &str) -> String {
+        let between =
+            |from: &str, to: &str| asked.rsplit_once(from).map(|(_, rest)| rest.split(to).next().unwrap_or(rest).trim());
+        let question = between("\nThe robot asks: ", "\n").unwrap_or_default();
+        let instruction = asked.strip_prefix("What you told the robot: ").and_then(|rest| rest.split_once("\n\n"));
+        let plans = instruction.and_then(|(instruction, _)| self.plans.get(instruction)).into_iter().flatten().flatten();
+        let mut replies = plans.filter(|line| line.call.arguments["question"] == question).filter_map(|line| line.reply.clone());
+        replies.next().unwrap_or_else(|| "Please look around.".to_owned())
+    }
+}
+
+impl Line {
+    fn finish() -> Self {
+        Self {
+            call: ToolCall::new("finish", json!({})),
+            outcome: String::new(),
+            reply: None,
+            reasoning: String::new(),
+            history: String::new(),
+            subtask: String::new(),
+        }
+    }
+
+    /// The assistant's message, and why it ends. `place` is the number of the call and of all calls.
+    fn message(self, functions: bool, place: (usize, usize), trouble: Option<Trouble>) -> (Value, &'static str) {
+        let mut call = self.call.clone();
+        match trouble {
+            Some(Trouble::Gibberish) => return (text_message("the {spoon sleeps furiously: under [the} verb"), "stop"),
+            Some(Trouble::UnknownTool) => call = ToolCall::new("teleport", json!({"to": "the target"})),
+            _ => {}
+        }
+        if functions {
+            let function = |id: usize, call: &ToolCall, cut: bool| {
+                let mut text = arguments(&call.arguments);
+                if cut {
+                    text.truncate(text.len() / 2);
+                }
+                json!({"id": format!("call_{}_{id}", place.0), "type": "function",
+                    "function": {"name": call.name, "arguments": text}})
+            };
+            let mut calls = vec![function(0, &call, trouble == Some(Trouble::Truncated))];
+            if trouble == Some(Trouble::TwoCalls) {
+                calls.push(function(1, &ToolCall::new("finish", json!({})), false));
+            }
+            let said = if self.reasoning.is_empty() { Value::Null } else { json!(self.reasoning) };
+            return (json!({"role": "assistant", "content": said, "tool_calls": calls}), "tool_calls");
+        }
+        let history = format!("({} of {} calls were made) {}", place.0, place.1, self.history);
+        let decision = Decision {
+            call: place.0 as u32,
+            name: &call.name,
+            arguments: &call.arguments,
+            outcome: "",
+            reasoning: &self.reasoning,
+            history: history.trim_end(),
+            schedule: "",
+            subtask: &self.subtask,
+        };
+        let mut text = answer(&decision);
+        match trouble {
+            Some(Trouble::Truncated) => {
+                let end = text.char_indices().nth(text.chars().count() / 2).map_or(0, |(at, _)| at);
+                text.truncate(end);
+                return (text_message(&text), "length");
+            }
+            Some(Trouble::TwoCalls) => text.push_str("\n{\"next_action\":{\"tool_name\":\"finish\",\"args\":{}}}"),
+            _ => {}
+        }
+        (text_message(&text), "stop")
+    }
+}
+
+/// What a prompt tells of the calls before.
+struct Done {
+    /// How many of a plan's calls were made before these.
+    from: usize,
+    /// Name and arguments in one line, and what was told.
+    calls: Vec<(String, String)>,
+}
+
+impl Done {
+    /// Which call of a plan comes next, and whether the last one went as it should.
+    fn reached(&self, plan: &[Line]) -> (usize, bool) {
+        let mut next = self.from;
+        let mut smooth = true;
+        for (call, outcome) in &self.calls {
+            let is_recorded = |line: &Line| {
+                let recorded = Call { name: line.call.name.clone(), arguments: line.call.arguments.clone(), id: None };
+                recorded.canonical() == *call && (short(&line.outcome) == short(outcome))
+            };
+            smooth = plan.get(next).is_some_and(is_recorded);
+            next += usize::from(smooth);
+        }
+        (next, smooth)
+    }
+}
+
+/// What a log keeps of an outcome.
+fn short(outcome: &str) -> String {
+    outcome.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(LOGGED).collect()
+}
+
+/// The calls in a conversation with functions.
+fn conversation(messages: &[Value]) -> Done {
+    let mut calls = Vec::new();
+    for (index, message) in messages.iter().enumerate().filter(|(_, message)| message["role"] == "assistant") {
+        let call = Call::of_value(&message["tool_calls"][0]).map_or_else(String::new, |call| call.canonical());
+        let told = messages.get(index + 1).map(|next| words(&next["content"])).unwrap_or_default();
+        calls.push((call, told));
+    }
+    Done { from: 0, calls }
+}
+
+/// The calls that a single turn tells of.
+fn progress(prompt: &str) -> Done {
+    let Some((before, last)) = prompt.rsplit_once("\nLast action: ") else { return Done { from: 0, calls: Vec::new() } };
+    let progress = before.rsplit_once("\nProgress:\n").map_or("", |(_, progress)| progress);
+    let call = |text: &str| {
+        let value = serde_json::from_str::<Value>(text).unwrap_or_default();
+        Call::of_value(&value).map_or_else(String::new, |call| call.canonical())
+    };
+    let counted = progress.strip_prefix("History: (").and_then(|rest| rest.split_once(" of ")).and_then(|(n, _)| n.parse().ok());
+    let mut calls = Vec::new();
+    if counted.is_none() {
+        for line in progress.lines() {
+            let Some((action, told)) = line.split_once(". ").and_then(|(_, rest)| rest.rsplit_once("}}: ")) else { continue };
+            calls.push((call(&format!("{action}}}}}")), told.to_owned()));
+        }
+    }
+    let (action, told) = last.split_once("\nLast outcome: ").unwrap_or((last, ""));
+    if action != "none" {
+        let told = told.strip_suffix(VIEW).unwrap_or(told);
+        calls.push((call(action), told.to_owned()));
+    }
+    Done { from: counted.unwrap_or(0), calls }
+}
+
+fn words(content: &Value) -> String {
+    match content {
+        Value::String(text) => text.clone(),
+        Value::Array(parts) => parts.iter().filter_map(|part| part["text"].as_str()).collect(),
+        _ => String::new(),
+    }
+}
+
+fn text_message(text: &str) -> Value {
+    json!({"role": "assistant", "content": text})
+}
+
+/// The body of a chat completion. Four letters are a token, and pictures cost nothing.
+fn completion(request: &Value, message: &Value, reason: &str) -> Value {
+    let messages = request["messages"].as_array().into_iter().flatten();
+    let read = messages.map(|message| words(&message["content"]).len()).sum::<usize>() / 4;
+    let written = message.to_string().len() / 4;
+    json!({
+        "id": format!("chatcmpl-{}", &Digest::of(request.to_string().as_bytes()).to_string()[..12]),
+        "object": "chat.completion", "created": 0, "model": request["model"],
+        "choices": [{"index": 0, "message": message, "finish_reason": reason}],
+        "usage": {"prompt_tokens": read, "completion_tokens": written, "total_tokens": read + written},
+    })
+}
+
+fn vector(text: &str) -> Vec<f32> {
+    let mut vector = vec![0.0; DIMENSIONS];
+    for word in language::words(text) {
+        let letters: Vec<char> = format!(" {} ", language::lemma(&word)).chars().collect();
+        for three in letters.windows(3) {
+            let digest = Digest::of(three.iter().collect::<String>().as_bytes());
+            vector[usize::from(digest.0[0]) % DIMENSIONS] += 1.0;
+        }
+    }
+    vector
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn trouble_by_name() {
+        assert_eq!(Trouble::parse("two-calls@4"), Ok((Trouble::TwoCalls, 4)));
+        for (wrong, word) in [("gibberish", "KIND@CALL"), ("gibberish@x", "number"), ("sloth@1", "rate-limit")] {
+            assert!(Trouble::parse(wrong).unwrap_err().contains(word), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_log_is_read_as_it_was_written() {
+        let arguments = json!({"receptacle_name": "table_1"});
+        let line = |call, outcome| Decision {
+            call,
+            name: "nav_to",
+            arguments: &arguments,
+            outcome,
+            reasoning: "",
+            history: "",
+            schedule: "",
+            subtask: "",
+        };
+        let text = reel_prompt::situation(&[line(0, "Arrived: {}}: there."), line(1, "Arrived again.")]);
+        let done = progress(&format!("Task: x\n\n{text}{VIEW}"));
+        let call = "nav_to({\"receptacle_name\":\"table_1\"})".to_owned();
+        assert_eq!(done.calls, [(call.clone(), "there.".to_owned()), (call, "Arrived again.\n".to_owned())]);
+    }
+
+    #[test]
+    fn nothing_that_comes_makes_it_fall() {
+        let script = Script::new(&[], vec![(Trouble::Cut, 0)]);
+        for request in [
+            json!(null),
+            json!({"messages": []}),
+            json!({"messages": [{"role": "user", "content": "Task: a"}]}),
+            json!({"messages": [{"role": "user", "content": [{"text": "Task: a\n\nb"}]}]}),
+        ] {
+            assert!(script.say(&request).is_err(), "{request}");
+        }
+        assert!(script.embed(&json!({"input": 3})).is_err());
+        let vectors = script.embed(&json!({"input": ["mug", "mugs"]})).unwrap();
+        assert_eq!(vectors["data"][0]["embedding"], vectors["data"][1]["embedding"]);
+    }
+}
