@@ -109,6 +109,9 @@ enum Command {
     #[command(about = "Serve one agent over standard input and output (MCP)")]
     #[cfg(feature = "service")]
     Mcp(commands::serve::Mcp),
+    #[command(about = "Stand between an agent and any tool server (MCP), and record what goes by")]
+    #[cfg(feature = "service")]
+    Record(commands::record::Arguments),
     #[command(about = "Make and revoke the tokens that clients of `reel serve` show")]
     #[cfg(feature = "service")]
     Token(commands::token::Arguments),
@@ -168,6 +171,8 @@ fn main() -> ExitCode {
         Command::Serve(arguments) => commands::serve::run(&arguments),
         #[cfg(feature = "service")]
         Command::Mcp(arguments) => commands::serve::mcp(&arguments),
+        #[cfg(feature = "service")]
+        Command::Record(arguments) => commands::record::run(&arguments),
         #[cfg(feature = "service")]
         Command::Token(arguments) => commands::token::run(&arguments),
         #[cfg(feature = "service")]

@@ -9,7 +9,7 @@ use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 ///
 /// # Errors
 /// What is wrong with it.
-pub(crate) fn decode(bytes: &[u8]) -> Result<Frame, String> {
+pub fn decode(bytes: &[u8]) -> Result<Frame, String> {
     let refused = |error: png::DecodingError| format!("no PNG picture that can be read ({error})");
     let mut decoder = Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(Transformations::EXPAND | Transformations::STRIP_16);

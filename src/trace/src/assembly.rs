@@ -17,7 +17,7 @@ use reel_world::{
 use serde::de::DeserializeOwned;
 
 use crate::{
-    Trace, TraceError, codec,
+    Timing, Trace, TraceError, codec,
     container::Item,
     journal::{HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment, header_metadata},
     reader::{Known, Parsed},
@@ -66,6 +66,7 @@ pub(crate) struct Assembly<'a> {
     image: Option<Vec<u8>>,
     images: BTreeMap<Option<u32>, Vec<u8>>,
     offsets: Vec<u64>,
+    timings: BTreeMap<u32, Timing>,
 }
 
 /// A step whose last message has not come yet.
@@ -100,6 +101,7 @@ impl<'a> Assembly<'a> {
             image: None,
             images: BTreeMap::new(),
             offsets: Vec::new(),
+            timings: BTreeMap::new(),
         }
     }
 
@@ -202,6 +204,7 @@ impl<'a> Assembly<'a> {
             recoveries: self.recoveries,
             images: self.images,
             offsets: self.offsets,
+            timings: self.timings,
         })
     }
 
@@ -240,6 +243,15 @@ impl<'a> Assembly<'a> {
                 let message: reel::ToolResult = decode(data)?;
                 let draft = self.draft(message.step)?;
                 once(&mut draft.result, (codec::read_outcome(&message)?, message))
+            }
+            schema::TIMING => {
+                let message: reel::Timing = decode(data)?;
+                self.draft(message.step)?;
+                let timing = Timing { called_unix_ns: message.called_unix_ns, took_ns: message.took_ns };
+                match self.timings.insert(message.step, timing) {
+                    None => Ok(()),
+                    Some(_) => Err("it was already said".into()),
+                }
             }
             schema::WORLD_DIFF => {
                 let message: reel::WorldDiff = decode(data)?;

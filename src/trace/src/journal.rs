@@ -18,7 +18,7 @@ use reel_world::{
 };
 
 use crate::{
-    Images, TraceError, codec, container, encode_webp,
+    Images, Timing, TraceError, codec, container, encode_webp,
     schema::{self, Channel, foxglove::log::Level},
     viewer,
 };
@@ -171,6 +171,14 @@ impl<W: Write + Seek> Journal<W> {
         self.flush()?;
         self.turn = Turn::Step { step, input: Box::new(input.clone()) };
         Ok(())
+    }
+
+    /// Records when the call of the step that is under way was made, and how long it took.
+    pub(crate) fn timing(&mut self, step: u32, timing: &Timing) -> Result<(), TraceError> {
+        if !matches!(&self.turn, Turn::Step { step: under_way, .. } if *under_way == step) {
+            return Err(self.out_of_turn(&format!("the timing of step {step}")));
+        }
+        self.message(schema::TIMING, &codec::timing(step, timing))
     }
 
     /// Records what came of a step.

@@ -31,5 +31,5 @@ pub use error::TraceError;
 pub use limits::Limits;
 pub use picture::{decode_webp, encode_png, encode_webp};
 pub use reader::{RecordsReader, Trace};
-pub use recorder::{Durability, Images, RecordOptions, Recorder, TraceSummary};
+pub use recorder::{Durability, Images, RecordOptions, Recorder, Timing, TraceSummary};
 pub use recover::{Recovery, Restored, recover};

@@ -12,7 +12,7 @@ use reel_world::{
 };
 
 use crate::{
-    TraceError,
+    Timing, TraceError,
     assembly::Assembly,
     container::{self, At, Closing, Item, Visitor},
     decode_webp, files,
@@ -41,6 +41,8 @@ pub struct Trace {
     pub bytes: u64,
     /// What [`recover`](crate::recover()) did to get this trace, if it did, in the order it happened.
     pub recoveries: Vec<BTreeMap<String, String>>,
+    /// By step, the clock of episodes that were recorded while they were played elsewhere.
+    pub timings: BTreeMap<u32, Timing>,
     /// WebP pictures; none: of the start.
     pub(crate) images: BTreeMap<Option<u32>, Vec<u8>>,
     /// By step, where its first message stands.

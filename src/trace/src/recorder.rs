@@ -10,6 +10,7 @@ use reel_world::{
     Digest, Frame, Scene, Task,
     record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
+use serde::Serialize;
 
 use crate::{
     TraceError, container,
@@ -66,6 +67,15 @@ impl From<Images> for RecordOptions {
     fn from(images: Images) -> Self {
         Self { images, ..Self::default() }
     }
+}
+
+/// The clock of a step that was carried out elsewhere; outside every digest.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+pub struct Timing {
+    /// When the call came, in nanoseconds since 1970.
+    pub called_unix_ns: u64,
+    /// From passing the call on to having its result whole, in nanoseconds.
+    pub took_ns: u64,
 }
 
 /// What was written.
@@ -151,6 +161,14 @@ impl Recorder {
     pub fn input(&mut self, step: u32, input: &StepInput) -> Result<(), TraceError> {
         let written = self.journal.input(step, input);
         self.acknowledge(written)
+    }
+
+    /// Records the clock of a step, between its input and what came of it; acknowledged with the latter.
+    ///
+    /// # Errors
+    /// When it is called out of turn or the file cannot be written.
+    pub fn timing(&mut self, step: u32, timing: &Timing) -> Result<(), TraceError> {
+        self.journal.timing(step, timing).map_err(|error| self.unwritten(error))
     }
 
     /// Records what came of a step.

@@ -29,6 +29,8 @@ pub mod mint;
 pub mod paranoid;
 #[cfg(feature = "analytics")]
 pub mod query;
+#[cfg(feature = "service")]
+pub mod record;
 pub mod recover;
 pub mod repack;
 pub mod repair;

@@ -1,0 +1,47 @@
+//! What went by, in numbers.
+
+use std::sync::{Mutex, PoisonError};
+
+use serde::Serialize;
+
+/// Numbers of a whole run.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
+pub struct Counts {
+    /// Sessions.
+    pub sessions: u64,
+    /// Episodes whose traces are whole.
+    pub episodes: u64,
+    /// Calls that were recorded as decisions.
+    pub calls: u64,
+    /// Calls around episodes (`finish` without one, `finish_with_id`, `list_tasks`, `list_receptacles`): passed on, no decisions.
+    pub session_calls: u64,
+    /// Calls whose results never came, or could not be read: recorded as failed.
+    pub unanswered: u64,
+    /// Calls and results that went by unrecorded because of write trouble (`--on-full continue`).
+    pub unrecorded: u64,
+    /// Calls and results that were refused because of write trouble (`--on-full stop`).
+    pub refused: u64,
+    /// Messages larger than the limit: passed on unrecorded.
+    pub too_large: u64,
+    /// Messages that are not JSON-RPC: passed on.
+    pub strange: u64,
+    /// Connections whose bytes are not HTTP/1.1: passed on without a look.
+    pub blind: u64,
+    /// Pictures that cannot stand in a trace.
+    pub pictures_left_out: u64,
+}
+
+/// Numbers that are being counted.
+#[derive(Debug, Default)]
+pub struct Report(Mutex<Counts>);
+
+impl Report {
+    pub(crate) fn count(&self, change: impl FnOnce(&mut Counts)) {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// The numbers so far.
+    pub fn counts(&self) -> Counts {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}

@@ -1,0 +1,214 @@
+//! What passes by, as far as it matters here: calls of tools and their results in JSON-RPC. Whatever else it is, it is not looked
+//! into.
+
+use reel_world::ToolCall;
+use serde::{Deserialize, de::IgnoredAny};
+use serde_json::{Map, Value, json};
+
+/// Code of JSON-RPC for what the one who answers could not do.
+const INTERNAL_ERROR: i32 = -32603;
+/// Keys of `_meta` in which clients of the newest protocol, which greets nobody, say who they are.
+const CLIENT_IN_META: [&str; 2] = ["io.modelcontextprotocol/clientInfo", "clientInfo"];
+
+/// A call of a tool.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Call {
+    pub id: Value,
+    pub call: ToolCall,
+}
+
+/// A message of the agent.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) enum FromAgent {
+    /// No JSON, or no JSON-RPC.
+    Strange,
+    /// The agent says who it is.
+    Hello(Option<String>),
+    /// Calls of tools; more than one in a batch.
+    Calls(Vec<Call>),
+    /// The agent takes a request back.
+    Cancelled(Value),
+    /// Something else of the protocol.
+    Other,
+}
+
+/// Reads a message of the agent.
+pub(crate) fn from_agent(message: &[u8]) -> FromAgent {
+    match serde_json::from_slice::<Value>(message) {
+        Ok(Value::Array(messages)) => {
+            let calls: Vec<Call> = messages.iter().filter_map(call).collect();
+            if calls.is_empty() { FromAgent::Other } else { FromAgent::Calls(calls) }
+        }
+        Ok(message @ Value::Object(_)) => match message.get("method").and_then(Value::as_str) {
+            Some("initialize") => FromAgent::Hello(name_in(message.pointer("/params/clientInfo"))),
+            Some("notifications/cancelled") => match message.pointer("/params/requestId") {
+                Some(id) => FromAgent::Cancelled(id.clone()),
+                None => FromAgent::Other,
+            },
+            Some("tools/call") => call(&message).map_or(FromAgent::Other, |call| FromAgent::Calls(vec![call])),
+            Some(_) => FromAgent::Other,
+            None if message.get("result").or(message.get("error")).is_some() => FromAgent::Other,
+            None => FromAgent::Strange,
+        },
+        _ => FromAgent::Strange,
+    }
+}
+
+/// Whether a message begins a session.
+pub(crate) fn is_hello(message: &[u8]) -> bool {
+    matches!(from_agent(message), FromAgent::Hello(_))
+}
+
+/// Who the agent says it is in a message of a protocol without sessions.
+pub(crate) fn client_of(message: &[u8]) -> Option<String> {
+    let message: Value = serde_json::from_slice(message).ok()?;
+    let meta = message.pointer("/params/_meta")?;
+    CLIENT_IN_META.iter().find_map(|key| name_in(meta.get(key)))
+}
+
+fn name_in(client: Option<&Value>) -> Option<String> {
+    client?.get("name")?.as_str().filter(|name| !name.is_empty()).map(str::to_owned)
+}
+
+fn call(message: &Value) -> Option<Call> {
+    if message.get("method")? != "tools/call" {
+        return None;
+    }
+    let id = message.get("id").filter(|id| !id.is_null())?.clone();
+    let params = message.get("params")?;
+    let name = params.get("name")?.as_str()?;
+    Some(Call { id, call: ToolCall::new(name, params.get("arguments").cloned().unwrap_or_else(|| json!({}))) })
+}
+
+/// The content of a result.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub(crate) struct Answer {
+    /// In their order.
+    pub texts: Vec<String>,
+    /// In Base64, with their types.
+    pub pictures: Vec<(String, String)>,
+    /// `structuredContent`
+    pub structured: Option<Value>,
+    /// Whether it is an error, of the tool or of the protocol.
+    pub failed: bool,
+}
+
+impl Answer {
+    /// An answer that never came, and why.
+    pub(crate) fn none(why: &str) -> Self {
+        Self { texts: vec![why.to_owned()], failed: true, ..Self::default() }
+    }
+
+    /// The first text as a JSON object, if it is one.
+    pub(crate) fn payload(&self) -> Option<Map<String, Value>> {
+        let text = self.texts.first()?;
+        text.starts_with('{').then(|| serde_json::from_str(text).ok()).flatten()
+    }
+}
+
+#[derive(Deserialize)]
+struct Head {
+    #[serde(default)]
+    id: Option<Value>,
+    #[serde(default)]
+    method: Option<IgnoredAny>,
+}
+
+/// The answer to a request among what the server sends, if it is there.
+pub(crate) fn answer_to(id: &Value, message: &[u8]) -> Option<Answer> {
+    let first = message.iter().find(|byte| !byte.is_ascii_whitespace())?;
+    if *first == b'[' {
+        let messages: Vec<Value> = serde_json::from_slice(message).ok()?;
+        return messages.iter().find(|message| message.get("id") == Some(id)).and_then(answer);
+    }
+    let head: Head = serde_json::from_slice(message).ok()?;
+    if head.method.is_some() || head.id.as_ref() != Some(id) {
+        return None;
+    }
+    answer(&serde_json::from_slice(message).ok()?)
+}
+
+fn answer(message: &Value) -> Option<Answer> {
+    if let Some(error) = message.get("error") {
+        let text = error.get("message").and_then(Value::as_str).map_or_else(|| error.to_string(), str::to_owned);
+        return Some(Answer::none(&text));
+    }
+    let result = message.get("result")?;
+    let mut answer = Answer {
+        failed: result.get("isError").and_then(Value::as_bool).unwrap_or(false),
+        structured: result.get("structuredContent").filter(|value| !value.is_null()).cloned(),
+        ..Answer::default()
+    };
+    for item in result.get("content").and_then(Value::as_array).into_iter().flatten() {
+        let of = |key: &str| item.get(key).and_then(Value::as_str);
+        match of("type") {
+            Some("text") => answer.texts.extend(of("text").map(str::to_owned)),
+            Some("image") => {
+                let kind = of("mimeType").unwrap_or_default();
+                answer.pictures.extend(of("data").map(|data| (kind.to_owned(), data.to_owned())));
+            }
+            _ => {}
+        }
+    }
+    Some(answer)
+}
+
+/// An error in the place of an answer; not longer than `most`, none where that is too short for any.
+pub(crate) fn refusal(id: &Value, why: &str, most: Option<usize>) -> Option<String> {
+    let error = |why: &str| json!({"jsonrpc": "2.0", "id": id, "error": {"code": INTERNAL_ERROR, "message": why}}).to_string();
+    let texts = [why, "reel record: not recorded, see its log"];
+    texts.into_iter().map(error).find(|text| most.is_none_or(|most| text.len() <= most))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_of_agents() {
+        let read = |text: &str| from_agent(text.as_bytes());
+        let FromAgent::Calls(calls) =
+            read(r#"{"jsonrpc":"2.0","id":7,"method":"tools/call","params":{"name":"pick","arguments":{"marker_id":1}}}"#)
+        else {
+            panic!("no call");
+        };
+        assert_eq!((calls[0].id.clone(), calls[0].call.to_string()), (json!(7), "pick(marker_id=1)".to_owned()));
+        assert_eq!(
+            read(r#"{"id":1,"method":"initialize","params":{"clientInfo":{"name":"gym"}}}"#),
+            FromAgent::Hello(Some("gym".into()))
+        );
+        assert_eq!(read(r#"{"method":"notifications/cancelled","params":{"requestId":"a"}}"#), FromAgent::Cancelled(json!("a")));
+        assert_eq!(read(r#"{"id":1,"method":"tools/list"}"#), FromAgent::Other);
+        assert_eq!(read(r#"{"id":1,"result":{}}"#), FromAgent::Other);
+        assert_eq!(read(r#"{"id":1,"method":"tools/call"}"#), FromAgent::Other);
+        assert_eq!(read(r#"{"a":1}"#), FromAgent::Strange);
+        assert_eq!(read("\u{1}\u{2}"), FromAgent::Strange);
+        let batch =
+            r#"[{"id":1,"method":"tools/call","params":{"name":"a"}},{"id":2,"method":"tools/call","params":{"name":"b"}}]"#;
+        assert!(matches!(read(batch), FromAgent::Calls(calls) if calls.len() == 2));
+        let newest = br#"{"id":1,"method":"tools/call","params":{"name":"a","_meta":{"io.modelcontextprotocol/clientInfo":{"name":"n"}}}}"#;
+        assert_eq!(client_of(newest), Some("n".into()));
+    }
+
+    #[test]
+    fn answers() {
+        let result = br#"{"jsonrpc":"2.0","id":7,"result":{"content":[{"type":"text","text":"a"},{"type":"image","data":"QQ==","mimeType":"image/png"}],"isError":false}}"#;
+        let answer = answer_to(&json!(7), result).unwrap();
+        assert_eq!((answer.texts, answer.pictures.len(), answer.failed), (vec!["a".to_owned()], 1, false));
+        assert_eq!(answer_to(&json!(8), result), None);
+        assert_eq!(answer_to(&json!(7), br#"{"id":7,"method":"elicitation/create"}"#), None);
+        let error = answer_to(&json!("x"), br#"{"id":"x","error":{"code":1,"message":"no"}}"#).unwrap();
+        assert_eq!((error.texts, error.failed), (vec!["no".to_owned()], true));
+        let batch = br#" [{"id":1,"result":{"content":[]}},{"id":7,"result":{"isError":true,"content":[]}}]"#;
+        assert!(answer_to(&json!(7), batch).unwrap().failed);
+    }
+
+    #[test]
+    fn a_refusal_is_as_short_as_it_must_be() {
+        let why = "a long story ".repeat(20);
+        assert!(refusal(&json!(1), &why, None).unwrap().contains(&why));
+        let short = refusal(&json!(1), &why, Some(120)).unwrap();
+        assert!(short.len() <= 120 && short.contains("not recorded"));
+        assert_eq!(refusal(&json!(1), &why, Some(20)), None);
+    }
+}
