@@ -43,7 +43,6 @@ pub use error::ImportError;
 pub use layout::cut_debug_info;
 pub use observe::{Shown, State, both, record};
 pub use outcome::{outcome, reply};
-pub use picture::decode as decode_picture;
 pub use task::Setting;
 
 /// What is known besides the files of an episode.

@@ -82,12 +82,10 @@ impl Connection {
     /// Passes on until one side is gone.
     pub(crate) fn run(self: Arc<Self>, agent: &TcpStream, server: &TcpStream) {
         let (back, Ok(from_server)) = (self.clone(), server.try_clone()) else { return };
-        let (agent_too, server_too) = (agent.try_clone(), server.try_clone());
+        let (Ok(agent_too), Ok(server_too)) = (agent.try_clone(), server.try_clone()) else { return };
         let backward = thread::spawn(move || {
-            // However it ends, the agent is told by the end of its stream.
-            let _ = back.responses(from_server);
-            let ends = [agent_too, server_too].into_iter().flatten();
-            ends.for_each(|stream| drop(stream.shutdown(Shutdown::Both)));
+            let _both = Ends([agent_too, server_too]);
+            drop(back.responses(from_server));
         });
         if self.requests(agent, server).is_err() {
             let _ = server.shutdown(Shutdown::Both);
@@ -353,6 +351,17 @@ impl Connection {
             if !fill(server, buffer)? {
                 return Ok(());
             }
+        }
+    }
+}
+
+/// Both sides of a connection, which are closed with this: however passing on ends, both are told.
+struct Ends([TcpStream; 2]);
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        for stream in &self.0 {
+            let _ = stream.shutdown(Shutdown::Both);
         }
     }
 }

@@ -8,8 +8,8 @@ use reel_import::{Begun, Setting, Shown, State, both};
 use reel_reward::{Rewarder, metrics};
 use reel_trace::{Recorder, Timing, TraceError};
 use reel_world::{
-    Digest, ErrorCode, Family, Frame, Lifecycle, ObjectInstance, Outcome, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph,
-    chain,
+    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Family, Lifecycle, ObjectInstance, Outcome, ReceptacleId, Scene, Task, Tool,
+    ToolCall, WorldGraph, chain,
     record::{EndReason, EndRecord, EpisodeHeader, Metrics, PolicyInfo, PolicyOutput, StartRecord, StepInput, StepRecord},
 };
 use serde_json::{Map, Value, json};
@@ -43,7 +43,6 @@ enum Now {
 struct Playing {
     recorder: Recorder,
     path: PathBuf,
-    header: EpisodeHeader,
     task: Task,
     start: StartRecord,
     rewarder: Box<dyn Rewarder>,
@@ -131,29 +130,30 @@ impl Episodes {
         let payload =
             answer.payload().filter(|payload| payload.contains_key("task_id") && payload.contains_key("task_description"));
         let debug_info = answer.texts.iter_mut().filter_map(reel_import::cut_debug_info).last();
-        let frame = self.picture(&answer);
+        let png = self.picture(&answer);
         let mut ends = None;
         if *kind == Kind::Step {
             let tells_another = payload.is_some();
-            ends = self.step(&answer, debug_info.as_ref(), tells_another, frame.as_ref(), timing)?;
+            ends = self.step(&answer, debug_info.as_ref(), tells_another, png.as_deref(), timing)?;
         }
-        let Some(payload) = payload else { return ends.map_or(Ok(()), |reason| self.end(reason)) };
-        // Whatever ran is over: the server plays something else now.
-        self.end(ends.unwrap_or(EndReason::Aborted))?;
+        if payload.is_some() || ends.is_some() {
+            // Whatever ran is over: the server plays something else now.
+            self.end(ends.unwrap_or(EndReason::Aborted));
+        }
+        let Some(payload) = payload else { return Ok(()) };
         let begun = self.told(&payload, &debug_info.unwrap_or_default());
-        self.begin(begun, frame.as_ref())
+        self.begin(begun, png.as_deref())
     }
 
-    /// Ends the episode that runs, if one does.
-    pub(crate) fn end(&mut self, reason: EndReason) -> Result<(), Trouble> {
-        match std::mem::replace(&mut self.now, Now::Nothing) {
-            Now::Playing(playing) => {
-                let (path, metrics) = playing.end(&self.setup, reason)?;
-                self.setup.tell(Seen::Ended { session: &self.session, path: &path, reason, metrics: &metrics });
-                Ok(())
-            }
-            Now::Nothing | Now::Broken(_) => Ok(()),
-        }
+    /// Ends the episode that runs, if one does. Every step of it is on disk; making its trace of that takes longer than anybody
+    /// should wait.
+    pub(crate) fn end(&mut self, reason: EndReason) {
+        let Now::Playing(playing) = std::mem::replace(&mut self.now, Now::Nothing) else { return };
+        let (setup, session) = (self.setup.clone(), self.session.clone());
+        self.setup.endings.add(move || match playing.end(&setup, reason) {
+            Ok((path, metrics)) => setup.tell(Seen::Ended { session: &session, path: &path, reason, metrics: &metrics }),
+            Err(Trouble(why)) => setup.tell(Seen::Trouble { session: &session, what: &why }),
+        });
     }
 
     /// Gives the recording up; what is written stays in the unfinished recording.
@@ -169,7 +169,7 @@ impl Episodes {
         answer: &Answer,
         debug_info: Option<&Map<String, Value>>,
         tells_another: bool,
-        frame: Option<&Frame>,
+        png: Option<&[u8]>,
         timing: Timing,
     ) -> Result<Option<EndReason>, Trouble> {
         let mapping = self.setup.mapping.as_ref();
@@ -190,14 +190,17 @@ impl Episodes {
             Some(error) => failed(&error, answer),
             None => outcome(&input.call, answer, debug_info.is_some(), marked),
         };
-        let frame = frame.filter(|_| !tells_another);
         let reply = reel_import::reply(&input.call, &outcome);
-        let shown = Shown { input, outcome, reply, frame: frame.map(Frame::digests) };
+        let shown = Shown { input, outcome, reply, frame: None };
         let mut record = reel_import::record(playing.next(), shown, &playing.state, &after);
         record.reward = playing.rewarder.step(&record);
         record.digests.chain = chain::step_link(&playing.link, &record);
         let recorder = &mut playing.recorder;
-        if let Err(error) = recorder.timing(record.step, &timing).and_then(|()| recorder.step(&record, frame)) {
+        let written = recorder.timing(record.step, &timing).and_then(|()| match png.filter(|_| !tells_another) {
+            Some(png) => recorder.step_with_png(&record, png),
+            None => recorder.step(&record, None),
+        });
+        if let Err(error) = written {
             return Err(self.broke(error));
         }
         self.setup.tell(Seen::Step { session: &self.session, record: &record, timing });
@@ -209,7 +212,7 @@ impl Episodes {
     }
 
     /// Opens the recording of an episode.
-    fn begin(&mut self, begun: Begun, frame: Option<&Frame>) -> Result<(), Trouble> {
+    fn begin(&mut self, begun: Begun, png: Option<&[u8]>) -> Result<(), Trouble> {
         let Begun { setting: Setting { task, scene, settings }, state, notes } = begun;
         let (path, before) = self.path(&task);
         let setup = &self.setup;
@@ -245,14 +248,18 @@ impl Episodes {
             robot: state.robot(),
             ..StartRecord::default()
         };
-        start.digests.frame = frame.map(Frame::digests);
         header.episode_id = Digest::of_json(&(&header, &start)).to_string()[..16].to_owned();
         header.build = env!("CARGO_PKG_VERSION").to_owned();
         start.digests.chain = chain::start_link(&header, &start);
         let mut rewarder = setup.preset.rewarder(&task, &scene);
         rewarder.start(&start);
-        let written = Recorder::create(&path, &header, &task, &scene, setup.options)
-            .and_then(|mut recorder| recorder.start(&start, frame).map(|()| recorder));
+        let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(|mut recorder| {
+            let started = match png {
+                Some(png) => recorder.start_with_png(&start, png),
+                None => recorder.start(&start, None),
+            };
+            started.map(|()| recorder)
+        });
         let recorder = match written {
             Ok(recorder) => recorder,
             Err(error) => return Err(self.broke(error)),
@@ -261,7 +268,7 @@ impl Episodes {
         self.begun += 1;
         self.unrecorded = 0;
         let (link, steps) = (start.digests.chain, Vec::new());
-        let playing = Playing { recorder, path, header, task, start, rewarder, state, link, steps, under_way: None };
+        let playing = Playing { recorder, path, task, start, rewarder, state, link, steps, under_way: None };
         self.now = Now::Playing(Box::new(playing));
         Ok(())
     }
@@ -306,17 +313,24 @@ impl Episodes {
     }
 
     /// The last picture of an answer, where it can stand in a trace.
-    fn picture(&self, answer: &Answer) -> Option<Frame> {
+    fn picture(&self, answer: &Answer) -> Option<Vec<u8>> {
         let (kind, data) = answer.pictures.last()?;
         let decode = || {
-            if kind != "image/png" {
-                return Err(format!("a picture of type {kind:?}; traces hold PNG pictures of the head camera"));
-            }
             let bytes = base64::engine::general_purpose::STANDARD.decode(data).map_err(|error| format!("no Base64 ({error})"))?;
-            reel_import::decode_picture(&bytes)
+            match png_size(&bytes) {
+                None => Err(format!("it is no PNG, but {kind:?}")),
+                Some(size) if size != (FRAME_WIDTH, FRAME_HEIGHT) => Err(format!("it has {} x {} pixels", size.0, size.1)),
+                Some(_) => Ok(bytes),
+            }
         };
         decode().inspect_err(|why| self.setup.tell(Seen::PictureLeftOut { session: &self.session, why })).ok()
     }
+}
+
+/// Width and height of a PNG file, as its head says.
+fn png_size(bytes: &[u8]) -> Option<(usize, usize)> {
+    let side = |from: usize| Some(u32::from_be_bytes(*bytes.get(from..)?.first_chunk()?) as usize);
+    bytes.starts_with(b"\x89PNG\r\n\x1a\n").then(|| Some((side(16)?, side(20)?))).flatten()
 }
 
 impl Playing {
@@ -329,7 +343,6 @@ impl Playing {
         let metrics = metrics(&setup.preset, &self.task, &self.start, &self.steps, &graphs);
         let steps = self.next();
         self.recorder.end(&EndRecord { reason, graphs, metrics: metrics.clone(), chain: self.link, steps })?;
-        debug_assert_eq!(self.header.task_id, self.task.task_id);
         Ok((self.path, metrics))
     }
 }

@@ -65,11 +65,12 @@ impl<'a> Events<'a> {
     fn pass_body(&mut self, buffer: &mut Vec<u8>, server: &TcpStream) -> io::Result<bool> {
         loop {
             let (used, content) = self.body.take(buffer).map_err(|_| io::Error::other("the stream is not HTTP/1.1"))?;
-            let passed = self.held.len();
+            let before = self.held.len();
             self.held.extend(buffer.drain(..used));
-            let mut end = passed;
+            // Up to where it may be passed on: nothing of an event that is not whole.
+            let mut end = 0;
             for range in content {
-                end = self.look(range.start + passed..range.end + passed).unwrap_or(end);
+                end = self.look(range.start + before..range.end + before).unwrap_or(end);
             }
             if self.event.is_empty() || self.too_large {
                 end = self.held.len();

@@ -157,6 +157,7 @@ impl Proxy {
         thread::spawn(move || accept(&listener, &accepting));
         stop::wait()?;
         shared.sessions.end_all("the recorder was stopped");
+        shared.setup.endings.wait();
         Ok(())
     }
 }

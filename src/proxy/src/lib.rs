@@ -40,7 +40,7 @@ use reel_world::{
 pub use error::ProxyError;
 pub use http::{Proxy, Upstream};
 pub use mapping::{Mapping, MappingError};
-pub use report::{Counts, Report};
+pub use report::{Counts, Endings, Report};
 pub use stdio::run_stdio;
 
 /// What happens when a recording cannot be written.
@@ -88,7 +88,7 @@ pub enum Seen<'a> {
         /// What it came to.
         metrics: &'a Metrics,
     },
-    /// A picture that cannot stand in a trace.
+    /// A picture that cannot stand in a trace: those are PNG files of the head camera's size.
     PictureLeftOut {
         /// Its session.
         session: &'a str,
@@ -141,6 +141,8 @@ pub struct Setup {
     pub watch: Watch,
     /// What went by.
     pub report: Report,
+    /// What is still being finished.
+    pub endings: Endings,
 }
 
 impl Setup {

@@ -1,6 +1,9 @@
-//! What went by, in numbers.
+//! What went by, in numbers, and what is still being finished.
 
-use std::sync::{Mutex, PoisonError};
+use std::{
+    sync::{Mutex, PoisonError},
+    thread::{self, JoinHandle},
+};
 
 use serde::Serialize;
 
@@ -29,6 +32,24 @@ pub struct Counts {
     pub blind: u64,
     /// Pictures that cannot stand in a trace.
     pub pictures_left_out: u64,
+}
+
+/// Traces that are being made whole beside what goes by.
+#[derive(Debug, Default)]
+pub struct Endings(Mutex<Vec<JoinHandle<()>>>);
+
+impl Endings {
+    pub(crate) fn add(&self, work: impl FnOnce() + Send + 'static) {
+        let mut running = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        running.retain(|ending| !ending.is_finished());
+        running.push(thread::spawn(work));
+    }
+
+    /// Waits for all of them.
+    pub(crate) fn wait(&self) {
+        let running = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        running.into_iter().for_each(|ending| drop(ending.join()));
+    }
 }
 
 /// Numbers that are being counted.

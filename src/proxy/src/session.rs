@@ -165,9 +165,7 @@ impl Session {
     pub(crate) fn end(&self, why: &str) {
         let mut inner = self.lock();
         self.give_up(&mut inner, why);
-        if let Err(trouble) = inner.episodes.end(EndReason::Aborted) {
-            self.setup.tell(Seen::Trouble { session: &self.name, what: &trouble.0 });
-        }
+        inner.episodes.end(EndReason::Aborted);
     }
 
     /// For how long nothing came, where nothing is awaited.

@@ -65,6 +65,7 @@ pub fn run_stdio(setup: Arc<Setup>, command: &[String]) -> Result<Option<i32>, P
             None
         }
     };
+    setup.endings.wait();
     Ok(code)
 }
 

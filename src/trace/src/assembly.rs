@@ -20,10 +20,10 @@ use crate::{
     Timing, Trace, TraceError, codec,
     container::Item,
     journal::{HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment, header_metadata},
+    picture,
     reader::{Known, Parsed},
     schema::{
         self,
-        foxglove::CompressedImage,
         reel::{self, episode_event::Event},
     },
 };
@@ -143,8 +143,11 @@ impl<'a> Assembly<'a> {
     }
 
     /// The call that was received, but of which nothing came that is whole.
-    pub(crate) fn under_way(&self) -> Option<(u32, &ToolCall)> {
-        self.draft.as_ref().map(|draft| (self.step_count(), &draft.call))
+    pub(crate) fn under_way(&self) -> Option<(u32, StepInput)> {
+        self.draft.as_ref().map(|draft| {
+            let (call, policy, user_reply) = (draft.call.clone(), draft.policy.clone(), draft.user_reply.clone());
+            (self.step_count(), StepInput { call, policy, user_reply })
+        })
     }
 
     /// Whether the start is whole.
@@ -260,7 +263,10 @@ impl<'a> Assembly<'a> {
             }
             schema::REWARD => self.reward(decode(data)?),
             schema::CAMERA if self.records_only.is_some() => Ok(()),
-            schema::CAMERA => once(&mut self.image, decode::<CompressedImage>(data)?.data),
+            schema::CAMERA => match picture::finished(decode(data)?) {
+                Some(image) => once(&mut self.image, image.data),
+                None => Ok(()),
+            },
             schema::SIM_DIGEST => self.moment(codec::read_sim_digest(decode(data)?)?),
             // Derived for viewers; a recorder writes them, nobody reads them back.
             _ => Ok(()),

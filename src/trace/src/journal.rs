@@ -45,6 +45,8 @@ pub(crate) enum Picture<'a> {
     Rgb(&'a [u8]),
     /// Already encoded.
     Webp(&'a [u8]),
+    /// As somebody else encoded it; the finished file holds it as WebP.
+    Png(&'a [u8]),
 }
 
 /// Writes one episode. Calls come in the order `start`, then `input` and `step` for each step, then `end`.
@@ -262,11 +264,12 @@ impl<W: Write + Seek> Journal<W> {
     ) -> Result<(), TraceError> {
         let ns = self.time_ns();
         if let (Images::Full, Some(picture)) = (self.images, picture) {
-            let webp = match picture {
-                Picture::Webp(webp) => webp.to_vec(),
-                Picture::Rgb(rgb) => self.encode(step, rgb)?,
+            let (format, data) = match picture {
+                Picture::Webp(webp) => ("webp", webp.to_vec()),
+                Picture::Rgb(rgb) => ("webp", self.encode(step, rgb)?),
+                Picture::Png(png) => ("png", png.to_vec()),
             };
-            self.message(schema::CAMERA, &viewer::picture(ns, webp))?;
+            self.message(schema::CAMERA, &viewer::picture(ns, format, data))?;
             self.message(schema::ANNOTATIONS, &viewer::annotations(ns, visible))?;
         }
         let transforms = viewer::transforms(ns, robot, bodies, &self.bodies);

@@ -7,8 +7,8 @@ use std::{
 };
 
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task, ToolCall,
-    record::{EndRecord, EpisodeHeader, StartRecord, StepRecord},
+    Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task,
+    record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
 
 use crate::{
@@ -199,7 +199,7 @@ pub(crate) struct Loaded {
     /// What is known before the first call, where there is not even a start.
     pub head: Option<(EpisodeHeader, Arc<Task>, Arc<Scene>)>,
     /// The call that was received, but of which nothing came that is whole.
-    pub under_way: Option<(u32, ToolCall)>,
+    pub under_way: Option<(u32, StepInput)>,
     /// What is wrong, in the order of the file.
     pub problems: Vec<Problem>,
 }
@@ -287,7 +287,7 @@ impl<'a> Reading<'a> {
                 *steps_readable = steps_before;
             }
         }
-        let under_way = self.assembly.under_way().map(|(step, call)| (step, call.clone()));
+        let under_way = self.assembly.under_way();
         let head = if self.assembly.has_start() { None } else { self.assembly.head().ok() };
         let nothing = self.assembly.nothing_restored();
         let trace = self.assembly.into_trace(bytes).map_err(|missing| nothing.unwrap_or(missing));

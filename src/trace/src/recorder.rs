@@ -181,6 +181,25 @@ impl Recorder {
         self.acknowledge(written)
     }
 
+    /// [`Recorder::start`] with a picture that somebody else encoded as PNG: as it came until the end, then as all pictures. It
+    /// is not decoded before, so the record cannot have its digest; what is no picture is left out of the finished file.
+    ///
+    /// # Errors
+    /// As [`Recorder::start`].
+    pub fn start_with_png(&mut self, record: &StartRecord, png: &[u8]) -> Result<(), TraceError> {
+        let written = self.journal.start(record, Some(Picture::Png(png)));
+        self.acknowledge(written)
+    }
+
+    /// [`Recorder::step`] with a picture as in [`Recorder::start_with_png`].
+    ///
+    /// # Errors
+    /// As [`Recorder::step`].
+    pub fn step_with_png(&mut self, record: &StepRecord, png: &[u8]) -> Result<(), TraceError> {
+        let written = self.journal.step(record, Some(Picture::Png(png)));
+        self.acknowledge(written)
+    }
+
     /// Records the end, writes the finished file under its name and deletes the part, in this order: at every
     /// moment there is a whole part, a whole trace, or both.
     ///

@@ -9,7 +9,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_proxy::{Mapping, OnFull, Proxy, Report, Seen, Setup, Upstream};
+use reel_proxy::{Endings, Mapping, OnFull, Proxy, Report, Seen, Setup, Upstream};
 use reel_reward::Preset;
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions};
@@ -184,6 +184,7 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         hosts: arguments.hosts.clone(),
         watch: Box::new(move |seen| tell(&seen, shows, to_stderr)),
         report: Report::default(),
+        endings: Endings::default(),
     })
 }
 
