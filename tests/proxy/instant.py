@@ -71,6 +71,9 @@ class Instant:
             daemon_threads = allow_reuse_address = True
             request_queue_size = 256
 
+            def handle_error(self, *_):
+                """Agents go without a word."""
+
         self.server = Threads(("127.0.0.1", 0), Handler)
         self.port = self.server.server_address[1]
         threading.Thread(target=self.server.serve_forever, daemon=True).start()

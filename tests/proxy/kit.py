@@ -52,9 +52,10 @@ class Recorder:
         if self.process.poll() is None:
             self.process.send_signal(how)
         self.process.wait(patience)
-        rest = self.process.stdout.read()
-        self.process.stdout.close()
-        return rest
+        if not self.process.stdout.closed:
+            self.said = self.process.stdout.read()
+            self.process.stdout.close()
+        return self.said
 
     def traces(self):
         return sorted(self.out.glob("*.mcap"))

@@ -64,7 +64,7 @@ def test_same_bytes_over_sse():
                 agent.posts.ask("POST", "/messages/?session_id=nobody", b"{}", {"Content-Type": "application/json"})
                 agent.close()
             bytes_ = same(*agents, "HTTP+SSE")
-            assert until(lambda: len(recorder.traces()) == 3 and not recorder.parts()), recorder.traces()
+            assert until(lambda: len(recorder.traces()) == 2 and not recorder.parts()), recorder.traces()
             print(f"  {len(agents[0].said)} messages, {bytes_} bytes alike")
 
 
@@ -72,8 +72,6 @@ def test_same_bytes_over_stdio():
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         made = world(folder)
-        config = folder / "serve.toml"
-        config.write_text('[play]\nprofile = "real-repo"\n')
         serve = lambda data: [REEL, "mcp", "--tasks", made, "--profile", "real-repo", "--run", "one", "--data", folder / data]
         agents = [Stdio(serve("a")), Stdio([REEL, "record", "--out", folder / "out", "--stdio", "--", *serve("b")])]
         for agent in agents:
@@ -85,7 +83,7 @@ def test_same_bytes_over_stdio():
             agent.rpc("ping")
             agent.close()
         bytes_ = same(*agents, "stdio")
-        assert len(list((folder / "out").glob("*.mcap"))) == 3 and not list((folder / "out").glob("*.part"))
+        assert len(list((folder / "out").glob("*.mcap"))) == 2 and not list((folder / "out").glob("*.part"))
         print(f"  {len(agents[0].said)} lines, {bytes_} bytes alike")
 
 
@@ -295,7 +293,7 @@ held = "/robot/holds"
 OWN = {
     "episodes": """episode_id run_id policy seed sim_version build backend trace trace_digest trace_bytes trace_modified_ns start_objects
         shortest_path_m path_length_m spl steps""",
-    "steps": """text sim_step robot_yaw_rad path_length_m visible visible_objects new_objects candidates latency_ns state_digest
+    "steps": """text reply listed sim_step robot_yaw_rad path_length_m visible visible_objects new_objects candidates latency_ns state_digest
         chain_digest trace_offset""",
     "tasks": "", "scenes": "",
 }
@@ -316,8 +314,9 @@ def test_tables_beside_the_servers_own():
         made = world(folder)
         with Server("--tasks", made, "--profile", "real-repo") as server, Recorder(server.port, "--tasks", made) as recorder:
             agent = Http(recorder.port)
-            for _ in range(5):
-                play(agent)
+            # Some are given up before the object is where it belongs.
+            for decisions in (None, 7, None, 9, 3):
+                play(agent, decisions)
             agent.call("finish")
             agent.close()
             assert until(lambda: len(recorder.traces()) >= 5 and not recorder.parts())

@@ -109,7 +109,8 @@ impl Episodes {
         }
         if matches!(self.now, Now::Nothing) {
             let begun = self.generic();
-            self.begin(begun, None)?;
+            // Nothing has happened yet: the next call may try again.
+            self.begin(begun, None).inspect_err(|_| self.now = Now::Nothing)?;
         }
         let policy = PolicyOutput { raw, latency_ns: thought_ns, ..PolicyOutput::default() };
         let policy = Some(policy).filter(|policy| *policy != PolicyOutput::default());
@@ -130,7 +131,7 @@ impl Episodes {
         let payload =
             answer.payload().filter(|payload| payload.contains_key("task_id") && payload.contains_key("task_description"));
         let debug_info = answer.texts.iter_mut().filter_map(reel_import::cut_debug_info).last();
-        let png = self.picture(&answer);
+        let png = self.picture(&mut answer);
         let mut ends = None;
         if *kind == Kind::Step {
             let tells_another = payload.is_some();
@@ -169,7 +170,7 @@ impl Episodes {
         answer: &Answer,
         debug_info: Option<&Map<String, Value>>,
         tells_another: bool,
-        png: Option<&[u8]>,
+        png: Option<&str>,
         timing: Timing,
     ) -> Result<Option<EndReason>, Trouble> {
         let mapping = self.setup.mapping.as_ref();
@@ -197,7 +198,7 @@ impl Episodes {
         record.digests.chain = chain::step_link(&playing.link, &record);
         let recorder = &mut playing.recorder;
         let written = recorder.timing(record.step, &timing).and_then(|()| match png.filter(|_| !tells_another) {
-            Some(png) => recorder.step_with_png(&record, png),
+            Some(png) => recorder.step_with_base64(&record, png),
             None => recorder.step(&record, None),
         });
         if let Err(error) = written {
@@ -212,7 +213,7 @@ impl Episodes {
     }
 
     /// Opens the recording of an episode.
-    fn begin(&mut self, begun: Begun, png: Option<&[u8]>) -> Result<(), Trouble> {
+    fn begin(&mut self, begun: Begun, png: Option<&str>) -> Result<(), Trouble> {
         let Begun { setting: Setting { task, scene, settings }, state, notes } = begun;
         let (path, before) = self.path(&task);
         let setup = &self.setup;
@@ -255,7 +256,7 @@ impl Episodes {
         rewarder.start(&start);
         let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(|mut recorder| {
             let started = match png {
-                Some(png) => recorder.start_with_png(&start, png),
+                Some(png) => recorder.start_with_base64(&start, png),
                 None => recorder.start(&start, None),
             };
             started.map(|()| recorder)
@@ -312,25 +313,24 @@ impl Episodes {
         }
     }
 
-    /// The last picture of an answer, where it can stand in a trace.
-    fn picture(&self, answer: &Answer) -> Option<Vec<u8>> {
-        let (kind, data) = answer.pictures.last()?;
-        let decode = || {
-            let bytes = base64::engine::general_purpose::STANDARD.decode(data).map_err(|error| format!("no Base64 ({error})"))?;
-            match png_size(&bytes) {
-                None => Err(format!("it is no PNG, but {kind:?}")),
-                Some(size) if size != (FRAME_WIDTH, FRAME_HEIGHT) => Err(format!("it has {} x {} pixels", size.0, size.1)),
-                Some(_) => Ok(bytes),
-            }
+    /// The last picture of an answer, in Base64, where it can stand in a trace.
+    fn picture(&self, answer: &mut Answer) -> Option<String> {
+        let (kind, data) = answer.pictures.pop()?;
+        let why = match png_size(&data) {
+            Some((FRAME_WIDTH, FRAME_HEIGHT)) => return Some(data),
+            Some((width, height)) => format!("it has {width} x {height} pixels, not {FRAME_WIDTH} x {FRAME_HEIGHT}"),
+            None => format!("it is no PNG, but {kind:?}"),
         };
-        decode().inspect_err(|why| self.setup.tell(Seen::PictureLeftOut { session: &self.session, why })).ok()
+        self.setup.tell(Seen::PictureLeftOut { session: &self.session, why: &why });
+        None
     }
 }
 
-/// Width and height of a PNG file, as its head says.
-fn png_size(bytes: &[u8]) -> Option<(usize, usize)> {
-    let side = |from: usize| Some(u32::from_be_bytes(*bytes.get(from..)?.first_chunk()?) as usize);
-    bytes.starts_with(b"\x89PNG\r\n\x1a\n").then(|| Some((side(16)?, side(20)?))).flatten()
+/// Width and height of a PNG file in Base64, as its head says.
+fn png_size(text: &str) -> Option<(usize, usize)> {
+    let head = base64::engine::general_purpose::STANDARD.decode(text.get(..32)?).ok()?;
+    let side = |from: usize| Some(u32::from_be_bytes(*head.get(from..)?.first_chunk()?) as usize);
+    head.starts_with(b"\x89PNG\r\n\x1a\n").then(|| Some((side(16)?, side(20)?))).flatten()
 }
 
 impl Playing {

@@ -110,7 +110,7 @@ impl<'a> Events<'a> {
                     // The rest of the line says nothing of its end.
                     let rest = &self.held[at + 1..range.end];
                     if !matches!(self.held[at], b'\n' | b'\r') {
-                        at += rest.iter().position(|byte| matches!(byte, b'\n' | b'\r')).unwrap_or(rest.len());
+                        at += memchr::memchr2(b'\n', b'\r', rest).unwrap_or(rest.len());
                     }
                 }
             }

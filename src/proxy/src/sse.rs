@@ -62,8 +62,11 @@ impl Event {
     /// Reads the bytes of one event; a comment alone is an event without data.
     pub(crate) fn read(bytes: &[u8]) -> Event {
         let mut event = Event { name: "message".to_owned(), data: Vec::new() };
-        let mut first = true;
-        for line in bytes.split(|byte| *byte == b'\n').flat_map(|line| line.split(|byte| *byte == b'\r')) {
+        let (mut first, mut rest) = (true, bytes);
+        while !rest.is_empty() {
+            let end = memchr::memchr2(b'\n', b'\r', rest).unwrap_or(rest.len());
+            let line = &rest[..end];
+            rest = rest.get(end + 1..).unwrap_or_default();
             let (field, value) = match line.iter().position(|byte| *byte == b':') {
                 Some(at) => (&line[..at], line[at + 1..].strip_prefix(b" ").unwrap_or(&line[at + 1..])),
                 None => (line, &line[line.len()..]),
@@ -122,7 +125,21 @@ pub(crate) fn resolve(base: &str, reference: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    proptest! {
+        #[test]
+        fn every_event_is_found_and_nothing_panics(data in prop::collection::vec("[a-z:{} ]{0,20}", 1..6), noise in prop::collection::vec(any::<u8>(), 0..200)) {
+            let stream: String = data.iter().map(|data| format!("data: {data}\n\n")).collect();
+            let found: Vec<Vec<u8>> = events(stream.as_bytes()).into_iter().map(|event| event.data).collect();
+            prop_assert_eq!(found, data.iter().map(|data| data.as_bytes().to_vec()).collect::<Vec<_>>());
+            let mut scanner = Scanner::default();
+            let _: Vec<Byte> = noise.iter().map(|byte| scanner.take(*byte)).collect();
+            let _ = Event::read(&noise);
+        }
+    }
 
     fn events(stream: &[u8]) -> Vec<Event> {
         let (mut scanner, mut event, mut events) = (Scanner::default(), Vec::new(), Vec::new());

@@ -106,46 +106,53 @@ impl Answer {
     }
 }
 
+/// A message of a server, as far as it is read.
 #[derive(Deserialize)]
-struct Head {
+struct Message {
     #[serde(default)]
     id: Option<Value>,
     #[serde(default)]
     method: Option<IgnoredAny>,
+    #[serde(default)]
+    result: Option<Value>,
+    #[serde(default)]
+    error: Option<Value>,
 }
 
 /// The answer to a request among what the server sends, if it is there.
 pub(crate) fn answer_to(id: &Value, message: &[u8]) -> Option<Answer> {
     let first = message.iter().find(|byte| !byte.is_ascii_whitespace())?;
     if *first == b'[' {
-        let messages: Vec<Value> = serde_json::from_slice(message).ok()?;
-        return messages.iter().find(|message| message.get("id") == Some(id)).and_then(answer);
+        let messages: Vec<Message> = serde_json::from_slice(message).ok()?;
+        return messages.into_iter().find_map(|message| answer(id, message));
     }
-    let head: Head = serde_json::from_slice(message).ok()?;
-    if head.method.is_some() || head.id.as_ref() != Some(id) {
-        return None;
-    }
-    answer(&serde_json::from_slice(message).ok()?)
+    answer(id, serde_json::from_slice(message).ok()?)
 }
 
-fn answer(message: &Value) -> Option<Answer> {
-    if let Some(error) = message.get("error") {
+fn answer(id: &Value, message: Message) -> Option<Answer> {
+    if message.method.is_some() || message.id.as_ref() != Some(id) {
+        return None;
+    }
+    if let Some(error) = message.error {
         let text = error.get("message").and_then(Value::as_str).map_or_else(|| error.to_string(), str::to_owned);
         return Some(Answer::none(&text));
     }
-    let result = message.get("result")?;
+    let mut result = message.result?;
     let mut answer = Answer {
         failed: result.get("isError").and_then(Value::as_bool).unwrap_or(false),
         structured: result.get("structuredContent").filter(|value| !value.is_null()).cloned(),
         ..Answer::default()
     };
-    for item in result.get("content").and_then(Value::as_array).into_iter().flatten() {
-        let of = |key: &str| item.get(key).and_then(Value::as_str);
-        match of("type") {
-            Some("text") => answer.texts.extend(of("text").map(str::to_owned)),
+    let text = |item: &mut Value, key: &str| match item.get_mut(key).map(Value::take) {
+        Some(Value::String(text)) => Some(text),
+        _ => None,
+    };
+    for item in result.get_mut("content").and_then(Value::as_array_mut).into_iter().flatten() {
+        match item.get("type").and_then(Value::as_str) {
+            Some("text") => answer.texts.extend(text(item, "text")),
             Some("image") => {
-                let kind = of("mimeType").unwrap_or_default();
-                answer.pictures.extend(of("data").map(|data| (kind.to_owned(), data.to_owned())));
+                let kind = text(item, "mimeType").unwrap_or_default();
+                answer.pictures.extend(text(item, "data").map(|data| (kind, data)));
             }
             _ => {}
         }
@@ -162,7 +169,16 @@ pub(crate) fn refusal(id: &Value, why: &str, most: Option<usize>) -> Option<Stri
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    proptest! {
+        #[test]
+        fn nothing_panics(text in "([{}\\[\\]:,\"0-9a-z]|\"id\":1|\"method\":\"tools/call\"|\"params\"|\"result\"|\"content\"){0,40}") {
+            let _ = (from_agent(text.as_bytes()), client_of(text.as_bytes()), answer_to(&json!(1), text.as_bytes()));
+        }
+    }
 
     #[test]
     fn messages_of_agents() {

@@ -238,7 +238,21 @@ impl Chunks {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+
+    proptest! {
+        #[test]
+        fn nothing_panics(bytes in prop::collection::vec(any::<u8>(), 0..300), text in "(HTTP/1.1 200|GET / HTTP/1.1|[ -~]|\r\n|:){0,60}") {
+            for bytes in [bytes.as_slice(), text.as_bytes()] {
+                for head in [Head::request(bytes), Head::response(bytes)].into_iter().flatten().flatten() {
+                    let _ = (head.body(false), head.content_type(), head.with_values(&[("host", "x")]));
+                }
+                let _ = Body::Chunked(Chunks::default()).take(bytes);
+            }
+        }
+    }
 
     #[test]
     fn a_head_and_its_values() {

@@ -18,7 +18,7 @@ use reel_world::{
 };
 
 use crate::{
-    Images, Timing, TraceError, codec, container, encode_webp,
+    Images, Timing, TraceError, codec, container, encode_webp, picture,
     schema::{self, Channel, foxglove::log::Level},
     viewer,
 };
@@ -45,8 +45,8 @@ pub(crate) enum Picture<'a> {
     Rgb(&'a [u8]),
     /// Already encoded.
     Webp(&'a [u8]),
-    /// As somebody else encoded it; the finished file holds it as WebP.
-    Png(&'a [u8]),
+    /// A PNG file in Base64, as a protocol brought it; the finished file holds it as WebP.
+    Base64(&'a str),
 }
 
 /// Writes one episode. Calls come in the order `start`, then `input` and `step` for each step, then `end`.
@@ -263,11 +263,11 @@ impl<W: Write + Seek> Journal<W> {
         bodies: &[BodyState],
     ) -> Result<(), TraceError> {
         let ns = self.time_ns();
-        if let (Images::Full, Some(picture)) = (self.images, picture) {
-            let (format, data) = match picture {
+        if let (Images::Full, Some(taken)) = (self.images, picture) {
+            let (format, data) = match taken {
                 Picture::Webp(webp) => ("webp", webp.to_vec()),
                 Picture::Rgb(rgb) => ("webp", self.encode(step, rgb)?),
-                Picture::Png(png) => ("png", png.to_vec()),
+                Picture::Base64(text) => (picture::BASE64_PNG, text.as_bytes().to_vec()),
             };
             self.message(schema::CAMERA, &viewer::picture(ns, format, data))?;
             self.message(schema::ANNOTATIONS, &viewer::annotations(ns, visible))?;

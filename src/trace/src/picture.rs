@@ -2,12 +2,16 @@
 
 use std::{borrow::Cow, io::Cursor};
 
+use base64::Engine as _;
 use image_webp::{ColorType, WebPDecoder, WebPEncoder};
 use png::Transformations;
 use prost::Message as _;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
 use crate::schema::foxglove::CompressedImage;
+
+/// Format of a picture in an unfinished recording that nobody has decoded yet.
+pub(crate) const BASE64_PNG: &str = "png;base64";
 
 /// Encodes 8-bit RGB, row by row from the top left, without loss.
 ///
@@ -77,10 +81,11 @@ pub fn decode_png(bytes: &[u8], expected: (usize, usize)) -> Result<Vec<u8>, Str
 
 /// A picture of an unfinished recording in the form of a finished one; none where it cannot be read.
 pub(crate) fn finished(image: CompressedImage) -> Option<CompressedImage> {
-    if image.format != "png" {
+    if image.format != BASE64_PNG {
         return Some(image);
     }
-    let rgb = decode_png(&image.data, (FRAME_WIDTH, FRAME_HEIGHT)).ok()?;
+    let png = base64::engine::general_purpose::STANDARD.decode(&image.data).ok()?;
+    let rgb = decode_png(&png, (FRAME_WIDTH, FRAME_HEIGHT)).ok()?;
     let webp = encode_webp(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
     Some(CompressedImage { data: webp, format: "webp".to_owned(), ..image })
 }
@@ -88,7 +93,7 @@ pub(crate) fn finished(image: CompressedImage) -> Option<CompressedImage> {
 /// [`finished`] for an encoded message of the camera.
 pub(crate) fn finished_message(data: &[u8]) -> Option<Cow<'_, [u8]>> {
     match CompressedImage::decode(data) {
-        Ok(image) if image.format == "png" => finished(image).map(|image| image.encode_to_vec().into()),
+        Ok(image) if image.format == BASE64_PNG => finished(image).map(|image| image.encode_to_vec().into()),
         _ => Some(data.into()),
     }
 }

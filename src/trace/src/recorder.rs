@@ -181,22 +181,23 @@ impl Recorder {
         self.acknowledge(written)
     }
 
-    /// [`Recorder::start`] with a picture that somebody else encoded as PNG: as it came until the end, then as all pictures. It
-    /// is not decoded before, so the record cannot have its digest; what is no picture is left out of the finished file.
+    /// [`Recorder::start`] with a picture as a protocol brings it, a PNG file in Base64: kept as it came until the end, then as all
+    /// pictures. It is not decoded before, so the record cannot have its digest; what is no picture is left out of the finished
+    /// file.
     ///
     /// # Errors
     /// As [`Recorder::start`].
-    pub fn start_with_png(&mut self, record: &StartRecord, png: &[u8]) -> Result<(), TraceError> {
-        let written = self.journal.start(record, Some(Picture::Png(png)));
+    pub fn start_with_base64(&mut self, record: &StartRecord, png: &str) -> Result<(), TraceError> {
+        let written = self.journal.start(record, Some(Picture::Base64(png)));
         self.acknowledge(written)
     }
 
-    /// [`Recorder::step`] with a picture as in [`Recorder::start_with_png`].
+    /// [`Recorder::step`] with a picture as in [`Recorder::start_with_base64`].
     ///
     /// # Errors
     /// As [`Recorder::step`].
-    pub fn step_with_png(&mut self, record: &StepRecord, png: &[u8]) -> Result<(), TraceError> {
-        let written = self.journal.step(record, Some(Picture::Png(png)));
+    pub fn step_with_base64(&mut self, record: &StepRecord, png: &str) -> Result<(), TraceError> {
+        let written = self.journal.step(record, Some(Picture::Base64(png)));
         self.acknowledge(written)
     }
 

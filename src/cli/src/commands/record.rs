@@ -50,9 +50,9 @@ pub struct Arguments {
     #[arg(long, value_name = "URL", required_unless_present = "stdio", conflicts_with = "stdio")]
     upstream: Option<String>,
     /// The tool server is a program that speaks over standard input and output, and so does the agent with this command; its words
-    /// follow, best behind --
-    #[arg(long, value_name = "CMD", num_args = 1.., allow_hyphen_values = true)]
-    stdio: Option<Vec<String>>,
+    /// come last
+    #[arg(long, requires = "command")]
+    stdio: bool,
     /// Where agents connect
     #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8810", conflicts_with = "stdio")]
     listen: SocketAddr,
@@ -108,13 +108,16 @@ pub struct Arguments {
     /// Print what went by at the end as JSON
     #[arg(long, conflicts_with = "stdio")]
     json: bool,
+    /// With --stdio: the server's program and its arguments
+    #[arg(value_name = "CMD", trailing_var_arg = true, allow_hyphen_values = true, requires = "stdio")]
+    command: Vec<String>,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let setup = Arc::new(setup(arguments)?);
-    if let Some(command) = &arguments.stdio {
-        let code = reel_proxy::run_stdio(setup.clone(), command)?;
+    if arguments.stdio {
+        let code = reel_proxy::run_stdio(setup.clone(), &arguments.command)?;
         let answer = answer(&setup.report, true, false)?;
         return match code {
             Some(0) | None => Ok(answer),
@@ -166,7 +169,7 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         None => format!("record-{}", SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())),
     };
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
-    let (shows, to_stderr) = (arguments.watch, arguments.stdio.is_some());
+    let (shows, to_stderr) = (arguments.watch, arguments.stdio);
     Ok(Setup {
         out: arguments.out.clone(),
         run,
