@@ -16,7 +16,7 @@ import threading
 import time
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "service"))
-from harness import REEL, Server, Skipped, main, reel, until  # noqa: E402,F401
+from harness import REEL, Server, Skipped, environment, main, reel, until  # noqa: E402,F401
 
 HELLO = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "raw", "version": "1"}}
 

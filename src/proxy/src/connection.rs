@@ -136,7 +136,7 @@ impl Connection {
                     session.too_large("a request");
                     Ok(None)
                 } else {
-                    session.from_agent(&message)
+                    session.agent_says(&message)
                 };
                 match said {
                     Ok(call) => exchange.call = call,
@@ -281,7 +281,7 @@ impl Connection {
             goes_on = fill(server, buffer)?;
         }
         if let Some(session) = &exchange.session {
-            if let Err(refusal) = session.from_server(&message) {
+            if let Err(refusal) = session.server_says(&message) {
                 let error = refusal.json(Some(message.len())).ok_or_else(|| io::Error::other("no room for an error"))?;
                 // White space behind JSON means nothing, and so the length stays.
                 let padded = error.bytes().chain(std::iter::repeat(b' '));

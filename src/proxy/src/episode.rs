@@ -128,8 +128,7 @@ impl Episodes {
     /// begins one where the result tells a task.
     pub(crate) fn answered(&mut self, kind: &Kind, answer: Answer, timing: Timing) -> Result<(), Trouble> {
         let mut answer = answer;
-        let payload =
-            answer.payload().filter(|payload| payload.contains_key("task_id") && payload.contains_key("task_description"));
+        let payload = answer.payload();
         let debug_info = answer.texts.iter_mut().filter_map(reel_import::cut_debug_info).last();
         let png = self.picture(&mut answer);
         let mut ends = None;

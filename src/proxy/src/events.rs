@@ -159,7 +159,7 @@ impl<'a> Events<'a> {
             return;
         }
         let Some(session) = self.session().filter(|_| !data.is_empty()) else { return };
-        if let Err(refusal) = session.from_server(&data) {
+        if let Err(refusal) = session.server_says(&data) {
             // The stream goes on, and so its framing has to: what is said instead is as long.
             let fits = |most: usize| sse::fitted("message", &refusal.json(Some(most))?, bytes.len());
             let event = [bytes.len(), bytes.len().saturating_sub(32)].into_iter().find_map(fits);

@@ -83,7 +83,7 @@ impl Session {
 
     /// Takes a message of the agent before it is passed on; gives the id of the call in it whose result is awaited now. A refusal
     /// instead: nothing may be passed on.
-    pub(crate) fn from_agent(&self, message: &[u8]) -> Result<Option<Value>, Refusal> {
+    pub(crate) fn agent_says(&self, message: &[u8]) -> Result<Option<Value>, Refusal> {
         let came = Instant::now();
         let mut calls = match tap::from_agent(message) {
             FromAgent::Strange => {
@@ -129,7 +129,7 @@ impl Session {
     }
 
     /// Takes a message of the server before it is passed on. An error instead: it has to be passed on in its place.
-    pub(crate) fn from_server(&self, message: &[u8]) -> Result<(), Refusal> {
+    pub(crate) fn server_says(&self, message: &[u8]) -> Result<(), Refusal> {
         let came = Instant::now();
         let mut inner = self.lock();
         inner.last_seen = came;
@@ -275,12 +275,12 @@ mod tests {
 
     fn call(session: &Session, id: u32, name: &str, arguments: &Value) -> Result<Option<Value>, Refusal> {
         let params = json!({"name": name, "arguments": arguments});
-        session.from_agent(json!({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params}).to_string().as_bytes())
+        session.agent_says(json!({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params}).to_string().as_bytes())
     }
 
     fn says(session: &Session, id: u32, texts: &[String]) -> Result<(), Refusal> {
         let content: Vec<Value> = texts.iter().map(|text| json!({"type": "text", "text": text})).collect();
-        session.from_server(json!({"jsonrpc": "2.0", "id": id, "result": {"content": content}}).to_string().as_bytes())
+        session.server_says(json!({"jsonrpc": "2.0", "id": id, "result": {"content": content}}).to_string().as_bytes())
     }
 
     fn debug_info(held: Option<&str>) -> String {
@@ -343,10 +343,10 @@ mod tests {
         assert_eq!(call(&session, 1, "drive", &json!({"to": "there"})), Ok(Some(json!(1))));
         session.adrift(&json!(1));
         call(&session, 2, "drive", &json!({})).unwrap();
-        session.from_agent(br#"{"jsonrpc":"2.0","method":"notifications/cancelled","params":{"requestId":2}}"#).unwrap();
+        session.agent_says(br#"{"jsonrpc":"2.0","method":"notifications/cancelled","params":{"requestId":2}}"#).unwrap();
         call(&session, 3, "drive", &json!({})).unwrap();
         session
-            .from_server(br#"{"jsonrpc":"2.0","id":3,"result":{"content":[{"type":"text","text":"stuck"}],"isError":true}}"#)
+            .server_says(br#"{"jsonrpc":"2.0","id":3,"result":{"content":[{"type":"text","text":"stuck"}],"isError":true}}"#)
             .unwrap();
         call(&session, 4, "drive", &json!({})).unwrap();
         says(&session, 4, &["there".to_owned()]).unwrap();
@@ -373,6 +373,6 @@ mod tests {
         assert_eq!(setup.report.counts().unrecorded, 1);
         let batch =
             br#"[{"id":1,"method":"tools/call","params":{"name":"a"}},{"id":2,"method":"tools/call","params":{"name":"b"}}]"#;
-        assert!(stops.from_agent(batch).is_err() && goes_on.from_agent(batch) == Ok(None));
+        assert!(stops.agent_says(batch).is_err() && goes_on.agent_says(batch) == Ok(None));
     }
 }

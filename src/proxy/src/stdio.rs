@@ -27,7 +27,7 @@ pub fn run_stdio(setup: Arc<Setup>, command: &[String]) -> Result<Option<i32>, P
     thread::spawn(move || {
         let Some(to_server) = to_server else { return };
         // When this thread ends, the server's standard input is closed.
-        drop(pass(io::stdin(), limit, &at_agent, to_server, |line| match at_agent.from_agent(line) {
+        drop(pass(io::stdin(), limit, &at_agent, to_server, |line| match at_agent.agent_says(line) {
             Ok(_) => Some(line.to_vec()),
             Err(refusal) => {
                 if let (Some(error), Ok(mut agent)) = (refusal.json(None), say.lock()) {
@@ -41,7 +41,7 @@ pub fn run_stdio(setup: Arc<Setup>, command: &[String]) -> Result<Option<i32>, P
     let server_gone = gone.clone();
     thread::spawn(move || {
         if let Some(from_server) = from_server {
-            drop(pass(from_server, limit, &at_server, Shared(to_agent), |line| match at_server.from_server(line) {
+            drop(pass(from_server, limit, &at_server, Shared(to_agent), |line| match at_server.server_says(line) {
                 Ok(()) => Some(line.to_vec()),
                 Err(refusal) => refusal.json(None).map(|error| format!("{error}\n").into_bytes()),
             }));

@@ -99,10 +99,16 @@ impl Answer {
         Self { texts: vec![why.to_owned()], failed: true, ..Self::default() }
     }
 
-    /// The first text as a JSON object, if it is one.
+    /// The task that the answer tells, if it begins an episode: the first text as JSON, in the words of the published server, or
+    /// what Reel's own server says in profile `paper`.
     pub(crate) fn payload(&self) -> Option<Map<String, Value>> {
-        let text = self.texts.first()?;
-        text.starts_with('{').then(|| serde_json::from_str(text).ok()).flatten()
+        if let Some(episode) = self.structured.as_ref().and_then(|structured| structured.get("episode")) {
+            let keys = [("task_id", "task_id"), ("instruction", "task_description")];
+            return keys.iter().map(|(said, key)| Some(((*key).to_owned(), episode.get(said)?.clone()))).collect();
+        }
+        let text = self.texts.first().filter(|text| text.starts_with('{'))?;
+        let payload: Map<String, Value> = serde_json::from_str(text).ok()?;
+        (payload.contains_key("task_id") && payload.contains_key("task_description")).then_some(payload)
     }
 }
 
@@ -217,6 +223,17 @@ mod tests {
         assert_eq!((error.texts, error.failed), (vec!["no".to_owned()], true));
         let batch = br#" [{"id":1,"result":{"content":[]}},{"id":7,"result":{"isError":true,"content":[]}}]"#;
         assert!(answer_to(&json!(7), batch).unwrap().failed);
+    }
+
+    #[test]
+    fn what_begins_an_episode() {
+        let text = |text: &str| Answer { texts: vec![text.to_owned()], ..Answer::default() };
+        assert!(text(r#"{"task_id": "a", "task_description": "b", "scene_id": "c"}"#).payload().is_some_and(|it| it.len() == 3));
+        assert_eq!(text(r#"{"task_id": "a"}"#).payload(), None);
+        assert_eq!(text("All evaluation episodes completed.").payload(), None);
+        let structured = Some(json!({"ok": true, "episode": {"task_id": "a", "instruction": "b", "receptacles": []}}));
+        let payload = Answer { structured, ..text("Task: b") }.payload();
+        assert_eq!(payload.map(Value::Object), Some(json!({"task_id": "a", "task_description": "b"})));
     }
 
     #[test]
