@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages screenshots viewers eval-taxonomy eval-blame load prove-sft conformance service lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy screenshots viewers eval-taxonomy eval-blame load prove-sft conformance service lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -36,6 +36,12 @@ bench-taxonomy: ## the failure rules over up to a million made-up episodes
 
 bench-pages: ## how long the web pages take over 100,000 made-up episodes, and whether they keep memory (needs Node, Chromium)
 	tests/pages/large.sh
+
+bench-proxy: ## what `reel record` adds to a call, beside a direct connection in the same run (needs Python)
+	tests/proxy/run.sh bench.py
+
+proxy: ## `reel record` from outside: same bytes, a hundred sessions, kills, full disks, the tables of its traces (needs Python)
+	tests/proxy/run.sh proxy.py
 
 screenshots: pages ## every web page in light and dark, on a laptop and on a projector, into screenshots/ (needs Node, Chromium)
 	tests/pages/run.sh --screenshots screenshots
@@ -72,6 +78,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/eval-blame.sh
 	tests/conformance.sh
 	tests/service.sh
+	tests/proxy/run.sh proxy.py
 	tests/viewers.sh
 	tests/pages/large.sh
 

@@ -16,6 +16,7 @@ const SCHEMAS: &[&str] = &[
     "reel/v1/world_graph.proto",
     "reel/v1/reward.proto",
     "reel/v1/sim_digest.proto",
+    "reel/v1/timing.proto",
     "foxglove/CompressedImage.proto",
     "foxglove/CameraCalibration.proto",
     "foxglove/FrameTransforms.proto",

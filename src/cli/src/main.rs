@@ -117,6 +117,9 @@ enum Command {
     #[command(about = "Stand in for a model: recorded decisions on the OpenAI protocol, with trouble on request")]
     #[cfg(feature = "service")]
     MockLlm(commands::mock_llm::Arguments),
+    #[command(about = "Stand between an agent and any tool server (MCP), and record what goes by")]
+    #[cfg(feature = "service")]
+    Record(commands::record::Arguments),
     #[command(about = "Make and revoke the tokens that clients of `reel serve` show")]
     #[cfg(feature = "service")]
     Token(commands::token::Arguments),
@@ -180,6 +183,8 @@ fn main() -> ExitCode {
         Command::Mcp(arguments) => commands::serve::mcp(&arguments),
         #[cfg(feature = "service")]
         Command::MockLlm(arguments) => commands::mock_llm::run(&arguments),
+        #[cfg(feature = "service")]
+        Command::Record(arguments) => commands::record::run(&arguments),
         #[cfg(feature = "service")]
         Command::Token(arguments) => commands::token::run(&arguments),
         #[cfg(feature = "service")]

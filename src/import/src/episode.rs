@@ -1,22 +1,18 @@
 //! The records of an episode from its files: what each step did to the world, its rewards, the hash chain, the end.
 
-use std::collections::BTreeMap;
-
 use reel_reward::{Preset, metrics, rewards};
 use reel_world::{
-    AssetId, Digest, Frame, InstanceId, Outcome, Profile, ReceptacleId, Scene, Skills, Task, Tool, ToolCall, WorldGraph, chain,
-    record::{
-        Backend, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, Marker, MarkerTarget, PolicyInfo, RobotState,
-        StartRecord, StateDigests, StepInput, StepRecord,
-    },
+    AssetId, Digest, Frame, InstanceId, Profile, ReceptacleId, Scene, Skills, Task, ToolCall, WorldGraph, chain,
+    record::{Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, StartRecord, StepInput, StepRecord},
 };
 use serde_json::{Map, Value};
 
 use crate::{
     ImportError, Loss, Options, graph,
     layout::{After, Files, StepFiles},
+    observe::{self, Shown, State, both},
     outcome, response,
-    task::{self, Seen, Setting, text},
+    task::{self, Seen, Setting, Told, text},
 };
 
 /// Longest latency that is believed.
@@ -62,7 +58,11 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
     }
     let read = std::mem::take(&mut files.steps);
     let (seen, states) = look(&mut files, &read);
-    let Setting { task, scene, settings } = task::setting(&mut files, &seen, options)?;
+    let folders = [files.folder_name(1), files.folder_name(2)];
+    let mut told = Told { meta: &files.meta, folders, path: &files.folder, notes: Vec::new() };
+    let Setting { task, scene, settings } = task::setting(&mut told, &seen, options)?;
+    let notes = told.notes;
+    files.notes.extend(notes);
     let reason = end_reason(&mut files, status.as_deref(), &read);
 
     let initial = seen.first.clone().unwrap_or_else(|| task.initial.clone());
@@ -124,21 +124,9 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
     Ok(Built { header, task, scene, start, steps, end, losses: files.losses, notes: files.notes })
 }
 
-/// What is known of the world after a step.
-#[derive(Clone, Default)]
-struct State {
-    /// None where the step does not show it.
-    graph: Option<WorldGraph>,
-    held: Option<InstanceId>,
-    markers: Option<Vec<(u32, String)>>,
-    landmark: Option<ReceptacleId>,
-    /// Of the camera, in metres.
-    position: Option<[f32; 3]>,
-}
-
 /// Follows the states of the world through all steps, and gathers what they show of it.
 fn look(files: &mut Files, steps: &[StepFiles]) -> (Seen, Vec<State>) {
-    let mut seen = Seen { first: None, receptacles: BTreeMap::new(), objects: BTreeMap::new(), categories: BTreeMap::new() };
+    let mut seen = Seen::default();
     let mut known: Option<WorldGraph> = files.meta.get("initial_world_graph").and_then(graph::parse);
     seen.first = known.clone();
     let mut states: Vec<State> = Vec::new();
@@ -157,13 +145,8 @@ fn look(files: &mut Files, steps: &[StepFiles]) -> (Seen, Vec<State>) {
         }
         states.push(state);
     }
-    for graph in seen.first.iter().chain(states.iter().filter_map(|state| state.graph.as_ref())) {
-        for (receptacle, content) in &graph.receptacles {
-            *seen.receptacles.entry(receptacle.clone()).or_default() |= content.door.is_some();
-            for object in content.content.keys() {
-                seen.objects.entry(object.clone()).or_insert_with(|| receptacle.clone());
-            }
-        }
+    for graph in seen.first.clone().iter().chain(states.iter().filter_map(|state| state.graph.as_ref())) {
+        seen.take_in(graph);
     }
     (seen, states)
 }
@@ -189,45 +172,6 @@ fn home_of(object: &InstanceId) -> Option<ReceptacleId> {
     Some(rest.split_once("_at_")?.0.into())
 }
 
-impl State {
-    /// Takes in a debug payload; what it does not name stays.
-    fn update(&mut self, debug_info: &Map<String, Value>) {
-        let name = |value: &Value| value.as_str().filter(|name| !name.is_empty()).map(str::to_owned);
-        if let Some(value) = debug_info.get("CURRENT_INV") {
-            self.held = name(value).map(Into::into);
-        }
-        if let Some(value) = debug_info.get("CURRENT_LANDMARK") {
-            self.landmark = name(value).map(Into::into);
-        }
-        if let Some(value) = debug_info.get("CURRENT_POS") {
-            self.position = position(value);
-        }
-        if let Some(value) = debug_info.get("CURRENT_MARKER_MAP") {
-            self.markers = value.as_object().map(|map| {
-                let number = |(key, target): (&String, &Value)| Some((key.trim().parse().ok()?, name(target)?));
-                map.iter().filter_map(number).collect::<BTreeMap<u32, String>>().into_iter().collect()
-            });
-        }
-    }
-
-    /// What the markers stand for: a name of the graph is a receptacle.
-    fn markers(&self) -> Vec<Marker> {
-        let receptacles = self.graph.as_ref().map(|graph| &graph.receptacles);
-        let target = |name: &str| match receptacles {
-            Some(receptacles) if receptacles.contains_key(name) => MarkerTarget::Receptacle(name.into()),
-            _ => MarkerTarget::Object(name.into()),
-        };
-        self.markers.iter().flatten().map(|(id, name)| Marker { id: *id, target: target(name) }).collect()
-    }
-}
-
-/// Three numbers, which some versions of the server wrote as texts.
-fn position(value: &Value) -> Option<[f32; 3]> {
-    let number = |value: &Value| value.as_f64().or_else(|| value.as_str()?.trim().parse().ok());
-    let numbers: Vec<f32> = value.as_array()?.iter().filter_map(number).map(|number| number as f32).collect();
-    <[f32; 3]>::try_from(numbers).ok().filter(|position| position.iter().all(|number| number.is_finite()))
-}
-
 /// Categories in an inventory (`1: a(an) apple.`), by what its numbers stand for.
 fn told_categories(text: &str, markers: &[(u32, String)]) -> Vec<(AssetId, String)> {
     let line = |line: &str| {
@@ -244,7 +188,6 @@ fn record(step: u32, read: StepFiles, before: &State, after: &State, files: &mut
     let name = text(&read.call, "tool_name").unwrap_or_default();
     let arguments = read.call.get("args").cloned().unwrap_or(Value::Null);
     let call = ToolCall::new(name, arguments);
-    let tool = Tool::parse(&call).ok();
     let marked = read.debug_info.get("CURRENT_MARKER_MAP").and_then(Value::as_object).map(Map::len);
     let mut outcome = outcome::outcome(&call, read.text.as_deref(), marked);
     if read.failed && outcome.is_ok() {
@@ -255,67 +198,9 @@ fn record(step: u32, read: StepFiles, before: &State, after: &State, files: &mut
     if let Some(latency_ns) = latency_ns(&read.time, step, files) {
         policy.get_or_insert_default().latency_ns = Some(latency_ns);
     }
-    let (object, receptacle) = acted_on(tool.as_ref(), &outcome, before, after);
-    let changed = match (&before.graph, &after.graph) {
-        (Some(before), Some(after)) => after.difference(before),
-        _ => Vec::new(),
-    };
-    let markers = after.markers();
-    let shown =
-        matches!(tool, Some(Tool::WalkAround | Tool::ShowObjectByCategory { .. } | Tool::GazeAt { .. })) && outcome.is_ok();
-    let listed = markers.iter().filter(|_| shown).filter_map(|marker| match &marker.target {
-        MarkerTarget::Object(object) => Some(object.clone()),
-        MarkerTarget::Receptacle(_) => None,
-    });
-    let [x, y, z] = after.position.unwrap_or_default();
-    let digests = StateDigests { frame: read.picture.as_ref().map(Frame::digests), ..StateDigests::default() };
-    let record = StepRecord {
-        step,
-        listed: listed.collect(),
-        input: StepInput { call, policy, user_reply: reply.clone(), lookup: None },
-        outcome,
-        tool: tool.as_ref().map(|tool| tool.paper_name().to_owned()),
-        reply,
-        markers,
-        visible: Vec::new(),
-        object,
-        receptacle,
-        held: after.held.clone(),
-        changes: GraphChanges { physics: changed.clone(), registry: changed },
-        bodies: Vec::new(),
-        robot: RobotState { base: [x, y], camera: [x, y, z], ..RobotState::default() },
-        sim_step: 0,
-        reward: Vec::new(),
-        digests,
-    };
-    (record, read.picture)
-}
-
-/// The object and the receptacle that a successful call acted on.
-fn acted_on(tool: Option<&Tool>, outcome: &Outcome, before: &State, after: &State) -> (Option<InstanceId>, Option<ReceptacleId>) {
-    let Some(tool) = tool.filter(|_| outcome.is_ok()) else { return (None, None) };
-    let marked = |number: u32| before.markers().into_iter().find(|marker| marker.id == number).map(|marker| marker.target);
-    let object = |number: u32| match marked(number) {
-        Some(MarkerTarget::Object(object)) => Some(object),
-        _ => None,
-    };
-    let receptacle = |number: u32| match marked(number) {
-        Some(MarkerTarget::Receptacle(receptacle)) => Some(receptacle),
-        _ => None,
-    };
-    match tool {
-        Tool::NavTo { receptacle } => (None, Some(receptacle.clone())),
-        Tool::WalkAround => (None, after.landmark.clone()),
-        Tool::GazeAt { marker } => (object(*marker), receptacle(*marker)),
-        Tool::Pick { marker } => {
-            let object = object(*marker).or_else(|| after.held.clone());
-            let place = object.as_ref().and_then(|object| before.graph.as_ref()?.place_of(object).cloned());
-            (object, place)
-        }
-        Tool::Place { marker } => (before.held.clone(), receptacle(*marker)),
-        Tool::Open { marker } | Tool::Close { marker } => (None, receptacle(*marker)),
-        _ => (None, None),
-    }
+    let input = StepInput { policy, user_reply: reply.clone(), ..StepInput::bare(call) };
+    let frame = read.picture.as_ref().map(Frame::digests);
+    (observe::record(step, Shown { input, outcome, reply, frame }, before, after), read.picture)
 }
 
 /// How long the policy took. Older agents wrote `infer_time`.
@@ -357,8 +242,4 @@ fn end_reason(files: &mut Files, status: Option<&str>, steps: &[StepFiles]) -> E
         files.notes.push("there is no status; the episode is taken as broken off".to_owned());
     }
     reason
-}
-
-fn both(graph: &WorldGraph) -> Graphs {
-    Graphs { physics: graph.clone(), registry: graph.clone() }
 }

@@ -267,7 +267,7 @@ fn picture_number(path: &Path) -> Option<u32> {
 }
 
 /// Takes the debug payload off the end of a text, if it stands there.
-fn cut_debug_info(text: &mut String) -> Option<Map<String, Value>> {
+pub fn cut_debug_info(text: &mut String) -> Option<Map<String, Value>> {
     let at = text.rfind(DEBUG_TEXT)?;
     let Ok(Value::Object(debug_info)) = serde_json::from_str(&text[at + DEBUG_TEXT.len()..]) else { return None };
     text.truncate(at);

@@ -15,11 +15,15 @@
 //!   physical graph of the trace is the same. Objects that got a marker count as listed, since they were shown.
 //! - `inference_error.txt`, `action_error.txt`: the episode ended with a fault; what was decided there is not in the files.
 //! - `episode_summary.json`: how it ended. The client's own success is compared, not taken.
+//!
+//! Whoever stands by while such an episode is played (the recording proxy) reads the same things as they come: [`begun`] is
+//! the task that a server tells, [`State`] what its results show, [`record`] the step that follows.
 
 mod episode;
 mod error;
 mod graph;
 mod layout;
+mod observe;
 mod outcome;
 mod picture;
 mod response;
@@ -33,8 +37,13 @@ use std::{
 use reel_trace::{Images, Recorder};
 use reel_world::{Scene, Task, record::EndReason};
 use serde::Serialize;
+use serde_json::{Map, Value};
 
 pub use error::ImportError;
+pub use layout::cut_debug_info;
+pub use observe::{Shown, State, both, record};
+pub use outcome::{outcome, reply};
+pub use task::Setting;
 
 /// What is known besides the files of an episode.
 #[derive(Clone, Copy, Debug)]
@@ -124,4 +133,35 @@ pub fn import(source: &Path, out: &Path, options: &Options<'_>) -> Result<Import
         losses: built.losses,
         notes: built.notes,
     })
+}
+
+/// An episode that a server has begun.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Begun {
+    /// What is played.
+    pub setting: Setting,
+    /// Before the first call.
+    pub state: State,
+    /// What was left open, and how it was decided.
+    pub notes: Vec<String>,
+}
+
+/// Reads the task that the published server tells when an episode begins (the payload of `finish`), and the debug information
+/// that came with it.
+///
+/// # Errors
+/// When they do not say what shall go where.
+pub fn begun(payload: &Map<String, Value>, debug_info: &Map<String, Value>, options: &Options<'_>) -> Result<Begun, ImportError> {
+    let told_graph = payload.get("initial_world_graph").and_then(graph::parse);
+    let mut state = State { graph: told_graph.clone(), ..State::default() }.after(debug_info);
+    let mut seen = task::Seen { first: told_graph, ..task::Seen::default() };
+    for graph in seen.first.clone().iter().chain(&state.graph) {
+        seen.take_in(graph);
+    }
+    let path = Path::new("the payload of finish");
+    let mut told = task::Told { meta: payload, folders: [None, None], path, notes: Vec::new() };
+    let setting = task::setting(&mut told, &seen, options)?;
+    let notes = told.notes;
+    state.graph.get_or_insert_with(|| setting.task.initial.clone());
+    Ok(Begun { setting, state, notes })
 }

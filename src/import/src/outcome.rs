@@ -12,7 +12,7 @@ const WORDS: &[&str] = &["walk_around", "ask", "finish", "list_receptacles"];
 const SEARCHES: &[&str] = &["show_object_by_category", "show_receptacles"];
 
 /// The outcome of a call: `text` is none where the result was a picture alone, `marked` how many markers there are after it.
-pub(crate) fn outcome(call: &ToolCall, text: Option<&str>, marked: Option<usize>) -> Outcome {
+pub fn outcome(call: &ToolCall, text: Option<&str>, marked: Option<usize>) -> Outcome {
     let tool = Tool::parse(call).ok().map(|tool| tool.paper_name());
     let error = match text {
         None if tool.is_some_and(|tool| SEARCHES.contains(&tool)) && marked == Some(0) => Some(ErrorCode::NothingFound),
@@ -23,7 +23,7 @@ pub(crate) fn outcome(call: &ToolCall, text: Option<&str>, marked: Option<usize>
 }
 
 /// The answer to an `ask`, in words; none where nobody answered.
-pub(crate) fn reply(call: &ToolCall, outcome: &Outcome) -> Option<UserReply> {
+pub fn reply(call: &ToolCall, outcome: &Outcome) -> Option<UserReply> {
     if Tool::parse(call).ok()?.paper_name() != "ask" || !outcome.is_ok() || outcome.text.is_empty() {
         return None;
     }

@@ -1,14 +1,17 @@
 //! The task and the scene of an episode: the real ones where they were given, else what `task_meta.json` (or the `finish`
 //! payload, where a client kept it whole) and the graphs of the steps say. Sizes and places are not in the files and are zero.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 use reel_world::{
     AssetId, Door, Family, InstanceId, ObjectInstance, PlanStep, Receptacle, ReceptacleId, Room, Scene, Task, WorldGraph,
 };
 use serde_json::{Map, Value};
 
-use crate::{ImportError, Options, graph, layout::Files};
+use crate::{ImportError, Options, graph};
 
 /// Category of an object that nothing names.
 const UNKNOWN: &str = "unknown";
@@ -35,6 +38,7 @@ const KNOWN: &[&str] = &[
 const OF_TASK: &[&str] = &["global_index", "episode_idx", "episode_local_idx", "episode_range", "distractor_metadata"];
 
 /// What the steps of an episode say of its world.
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
     /// The first graph of a step, with what was held put back.
     pub first: Option<WorldGraph>,
@@ -46,9 +50,35 @@ pub(crate) struct Seen {
     pub categories: BTreeMap<AssetId, String>,
 }
 
-/// The task and its scene.
-pub(crate) struct Setting {
+impl Seen {
+    /// Takes in what a graph shows.
+    pub(crate) fn take_in(&mut self, graph: &WorldGraph) {
+        for (receptacle, content) in &graph.receptacles {
+            *self.receptacles.entry(receptacle.clone()).or_default() |= content.door.is_some();
+            for object in content.content.keys() {
+                self.objects.entry(object.clone()).or_insert_with(|| receptacle.clone());
+            }
+        }
+    }
+}
+
+/// Where a task is told, and what was decided about it.
+pub(crate) struct Told<'a> {
+    /// `task_meta.json`, or the payload of a `finish`.
+    pub meta: &'a Map<String, Value>,
+    /// Names of the folders of the task and of the scene, where files tell it.
+    pub folders: [Option<String>; 2],
+    /// For messages.
+    pub path: &'a Path,
+    pub notes: Vec<String>,
+}
+
+/// The task of an episode and its scene.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Setting {
+    /// The task.
     pub task: Task,
+    /// Its scene.
     pub scene: Scene,
     /// What the run said of itself besides the task.
     pub settings: BTreeMap<String, Value>,
@@ -58,27 +88,27 @@ pub(crate) struct Setting {
 ///
 /// # Errors
 /// When the files do not say what shall go where.
-pub(crate) fn setting(files: &mut Files, seen: &Seen, options: &Options<'_>) -> Result<Setting, ImportError> {
-    let meta = files.meta.clone();
-    let names = Names::of(files);
+pub(crate) fn setting(told: &mut Told<'_>, seen: &Seen, options: &Options<'_>) -> Result<Setting, ImportError> {
+    let meta = told.meta;
+    let names = Names::of(told);
     let settings =
         meta.iter().filter(|(key, value)| !value.is_null() && !KNOWN.contains(&key.as_str()) && !OF_TASK.contains(&key.as_str()));
     let settings = settings.map(|(key, value)| (key.clone(), value.clone())).collect();
-    let scene_id = text(&meta, "scene_id").or_else(|| files.folder_name(2)).unwrap_or_else(|| UNKNOWN.to_owned());
+    let scene_id = text(meta, "scene_id").or_else(|| told.folders[1].clone()).unwrap_or_else(|| UNKNOWN.to_owned());
     let known_scene = options.scene.filter(|scene| scene.scene_id == scene_id);
     if let Some(task) = options.tasks.iter().find(|task| names.mean(&task.task_id)) {
         let task = Task::clone(task);
         // Tasks are loaded for the scene given; one of another scene would not have loaded.
         let scene = options.scene.filter(|scene| scene.scene_id == task.scene_id);
-        let scene = scene.cloned().unwrap_or_else(|| named_scene(&task.scene_id, &meta, seen, &task.initial));
-        compare_start(files, seen, &task);
+        let scene = scene.cloned().unwrap_or_else(|| named_scene(&task.scene_id, meta, seen, &task.initial));
+        compare_start(told, seen, &task);
         return Ok(Setting { task, scene, settings });
     }
     if !options.tasks.is_empty() {
-        files.notes.push(format!("none of the {} task files has the id {}", options.tasks.len(), names.task_id));
+        told.notes.push(format!("none of the {} task files has the id {}", options.tasks.len(), names.task_id));
     }
-    let task = from_meta(files, &meta, names, scene_id, seen)?;
-    let scene = known_scene.cloned().unwrap_or_else(|| named_scene(&task.scene_id, &meta, seen, &task.initial));
+    let task = from_meta(told, names, scene_id, seen)?;
+    let scene = known_scene.cloned().unwrap_or_else(|| named_scene(&task.scene_id, meta, seen, &task.initial));
     Ok(Setting { task, scene, settings })
 }
 
@@ -91,13 +121,13 @@ struct Names {
 }
 
 impl Names {
-    fn of(files: &Files) -> Self {
-        let meta = &files.meta;
-        let folder = files.folder_name(1);
+    fn of(told: &Told<'_>) -> Self {
+        let meta = told.meta;
+        let folder = told.folders[0].clone();
         let of_id = |id: &str| id.split(['/', '_']).next().and_then(Family::parse);
         let benchmark_id = text(meta, "benchmark_task_id");
-        let told = text(meta, "family").as_deref().and_then(Family::parse);
-        let family = told.or_else(|| benchmark_id.as_deref().and_then(of_id)).or_else(|| folder.as_deref().and_then(of_id));
+        let named = text(meta, "family").as_deref().and_then(Family::parse);
+        let family = named.or_else(|| benchmark_id.as_deref().and_then(of_id)).or_else(|| folder.as_deref().and_then(of_id));
         let short = text(meta, "task_id").map(|id| match family {
             Some(family) if !id.contains('/') => format!("{family}/{id}"),
             _ => id,
@@ -111,14 +141,9 @@ impl Names {
     }
 }
 
-fn from_meta(
-    files: &mut Files,
-    meta: &Map<String, Value>,
-    names: Names,
-    scene_id: String,
-    seen: &Seen,
-) -> Result<Task, ImportError> {
-    let missing = |what: &str| ImportError::Task { path: files.folder.clone(), what: what.to_owned() };
+fn from_meta(told: &mut Told<'_>, names: Names, scene_id: String, seen: &Seen) -> Result<Task, ImportError> {
+    let (meta, path) = (told.meta, told.path);
+    let missing = |what: &str| ImportError::Task { path: path.to_owned(), what: what.to_owned() };
     let src: ReceptacleId =
         text(meta, "source_furniture").ok_or_else(|| missing("no source_furniture in task_meta.json"))?.into();
     let dest: ReceptacleId =
@@ -137,7 +162,7 @@ fn from_meta(
     let target: Option<InstanceId> = text(wanted, "name").map(Into::into).or_else(by_asset);
     let target = target.ok_or_else(|| missing("the target_object in task_meta.json has neither name nor id"))?;
     if initial.place_of(&target) != Some(&src) && !initial.objects_on(&src).contains(&target) {
-        files.notes.push(format!("{target} stands not on {src} in the first graph; it is taken to have stood there"));
+        told.notes.push(format!("{target} stands not on {src} in the first graph; it is taken to have stood there"));
         if let Some(place) = initial.place_of(&target).cloned() {
             initial.remove(&place, &target);
         }
@@ -148,11 +173,11 @@ fn from_meta(
     goal.add(&dest, &target);
 
     let family = names.family.unwrap_or_else(|| {
-        files.notes.push("the family is not known; it is taken as FDP".to_owned());
+        told.notes.push("the family is not known; it is taken as FDP".to_owned());
         Family::FDP
     });
     let instruction = text(meta, "task_description").unwrap_or_else(|| {
-        files.notes.push("the instruction is not known".to_owned());
+        told.notes.push("the instruction is not known".to_owned());
         String::new()
     });
     let receptacles = |key: &str| list(meta, key).map(Into::into).collect();
@@ -215,13 +240,13 @@ fn plan(meta: &Map<String, Value>) -> Vec<PlanStep> {
 }
 
 /// Says where the first graph is not as the task file has it.
-fn compare_start(files: &mut Files, seen: &Seen, task: &Task) {
+fn compare_start(told: &mut Told<'_>, seen: &Seen, task: &Task) {
     let Some(first) = &seen.first else { return };
     let differences = first.difference(&task.initial);
     if !differences.is_empty() {
         let shown: Vec<String> = differences.iter().take(4).map(ToString::to_string).collect();
         let count = differences.len();
-        files.notes.push(format!("the first graph differs from the task file in {count} places: {}", shown.join(" ")));
+        told.notes.push(format!("the first graph differs from the task file in {count} places: {}", shown.join(" ")));
     }
 }
 

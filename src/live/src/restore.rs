@@ -2,16 +2,32 @@
 
 use std::path::Path;
 
-use reel_reward::{Preset, metrics};
-use reel_trace::{Recovery, TraceError, recover};
+use reel_reward::{Preset, metrics, rewards};
+use reel_trace::{Recovery, Scoring, Trace, TraceError, recover};
+use reel_world::record::{Graphs, Metrics, RewardTerm, StepRecord};
 
-/// [`reel_trace::recover`] with the metrics of the episode so far.
+/// [`reel_trace::recover`] with the rewards and metrics of the episode so far.
 ///
 /// # Errors
 /// As [`reel_trace::recover`].
 pub fn restore(recording: &Path, folder: Option<&Path>) -> Result<Recovery, TraceError> {
-    recover(recording, folder, |trace, graphs| {
-        let preset = Preset::parse(&trace.header.reward_preset).unwrap_or_default();
-        metrics(&preset, &trace.task, &trace.start, &trace.steps, graphs)
-    })
+    recover(recording, folder, ByPreset)
+}
+
+/// Scores by the preset that a trace names, if it is built in.
+struct ByPreset;
+
+fn preset(trace: &Trace) -> Preset {
+    Preset::parse(&trace.header.reward_preset).unwrap_or_default()
+}
+
+impl Scoring for ByPreset {
+    fn metrics(&self, trace: &Trace, graphs: &Graphs) -> Metrics {
+        metrics(&preset(trace), &trace.task, &trace.start, &trace.steps, graphs)
+    }
+
+    fn terms(&self, trace: &Trace, step: &StepRecord) -> Option<Vec<RewardTerm>> {
+        let steps = [trace.steps.as_slice(), std::slice::from_ref(step)].concat();
+        rewards(&preset(trace), &trace.task, &trace.scene, &trace.start, &steps).pop()
+    }
 }

@@ -39,6 +39,7 @@ fn decode_all(path: &str) -> u64 {
             "/world/diff" => decode::<reel::WorldDiff>(data),
             "/world/graph" => decode::<reel::WorldGraphs>(data),
             "/reward" => decode::<reel::Reward>(data),
+            "/timing" => decode::<reel::Timing>(data),
             "/sim/digest" => decode::<reel::SimDigest>(data),
             "/camera/head" => decode::<foxglove::CompressedImage>(data),
             "/camera/head/calibration" => decode::<foxglove::CameraCalibration>(data),

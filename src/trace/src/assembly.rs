@@ -18,13 +18,13 @@ use reel_world::{
 use serde::de::DeserializeOwned;
 
 use crate::{
-    Trace, TraceError, codec,
+    Timing, Trace, TraceError, codec,
     container::Item,
     journal::{HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment, header_metadata},
+    picture,
     reader::{Known, Parsed},
     schema::{
         self,
-        foxglove::CompressedImage,
         reel::{self, episode_event::Event},
     },
 };
@@ -67,6 +67,7 @@ pub(crate) struct Assembly<'a> {
     image: Option<Vec<u8>>,
     images: BTreeMap<Option<u32>, Vec<u8>>,
     offsets: Vec<u64>,
+    timings: BTreeMap<u32, Timing>,
 }
 
 /// A step whose last message has not come yet.
@@ -102,6 +103,7 @@ impl<'a> Assembly<'a> {
             image: None,
             images: BTreeMap::new(),
             offsets: Vec::new(),
+            timings: BTreeMap::new(),
         }
     }
 
@@ -143,8 +145,12 @@ impl<'a> Assembly<'a> {
     }
 
     /// The call that was received, but of which nothing came that is whole.
-    pub(crate) fn under_way(&self) -> Option<(u32, &ToolCall)> {
-        self.draft.as_ref().map(|draft| (self.step_count(), &draft.call))
+    pub(crate) fn under_way(&self) -> Option<(u32, StepInput)> {
+        self.draft.as_ref().map(|draft| {
+            let Draft { call, policy, user_reply, lookup, .. } = draft;
+            let (policy, user_reply, lookup) = (policy.clone(), user_reply.clone(), lookup.clone());
+            (self.step_count(), StepInput { call: call.clone(), policy, user_reply, lookup })
+        })
     }
 
     /// Whether the start is whole.
@@ -204,6 +210,7 @@ impl<'a> Assembly<'a> {
             recoveries: self.recoveries,
             images: self.images,
             offsets: self.offsets,
+            timings: self.timings,
         })
     }
 
@@ -243,6 +250,15 @@ impl<'a> Assembly<'a> {
                 let draft = self.draft(message.step)?;
                 once(&mut draft.result, (codec::read_outcome(&message)?, message))
             }
+            schema::TIMING => {
+                let message: reel::Timing = decode(data)?;
+                self.draft(message.step)?;
+                let timing = Timing { called_unix_ns: message.called_unix_ns, took_ns: message.took_ns };
+                match self.timings.insert(message.step, timing) {
+                    None => Ok(()),
+                    Some(_) => Err("it was already said".into()),
+                }
+            }
             schema::WORLD_DIFF => {
                 let message: reel::WorldDiff = decode(data)?;
                 let draft = self.draft(message.step)?;
@@ -250,7 +266,10 @@ impl<'a> Assembly<'a> {
             }
             schema::REWARD => self.reward(decode(data)?),
             schema::CAMERA if self.records_only.is_some() => Ok(()),
-            schema::CAMERA => once(&mut self.image, decode::<CompressedImage>(data)?.data),
+            schema::CAMERA => match picture::finished(decode(data)?) {
+                Some(image) => once(&mut self.image, image.data),
+                None => Ok(()),
+            },
             schema::SIM_DIGEST => self.moment(codec::read_sim_digest(decode(data)?)?),
             // Derived for viewers; a recorder writes them, nobody reads them back.
             _ => Ok(()),

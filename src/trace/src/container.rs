@@ -2,6 +2,7 @@
 //! recording into a finished file. Knows nothing of what messages mean.
 
 use std::{
+    borrow::Cow,
     collections::{BTreeMap, BTreeSet},
     io,
     path::Path,
@@ -13,7 +14,7 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use crate::{TraceError, limits::Limits, schema};
+use crate::{TraceError, limits::Limits, picture, schema};
 
 /// Opcode and length in front of every record.
 const RECORD_PREFIX: usize = 9;
@@ -153,10 +154,16 @@ pub(crate) fn finish(part: &[u8], path: &Path, limits: &Limits) -> Result<Vec<u8
         Item::Metadata(metadata) => writer.write_metadata(metadata).map_err(failed),
         Item::Attachment { header, data } => writer.attach(&attachment(header.clone(), data)).map_err(failed),
         Item::Message { header, topic, data } => {
+            let data = match topic == schema::CAMERA.topic {
+                true => picture::finished_message(data),
+                false => Some(Cow::Borrowed(data)),
+            };
+            // What is no picture cannot be shown: it is left out.
+            let Some(data) = data else { return Ok(()) };
             if let Some(channel) = schema::channel(topic).filter(|channel| announced.insert(channel.id)) {
                 announce(&mut writer, &channel).map_err(failed)?;
             }
-            writer.write_to_known_channel(header, data).map_err(failed)
+            writer.write_to_known_channel(header, &data).map_err(failed)
         }
         // The writer makes them itself.
         Item::Schema { .. } | Item::Channel(_) | Item::Chunk(_) | Item::MessageIndex(_) => Ok(()),

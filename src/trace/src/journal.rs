@@ -18,7 +18,7 @@ use reel_world::{
 };
 
 use crate::{
-    Images, TraceError, codec, container, encode_webp,
+    Images, Timing, TraceError, codec, container, encode_webp, picture,
     schema::{self, Channel, foxglove::log::Level},
     viewer,
 };
@@ -45,6 +45,8 @@ pub(crate) enum Picture<'a> {
     Rgb(&'a [u8]),
     /// Already encoded.
     Webp(&'a [u8]),
+    /// A PNG file in Base64, as a protocol brought it; the finished file holds it as WebP.
+    Base64(&'a str),
 }
 
 /// Writes one episode. Calls come in the order `start`, then `input` and `step` for each step, then `end`.
@@ -173,6 +175,14 @@ impl<W: Write + Seek> Journal<W> {
         Ok(())
     }
 
+    /// Records when the call of the step that is under way was made, and how long it took.
+    pub(crate) fn timing(&mut self, step: u32, timing: &Timing) -> Result<(), TraceError> {
+        if !matches!(&self.turn, Turn::Step { step: under_way, .. } if *under_way == step) {
+            return Err(self.out_of_turn(&format!("the timing of step {step}")));
+        }
+        self.message(schema::TIMING, &codec::timing(step, timing))
+    }
+
     /// Records what came of a step.
     pub(crate) fn step(&mut self, record: &StepRecord, picture: Option<Picture>) -> Result<(), TraceError> {
         if !matches!(&self.turn, Turn::Step { step, input } if *step == record.step && **input == record.input) {
@@ -253,12 +263,13 @@ impl<W: Write + Seek> Journal<W> {
         bodies: &[BodyState],
     ) -> Result<(), TraceError> {
         let ns = self.time_ns();
-        if let (Images::Full, Some(picture)) = (self.images, picture) {
-            let webp = match picture {
-                Picture::Webp(webp) => webp.to_vec(),
-                Picture::Rgb(rgb) => self.encode(step, rgb)?,
+        if let (Images::Full, Some(taken)) = (self.images, picture) {
+            let (format, data) = match taken {
+                Picture::Webp(webp) => ("webp", webp.to_vec()),
+                Picture::Rgb(rgb) => ("webp", self.encode(step, rgb)?),
+                Picture::Base64(text) => (picture::BASE64_PNG, text.as_bytes().to_vec()),
             };
-            self.message(schema::CAMERA, &viewer::picture(ns, webp))?;
+            self.message(schema::CAMERA, &viewer::picture(ns, format, data))?;
             self.message(schema::ANNOTATIONS, &viewer::annotations(ns, visible))?;
         }
         let transforms = viewer::transforms(ns, robot, bodies, &self.bodies);

@@ -1,7 +1,17 @@
 //! Pictures as lossless WebP (in traces) and PNG (for people and policies).
 
+use std::{borrow::Cow, io::Cursor};
+
+use base64::Engine as _;
 use image_webp::{ColorType, WebPDecoder, WebPEncoder};
-use std::io::Cursor;
+use png::Transformations;
+use prost::Message as _;
+use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
+
+use crate::schema::foxglove::CompressedImage;
+
+/// Format of a picture in an unfinished recording that nobody has decoded yet.
+pub(crate) const BASE64_PNG: &str = "png;base64";
 
 /// Encodes 8-bit RGB, row by row from the top left, without loss.
 ///
@@ -41,6 +51,51 @@ pub fn encode_png(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
     writer.write_image_data(rgb).expect("the picture has the size it says");
     writer.finish().expect("writing to memory does not fail");
     bytes
+}
+
+/// The pixels of a PNG file as 8-bit RGB, where it has the given size.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn decode_png(bytes: &[u8], expected: (usize, usize)) -> Result<Vec<u8>, String> {
+    let refused = |error: png::DecodingError| format!("no PNG picture that can be read ({error})");
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    decoder.set_transformations(Transformations::EXPAND | Transformations::STRIP_16);
+    let mut reader = decoder.read_info().map_err(refused)?;
+    let size = (reader.info().width as usize, reader.info().height as usize);
+    if size != expected {
+        return Err(format!("a picture of {} x {} pixels instead of {} x {}", size.0, size.1, expected.0, expected.1));
+    }
+    let size = reader.output_buffer_size().ok_or("a picture too large for memory")?;
+    let mut pixels = vec![0; size];
+    let info = reader.next_frame(&mut pixels).map_err(refused)?;
+    pixels.truncate(info.buffer_size());
+    match info.color_type {
+        png::ColorType::Rgb => Ok(pixels),
+        png::ColorType::Rgba => Ok(pixels.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect()),
+        png::ColorType::Grayscale => Ok(pixels.iter().flat_map(|grey| [*grey; 3]).collect()),
+        png::ColorType::GrayscaleAlpha => Ok(pixels.chunks_exact(2).flat_map(|pixel| [pixel[0]; 3]).collect()),
+        png::ColorType::Indexed => Err("a picture whose palette cannot be read".to_owned()),
+    }
+}
+
+/// A picture of an unfinished recording in the form of a finished one; none where it cannot be read.
+pub(crate) fn finished(image: CompressedImage) -> Option<CompressedImage> {
+    if image.format != BASE64_PNG {
+        return Some(image);
+    }
+    let png = base64::engine::general_purpose::STANDARD.decode(&image.data).ok()?;
+    let rgb = decode_png(&png, (FRAME_WIDTH, FRAME_HEIGHT)).ok()?;
+    let webp = encode_webp(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
+    Some(CompressedImage { data: webp, format: "webp".to_owned(), ..image })
+}
+
+/// [`finished`] for an encoded message of the camera.
+pub(crate) fn finished_message(data: &[u8]) -> Option<Cow<'_, [u8]>> {
+    match CompressedImage::decode(data) {
+        Ok(image) if image.format == BASE64_PNG => finished(image).map(|image| image.encode_to_vec().into()),
+        _ => Some(data.into()),
+    }
 }
 
 #[cfg(test)]

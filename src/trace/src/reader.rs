@@ -7,12 +7,12 @@ use std::{
 };
 
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task, ToolCall,
-    record::{EndRecord, EpisodeHeader, StartRecord, StepRecord},
+    Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task,
+    record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
 
 use crate::{
-    TraceError,
+    Timing, TraceError,
     assembly::Assembly,
     container::{self, At, Closing, Item, Visitor},
     decode_webp, files,
@@ -41,6 +41,8 @@ pub struct Trace {
     pub bytes: u64,
     /// What [`recover`](crate::recover()) did to get this trace, if it did, in the order it happened.
     pub recoveries: Vec<BTreeMap<String, String>>,
+    /// By step, the clock of episodes that were recorded while they were played elsewhere.
+    pub timings: BTreeMap<u32, Timing>,
     /// WebP pictures; none: of the start.
     pub(crate) images: BTreeMap<Option<u32>, Vec<u8>>,
     /// By step, where its first message stands.
@@ -197,7 +199,7 @@ pub(crate) struct Loaded {
     /// What is known before the first call, where there is not even a start.
     pub head: Option<(EpisodeHeader, Arc<Task>, Arc<Scene>)>,
     /// The call that was received, but of which nothing came that is whole.
-    pub under_way: Option<(u32, ToolCall)>,
+    pub under_way: Option<(u32, StepInput)>,
     /// What is wrong, in the order of the file.
     pub problems: Vec<Problem>,
 }
@@ -285,7 +287,7 @@ impl<'a> Reading<'a> {
                 *steps_readable = steps_before;
             }
         }
-        let under_way = self.assembly.under_way().map(|(step, call)| (step, call.clone()));
+        let under_way = self.assembly.under_way();
         let head = if self.assembly.has_start() { None } else { self.assembly.head().ok() };
         let nothing = self.assembly.nothing_restored();
         let trace = self.assembly.into_trace(bytes).map_err(|missing| nothing.unwrap_or(missing));

@@ -10,6 +10,7 @@ use reel_world::{
     Digest, Frame, Scene, Task,
     record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
+use serde::Serialize;
 
 use crate::{
     TraceError, container,
@@ -66,6 +67,15 @@ impl From<Images> for RecordOptions {
     fn from(images: Images) -> Self {
         Self { images, ..Self::default() }
     }
+}
+
+/// The clock of a step that was carried out elsewhere; outside every digest.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+pub struct Timing {
+    /// When the call came, in nanoseconds since 1970.
+    pub called_unix_ns: u64,
+    /// From passing the call on to having its result whole, in nanoseconds.
+    pub took_ns: u64,
 }
 
 /// What was written.
@@ -153,6 +163,14 @@ impl Recorder {
         self.acknowledge(written)
     }
 
+    /// Records the clock of a step, between its input and what came of it; acknowledged with the latter.
+    ///
+    /// # Errors
+    /// When it is called out of turn or the file cannot be written.
+    pub fn timing(&mut self, step: u32, timing: &Timing) -> Result<(), TraceError> {
+        self.journal.timing(step, timing).map_err(|error| self.unwritten(error))
+    }
+
     /// Records what came of a step.
     ///
     /// # Errors
@@ -160,6 +178,26 @@ impl Recorder {
     /// is not that of the records, or the file cannot be written.
     pub fn step(&mut self, record: &StepRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
         let written = self.journal.step(record, rgb(frame));
+        self.acknowledge(written)
+    }
+
+    /// [`Recorder::start`] with a picture as a protocol brings it, a PNG file in Base64: kept as it came until the end, then as all
+    /// pictures. It is not decoded before, so the record cannot have its digest; what is no picture is left out of the finished
+    /// file.
+    ///
+    /// # Errors
+    /// As [`Recorder::start`].
+    pub fn start_with_base64(&mut self, record: &StartRecord, png: &str) -> Result<(), TraceError> {
+        let written = self.journal.start(record, Some(Picture::Base64(png)));
+        self.acknowledge(written)
+    }
+
+    /// [`Recorder::step`] with a picture as in [`Recorder::start_with_base64`].
+    ///
+    /// # Errors
+    /// As [`Recorder::step`].
+    pub fn step_with_base64(&mut self, record: &StepRecord, png: &str) -> Result<(), TraceError> {
+        let written = self.journal.step(record, Some(Picture::Base64(png)));
         self.acknowledge(written)
     }
 

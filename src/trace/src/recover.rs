@@ -8,7 +8,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reel_world::record::{EndReason, EndRecord, Graphs, Metrics};
+use reel_world::{
+    ErrorCode, Outcome, Tool, chain,
+    record::{Backend, EndReason, EndRecord, GraphChanges, Graphs, Metrics, RewardTerm, StateDigests, StepInput, StepRecord},
+};
 use serde::Serialize;
 
 use crate::{
@@ -60,6 +63,23 @@ pub struct Recovery {
     pub source_deleted: bool,
 }
 
+/// Scores what is restored; a trace knows no rewards.
+pub trait Scoring {
+    /// The metrics of an episode that ended here, with these graphs.
+    fn metrics(&self, trace: &Trace, graphs: &Graphs) -> Metrics;
+
+    /// The reward terms of one more step. None, the default: calls under way are not restored.
+    fn terms(&self, _trace: &Trace, _step: &StepRecord) -> Option<Vec<RewardTerm>> {
+        None
+    }
+}
+
+impl<F: Fn(&Trace, &Graphs) -> Metrics> Scoring for F {
+    fn metrics(&self, trace: &Trace, graphs: &Graphs) -> Metrics {
+        self(trace, graphs)
+    }
+}
+
 /// Restores every whole step of a recording: an unfinished `.part`, or a finished trace that is torn or damaged.
 ///
 /// Writes `<name>.mcap` for `<name>.mcap.part` and `<name>.recovered.mcap` where that is taken or the recording is
@@ -69,21 +89,24 @@ pub struct Recovery {
 /// [`EndReason::Aborted`] with the graphs that follow from the steps, and `score` gives its metrics from the trace
 /// so far and these graphs.
 ///
+/// A call that was under way did nothing in our simulator. Where the world is another one, it was passed on before the recording
+/// broke off: it is restored as a step that failed, its result not known, if `score` gives the terms of one.
+///
 /// # Errors
 /// When the recording cannot be read at all, is still being written, other files take both names, or the disk
 /// refuses.
-pub fn recover(
-    source: &Path,
-    folder: Option<&Path>,
-    score: impl FnOnce(&Trace, &Graphs) -> Metrics,
-) -> Result<Recovery, TraceError> {
+pub fn recover(source: &Path, folder: Option<&Path>, score: impl Scoring) -> Result<Recovery, TraceError> {
     let is_part = source.extension().is_some_and(|extension| *extension == *PART.trim_start_matches('.'));
     let limits = Limits::default();
     let bytes = files::read(source, &limits)?;
     // Held until the recording may have been deleted.
     let _lock = if is_part { Some(lock(source)?) } else { None };
     let name = PathBuf::from(source.file_name().unwrap_or(source.as_os_str()));
-    let Loaded { trace, head, under_way, problems, .. } = load(&name, &bytes, &limits);
+    let Loaded { mut trace, head, under_way, problems, .. } = load(&name, &bytes, &limits);
+    let completed = match (&mut trace, &under_way) {
+        (Ok(trace), Some((_, input))) if is_part => complete(trace, input, &score),
+        _ => false,
+    };
     let nothing_there = matches!(&trace, Err(TraceError::NothingRestored { .. }));
 
     let mut recovery = Recovery {
@@ -101,9 +124,9 @@ pub fn recover(
     if problems.is_empty() && (recovery.end_recorded && !is_part || nothing_there) {
         return Ok(recovery);
     }
-    if let Some(first) = problems.first().filter(|_| !recovery.end_recorded) {
+    if let Some(first) = problems.first().filter(|_| !recovery.end_recorded && !completed) {
         recovery.lost.push(match (&first.error, under_way) {
-            (TraceError::Torn { .. }, Some((step, call))) => format!("call {step} `{call}` was under way and is lost"),
+            (TraceError::Torn { .. }, Some((step, input))) => format!("call {step} `{}` was under way and is lost", input.call),
             (error, _) => {
                 let rest = recovery.bytes.saturating_sub(recovery.bytes_readable);
                 format!("the last {rest} bytes hold nothing whole: {error}")
@@ -156,7 +179,7 @@ fn restored(
     recovery: &Recovery,
     path: &Path,
     spoilt: &BTreeSet<Option<u32>>,
-    score: impl FnOnce(&Trace, &Graphs) -> Metrics,
+    score: impl Scoring,
 ) -> Result<Vec<u8>, TraceError> {
     let end = trace.end.clone().unwrap_or_else(|| aborted(trace, score));
     let recoveries: Vec<_> = trace.recoveries.iter().cloned().chain([metadata(recovery)]).collect();
@@ -166,14 +189,47 @@ fn restored(
     })
 }
 
+/// Adds the call that was under way in a world that is not ours.
+fn complete(trace: &mut Trace, input: &StepInput, score: &impl Scoring) -> bool {
+    if trace.header.backend == Backend::Sim || trace.end.is_some() {
+        return false;
+    }
+    let (last, step) = (trace.steps.last(), trace.steps.len() as u32);
+    let mut record = StepRecord {
+        step,
+        input: input.clone(),
+        outcome: Outcome::error(ErrorCode::BackendError, "no result: the recording broke off before it was written"),
+        tool: Tool::parse(&input.call).ok().map(|tool| tool.paper_name().to_owned()),
+        reply: None,
+        markers: last.map(|last| last.markers.clone()).unwrap_or_default(),
+        visible: Vec::new(),
+        listed: Vec::new(),
+        object: None,
+        receptacle: None,
+        held: last.and_then(|last| last.held.clone()),
+        changes: GraphChanges::default(),
+        bodies: Vec::new(),
+        robot: last.map_or(trace.start.robot, |last| last.robot),
+        sim_step: last.map_or(0, |last| last.sim_step),
+        reward: Vec::new(),
+        digests: StateDigests::default(),
+    };
+    let Some(terms) = score.terms(trace, &record) else { return false };
+    record.reward = terms;
+    record.digests.chain = chain::step_link(&trace.chain(), &record);
+    trace.steps.push(record);
+    trace.offsets.push(trace.bytes);
+    true
+}
+
 /// The end of an episode that nobody ended.
-fn aborted(trace: &Trace, score: impl FnOnce(&Trace, &Graphs) -> Metrics) -> EndRecord {
+fn aborted(trace: &Trace, score: impl Scoring) -> EndRecord {
     let mut graphs = trace.start.graphs.clone();
     for step in &trace.steps {
         graphs.physics.apply(&step.changes.physics);
         graphs.registry.apply(&step.changes.registry);
     }
-    let metrics = score(trace, &graphs);
+    let metrics = score.metrics(trace, &graphs);
     EndRecord { reason: EndReason::Aborted, metrics, chain: trace.chain(), steps: trace.steps.len() as u32, graphs }
 }
 

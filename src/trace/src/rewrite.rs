@@ -52,6 +52,9 @@ impl Trace {
         journal.start(&self.start, picture(None)?.as_ref().map(Encoding::picture))?;
         for step in &self.steps {
             journal.input(step.step, &step.input)?;
+            if let Some(timing) = self.timings.get(&step.step) {
+                journal.timing(step.step, timing)?;
+            }
             journal.step(step, picture(Some(step.step))?.as_ref().map(Encoding::picture))?;
         }
         journal.end(end)?;

@@ -57,6 +57,7 @@ channels! {
     TRANSFORMS = 13, "/tf", "foxglove.FrameTransforms";
     SCENE = 14, "/scene", "foxglove.SceneUpdate";
     LOG = 15, "/log", "foxglove.Log";
+    TIMING = 16, "/timing", "reel.v1.Timing";
 }
 
 /// Finds a channel by its topic.

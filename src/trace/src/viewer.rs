@@ -28,9 +28,9 @@ pub(crate) fn timestamp(ns: u64) -> Option<Timestamp> {
     Some(Timestamp { seconds: (ns / 1_000_000_000) as i64, nanos: (ns % 1_000_000_000) as i32 })
 }
 
-/// The head camera's picture.
-pub(crate) fn picture(ns: u64, webp: Vec<u8>) -> CompressedImage {
-    CompressedImage { timestamp: timestamp(ns), frame_id: CAMERA.into(), data: webp, format: "webp".into() }
+/// The head camera's picture in a format.
+pub(crate) fn picture(ns: u64, format: &str, data: Vec<u8>) -> CompressedImage {
+    CompressedImage { timestamp: timestamp(ns), frame_id: CAMERA.into(), data, format: format.into() }
 }
 
 /// The head camera as a pinhole without distortion.

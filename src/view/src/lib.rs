@@ -20,7 +20,7 @@ pub use picture_difference::picture_difference;
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;
 pub use side_by_side::side_by_side;
-pub use transcript::transcript;
+pub use transcript::{step, transcript};
 
 /// Why an episode cannot be shown.
 #[derive(Debug, thiserror::Error)]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use reel_trace::Trace;
+use reel_trace::{Timing, Trace};
 use reel_world::{
     GraphEvent,
     record::{Backend, EndReason, StepRecord},
@@ -13,7 +13,7 @@ pub fn transcript(trace: &Trace) -> String {
     let mut text = String::new();
     header(trace, &mut text);
     for record in &trace.steps {
-        step(record, &mut text);
+        text.push_str(&step(record, trace.timings.get(&record.step)));
     }
     end(trace, &mut text);
     text
@@ -38,7 +38,9 @@ fn header(trace: &Trace, text: &mut String) {
     }
 }
 
-fn step(record: &StepRecord, text: &mut String) {
+/// One step, for people; with its clock, where one was kept.
+pub fn step(record: &StepRecord, timing: Option<&Timing>) -> String {
+    let mut text = String::new();
     let _ = writeln!(text, "\n{:>3}  {}", record.step, record.input.call);
     let mut line = |mark: &str, content: &str| {
         for (index, part) in content.trim_end().lines().enumerate() {
@@ -68,6 +70,13 @@ fn step(record: &StepRecord, text: &mut String) {
     if !terms.is_empty() {
         line("reward", &format!("{:+.2} = {}", record.reward_total(), terms.join(", ")));
     }
+    if let Some(timing) = timing {
+        let seconds = |ns: u64| ns as f64 / 1e9;
+        let thought = record.input.policy.as_ref().and_then(|policy| policy.latency_ns);
+        let thought = thought.map(|ns| format!(", decided in {:.3} s", seconds(ns))).unwrap_or_default();
+        line("time", &format!("took {:.3} s{thought}", seconds(timing.took_ns)));
+    }
+    text
 }
 
 fn join(events: &[GraphEvent]) -> String {

@@ -33,6 +33,8 @@ pub mod paranoid;
 pub mod perf;
 #[cfg(feature = "analytics")]
 pub mod query;
+#[cfg(feature = "service")]
+pub mod record;
 pub mod recover;
 pub mod repack;
 pub mod repair;

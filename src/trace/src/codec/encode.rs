@@ -10,7 +10,10 @@ use reel_world::{
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::schema::reel::{self, episode_event::Event, marker::Target};
+use crate::{
+    Timing,
+    schema::reel::{self, episode_event::Event, marker::Target},
+};
 
 /// The header, as the first message of `/episode`.
 pub(crate) fn episode_start(header: &EpisodeHeader) -> reel::EpisodeEvent {
@@ -92,6 +95,11 @@ pub(crate) fn policy_output(step: u32, policy: &PolicyOutput) -> reel::PolicyOut
         tokens: policy.tokens.map(|[input, output]| reel::TokenCount { input, output }),
         latency_ns: policy.latency_ns,
     }
+}
+
+/// When a call was made, and how long it took.
+pub(crate) fn timing(step: u32, timing: &Timing) -> reel::Timing {
+    reel::Timing { step, called_unix_ns: timing.called_unix_ns, took_ns: timing.took_ns }
 }
 
 /// A reply: `outside` or `answer`.

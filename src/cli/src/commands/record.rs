@@ -1,0 +1,267 @@
+//! `reel record`: a recorder between an agent and somebody else's tool server.
+
+use std::{
+    fs,
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use anyhow::{Context, bail};
+use reel_proxy::{Endings, Mapping, OnFull, Proxy, Report, Seen, Setup, Upstream};
+use reel_reward::Preset;
+use reel_tasks::Listed;
+use reel_trace::{Durability, Images, RecordOptions};
+use reel_world::{
+    Profile,
+    record::{Backend, EndReason},
+};
+
+use crate::{Answer, inputs};
+
+/// Stand between any MCP agent and any MCP tool server, pass everything through byte for byte, and record the episodes that go by
+/// as traces. The agent is given this command's address instead of the server's; nothing else changes for either.
+///
+/// A call is on disk before it is passed on, its result before the agent gets it; what a killed recorder leaves is restored by
+/// `reel recover`. Streamable HTTP, legacy HTTP+SSE and stdio are understood; whatever else comes passes through all the same, and
+/// is counted. An episode begins with the task that a `finish` or `finish_with_id` answers (REAL's servers and Reel's own), else
+/// with a session's first call; it ends with the next `finish`, DELETE, the end of the stream or process, or Ctrl-C.
+///
+/// World graphs, markers and what is held come from the `Debug Info` text of REAL's servers; for others a mapping file says where
+/// results tell them and which tools are which of the eleven (docs/proxy.md):
+///
+///   [tools.drive_to]
+///   is = "nav_to"
+///   arguments = { receptacle_name = "place" }
+///   [state]
+///   graph = "/world"
+///   held = "/robot/holds"
+///
+/// Examples:
+///   reel record --upstream http://127.0.0.1:8000/sse --out traces          # agents connect to http://127.0.0.1:8810/sse
+///   reel record --upstream http://robot:8000/mcp --backend robot --mapping robot.toml --out traces --watch
+///   reel record --out traces --stdio -- python my_server.py                # in the place of the server's command
+///   reel record --upstream http://127.0.0.1:8801/mcp --tasks tasks --scene scene.json --out traces
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// The tool server: http://HOST[:PORT][/PATH]
+    #[arg(long, value_name = "URL", required_unless_present = "stdio", conflicts_with = "stdio")]
+    upstream: Option<String>,
+    /// The tool server is a program that speaks over standard input and output, and so does the agent with this command; its words
+    /// come last
+    #[arg(long, requires = "command")]
+    stdio: bool,
+    /// Where agents connect
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8810", conflicts_with = "stdio")]
+    listen: SocketAddr,
+    /// A name of this machine by which agents may call it, besides addresses and localhost
+    #[arg(long = "host", value_name = "NAME")]
+    hosts: Vec<String>,
+    /// Folder for the traces; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "traces-out")]
+    out: PathBuf,
+    /// Name of the run that the traces belong to
+    #[arg(long, value_name = "NAME")]
+    run: Option<String>,
+    /// What stands behind the server: proxy (another simulator), or robot
+    #[arg(long, value_name = "KIND", default_value = "proxy")]
+    backend: String,
+    /// Whose words the server speaks where they differ: real-repo or paper
+    #[arg(long, value_name = "NAME", default_value = "real-repo")]
+    profile: String,
+    /// Reward preset: a built-in name, or a file
+    #[arg(long, value_name = "NAME", default_value = "paper")]
+    preset: String,
+    /// Task file or folder of them: the one that a server names is taken instead of what the server says of it; a single one is the
+    /// task of a server that names none
+    #[arg(long, alias = "task", value_name = "PATH")]
+    tasks: Option<PathBuf>,
+    /// Their scene; without it `s7_scene.json` beside the tasks
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Mapping file: which tools are which of the eleven, and where results tell the state of the world
+    #[arg(long, value_name = "FILE")]
+    mapping: Option<PathBuf>,
+    /// Name of the policy in the traces; without it, what agents call themselves
+    #[arg(long, value_name = "NAME")]
+    policy: Option<String>,
+    /// When a recording cannot be written: stop (calls are refused) or continue (they pass unrecorded, and that is said)
+    #[arg(long, value_name = "WHAT", default_value = "stop")]
+    on_full: String,
+    /// What a recorded call survives: write (the death of the process) or fsync (the loss of power)
+    #[arg(long, value_name = "WHAT", default_value = "write")]
+    durability: String,
+    /// Leave pictures out of the traces; their digests stay
+    #[arg(long)]
+    no_images: bool,
+    /// Largest message that is looked into, in MiB; larger ones pass unrecorded, and that is said
+    #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1024))]
+    message_limit: u32,
+    /// Seconds after which the episode of a silent session ends, where nothing else says that it is over
+    #[arg(long, value_name = "SECONDS", default_value_t = 1800)]
+    idle: u64,
+    /// Print the transcript while it happens, to standard error with --stdio
+    #[arg(long)]
+    watch: bool,
+    /// Print what went by at the end as JSON
+    #[arg(long, conflicts_with = "stdio")]
+    json: bool,
+    /// With --stdio: the server's program and its arguments
+    #[arg(value_name = "CMD", trailing_var_arg = true, allow_hyphen_values = true, requires = "stdio")]
+    command: Vec<String>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let setup = Arc::new(setup(arguments)?);
+    if arguments.stdio {
+        let code = reel_proxy::run_stdio(setup.clone(), &arguments.command)?;
+        let answer = answer(&setup.report, true, false)?;
+        return match code {
+            Some(0) | None => Ok(answer),
+            Some(code) => bail!("the server ended with code {code}"),
+        };
+    }
+    let upstream = Upstream::parse(arguments.upstream.as_deref().unwrap_or_default())?;
+    let path = upstream.path().to_owned();
+    let proxy = Proxy::bind(setup.clone(), upstream, arguments.listen)?;
+    println!("recording into {}: agents connect to http://{}{path}; Ctrl-C stops", setup.out.display(), proxy.address()?);
+    proxy.run()?;
+    answer(&setup.report, false, arguments.json)
+}
+
+fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
+    let backend = match arguments.backend.as_str() {
+        "proxy" => Backend::Proxy,
+        "robot" => Backend::Robot,
+        other => bail!("--backend is proxy or robot, not '{other}'"),
+    };
+    let on_full = match arguments.on_full.as_str() {
+        "stop" => OnFull::Stop,
+        "continue" => OnFull::Continue,
+        other => bail!("--on-full is stop or continue, not '{other}'"),
+    };
+    let profile = Profile::parse(&arguments.profile);
+    let profile =
+        profile.with_context(|| format!("no profile is called '{}'; there are paper and real-repo", arguments.profile))?;
+    let durability = Durability::parse(&arguments.durability);
+    let durability = durability.with_context(|| format!("--durability is write or fsync, not '{}'", arguments.durability))?;
+    let images = if arguments.no_images { Images::None } else { Images::Full };
+    let mapping = arguments.mapping.as_deref().map(mapping).transpose()?;
+    let beside = arguments.tasks.as_deref().and_then(Path::parent).map(|folder| folder.join("s7_scene.json"));
+    let scene = match arguments.scene.clone().or(beside.filter(|file| file.exists())) {
+        Some(file) => Some(inputs::scene(Some(&file))?),
+        // Tasks that Reel made play in its own home.
+        None if arguments.tasks.is_some() => Some(inputs::scene(None)?),
+        None => None,
+    };
+    let tasks = match (&arguments.tasks, &scene) {
+        (Some(path), Some(scene)) => inputs::tasks(path, scene, Listed::AsWritten)?.0,
+        _ => Vec::new(),
+    };
+    let run = match &arguments.run {
+        Some(run) => {
+            reel_live::check_name(run).context("--run is part of the names of files")?;
+            run.clone()
+        }
+        None => format!("record-{}", SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())),
+    };
+    fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
+    let (shows, to_stderr) = (arguments.watch, arguments.stdio);
+    Ok(Setup {
+        out: arguments.out.clone(),
+        run,
+        backend,
+        profile,
+        preset: preset(&arguments.preset)?,
+        tasks,
+        scene,
+        policy: arguments.policy.clone(),
+        mapping,
+        options: RecordOptions { images, durability },
+        on_full,
+        message_max: arguments.message_limit as usize * (1 << 20),
+        idle: Duration::from_secs(arguments.idle.max(1)),
+        hosts: arguments.hosts.clone(),
+        watch: Box::new(move |seen| tell(&seen, shows, to_stderr)),
+        report: Report::default(),
+        endings: Endings::default(),
+    })
+}
+
+fn mapping(path: &Path) -> anyhow::Result<Mapping> {
+    let text = fs::read_to_string(path).with_context(|| format!("cannot read the mapping file {}", path.display()))?;
+    Mapping::parse(&text).with_context(|| format!("the mapping file {} cannot be taken", path.display()))
+}
+
+fn preset(name: &str) -> anyhow::Result<Preset> {
+    if let Some(preset) = Preset::parse(name) {
+        return Ok(preset);
+    }
+    let known = || format!("no preset is called '{name}' and there is no such file; built in are paper and real-repo");
+    Ok(Preset::from_toml(&fs::read_to_string(name).with_context(known)?)?)
+}
+
+/// Trouble is always told; the transcript where it is asked for.
+fn tell(seen: &Seen<'_>, shows: bool, to_stderr: bool) {
+    let text = match seen {
+        Seen::Trouble { session, what } => {
+            eprintln!("reel: {session}: {what}");
+            return;
+        }
+        Seen::PictureLeftOut { session, why } => {
+            eprintln!("reel: {session}: a picture is left out: {why}");
+            return;
+        }
+        Seen::Began { session, task, path, notes } if shows => {
+            let notes: String = notes.iter().map(|note| format!("\n     note     {note}")).collect();
+            format!("\n{session}  task {}: {}\n     trace    {}{notes}\n", task.task_id, task.instruction, path.display())
+        }
+        Seen::Step { session, record, timing } if shows => {
+            reel_view::step(record, Some(timing)).replacen('\n', &format!("\n{session}"), 1)
+        }
+        Seen::Ended { session, path, reason, metrics } if shows => {
+            let verdict = if metrics.success { "SUCCESS" } else { "FAILURE" };
+            let reason = match reason {
+                EndReason::Finished => "the policy finished",
+                _ => "it was not finished",
+            };
+            format!("\n{session}  {verdict}: {reason} after {} decisions: {}\n", metrics.length, path.display())
+        }
+        _ => return,
+    };
+    if to_stderr {
+        eprint!("{text}");
+    } else {
+        print!("{text}");
+    }
+}
+
+fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Answer> {
+    let counts = report.counts();
+    let text = if as_json {
+        serde_json::to_string(&counts)?
+    } else {
+        let odd = [
+            (counts.unanswered, "calls without a result"),
+            (counts.unrecorded, "UNRECORDED"),
+            (counts.refused, "refused"),
+            (counts.too_large, "messages over the limit"),
+            (counts.strange, "messages not of the protocol"),
+            (counts.blind, "connections not understood"),
+            (counts.pictures_left_out, "pictures left out"),
+        ];
+        let odd: String = odd.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!(", {count} {what}")).collect();
+        let reel_proxy::Counts { sessions, episodes, calls, session_calls, .. } = counts;
+        format!("{sessions} sessions, {episodes} episodes, {calls} calls and {session_calls} around episodes{odd}")
+    };
+    if to_stderr {
+        eprintln!("reel: {text}");
+    } else {
+        println!("{text}");
+    }
+    let lost = counts.unrecorded + counts.refused + counts.too_large + counts.pictures_left_out;
+    Ok(if lost > 0 { Answer::Loss } else { Answer::Yes })
+}

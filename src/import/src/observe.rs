@@ -1,0 +1,168 @@
+//! What can be seen of a world that somebody else simulates, or that is real: the state that results show, and the record of
+//! a step that follows from the states around it. Knows neither files nor protocols.
+
+use std::collections::BTreeMap;
+
+use reel_world::{
+    FrameDigests, InstanceId, Outcome, ReceptacleId, Tool, WorldGraph,
+    record::{GraphChanges, Graphs, Marker, MarkerTarget, RobotState, StateDigests, StepInput, StepRecord, UserReply},
+};
+use serde_json::{Map, Value};
+
+use crate::graph;
+
+/// What is known of the world after a step.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct State {
+    /// Where everything is; none where nothing shows it.
+    pub graph: Option<WorldGraph>,
+    /// What the gripper holds.
+    pub held: Option<InstanceId>,
+    /// The marker map: numbers and what they stand for.
+    pub markers: Option<Vec<(u32, String)>>,
+    /// Where the robot stands.
+    pub landmark: Option<ReceptacleId>,
+    /// Of the camera, in metres; a height that is not told is 0.
+    pub position: Option<[f32; 3]>,
+}
+
+/// What a call came to.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Shown {
+    /// The call.
+    pub input: StepInput,
+    /// What the policy got.
+    pub outcome: Outcome,
+    /// What the user answered.
+    pub reply: Option<UserReply>,
+    /// Of the picture, where there was one.
+    pub frame: Option<FrameDigests>,
+}
+
+impl State {
+    /// The state after a result with this debug payload. A graph that it does not show is as before.
+    pub fn after(&self, debug_info: &Map<String, Value>) -> State {
+        let mut state = self.clone();
+        state.update(debug_info);
+        state.graph = graph::of_debug_info(debug_info, self.graph.as_ref()).or(state.graph);
+        state
+    }
+
+    /// Takes in a debug payload, but for its graph; what it does not name stays.
+    pub(crate) fn update(&mut self, debug_info: &Map<String, Value>) {
+        let name = |value: &Value| value.as_str().filter(|name| !name.is_empty()).map(str::to_owned);
+        if let Some(value) = debug_info.get("CURRENT_INV") {
+            self.held = name(value).map(Into::into);
+        }
+        if let Some(value) = debug_info.get("CURRENT_LANDMARK") {
+            self.landmark = name(value).map(Into::into);
+        }
+        if let Some(value) = debug_info.get("CURRENT_POS") {
+            self.position = position(value);
+        }
+        if let Some(value) = debug_info.get("CURRENT_MARKER_MAP") {
+            self.markers = value.as_object().map(|map| {
+                let number = |(key, target): (&String, &Value)| Some((key.trim().parse().ok()?, name(target)?));
+                map.iter().filter_map(number).collect::<BTreeMap<u32, String>>().into_iter().collect()
+            });
+        }
+    }
+
+    /// The robot, as far as it is known.
+    pub fn robot(&self) -> RobotState {
+        let [x, y, z] = self.position.unwrap_or_default();
+        RobotState { base: [x, y], camera: [x, y, z], ..RobotState::default() }
+    }
+
+    /// What the markers stand for: a name of the graph is a receptacle.
+    pub(crate) fn markers(&self) -> Vec<Marker> {
+        let receptacles = self.graph.as_ref().map(|graph| &graph.receptacles);
+        let target = |name: &str| match receptacles {
+            Some(receptacles) if receptacles.contains_key(name) => MarkerTarget::Receptacle(name.into()),
+            _ => MarkerTarget::Object(name.into()),
+        };
+        self.markers.iter().flatten().map(|(id, name)| Marker { id: *id, target: target(name) }).collect()
+    }
+}
+
+/// The record of a step, without its rewards and its link of the chain. `before` and `after` know their graphs, where anything
+/// shows them.
+pub fn record(step: u32, shown: Shown, before: &State, after: &State) -> StepRecord {
+    let Shown { input, outcome, reply, frame } = shown;
+    let tool = Tool::parse(&input.call).ok();
+    let (object, receptacle) = acted_on(tool.as_ref(), &outcome, before, after);
+    let changed = match (&before.graph, &after.graph) {
+        (Some(before), Some(after)) => after.difference(before),
+        _ => Vec::new(),
+    };
+    let markers = after.markers();
+    let told =
+        matches!(tool, Some(Tool::WalkAround | Tool::ShowObjectByCategory { .. } | Tool::GazeAt { .. })) && outcome.is_ok();
+    let listed = markers.iter().filter(|_| told).filter_map(|marker| match &marker.target {
+        MarkerTarget::Object(object) => Some(object.clone()),
+        MarkerTarget::Receptacle(_) => None,
+    });
+    StepRecord {
+        step,
+        listed: listed.collect(),
+        input,
+        outcome,
+        tool: tool.as_ref().map(|tool| tool.paper_name().to_owned()),
+        reply,
+        markers,
+        visible: Vec::new(),
+        object,
+        receptacle,
+        held: after.held.clone(),
+        changes: GraphChanges { physics: changed.clone(), registry: changed },
+        bodies: Vec::new(),
+        robot: after.robot(),
+        sim_step: 0,
+        reward: Vec::new(),
+        digests: StateDigests { frame, ..StateDigests::default() },
+    }
+}
+
+/// The object and the receptacle that a successful call acted on.
+fn acted_on(tool: Option<&Tool>, outcome: &Outcome, before: &State, after: &State) -> (Option<InstanceId>, Option<ReceptacleId>) {
+    let Some(tool) = tool.filter(|_| outcome.is_ok()) else { return (None, None) };
+    let marked = |number: u32| before.markers().into_iter().find(|marker| marker.id == number).map(|marker| marker.target);
+    let object = |number: u32| match marked(number) {
+        Some(MarkerTarget::Object(object)) => Some(object),
+        _ => None,
+    };
+    let receptacle = |number: u32| match marked(number) {
+        Some(MarkerTarget::Receptacle(receptacle)) => Some(receptacle),
+        _ => None,
+    };
+    match tool {
+        Tool::NavTo { receptacle } => (None, Some(receptacle.clone())),
+        Tool::WalkAround => (None, after.landmark.clone()),
+        Tool::GazeAt { marker } => (object(*marker), receptacle(*marker)),
+        Tool::Pick { marker } => {
+            let object = object(*marker).or_else(|| after.held.clone());
+            let place = object.as_ref().and_then(|object| before.graph.as_ref()?.place_of(object).cloned());
+            (object, place)
+        }
+        Tool::Place { marker } => (before.held.clone(), receptacle(*marker)),
+        Tool::Open { marker } | Tool::Close { marker } => (None, receptacle(*marker)),
+        _ => (None, None),
+    }
+}
+
+/// Two or three numbers, which some versions of the server wrote as texts.
+fn position(value: &Value) -> Option<[f32; 3]> {
+    let number = |value: &Value| value.as_f64().or_else(|| value.as_str()?.trim().parse().ok());
+    let numbers: Vec<f32> = value.as_array()?.iter().filter_map(number).map(|number| number as f32).collect();
+    let position = match numbers[..] {
+        [x, y] => [x, y, 0.0],
+        [x, y, z] => [x, y, z],
+        _ => return None,
+    };
+    position.iter().all(|number| number.is_finite()).then_some(position)
+}
+
+/// One graph for both authorities: who stands by knows of one alone.
+pub fn both(graph: &WorldGraph) -> Graphs {
+    Graphs { physics: graph.clone(), registry: graph.clone() }
+}

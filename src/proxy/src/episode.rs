@@ -1,0 +1,415 @@
+//! The episodes of one session as records: when one begins and ends, what a call and its result become, and the trace that is
+//! written meanwhile. Knows no transport.
+
+use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
+
+use base64::Engine as _;
+use reel_import::{Begun, Setting, Shown, State, both};
+use reel_reward::{Rewarder, metrics};
+use reel_trace::{Recorder, Timing, TraceError};
+use reel_world::{
+    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Family, Lifecycle, ObjectInstance, Outcome, ReceptacleId, Scene, Skills, Task,
+    Tool, ToolCall, WorldGraph, chain,
+    record::{EndReason, EndRecord, EpisodeHeader, Metrics, PolicyInfo, PolicyOutput, StartRecord, StepInput, StepRecord},
+};
+use serde_json::{Map, Value, json};
+
+use crate::{Seen, Setup, tap::Answer};
+
+/// What is not known: a task, its target, a scene.
+const UNKNOWN: &str = "unknown";
+/// What the published server's texts begin with when a tool stumbled.
+const STUMBLED: &str = "Error executing ";
+
+/// The episodes of one session.
+pub(crate) struct Episodes {
+    setup: Arc<Setup>,
+    session: String,
+    policy: String,
+    /// How many were begun.
+    begun: u32,
+    /// Calls that went by unrecorded since the last episode began.
+    unrecorded: u32,
+    now: Now,
+}
+
+enum Now {
+    Nothing,
+    Playing(Box<Playing>),
+    /// The recording of an episode broke off, and why.
+    Broken(String),
+}
+
+struct Playing {
+    recorder: Recorder,
+    path: PathBuf,
+    task: Task,
+    start: StartRecord,
+    rewarder: Box<dyn Rewarder>,
+    state: State,
+    link: Digest,
+    steps: Vec<StepRecord>,
+    /// The input that is written and not answered.
+    under_way: Option<StepInput>,
+}
+
+/// What a call is to the recording.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) enum Kind {
+    /// A decision of the episode: its input is written.
+    Step,
+    /// A tool around episodes: it may begin one.
+    Session,
+}
+
+/// Why something could not be recorded.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub(crate) struct Trouble(pub String);
+
+impl From<TraceError> for Trouble {
+    fn from(error: TraceError) -> Self {
+        Trouble(error.to_string())
+    }
+}
+
+impl Episodes {
+    pub(crate) fn new(setup: Arc<Setup>, session: String) -> Self {
+        let policy = setup.policy.clone().unwrap_or_else(|| "agent".to_owned());
+        Self { setup, session, policy, begun: 0, unrecorded: 0, now: Now::Nothing }
+    }
+
+    /// Who plays from the next episode on, where the command does not say it.
+    pub(crate) fn set_policy(&mut self, name: &str) {
+        if self.setup.policy.is_none() {
+            self.policy = name.chars().filter(|letter| !letter.is_control()).take(64).collect();
+        }
+    }
+
+    /// Notes that a call goes by unrecorded.
+    pub(crate) fn missed(&mut self) {
+        self.unrecorded += 1;
+    }
+
+    /// Takes a call, before it is passed on: writes it down where it is a decision. `thought_ns` is how long the agent took.
+    pub(crate) fn called(&mut self, call: &ToolCall, thought_ns: Option<u64>) -> Result<Kind, Trouble> {
+        let ours = self.setup.mapping.as_ref().and_then(|mapping| mapping.call(call));
+        // The call as it came is kept where another stands for it.
+        let raw = ours.as_ref().map(|_| json!({"name": call.name, "arguments": call.arguments}).to_string()).unwrap_or_default();
+        let call = ours.unwrap_or_else(|| call.clone());
+        let begins = match Tool::parse(&call) {
+            Ok(Tool::Lifecycle(Lifecycle::FinishWithId { .. } | Lifecycle::ListReceptacles | Lifecycle::ListTasks)) => true,
+            Ok(Tool::Finish) => !matches!(self.now, Now::Playing(_)),
+            _ => false,
+        };
+        if begins {
+            return Ok(Kind::Session);
+        }
+        if let Now::Broken(why) = &self.now {
+            return Err(Trouble(why.clone()));
+        }
+        if matches!(self.now, Now::Nothing) {
+            let begun = self.generic();
+            // Nothing has happened yet: the next call may try again.
+            self.begin(begun, None).inspect_err(|_| self.now = Now::Nothing)?;
+        }
+        let policy = PolicyOutput { raw, latency_ns: thought_ns, ..PolicyOutput::default() };
+        let policy = Some(policy).filter(|policy| *policy != PolicyOutput::default());
+        let input = StepInput { policy, ..StepInput::bare(call) };
+        let Now::Playing(playing) = &mut self.now else { return Err(Trouble("no episode runs".to_owned())) };
+        let step = playing.next();
+        if let Err(error) = playing.recorder.input(step, &input) {
+            return Err(self.broke(error));
+        }
+        playing.under_way = Some(input);
+        Ok(Kind::Step)
+    }
+
+    /// Takes a result, before it is passed on: writes down what the call came to, ends the episode where it was a `finish`, and
+    /// begins one where the result tells a task.
+    pub(crate) fn answered(&mut self, kind: &Kind, answer: Answer, timing: Timing) -> Result<(), Trouble> {
+        let mut answer = answer;
+        let payload = answer.payload();
+        let debug_info = answer.texts.iter_mut().filter_map(reel_import::cut_debug_info).last();
+        let png = self.picture(&mut answer);
+        let mut ends = None;
+        if *kind == Kind::Step {
+            let tells_another = payload.is_some();
+            ends = self.step(&answer, debug_info.as_ref(), tells_another, png.as_deref(), timing)?;
+        }
+        if payload.is_some() || ends.is_some() {
+            // Whatever ran is over: the server plays something else now.
+            self.end(ends.unwrap_or(EndReason::Aborted));
+        }
+        let Some(payload) = payload else { return Ok(()) };
+        let begun = self.told(&payload, &debug_info.unwrap_or_default());
+        self.begin(begun, png.as_deref())
+    }
+
+    /// Ends the episode that runs, if one does. Every step of it is on disk; making its trace of that takes longer than anybody
+    /// should wait.
+    pub(crate) fn end(&mut self, reason: EndReason) {
+        let Now::Playing(playing) = std::mem::replace(&mut self.now, Now::Nothing) else { return };
+        let (setup, session) = (self.setup.clone(), self.session.clone());
+        self.setup.endings.add(move || match playing.end(&setup, reason) {
+            Ok((path, metrics)) => setup.tell(Seen::Ended { session: &session, path: &path, reason, metrics: &metrics }),
+            Err(Trouble(why)) => setup.tell(Seen::Trouble { session: &session, what: &why }),
+        });
+    }
+
+    /// Gives the recording up; what is written stays in the unfinished recording.
+    fn broke(&mut self, error: TraceError) -> Trouble {
+        let trouble = Trouble::from(error);
+        self.now = Now::Broken(trouble.0.clone());
+        trouble
+    }
+
+    /// Writes a step; says why the episode ends with it, if it does.
+    fn step(
+        &mut self,
+        answer: &Answer,
+        debug_info: Option<&Map<String, Value>>,
+        tells_another: bool,
+        png: Option<&str>,
+        timing: Timing,
+    ) -> Result<Option<EndReason>, Trouble> {
+        let mapping = self.setup.mapping.as_ref();
+        let Now::Playing(playing) = &mut self.now else { return Ok(None) };
+        let Some(input) = playing.under_way.take() else { return Ok(None) };
+        let mapped = mapping.map(|mapping| mapping.state(answer.structured.as_ref(), &answer.texts)).unwrap_or_default();
+        let told = mapping.and_then(|mapping| mapping.error(answer.structured.as_ref(), &answer.texts));
+        // What a `finish` that tells the next task shows is not of this episode any more.
+        let shown = match debug_info {
+            _ if tells_another => Map::new(),
+            Some(debug_info) => debug_info.clone(),
+            None => mapped,
+        };
+        let after = playing.state.after(&shown);
+        let marked = after.markers.as_ref().map(Vec::len).filter(|_| shown.contains_key("CURRENT_MARKER_MAP"));
+        let outcome = match told {
+            _ if tells_another => Outcome::ok(""),
+            Some(error) => failed(&error, answer),
+            None => outcome(&input.call, answer, debug_info.is_some(), marked),
+        };
+        let reply = reel_import::reply(&input.call, &outcome);
+        let shown = Shown { input, outcome, reply, frame: None };
+        let mut record = reel_import::record(playing.next(), shown, &playing.state, &after);
+        record.reward = playing.rewarder.step(&record);
+        record.digests.chain = chain::step_link(&playing.link, &record);
+        let recorder = &mut playing.recorder;
+        let written = recorder.timing(record.step, &timing).and_then(|()| match png.filter(|_| !tells_another) {
+            Some(png) => recorder.step_with_base64(&record, png),
+            None => recorder.step(&record, None),
+        });
+        if let Err(error) = written {
+            return Err(self.broke(error));
+        }
+        self.setup.tell(Seen::Step { session: &self.session, record: &record, timing });
+        let finished = record.tool.as_deref() == Some("finish");
+        playing.link = record.digests.chain;
+        playing.state = after;
+        playing.steps.push(record);
+        Ok(finished.then_some(EndReason::Finished))
+    }
+
+    /// Opens the recording of an episode.
+    fn begin(&mut self, begun: Begun, png: Option<&str>) -> Result<(), Trouble> {
+        let Begun { setting: Setting { task, scene, settings }, state, notes } = begun;
+        let (path, before) = self.path(&task);
+        let setup = &self.setup;
+        let mut parameters: BTreeMap<String, Value> = settings;
+        parameters.insert("session".to_owned(), json!(self.session));
+        parameters.insert("number".to_owned(), json!(self.begun));
+        for (key, count) in [("before", before), ("unrecorded_before", self.unrecorded)] {
+            if count > 0 {
+                parameters.insert(key.to_owned(), json!(count));
+            }
+        }
+        let mut header = EpisodeHeader {
+            episode_id: String::new(),
+            run_id: setup.run.clone(),
+            group_id: None,
+            rollout_index: None,
+            task_id: task.task_id.clone(),
+            family: task.family,
+            scene_id: scene.scene_id.clone(),
+            task_digest: Digest::of_json(&task),
+            scene_digest: Digest::of_json(&scene),
+            seed: 0,
+            sim_version: 0,
+            build: String::new(),
+            profile: setup.profile,
+            reward_preset: setup.preset.name().to_owned(),
+            policy: PolicyInfo { name: self.policy.clone(), checkpoint: None, parameters },
+            backend: setup.backend,
+            skills: Skills::Perfect,
+            parent: None,
+        };
+        let mut start = StartRecord {
+            graphs: state.graph.as_ref().map(both).unwrap_or_default(),
+            robot: state.robot(),
+            ..StartRecord::default()
+        };
+        header.episode_id = Digest::of_json(&(&header, &start)).to_string()[..16].to_owned();
+        header.build = env!("CARGO_PKG_VERSION").to_owned();
+        start.digests.chain = chain::start_link(&header, &start);
+        let mut rewarder = setup.preset.rewarder(&task, &scene);
+        rewarder.start(&start);
+        let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(|mut recorder| {
+            let started = match png {
+                Some(png) => recorder.start_with_base64(&start, png),
+                None => recorder.start(&start, None),
+            };
+            started.map(|()| recorder)
+        });
+        let recorder = match written {
+            Ok(recorder) => recorder,
+            Err(error) => return Err(self.broke(error)),
+        };
+        setup.tell(Seen::Began { session: &self.session, task: &task, path: &path, notes: &notes });
+        self.begun += 1;
+        self.unrecorded = 0;
+        let (link, steps) = (start.digests.chain, Vec::new());
+        let playing = Playing { recorder, path, task, start, rewarder, state, link, steps, under_way: None };
+        self.now = Now::Playing(Box::new(playing));
+        Ok(())
+    }
+
+    /// Where the episode is recorded, under a name that no trace and no recording has; and how many of its name there were before.
+    fn path(&self, task: &Task) -> (PathBuf, u32) {
+        let safe = |letter: char| !letter.is_ascii_alphanumeric() && !"-_.".contains(letter);
+        let task: String = task.task_id.replace(safe, "_").chars().take(80).collect();
+        let name = format!("{}--{}--{:04}--{task}", self.setup.run, self.session, self.begun);
+        let path = |before: u32| match before {
+            0 => self.setup.out.join(format!("{name}.mcap")),
+            _ => self.setup.out.join(format!("{name}--{before}.mcap")),
+        };
+        let taken = |path: &PathBuf| path.exists() || path.with_added_extension("part").exists();
+        let mut names = (0..).map(|before| (path(before), before));
+        names.find(|(path, _)| !taken(path)).expect("there is always a further number")
+    }
+
+    /// The episode that the published server's payload begins.
+    fn told(&self, payload: &Map<String, Value>, debug_info: &Map<String, Value>) -> Begun {
+        let options =
+            reel_import::Options { run_id: &self.setup.run, tasks: &self.setup.tasks, scene: self.setup.scene.as_deref() };
+        reel_import::begun(payload, debug_info, &options).unwrap_or_else(|error| {
+            let of = |key: &str| payload.get(key).and_then(Value::as_str).unwrap_or(UNKNOWN).to_owned();
+            let state = State::default().after(debug_info);
+            let mut begun = unknown_task(of("task_id"), of("task_description"), of("scene_id"), state);
+            begun.notes.push(error.to_string());
+            begun
+        })
+    }
+
+    /// The episode of a server that tells no task: the only one that was given, or one of which nothing is known.
+    fn generic(&self) -> Begun {
+        match (&self.setup.tasks[..], &self.setup.scene) {
+            ([task], Some(scene)) => Begun {
+                state: State { graph: Some(task.initial.clone()), ..State::default() },
+                setting: Setting { task: Task::clone(task), scene: Scene::clone(scene), settings: BTreeMap::new() },
+                notes: Vec::new(),
+            },
+            _ => unknown_task(UNKNOWN.to_owned(), String::new(), UNKNOWN.to_owned(), State::default()),
+        }
+    }
+
+    /// The last picture of an answer, in Base64, where it can stand in a trace.
+    fn picture(&self, answer: &mut Answer) -> Option<String> {
+        let (kind, data) = answer.pictures.pop()?;
+        let why = match png_size(&data) {
+            Some((FRAME_WIDTH, FRAME_HEIGHT)) => return Some(data),
+            Some((width, height)) => format!("it has {width} x {height} pixels, not {FRAME_WIDTH} x {FRAME_HEIGHT}"),
+            None => format!("it is no PNG, but {kind:?}"),
+        };
+        self.setup.tell(Seen::PictureLeftOut { session: &self.session, why: &why });
+        None
+    }
+}
+
+/// Width and height of a PNG file in Base64, as its head says.
+fn png_size(text: &str) -> Option<(usize, usize)> {
+    let head = base64::engine::general_purpose::STANDARD.decode(text.get(..32)?).ok()?;
+    let side = |from: usize| Some(u32::from_be_bytes(*head.get(from..)?.first_chunk()?) as usize);
+    head.starts_with(b"\x89PNG\r\n\x1a\n").then(|| Some((side(16)?, side(20)?))).flatten()
+}
+
+impl Playing {
+    fn next(&self) -> u32 {
+        u32::try_from(self.steps.len()).expect("an episode has few steps")
+    }
+
+    fn end(self, setup: &Setup, reason: EndReason) -> Result<(PathBuf, Metrics), Trouble> {
+        let graphs = self.state.graph.as_ref().map(both).unwrap_or_default();
+        let metrics = metrics(&setup.preset, &self.task, &self.start, &self.steps, &graphs);
+        let steps = self.next();
+        self.recorder.end(&EndRecord { reason, graphs, metrics: metrics.clone(), chain: self.link, steps })?;
+        Ok((self.path, metrics))
+    }
+}
+
+/// What a call came to. The published server says success with a picture alone, so that words of its tools are failures; others
+/// say with `isError` what is one.
+fn outcome(call: &ToolCall, answer: &Answer, published: bool, marked: Option<usize>) -> Outcome {
+    let texts: Vec<&str> = answer.texts.iter().map(String::as_str).filter(|text| !text.is_empty()).collect();
+    let text = texts.join("\n");
+    if published || text.starts_with(STUMBLED) {
+        return reel_import::outcome(call, Some(text.as_str()).filter(|text| !text.is_empty()), marked);
+    }
+    if answer.failed {
+        return failed(&text, answer);
+    }
+    let unknown = Tool::parse(call).is_err();
+    Outcome { error: if unknown { None } else { ErrorCode::told_by(&text) }, text }
+}
+
+fn failed(why: &str, answer: &Answer) -> Outcome {
+    let text = if answer.texts.is_empty() { why.to_owned() } else { answer.texts.join("\n") };
+    let code = ErrorCode::parse(why).or_else(|| ErrorCode::told_by(&text)).unwrap_or(ErrorCode::BackendError);
+    Outcome::error(code, text)
+}
+
+/// A task of which nothing is known but, perhaps, its words. Its goal is an object that nobody can bring, so that no episode
+/// counts as a success of which nobody knows whether it was one.
+fn unknown_task(task_id: String, instruction: String, scene_id: String, state: State) -> Begun {
+    let initial: WorldGraph = state.graph.clone().unwrap_or_default();
+    let place = ReceptacleId::from(UNKNOWN);
+    let target = ObjectInstance {
+        instance: UNKNOWN.into(),
+        asset: UNKNOWN.into(),
+        category: UNKNOWN.to_owned(),
+        caption: None,
+        attributes: BTreeMap::new(),
+        size: [0.0; 3],
+        position: [0.0; 3],
+        yaw: 0.0,
+        receptacle: place.clone(),
+        reference_rest: None,
+    };
+    let mut goal = initial.clone();
+    goal.add(&place, &target.instance);
+    let task = Task {
+        task_id,
+        family: Family::FDP,
+        task_type: None,
+        scene_id: scene_id.clone(),
+        precise_instruction: instruction.clone(),
+        instruction,
+        fuzzy: false,
+        purpose: None,
+        target: target.instance.clone(),
+        objects: vec![target],
+        initial,
+        goal,
+        src: place.clone(),
+        dest: place,
+        src_distractors: Vec::new(),
+        dest_distractors: Vec::new(),
+        object_distractors: Vec::new(),
+        plan: Vec::new(),
+        published_goal: None,
+        extra: BTreeMap::new(),
+    };
+    let scene =
+        Scene { scene_id, rooms: Vec::new(), walls: None, robot_start: None, receptacles: Vec::new(), extra: BTreeMap::new() };
+    Begun { setting: Setting { task, scene, settings: BTreeMap::new() }, state, notes: vec!["the task is not known".to_owned()] }
+}

@@ -1,0 +1,158 @@
+//! A recorder between any MCP agent and any MCP tool server: passes everything through byte for byte, and writes the episodes
+//! that go by as traces.
+//!
+//! `http`, `connection`, `events` and `stdio` pass bytes; `wire` and `sse` say where on the wire a message begins and ends; `tap`
+//! reads calls and results in JSON-RPC; `session` decides what is recorded before it is passed on, and what happens when that
+//! fails; `episode` makes records of it, with what `reel-import` knows of the published server. Never simulates, never answers in
+//! a server's place but to refuse, and never makes a value up: what nobody said is zero or absent.
+//!
+//! Threads, not tasks: a connection is two copies that wait for each other's bytes, and a recording is written where its call is
+//! read.
+
+mod connection;
+mod episode;
+mod error;
+mod events;
+mod http;
+mod mapping;
+mod report;
+mod session;
+mod sessions;
+mod sse;
+mod stdio;
+mod stop;
+mod tap;
+mod wire;
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
+
+use reel_reward::Preset;
+use reel_trace::{RecordOptions, Timing};
+use reel_world::{
+    Profile, Scene, Task,
+    record::{Backend, EndReason, Metrics, StepRecord},
+};
+
+pub use error::ProxyError;
+pub use http::{Proxy, Upstream};
+pub use mapping::{Mapping, MappingError};
+pub use report::{Counts, Endings, Report};
+pub use stdio::run_stdio;
+
+/// What happens when a recording cannot be written.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum OnFull {
+    /// The call is refused with an error; nothing is passed on unrecorded.
+    #[default]
+    Stop,
+    /// It is passed on unrecorded, and that is said.
+    Continue,
+}
+
+/// What is told while it happens.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub enum Seen<'a> {
+    /// An episode began.
+    Began {
+        /// Its session.
+        session: &'a str,
+        /// What is played.
+        task: &'a Task,
+        /// The trace that it becomes.
+        path: &'a Path,
+        /// What was left open, and how it was decided.
+        notes: &'a [String],
+    },
+    /// A step is on disk.
+    Step {
+        /// Its session.
+        session: &'a str,
+        /// The step.
+        record: &'a StepRecord,
+        /// Its clock.
+        timing: Timing,
+    },
+    /// An episode ended, and its trace is whole.
+    Ended {
+        /// Its session.
+        session: &'a str,
+        /// The trace.
+        path: &'a Path,
+        /// Why.
+        reason: EndReason,
+        /// What it came to.
+        metrics: &'a Metrics,
+    },
+    /// A picture that cannot stand in a trace: those are PNG files of the head camera's size.
+    PictureLeftOut {
+        /// Its session.
+        session: &'a str,
+        /// Why.
+        why: &'a str,
+    },
+    /// Something was not recorded, or refused.
+    Trouble {
+        /// The session.
+        session: &'a str,
+        /// What and why.
+        what: &'a str,
+    },
+}
+
+/// Who is told.
+pub type Watch = Box<dyn Fn(Seen<'_>) + Send + Sync>;
+
+/// How everything is recorded.
+pub struct Setup {
+    /// Folder for the traces; it is there.
+    pub out: PathBuf,
+    /// Name of the run that they belong to.
+    pub run: String,
+    /// What stands behind the server.
+    pub backend: Backend,
+    /// Whose words the server speaks.
+    pub profile: Profile,
+    /// Reward preset whose terms the steps hold.
+    pub preset: Preset,
+    /// Known tasks; the one that a server names is taken instead of what it says, the only one for a server that names none.
+    pub tasks: Vec<Arc<Task>>,
+    /// Their scene.
+    pub scene: Option<Arc<Scene>>,
+    /// Name of the policy; without it, what agents call themselves.
+    pub policy: Option<String>,
+    /// Which tools are which, where their names do not say it.
+    pub mapping: Option<Mapping>,
+    /// What a recorded call survives.
+    pub options: RecordOptions,
+    /// What happens when a recording cannot be written.
+    pub on_full: OnFull,
+    /// Largest message that is looked into, in bytes.
+    pub message_max: usize,
+    /// How long a session without a goodbye may be silent before its episode ends.
+    pub idle: Duration,
+    /// Names of this machine that agents may call, besides addresses and localhost.
+    pub hosts: Vec<String>,
+    /// Who is told.
+    pub watch: Watch,
+    /// What went by.
+    pub report: Report,
+    /// What is still being finished.
+    pub endings: Endings,
+}
+
+impl Setup {
+    pub(crate) fn tell(&self, seen: Seen<'_>) {
+        if let Seen::PictureLeftOut { .. } = seen {
+            self.report.count(|counts| counts.pictures_left_out += 1);
+        }
+        if let Seen::Ended { .. } = seen {
+            self.report.count(|counts| counts.episodes += 1);
+        }
+        (self.watch)(seen);
+    }
+}

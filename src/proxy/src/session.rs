@@ -1,0 +1,378 @@
+//! One session between an agent and a server: which messages are recorded before they are passed on, one call after another, and
+//! what happens when that is not possible.
+
+use std::{
+    sync::{
+        Arc, Condvar, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
+};
+
+use reel_trace::Timing;
+use reel_world::record::EndReason;
+use serde_json::Value;
+
+use crate::{
+    OnFull, Seen, Setup,
+    episode::{Episodes, Kind, Trouble},
+    tap::{self, Answer, FromAgent},
+};
+
+/// How long a call waits for the result of the one before it. A trace knows one call at a time.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// One session between an agent and a server.
+pub(crate) struct Session {
+    setup: Arc<Setup>,
+    name: String,
+    inner: Mutex<Inner>,
+    answered: Condvar,
+    /// Whether results come on a stream of their own, and not as responses.
+    has_stream: AtomicBool,
+}
+
+struct Inner {
+    episodes: Episodes,
+    open: Option<Open>,
+    /// When the agent got the last result, or the session began.
+    agent_has_it: Instant,
+    last_seen: Instant,
+}
+
+/// A call that was passed on.
+struct Open {
+    id: Value,
+    kind: Kind,
+    called_unix_ns: u64,
+    passed_on: Instant,
+    /// Whether whatever would have brought the result is gone; it may still come otherwise.
+    adrift: bool,
+}
+
+/// A request that is not passed on: an error for whoever sent it.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Refusal {
+    id: Value,
+    why: String,
+}
+
+impl Refusal {
+    /// In the protocol; none where it may not be so long.
+    pub(crate) fn json(&self, most: Option<usize>) -> Option<String> {
+        tap::refusal(&self.id, &self.why, most)
+    }
+}
+
+impl Session {
+    pub(crate) fn new(setup: Arc<Setup>, number: u32) -> Arc<Self> {
+        let (name, now) = (format!("s{number:04}"), Instant::now());
+        let episodes = Episodes::new(setup.clone(), name.clone());
+        let inner = Inner { episodes, open: None, agent_has_it: now, last_seen: now };
+        Arc::new(Self { setup, name, inner: Mutex::new(inner), answered: Condvar::new(), has_stream: AtomicBool::new(false) })
+    }
+
+    /// Notes that results come on a stream of their own.
+    pub(crate) fn set_stream(&self) {
+        self.has_stream.store(true, Ordering::Release);
+    }
+
+    pub(crate) fn has_stream(&self) -> bool {
+        self.has_stream.load(Ordering::Acquire)
+    }
+
+    /// Takes a message of the agent before it is passed on; gives the id of the call in it whose result is awaited now. A refusal
+    /// instead: nothing may be passed on.
+    pub(crate) fn agent_says(&self, message: &[u8]) -> Result<Option<Value>, Refusal> {
+        let came = Instant::now();
+        let mut calls = match tap::from_agent(message) {
+            FromAgent::Strange => {
+                self.setup.report.count(|counts| counts.strange += 1);
+                return Ok(None);
+            }
+            FromAgent::Other => return Ok(None),
+            FromAgent::Hello(name) => {
+                if let Some(name) = name {
+                    self.lock().episodes.set_policy(&name);
+                }
+                return Ok(None);
+            }
+            FromAgent::Cancelled(id) => {
+                let mut inner = self.lock();
+                if inner.open.as_ref().is_some_and(|open| open.id == id) {
+                    self.give_up(&mut inner, "the agent took the call back");
+                }
+                return Ok(None);
+            }
+            FromAgent::Calls(calls) => calls,
+        };
+        let mut inner = self.wait_for_turn();
+        inner.last_seen = came;
+        let Some(call) = calls.pop().filter(|_| calls.is_empty()) else {
+            let id = calls.first().map(|call| call.id.clone()).unwrap_or_default();
+            let trouble = Trouble("a batch of several calls cannot be recorded one by one; send them one at a time".to_owned());
+            return self.unrecorded(&mut inner, id, "several calls at once", &trouble).map(|()| None);
+        };
+        let thought_ns = u64::try_from(came.saturating_duration_since(inner.agent_has_it).as_nanos()).unwrap_or(u64::MAX);
+        match inner.episodes.called(&call.call, Some(thought_ns)) {
+            Ok(kind) => {
+                self.setup.report.count(|counts| match kind {
+                    Kind::Step => counts.calls += 1,
+                    Kind::Session => counts.session_calls += 1,
+                });
+                let (called_unix_ns, passed_on) = (unix_ns(), Instant::now());
+                inner.open = Some(Open { id: call.id.clone(), kind, called_unix_ns, passed_on, adrift: false });
+                Ok(Some(call.id))
+            }
+            Err(trouble) => self.unrecorded(&mut inner, call.id, &call.call.name, &trouble).map(|()| None),
+        }
+    }
+
+    /// Takes a message of the server before it is passed on. An error instead: it has to be passed on in its place.
+    pub(crate) fn server_says(&self, message: &[u8]) -> Result<(), Refusal> {
+        let came = Instant::now();
+        let mut inner = self.lock();
+        inner.last_seen = came;
+        let Some(answer) = inner.open.as_ref().and_then(|open| tap::answer_to(&open.id, message)) else { return Ok(()) };
+        self.close(&mut inner, answer, came)
+    }
+
+    /// Notes that the result of a call will not come the way it should have, if it has not come.
+    pub(crate) fn adrift(&self, call: &Value) {
+        let mut inner = self.lock();
+        if let Some(open) = inner.open.as_mut().filter(|open| open.id == *call) {
+            open.adrift = true;
+            self.answered.notify_all();
+        }
+    }
+
+    /// Notes that a call (none: whichever is open) failed on its way, or that its result cannot be read.
+    pub(crate) fn unanswered(&self, call: Option<&Value>, why: &str) {
+        let mut inner = self.lock();
+        if inner.open.as_ref().is_some_and(|open| call.is_none_or(|call| open.id == *call)) {
+            self.give_up(&mut inner, why);
+        }
+    }
+
+    /// Counts what was too large to be looked into.
+    pub(crate) fn too_large(&self, what: &str) {
+        self.setup.report.count(|counts| counts.too_large += 1);
+        let why = format!("{what} is larger than {} bytes, and passes unrecorded", self.setup.message_max);
+        self.setup.tell(Seen::Trouble { session: &self.name, what: &why });
+    }
+
+    /// Ends the episode that runs.
+    pub(crate) fn end(&self, why: &str) {
+        let mut inner = self.lock();
+        self.give_up(&mut inner, why);
+        inner.episodes.end(EndReason::Aborted);
+    }
+
+    /// For how long nothing came, where nothing is awaited.
+    pub(crate) fn idle(&self) -> Option<Duration> {
+        let inner = self.inner.try_lock().ok()?;
+        inner.open.is_none().then(|| inner.last_seen.elapsed())
+    }
+
+    fn wait_for_turn(&self) -> MutexGuard<'_, Inner> {
+        let mut inner = self.lock();
+        let until = Instant::now() + PATIENCE;
+        while inner.open.as_ref().is_some_and(|open| !open.adrift) {
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                break;
+            }
+            inner = self.answered.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        self.give_up(&mut inner, "no result had come when the next call was made");
+        inner
+    }
+
+    /// Closes the open call without a result.
+    fn give_up(&self, inner: &mut Inner, why: &str) {
+        if inner.open.is_some() {
+            self.setup.report.count(|counts| counts.unanswered += 1);
+            // Nobody waits for it, so nobody can be refused.
+            let _ = self.close(inner, Answer::none(&format!("no result: {why}")), Instant::now());
+        }
+    }
+
+    fn close(&self, inner: &mut Inner, answer: Answer, came: Instant) -> Result<(), Refusal> {
+        let Some(open) = inner.open.take() else { return Ok(()) };
+        let took_ns = u64::try_from(came.saturating_duration_since(open.passed_on).as_nanos()).unwrap_or(u64::MAX);
+        let timing = Timing { called_unix_ns: open.called_unix_ns, took_ns };
+        let recorded = inner.episodes.answered(&open.kind, answer, timing);
+        inner.agent_has_it = Instant::now();
+        self.answered.notify_all();
+        match recorded {
+            Ok(()) => Ok(()),
+            Err(trouble) => self.unrecorded(inner, open.id, "a result", &trouble),
+        }
+    }
+
+    /// What the policy for write trouble says.
+    fn unrecorded(&self, inner: &mut Inner, id: Value, what: &str, trouble: &Trouble) -> Result<(), Refusal> {
+        let Trouble(why) = trouble;
+        let (outcome, then) = match self.setup.on_full {
+            OnFull::Stop => {
+                ("is refused", Err(Refusal { id, why: format!("reel record cannot record this, so it stops here: {why}") }))
+            }
+            OnFull::Continue => ("goes on UNRECORDED", Ok(())),
+        };
+        self.setup.report.count(|counts| match self.setup.on_full {
+            OnFull::Stop => counts.refused += 1,
+            OnFull::Continue => counts.unrecorded += 1,
+        });
+        inner.episodes.missed();
+        self.setup.tell(Seen::Trouble { session: &self.name, what: &format!("{what} {outcome}: {why}") });
+        then
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn unix_ns() -> u64 {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use reel_reward::Preset;
+    use reel_trace::{RecordOptions, Trace};
+    use reel_world::{ErrorCode, Profile, record::Backend};
+    use serde_json::json;
+
+    use super::*;
+    use crate::{Endings, Report};
+
+    fn session(out: &Path, on_full: OnFull) -> (Arc<Setup>, Arc<Session>) {
+        let setup = Arc::new(Setup {
+            out: out.to_owned(),
+            run: "test".to_owned(),
+            backend: Backend::Proxy,
+            profile: Profile::RealRepo,
+            preset: Preset::default(),
+            tasks: Vec::new(),
+            scene: None,
+            policy: None,
+            mapping: None,
+            options: RecordOptions::default(),
+            on_full,
+            message_max: 1 << 20,
+            idle: Duration::from_secs(60),
+            hosts: Vec::new(),
+            watch: Box::new(|_| {}),
+            report: Report::default(),
+            endings: Endings::default(),
+        });
+        (setup.clone(), Session::new(setup, 1))
+    }
+
+    fn call(session: &Session, id: u32, name: &str, arguments: &Value) -> Result<Option<Value>, Refusal> {
+        let params = json!({"name": name, "arguments": arguments});
+        session.agent_says(json!({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params}).to_string().as_bytes())
+    }
+
+    fn says(session: &Session, id: u32, texts: &[String]) -> Result<(), Refusal> {
+        let content: Vec<Value> = texts.iter().map(|text| json!({"type": "text", "text": text})).collect();
+        session.server_says(json!({"jsonrpc": "2.0", "id": id, "result": {"content": content}}).to_string().as_bytes())
+    }
+
+    fn debug_info(held: Option<&str>) -> String {
+        let table: &[&str] = if held.is_some() { &[] } else { &["cup_on_table_1_at_t"] };
+        let graph = json!({"table_1": {"content": table}, "shelf_2": {"content": []}});
+        format!(
+            "Debug Info:\n{}",
+            json!({"CURRENT_INV": held, "CURRENT_MARKER_MAP": {"1": "cup_on_table_1_at_t"}, "world_graph": graph})
+        )
+    }
+
+    fn payload(id: &str) -> String {
+        json!({
+            "task_id": id, "family": "FDP", "task_description": "Bring the cup.", "scene_id": "s",
+            "rooms_and_furniture": {"kitchen": ["table_1", "shelf_2"]},
+            "initial_world_graph": {"table_1": {"content": ["cup_on_table_1_at_t"]}, "shelf_2": {"content": []}},
+            "target_object": {"id": "cup", "name": "cup_on_table_1_at_t", "category": "cup"},
+            "source_furniture": "table_1", "destination_furniture": "shelf_2",
+        })
+        .to_string()
+    }
+
+    fn traces(setup: &Setup) -> Vec<Trace> {
+        setup.endings.wait();
+        let mut paths: Vec<_> = std::fs::read_dir(&setup.out).unwrap().map(|entry| entry.unwrap().path()).collect();
+        paths.sort();
+        paths.iter().map(|path| Trace::read(path).unwrap()).collect()
+    }
+
+    #[test]
+    fn the_published_flow() {
+        let folder = tempfile::tempdir().unwrap();
+        let (setup, session) = session(folder.path(), OnFull::Stop);
+        call(&session, 1, "finish", &json!({})).unwrap();
+        says(&session, 1, &[payload("FDP/a"), debug_info(None)]).unwrap();
+        call(&session, 2, "pick", &json!({"marker_id": 1})).unwrap();
+        says(&session, 2, &[debug_info(Some("cup_on_table_1_at_t"))]).unwrap();
+        call(&session, 3, "list_receptacles", &json!({})).unwrap();
+        says(&session, 3, &["Room: kitchen".to_owned()]).unwrap();
+        call(&session, 4, "finish", &json!({})).unwrap();
+        says(&session, 4, &[payload("FDP/b"), debug_info(None)]).unwrap();
+        session.end("the test is over");
+        let [first, second] = &traces(&setup)[..] else { panic!("two episodes") };
+        assert_eq!((first.header.task_id.as_str(), second.header.task_id.as_str()), ("FDP/a", "FDP/b"));
+        let tools: Vec<&str> = first.steps.iter().map(|step| step.tool_name()).collect();
+        assert_eq!(tools, ["pick", "finish"]);
+        assert_eq!(first.steps[0].held, Some("cup_on_table_1_at_t".into()));
+        assert_eq!(first.steps[0].changes.registry.len(), 1);
+        // What the last result shows is of the next episode.
+        assert_eq!(first.steps[1].held, Some("cup_on_table_1_at_t".into()));
+        assert_eq!(first.end.as_ref().unwrap().reason, EndReason::Finished);
+        assert_eq!((second.steps.len(), second.end.as_ref().unwrap().reason), (0, EndReason::Aborted));
+        assert_eq!(first.timings.len(), 2);
+    }
+
+    #[test]
+    fn calls_without_results_and_servers_without_tasks() {
+        let folder = tempfile::tempdir().unwrap();
+        let (setup, session) = session(folder.path(), OnFull::Stop);
+        assert_eq!(call(&session, 1, "drive", &json!({"to": "there"})), Ok(Some(json!(1))));
+        session.adrift(&json!(1));
+        call(&session, 2, "drive", &json!({})).unwrap();
+        session.agent_says(br#"{"jsonrpc":"2.0","method":"notifications/cancelled","params":{"requestId":2}}"#).unwrap();
+        call(&session, 3, "drive", &json!({})).unwrap();
+        session
+            .server_says(br#"{"jsonrpc":"2.0","id":3,"result":{"content":[{"type":"text","text":"stuck"}],"isError":true}}"#)
+            .unwrap();
+        call(&session, 4, "drive", &json!({})).unwrap();
+        says(&session, 4, &["there".to_owned()]).unwrap();
+        session.end("the test is over");
+        let [trace] = &traces(&setup)[..] else { panic!("one episode") };
+        let errors: Vec<Option<ErrorCode>> = trace.steps.iter().map(|step| step.outcome.error).collect();
+        let failed = Some(ErrorCode::BackendError);
+        assert_eq!(errors, [failed, failed, failed, None]);
+        assert!(!trace.end.as_ref().unwrap().metrics.success, "nobody knows");
+    }
+
+    #[test]
+    fn what_cannot_be_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let gone = folder.path().join("gone");
+        let (_, stops) = session(&gone, OnFull::Stop);
+        let refusal = call(&stops, 1, "drive", &json!({})).unwrap_err();
+        assert!(refusal.json(None).unwrap().contains("cannot record this"));
+        call(&stops, 2, "finish", &json!({})).unwrap();
+        assert!(says(&stops, 2, &[payload("FDP/a"), debug_info(None)]).is_err(), "an episode that is not recorded was begun");
+        let (setup, goes_on) = session(&gone, OnFull::Continue);
+        assert_eq!(call(&goes_on, 1, "drive", &json!({})), Ok(None));
+        says(&goes_on, 1, &["there".to_owned()]).unwrap();
+        assert_eq!(setup.report.counts().unrecorded, 1);
+        let batch =
+            br#"[{"id":1,"method":"tools/call","params":{"name":"a"}},{"id":2,"method":"tools/call","params":{"name":"b"}}]"#;
+        assert!(stops.agent_says(batch).is_err() && goes_on.agent_says(batch) == Ok(None));
+    }
+}

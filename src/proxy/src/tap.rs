@@ -1,0 +1,247 @@
+//! What passes by, as far as it matters here: calls of tools and their results in JSON-RPC. Whatever else it is, it is not looked
+//! into.
+
+use reel_world::ToolCall;
+use serde::{Deserialize, de::IgnoredAny};
+use serde_json::{Map, Value, json};
+
+/// Code of JSON-RPC for what the one who answers could not do.
+const INTERNAL_ERROR: i32 = -32603;
+/// Keys of `_meta` in which clients of the newest protocol, which greets nobody, say who they are.
+const CLIENT_IN_META: [&str; 2] = ["io.modelcontextprotocol/clientInfo", "clientInfo"];
+
+/// A call of a tool.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) struct Call {
+    pub id: Value,
+    pub call: ToolCall,
+}
+
+/// A message of the agent.
+#[derive(Clone, PartialEq, Debug)]
+pub(crate) enum FromAgent {
+    /// No JSON, or no JSON-RPC.
+    Strange,
+    /// The agent says who it is.
+    Hello(Option<String>),
+    /// Calls of tools; more than one in a batch.
+    Calls(Vec<Call>),
+    /// The agent takes a request back.
+    Cancelled(Value),
+    /// Something else of the protocol.
+    Other,
+}
+
+/// Reads a message of the agent.
+pub(crate) fn from_agent(message: &[u8]) -> FromAgent {
+    match serde_json::from_slice::<Value>(message) {
+        Ok(Value::Array(messages)) => {
+            let calls: Vec<Call> = messages.iter().filter_map(call).collect();
+            if calls.is_empty() { FromAgent::Other } else { FromAgent::Calls(calls) }
+        }
+        Ok(message @ Value::Object(_)) => match message.get("method").and_then(Value::as_str) {
+            Some("initialize") => FromAgent::Hello(name_in(message.pointer("/params/clientInfo"))),
+            Some("notifications/cancelled") => match message.pointer("/params/requestId") {
+                Some(id) => FromAgent::Cancelled(id.clone()),
+                None => FromAgent::Other,
+            },
+            Some("tools/call") => call(&message).map_or(FromAgent::Other, |call| FromAgent::Calls(vec![call])),
+            Some(_) => FromAgent::Other,
+            None if message.get("result").or(message.get("error")).is_some() => FromAgent::Other,
+            None => FromAgent::Strange,
+        },
+        _ => FromAgent::Strange,
+    }
+}
+
+/// Whether a message begins a session.
+pub(crate) fn is_hello(message: &[u8]) -> bool {
+    matches!(from_agent(message), FromAgent::Hello(_))
+}
+
+/// Who the agent says it is in a message of a protocol without sessions.
+pub(crate) fn client_of(message: &[u8]) -> Option<String> {
+    let message: Value = serde_json::from_slice(message).ok()?;
+    let meta = message.pointer("/params/_meta")?;
+    CLIENT_IN_META.iter().find_map(|key| name_in(meta.get(key)))
+}
+
+fn name_in(client: Option<&Value>) -> Option<String> {
+    client?.get("name")?.as_str().filter(|name| !name.is_empty()).map(str::to_owned)
+}
+
+fn call(message: &Value) -> Option<Call> {
+    if message.get("method")? != "tools/call" {
+        return None;
+    }
+    let id = message.get("id").filter(|id| !id.is_null())?.clone();
+    let params = message.get("params")?;
+    let name = params.get("name")?.as_str()?;
+    Some(Call { id, call: ToolCall::new(name, params.get("arguments").cloned().unwrap_or_else(|| json!({}))) })
+}
+
+/// The content of a result.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub(crate) struct Answer {
+    /// In their order.
+    pub texts: Vec<String>,
+    /// In Base64, with their types.
+    pub pictures: Vec<(String, String)>,
+    /// `structuredContent`
+    pub structured: Option<Value>,
+    /// Whether it is an error, of the tool or of the protocol.
+    pub failed: bool,
+}
+
+impl Answer {
+    /// An answer that never came, and why.
+    pub(crate) fn none(why: &str) -> Self {
+        Self { texts: vec![why.to_owned()], failed: true, ..Self::default() }
+    }
+
+    /// The task that the answer tells, if it begins an episode: the first text as JSON, in the words of the published server, or
+    /// what Reel's own server says in profile `paper`.
+    pub(crate) fn payload(&self) -> Option<Map<String, Value>> {
+        if let Some(episode) = self.structured.as_ref().and_then(|structured| structured.get("episode")) {
+            let keys = [("task_id", "task_id"), ("instruction", "task_description")];
+            return keys.iter().map(|(said, key)| Some(((*key).to_owned(), episode.get(said)?.clone()))).collect();
+        }
+        let text = self.texts.first().filter(|text| text.starts_with('{'))?;
+        let payload: Map<String, Value> = serde_json::from_str(text).ok()?;
+        (payload.contains_key("task_id") && payload.contains_key("task_description")).then_some(payload)
+    }
+}
+
+/// A message of a server, as far as it is read.
+#[derive(Deserialize)]
+struct Message {
+    #[serde(default)]
+    id: Option<Value>,
+    #[serde(default)]
+    method: Option<IgnoredAny>,
+    #[serde(default)]
+    result: Option<Value>,
+    #[serde(default)]
+    error: Option<Value>,
+}
+
+/// The answer to a request among what the server sends, if it is there.
+pub(crate) fn answer_to(id: &Value, message: &[u8]) -> Option<Answer> {
+    let first = message.iter().find(|byte| !byte.is_ascii_whitespace())?;
+    if *first == b'[' {
+        let messages: Vec<Message> = serde_json::from_slice(message).ok()?;
+        return messages.into_iter().find_map(|message| answer(id, message));
+    }
+    answer(id, serde_json::from_slice(message).ok()?)
+}
+
+fn answer(id: &Value, message: Message) -> Option<Answer> {
+    if message.method.is_some() || message.id.as_ref() != Some(id) {
+        return None;
+    }
+    if let Some(error) = message.error {
+        let text = error.get("message").and_then(Value::as_str).map_or_else(|| error.to_string(), str::to_owned);
+        return Some(Answer::none(&text));
+    }
+    let mut result = message.result?;
+    let mut answer = Answer {
+        failed: result.get("isError").and_then(Value::as_bool).unwrap_or(false),
+        structured: result.get("structuredContent").filter(|value| !value.is_null()).cloned(),
+        ..Answer::default()
+    };
+    let text = |item: &mut Value, key: &str| match item.get_mut(key).map(Value::take) {
+        Some(Value::String(text)) => Some(text),
+        _ => None,
+    };
+    for item in result.get_mut("content").and_then(Value::as_array_mut).into_iter().flatten() {
+        match item.get("type").and_then(Value::as_str) {
+            Some("text") => answer.texts.extend(text(item, "text")),
+            Some("image") => {
+                let kind = text(item, "mimeType").unwrap_or_default();
+                answer.pictures.extend(text(item, "data").map(|data| (kind, data)));
+            }
+            _ => {}
+        }
+    }
+    Some(answer)
+}
+
+/// An error in the place of an answer; not longer than `most`, none where that is too short for any.
+pub(crate) fn refusal(id: &Value, why: &str, most: Option<usize>) -> Option<String> {
+    let error = |why: &str| json!({"jsonrpc": "2.0", "id": id, "error": {"code": INTERNAL_ERROR, "message": why}}).to_string();
+    let texts = [why, "reel record: not recorded, see its log"];
+    texts.into_iter().map(error).find(|text| most.is_none_or(|most| text.len() <= most))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn nothing_panics(text in "([{}\\[\\]:,\"0-9a-z]|\"id\":1|\"method\":\"tools/call\"|\"params\"|\"result\"|\"content\"){0,40}") {
+            let _ = (from_agent(text.as_bytes()), client_of(text.as_bytes()), answer_to(&json!(1), text.as_bytes()));
+        }
+    }
+
+    #[test]
+    fn messages_of_agents() {
+        let read = |text: &str| from_agent(text.as_bytes());
+        let FromAgent::Calls(calls) =
+            read(r#"{"jsonrpc":"2.0","id":7,"method":"tools/call","params":{"name":"pick","arguments":{"marker_id":1}}}"#)
+        else {
+            panic!("no call");
+        };
+        assert_eq!((calls[0].id.clone(), calls[0].call.to_string()), (json!(7), "pick(marker_id=1)".to_owned()));
+        assert_eq!(
+            read(r#"{"id":1,"method":"initialize","params":{"clientInfo":{"name":"gym"}}}"#),
+            FromAgent::Hello(Some("gym".into()))
+        );
+        assert_eq!(read(r#"{"method":"notifications/cancelled","params":{"requestId":"a"}}"#), FromAgent::Cancelled(json!("a")));
+        assert_eq!(read(r#"{"id":1,"method":"tools/list"}"#), FromAgent::Other);
+        assert_eq!(read(r#"{"id":1,"result":{}}"#), FromAgent::Other);
+        assert_eq!(read(r#"{"id":1,"method":"tools/call"}"#), FromAgent::Other);
+        assert_eq!(read(r#"{"a":1}"#), FromAgent::Strange);
+        assert_eq!(read("\u{1}\u{2}"), FromAgent::Strange);
+        let batch =
+            r#"[{"id":1,"method":"tools/call","params":{"name":"a"}},{"id":2,"method":"tools/call","params":{"name":"b"}}]"#;
+        assert!(matches!(read(batch), FromAgent::Calls(calls) if calls.len() == 2));
+        let newest = br#"{"id":1,"method":"tools/call","params":{"name":"a","_meta":{"io.modelcontextprotocol/clientInfo":{"name":"n"}}}}"#;
+        assert_eq!(client_of(newest), Some("n".into()));
+    }
+
+    #[test]
+    fn answers() {
+        let result = br#"{"jsonrpc":"2.0","id":7,"result":{"content":[{"type":"text","text":"a"},{"type":"image","data":"QQ==","mimeType":"image/png"}],"isError":false}}"#;
+        let answer = answer_to(&json!(7), result).unwrap();
+        assert_eq!((answer.texts, answer.pictures.len(), answer.failed), (vec!["a".to_owned()], 1, false));
+        assert_eq!(answer_to(&json!(8), result), None);
+        assert_eq!(answer_to(&json!(7), br#"{"id":7,"method":"elicitation/create"}"#), None);
+        let error = answer_to(&json!("x"), br#"{"id":"x","error":{"code":1,"message":"no"}}"#).unwrap();
+        assert_eq!((error.texts, error.failed), (vec!["no".to_owned()], true));
+        let batch = br#" [{"id":1,"result":{"content":[]}},{"id":7,"result":{"isError":true,"content":[]}}]"#;
+        assert!(answer_to(&json!(7), batch).unwrap().failed);
+    }
+
+    #[test]
+    fn what_begins_an_episode() {
+        let text = |text: &str| Answer { texts: vec![text.to_owned()], ..Answer::default() };
+        assert!(text(r#"{"task_id": "a", "task_description": "b", "scene_id": "c"}"#).payload().is_some_and(|it| it.len() == 3));
+        assert_eq!(text(r#"{"task_id": "a"}"#).payload(), None);
+        assert_eq!(text("All evaluation episodes completed.").payload(), None);
+        let structured = Some(json!({"ok": true, "episode": {"task_id": "a", "instruction": "b", "receptacles": []}}));
+        let payload = Answer { structured, ..text("Task: b") }.payload();
+        assert_eq!(payload.map(Value::Object), Some(json!({"task_id": "a", "task_description": "b"})));
+    }
+
+    #[test]
+    fn a_refusal_is_as_short_as_it_must_be() {
+        let why = "a long story ".repeat(20);
+        assert!(refusal(&json!(1), &why, None).unwrap().contains(&why));
+        let short = refusal(&json!(1), &why, Some(120)).unwrap();
+        assert!(short.len() <= 120 && short.contains("not recorded"));
+        assert_eq!(refusal(&json!(1), &why, Some(20)), None);
+    }
+}

@@ -1,0 +1,399 @@
+"""`reel record` from outside: the same bytes as without it, on every transport; a hundred sessions; kills; full disks; strange
+bytes; and the tables of its traces beside those of the server's own.
+
+    proxy.py [TEST...]        REEL: the binary. REEL_TABLES: one with `ingest` and `query`, where REEL has them not.
+"""
+
+import base64
+import json
+import os
+import pathlib
+import signal
+import socket
+import subprocess
+import tempfile
+import threading
+
+from instant import Instant
+from kit import REEL, Http, Recorder, Server, Skipped, Sse, Stdio, environment, main, play, reel, tasks, texts, until
+
+TABLES = os.environ.get("REEL_TABLES", REEL)
+
+
+def same(direct, through, what):
+    """What two agents received is equal, byte for byte."""
+    assert len(direct.said) == len(through.said), f"{what}: {len(direct.said)} and {len(through.said)} messages"
+    for index, (here, there) in enumerate(zip(direct.said, through.said)):
+        assert here == there, f"{what}, message {index}:\n{str(here)[:600]}\n{str(there)[:600]}"
+    return sum(len(str(message)) for message in direct.said)
+
+
+def world(folder):
+    return tasks(pathlib.Path(folder) / "tasks")
+
+
+def test_same_bytes_over_http():
+    with tempfile.TemporaryDirectory() as folder:
+        made = world(folder)
+        with Server("--tasks", made, "--profile", "real-repo") as server, Recorder(server.port) as recorder:
+            agents = [Http(server.port), Http(recorder.port)]
+            for agent in agents:
+                agent.rpc("tools/list")
+                for _ in range(2):
+                    play(agent)
+                agent.rpc("no/such/method", {"a": [1, 2.5, None]})
+                agent.ask("POST", b"this is no JSON")
+                agent.ask("PUT", b"{}")
+                agent.ask("OPTIONS")
+                agent.close()
+            bytes_ = same(*agents, "Streamable HTTP")
+            assert until(lambda: len(recorder.traces()) == 2 and not recorder.parts())
+            print(f"  {len(agents[0].said)} messages, {bytes_} bytes alike")
+
+
+def test_same_bytes_over_sse():
+    with tempfile.TemporaryDirectory() as folder:
+        made = world(folder)
+        with Server("--tasks", made, "--profile", "real-repo") as server, Recorder(server.port, path="/sse") as recorder:
+            agents = [Sse(server.port), Sse(recorder.port)]
+            for agent in agents:
+                agent.rpc("tools/list")
+                for _ in range(2):
+                    play(agent)
+                agent.rpc("no/such/method")
+                agent.posts.ask("POST", "/messages/?session_id=nobody", b"{}", {"Content-Type": "application/json"})
+                agent.close()
+            bytes_ = same(*agents, "HTTP+SSE")
+            assert until(lambda: len(recorder.traces()) == 2 and not recorder.parts()), recorder.traces()
+            print(f"  {len(agents[0].said)} messages, {bytes_} bytes alike")
+
+
+def test_same_bytes_over_stdio():
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        made = world(folder)
+        serve = lambda data: [REEL, "mcp", "--tasks", made, "--profile", "real-repo", "--run", "one", "--data", folder / data]
+        agents = [Stdio(serve("a")), Stdio([REEL, "record", "--out", folder / "out", "--stdio", "--", *serve("b")])]
+        for agent in agents:
+            agent.rpc("tools/list")
+            for _ in range(2):
+                play(agent)
+            agent.process.stdin.write(b"this is no JSON\n")
+            agent.process.stdin.flush()
+            agent.rpc("ping")
+            agent.close()
+        bytes_ = same(*agents, "stdio")
+        assert len(list((folder / "out").glob("*.mcap"))) == 2 and not list((folder / "out").glob("*.part"))
+        print(f"  {len(agents[0].said)} lines, {bytes_} bytes alike")
+
+
+def test_an_absolute_endpoint_leads_through_the_recorder():
+    result = {"content": [{"type": "text", "text": "done"}]}
+    with Instant(result, absolute=True) as server, Recorder(server.port, path="/sse") as recorder:
+        agent = Sse(recorder.port)
+        assert agent.target.startswith("/messages/"), agent.target
+        agent.call("drive", to="there")
+        agent.close()
+        assert until(lambda: recorder.traces()), "the call went past the recorder"
+
+
+def test_the_published_client():
+    """REAL's client library (mcp 1.9.4) plays through the recorder until the server has no more tasks."""
+    python = environment("mcp-1.9.4", "mcp==1.9.4", "pydantic<2.12")
+    if python is None:
+        raise Skipped("mcp 1.9.4 is not to be had")
+    client = pathlib.Path(__file__).resolve().parent.parent / "service" / "client_sse.py"
+    with tempfile.TemporaryDirectory() as folder:
+        made = world(folder)
+        with Server("--tasks", made, "--profile", "real-repo") as server, Recorder(server.port, path="/sse") as recorder:
+            done = subprocess.run([python, client, f"http://127.0.0.1:{recorder.port}/sse"], capture_output=True, text=True)
+            assert done.returncode == 0, done.stderr[-1000:]
+            episodes = [line for line in map(json.loads, done.stdout.splitlines()) if "success" in line]
+            assert until(lambda: len(recorder.traces()) == len(episodes) and not recorder.parts()), recorder.traces()
+            told = []
+            for trace in recorder.traces():
+                code, out, error = reel("show", trace, "--json")
+                assert code == 0, error
+                whole = json.loads(out)
+                assert whole["end"]["reason"] == "finished" and len(whole["steps"]) >= 5
+                told.append(whole["end"]["metrics"]["success"])
+            assert told == [episode["success"] for episode in episodes], (told, episodes)
+            print(f"  {len(told)} episodes, {sum(told)} with success, as the client says")
+
+
+def test_a_hundred_sessions():
+    with tempfile.TemporaryDirectory() as folder:
+        made = world(folder)
+        with Server("--tasks", made, "--profile", "real-repo") as server, Recorder(server.port) as recorder:
+            wrong, counts = [], []
+
+            def one(index):
+                try:
+                    agent = (Http if index % 2 else Sse)(recorder.port)
+                    counts.append(play(agent, decisions=4))
+                    agent.close()
+                except Exception as error:  # noqa: BLE001
+                    wrong.append(f"{index}: {type(error).__name__}: {error}")
+
+            threads = [threading.Thread(target=one, args=(index,)) for index in range(100)]
+            [thread.start() for thread in threads]
+            [thread.join() for thread in threads]
+            assert not wrong, wrong[:3]
+            assert until(lambda: len(recorder.traces()) == 100 and not recorder.parts(), 60), len(recorder.traces())
+            for trace in recorder.traces():
+                code, out, error = reel("show", trace, "--json")
+                assert code == 0 and len(json.loads(out)["steps"]) == 4, error
+            said = recorder.stop()
+            print(f"  {said.strip()}")
+
+
+def test_kill_loses_no_forwarded_call():
+    """The server counts the calls that reached it; each is in a recovered trace, those without a result too."""
+    arrived, slow = {}, threading.Event()
+
+    def on_call(message):
+        session = message["params"]["arguments"]["session"]
+        arrived[session] = arrived.get(session, 0) + 1
+        if message["params"]["arguments"]["number"] >= 40:
+            slow.wait(20)
+
+    result = {"content": [{"type": "text", "text": "done"}]}
+    with Instant(result, on_call=on_call) as server, Recorder(server.port, path="/sse") as recorder:
+        got = [0] * 20
+
+        def one(index):
+            try:
+                agent = Sse(recorder.port)
+                for number in range(10_000):
+                    agent.call("move", session=index, number=number)
+                    got[index] = number + 1
+            except (ConnectionError, OSError):
+                pass
+
+        threads = [threading.Thread(target=one, args=(index,), daemon=True) for index in range(20)]
+        [thread.start() for thread in threads]
+        assert until(lambda: sum(count >= 40 for count in got) >= 10, 60), got
+        recorder.stop(signal.SIGKILL)
+        slow.set()
+        [thread.join(30) for thread in threads]
+        code, out, error = reel("recover", recorder.out)
+        assert code == 0, out + error
+        recorded = {}
+        for trace in recorder.traces():
+            code, out, error = reel("show", trace, "--json")
+            assert code == 0, error
+            steps = json.loads(out)["steps"]
+            recorded[steps[0]["input"]["call"]["arguments"]["session"]] = steps
+        for session, count in arrived.items():
+            steps = recorded[session]
+            # The last one may have been written and not passed on.
+            assert count <= len(steps) <= count + 1, (session, count, len(steps))
+            assert [step["input"]["call"]["arguments"]["number"] for step in steps] == list(range(len(steps)))
+            assert sum("error" not in step["outcome"] for step in steps) >= got[session]
+        open_ = sum(len(recorded[session]) - got[session] for session in recorded)
+        print(f"  {sum(arrived.values())} calls reached the server, {sum(map(len, recorded.values()))} are recorded, {open_} of them without a result for the agent")
+
+
+def full_disk(mode):
+    """A recorder whose files may not grow beyond 300 kB, before a server whose results hold 100 kB."""
+    picture = base64.b64encode(os.urandom(75_000)).decode()
+    result = {"content": [{"type": "text", "text": "x" * 60_000}, {"type": "image", "mimeType": "image/png", "data": picture}]}
+    limited = ["sh", "-c", 'trap "" XFSZ; ulimit -f 600; exec "$@"', "sh"]
+    with Instant(result) as server, Recorder(server.port, "--on-full", mode, before=limited) as recorder:
+        agents = [Http(recorder.port), Sse(recorder.port)]
+        answers = [[agent.call("move", number=number) for number in range(12)] for agent in agents]
+        for agent in agents:
+            agent.rpc("tools/list")
+        said = recorder.log.read_text()
+        return answers, len(server.calls), said, recorder.stop(), [part.stat().st_size for part in recorder.parts()]
+
+
+def test_full_disk_stops():
+    answers, arrived, said, report, parts = full_disk("stop")
+    for session in answers:
+        refused = [answer for answer in session if "error" in answer]
+        assert refused and "error" in session[-1], session[-1]
+        assert "reel record cannot record this" in refused[0]["error"]["message"], refused[0]
+        assert "result" in session[0]
+    # At most the one call of each session whose result could not be written reached the server without a result for the agent.
+    got = sum("result" in answer for session in answers for answer in session)
+    assert got <= arrived <= got + 2, (got, arrived)
+    assert "is refused" in said and parts
+    print(f"  {arrived} calls reached the server, {got} results the agents; {report.strip()}")
+
+
+def test_full_disk_continues():
+    answers, arrived, said, report, _ = full_disk("continue")
+    assert all("result" in answer for session in answers for answer in session)
+    assert arrived == 24 and "UNRECORDED" in said and "UNRECORDED" in report
+    print(f"  {report.strip()}")
+
+
+def test_strange_bytes_pass():
+    """Bytes that are no HTTP, no JSON, too large, too many: everything arrives, nothing panics."""
+    received = []
+
+    def echo(listener):
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=turn, args=(connection,), daemon=True).start()
+
+    def turn(connection):
+        data = b""
+        while piece := connection.recv(1 << 16):
+            data += piece
+            connection.sendall(piece)
+        received.append(data)
+        connection.close()
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        threading.Thread(target=echo, args=(listener,), daemon=True).start()
+        with Recorder(listener.getsockname()[1]) as recorder:
+            noise = [b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + os.urandom(100), os.urandom(200_000), b"\x16\x03\x01" + os.urandom(300)]
+            for bytes_ in noise:
+                with socket.create_connection(("127.0.0.1", recorder.port)) as agent:
+                    agent.settimeout(20)
+                    agent.sendall(bytes_)
+                    back = b""
+                    while len(back) < len(bytes_):
+                        back += agent.recv(1 << 16)
+                assert back == bytes_
+            assert until(lambda: sorted(received) == sorted(noise))
+            assert "panicked" not in recorder.log.read_text()
+            print(f"  {recorder.stop().strip()}")
+
+
+def test_large_messages_pass():
+    result = {"content": [{"type": "text", "text": "y" * 3_000_000}]}
+    with Instant(result) as server, Recorder(server.port, "--message-limit", "1") as recorder:
+        for agent in (Http(recorder.port), Sse(recorder.port)):
+            answer = agent.call("move")
+            assert len(texts(answer)[0]) == 3_000_000
+            assert "result" in agent.call("move", text="z" * 2_000_000)
+        said = recorder.log.read_text()
+        assert "larger than 1048576 bytes" in said and "panicked" not in said, said
+        print(f"  {recorder.stop().strip()}")
+
+
+def test_a_mapping_file():
+    mapping = """
+[tools.drive_to]
+is = "nav_to"
+arguments = { receptacle_name = "place" }
+[tools.grasp]
+is = "pick"
+arguments = { marker_id = "number" }
+[state]
+graph = "/world"
+held = "/robot/holds"
+"""
+    world_ = {"world": {"table_1": ["cup"], "shelf_2": []}, "robot": {"holds": "cup"}}
+    result = {"content": [{"type": "text", "text": "done"}], "structuredContent": world_}
+    with tempfile.TemporaryDirectory() as folder, Instant(result) as server:
+        file = pathlib.Path(folder) / "robot.toml"
+        file.write_text(mapping)
+        with Recorder(server.port, "--mapping", file, "--backend", "robot") as recorder:
+            agent = Http(recorder.port)
+            agent.call("drive_to", place="table_1")
+            agent.call("grasp", number=3)
+            agent.close()
+            assert until(lambda: recorder.traces())
+            code, out, error = reel("show", recorder.traces()[0], "--json")
+            trace = json.loads(out)
+            assert trace["header"]["backend"] == "robot"
+            assert [step["tool"] for step in trace["steps"]] == ["nav_to", "pick"], error
+            assert trace["steps"][1]["held"] == "cup" and "grasp" in trace["steps"][1]["input"]["policy"]["raw"]
+            code, out, error = reel("replay", recorder.traces()[0])
+            assert "nothing to re-execute" in out + error, out + error
+        file.write_text(mapping.replace("pick", "fly"))
+        code, _, error = reel("record", "--upstream", "http://127.0.0.1:1", "--out", folder, "--mapping", file)
+        assert code == 2 and "line 6" in error, error
+
+
+# Columns that the recorder cannot know, or that name the recording itself; docs/proxy.md explains each.
+OWN = {
+    "episodes": """episode_id run_id policy seed sim_version build backend trace trace_digest trace_bytes trace_modified_ns start_objects
+        shortest_path_m path_length_m spl steps""",
+    "steps": """text reply listed sim_step robot_yaw_rad path_length_m visible visible_objects new_objects candidates latency_ns state_digest
+        chain_digest trace_offset""",
+    "tasks": "", "scenes": "",
+}
+
+
+def test_tables_beside_the_servers_own():
+    """The tables of an episode, recorded by the server itself and through the recorder, value by value."""
+    if subprocess.run([TABLES, "ingest", "--help"], capture_output=True).returncode:
+        raise Skipped("this binary makes no tables; name one in REEL_TABLES")
+
+    def tables(*arguments):
+        done = subprocess.run([TABLES, *map(str, arguments)], capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        made = world(folder)
+        with Server("--tasks", made, "--profile", "real-repo") as server, Recorder(server.port, "--tasks", made) as recorder:
+            agent = Http(recorder.port)
+            # Some are given up before the object is where it belongs.
+            for decisions in (None, 7, None, 9, 3):
+                play(agent, decisions)
+            agent.call("finish")
+            agent.close()
+            assert until(lambda: len(recorder.traces()) >= 5 and not recorder.parts())
+            assert until(lambda: len(server.traces()) >= 5)
+            own, recorded = [], []
+            # The sixth was begun by the last `finish`, and holds nothing.
+            for traces, kept in ((server.traces(), own), (recorder.traces(), recorded)):
+                kept.extend(sorted(traces)[:5])
+            found = {}
+            for name, traces in (("own", own), ("recorded", recorded)):
+                store = folder / name
+                tables("ingest", *traces, "--store", store)
+                print(f"  {name}:", tables("reward", "--store", store, "--check").strip())
+                for preset in ("paper", "real-repo"):
+                    tables("reward", "--store", store, "--preset", preset)
+                print(f"  {name}:", tables("taxonomy", "--store", store).strip().splitlines()[-1])
+                asked = lambda sql: json.loads(tables("query", "--store", store, "--json", sql))
+                terms = """select e.task_id, r.preset, r.version, r.step, r.component, r.value, r.reason from rewards r
+                    join episodes e using (episode_id) order by 1, 2, 3, 4, 5, 6, 7"""
+                found[name] = {table: asked(f"select * from {table} order by task_id") for table in ("episodes", "tasks")}
+                found[name]["scenes"] = asked("select * from scenes")
+                found[name]["classes"] = asked("select e.task_id, c.class, c.sub_class, c.step from classes c join episodes e using (episode_id) order by 1")
+                found[name]["rewards"] = asked(terms)
+            verdict(compare(found["own"], found["recorded"]))
+
+
+def compare(own, recorded):
+    """Which columns differ besides the documented ones, and how: (table, column, one's value, the other's)."""
+    differ = []
+
+    def rows(table, here, there):
+        assert len(here) == len(there) and here, (table, len(here), len(there))
+        for one, other in zip(here, there):
+            for column in one:
+                if column not in OWN[table].split() and one[column] != other[column]:
+                    differ.append((table, column, one.get("step", one.get("task_id")), one[column], other[column]))
+
+    for table in ("episodes", "tasks", "scenes"):
+        rows(table, own[table], recorded[table])
+    for one, other in zip(own["episodes"], recorded["episodes"]):
+        assert len(one["steps"]) == len(other["steps"]), one["task_id"]
+        rows("steps", one["steps"], other["steps"])
+    assert own["classes"] and own["classes"] == recorded["classes"], (own["classes"], recorded["classes"])
+    assert {term["preset"] for term in own["rewards"]} == {"paper", "real-repo"}
+    assert own["rewards"] == recorded["rewards"], [pair for pair in zip(own["rewards"], recorded["rewards"]) if pair[0] != pair[1]][:3]
+    print(f"  {len(own['rewards'])} reward terms and {len(own['classes'])} classes are equal")
+    return differ
+
+
+def verdict(differ):
+    columns = sorted({f"{table}.{column}" for table, column, *_ in differ})
+    examples = [next(row for row in differ if f"{row[0]}.{row[1]}" == column) for column in columns]
+    assert not columns, f"{len(differ)} values differ, in {columns}; e.g. {str(examples)[:3000]}"
+
+
+main("test_", globals())
