@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy screenshots viewers eval-taxonomy eval-blame load prove-sft conformance service lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy screenshots viewers eval-taxonomy eval-blame eval-skills load prove-sft conformance service lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -52,6 +52,9 @@ viewers: ## traces and recordings through Rerun's own checks (needs Python)
 eval-taxonomy: ## how often the failure taxonomy is right, on 3,000 episodes with injected faults (ten minutes)
 	tests/eval-taxonomy.sh
 
+eval-skills: ## how reliable the skills of --skills real-v1 are, beside the paper's table, over 21 seeds (ten minutes)
+	REEL_SKILL_SEEDS=20 cargo test --locked --workspace --test skills -- --nocapture
+
 eval-blame: ## how often the decisive step is right, on 600 episodes with injected faults (ten minutes)
 	tests/eval-blame.sh
 
@@ -76,6 +79,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/determinism.sh
 	tests/eval-taxonomy.sh
 	tests/eval-blame.sh
+	$(MAKE) eval-skills
 	tests/conformance.sh
 	tests/service.sh
 	tests/proxy/run.sh proxy.py

@@ -1,6 +1,6 @@
 //! The service as a whole process: runtime, signals, the limit on open files.
 
-use std::{net::SocketAddr, sync::Arc, time::Duration};
+use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 
 use reel_live::Pool;
 use tokio::{
@@ -22,9 +22,11 @@ pub fn run(config: Config, on_listening: impl FnOnce(SocketAddr, usize)) -> Resu
     raise_file_limit();
     let runtime = runtime(None)?;
     let served = runtime.block_on(async {
+        // Whoever is told the address may end the service at once.
+        let stopped = stopped();
         let service = Service::start(config).await?;
         on_listening(service.address().map_err(ServeError::System)?, service.tasks());
-        service.run(stopped()).await;
+        service.run(stopped).await;
         Ok(())
     });
     // Every trace is whole by now; what still computes (a question, a replay) is for nobody.
@@ -65,21 +67,29 @@ pub(crate) fn runtime(threads: Option<usize>) -> Result<Runtime, ServeError> {
     builder.enable_all().build().map_err(ServeError::System)
 }
 
-/// Ctrl-C, or what a service manager sends.
-pub(crate) async fn stopped() {
-    let interrupted = async { drop(signal::ctrl_c().await) };
+/// Ctrl-C, or what a service manager sends, from now on: also before anybody waits for it.
+pub(crate) fn stopped() -> impl Future<Output = ()> {
     #[cfg(unix)]
     {
-        let Ok(mut terminated) = signal::unix::signal(signal::unix::SignalKind::terminate()) else {
-            return interrupted.await;
-        };
-        tokio::select! {
-            () = interrupted => {}
-            _ = terminated.recv() => {}
+        use signal::unix::{Signal, SignalKind, signal};
+        async fn comes(sent: io::Result<Signal>) {
+            match sent {
+                Ok(mut sent) => drop(sent.recv().await),
+                Err(_) => std::future::pending().await,
+            }
+        }
+        let (interrupted, terminated) = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()));
+        async move {
+            tokio::select! {
+                () = comes(interrupted) => {}
+                () = comes(terminated) => {}
+            }
         }
     }
     #[cfg(not(unix))]
-    interrupted.await;
+    async {
+        drop(signal::ctrl_c().await);
+    }
 }
 
 /// A session has a trace open, and a client two sockets: as many files as the system lets us.

@@ -1,7 +1,7 @@
 //! Unreliable skills against the paper's table: 120 executions of each primitive, as on the robot, and episodes with them that
 //! replay exactly. `REEL_SKILL_SEEDS` says over how many further seeds the coverage is measured (`make eval-skills`: 20).
 
-use std::{collections::BTreeMap, env, sync::Arc};
+use std::{collections::BTreeMap, env, sync::Arc, thread};
 
 use reel_episode::{Episode, EpisodeConfig, StepOutput};
 use reel_reward::Preset;
@@ -253,7 +253,12 @@ fn six_hundred_executions_are_as_reliable_as_on_the_robot() {
     assert_eq!(within(&measured), 5, "{measured:?}");
     let further: u64 = env::var("REEL_SKILL_SEEDS").ok().and_then(|text| text.parse().ok()).unwrap_or(0);
     if further > 0 {
-        let inside: usize = (1..=further).map(|index| within(&measure(SEED + 10_000 * index))).sum();
+        let seeds: Vec<u64> = (1..=further).map(|index| SEED + 10_000 * index).collect();
+        let inside: usize = thread::scope(|scope| {
+            let halves = [0, 1].map(|half| seeds.iter().skip(half).step_by(2));
+            let threads = halves.map(|half| scope.spawn(|| half.map(|seed| within(&measure(*seed))).sum::<usize>()));
+            threads.into_iter().map(|thread| thread.join().unwrap()).sum()
+        });
         let all = 5 * further as usize;
         println!("coverage over {further} further seeds: {inside} of {all} primitives inside their interval");
         // 95 % are expected, the two that never fail always.

@@ -8,6 +8,9 @@ use std::{
 
 use crate::expect;
 
+/// How many golden traces there are.
+const GOLDEN: u64 = 32;
+
 fn golden() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden")
 }
@@ -53,8 +56,8 @@ fn a_killed_ingest_leaves_nothing_in_part_and_loses_nothing() {
         }
     }
     expect(folder, 0, &["ingest", traces.to_str().unwrap()]);
-    assert_eq!(whole(folder), 28);
-    assert!(seen.iter().all(|count| [0, 28].contains(count)), "one commit, whole or not at all: {seen:?}");
+    assert_eq!(whole(folder), GOLDEN);
+    assert!(seen.iter().all(|count| [0, GOLDEN].contains(count)), "one commit, whole or not at all: {seen:?}");
     expect(folder, 0, &["reward", "--check"]);
 }
 
@@ -72,11 +75,11 @@ fn ingests_at_a_time_lose_nothing() {
     for child in &mut children {
         assert!(child.wait().unwrap().success());
     }
-    assert_eq!(whole(folder), 28);
+    assert_eq!(whole(folder), GOLDEN);
     assert!(expect(folder, 0, &["tables", "history"]).lines().count() >= 2);
     assert!(expect(folder, 0, &["tables", "compact"]).contains("version"));
     assert!(expect(folder, 0, &["tables", "vacuum", "--dry-run"]).contains("would be deleted"));
-    assert_eq!(whole(folder), 28);
+    assert_eq!(whole(folder), GOLDEN);
 }
 
 #[test]
@@ -89,10 +92,10 @@ fn one_weight_changes_the_episodes_in_which_it_paid() {
     let paid = count(folder, "SELECT count(DISTINCT episode_id) FROM rewards WHERE component = 'ask'");
     assert!(paid > 0 && listed.lines().count() as u64 == paid, "{paid}: {listed}");
     assert!(listed.lines().all(|line| line.contains(r#""components":{"ask":"#)), "{listed}");
-    assert!(expect(folder, 0, &["reward", "--preset", "mine.toml"]).starts_with("28 episodes scored"));
-    assert!(expect(folder, 0, &["reward", "--preset", "mine.toml"]).contains("28 had it already"));
+    assert!(expect(folder, 0, &["reward", "--preset", "mine.toml"]).starts_with(&format!("{GOLDEN} episodes scored")));
+    assert!(expect(folder, 0, &["reward", "--preset", "mine.toml"]).contains(&format!("{GOLDEN} had it already")));
     let sums = "SELECT count(*) FROM rescored WHERE preset = 'mine'";
-    assert_eq!(count(folder, sums), 28);
+    assert_eq!(count(folder, sums), GOLDEN);
     assert!(expect(folder, 0, &["reward", "--list"]).contains("real-repo"));
     expect(folder, 2, &["reward", "--preset", "nobody"]);
 }
