@@ -13,7 +13,7 @@ use std::{
 use reel_prompt::{Decision, VIEW, answer, arguments};
 use reel_trace::Trace;
 use reel_world::{Digest, ToolCall, answer::Call, language};
-use serde_json::{Value, json};
+use serde_json::{Deserializer, Value, json};
 
 /// Numbers in a vector of a text.
 const DIMENSIONS: usize = 256;
@@ -141,7 +141,7 @@ impl Script {
     pub fn say(&self, request: &Value) -> Result<Said, String> {
         let messages = request.get("messages").and_then(Value::as_array).ok_or("the request has no list `messages`")?;
         let users = || messages.iter().filter(|message| message["role"] == "user").map(|message| words(&message["content"]));
-        let last = users().last().ok_or("there is no message of a user")?;
+        let last = users().next_back().ok_or("there is no message of a user")?;
         if last.contains("\nThe robot asks: ") {
             return Ok(Said { body: completion(request, &text_message(&self.reply(&last)), "stop"), trouble: None });
         }
@@ -300,7 +300,7 @@ fn short(outcome: &str) -> String {
 fn conversation(messages: &[Value]) -> Done {
     let mut calls = Vec::new();
     for (index, message) in messages.iter().enumerate().filter(|(_, message)| message["role"] == "assistant") {
-        let call = Call::of_value(&message["tool_calls"][0]).map_or_else(String::new, |call| call.canonical());
+        let call = canonical(&message["tool_calls"][0]);
         let told = messages.get(index + 1).map(|next| words(&next["content"])).unwrap_or_default();
         calls.push((call, told));
     }
@@ -311,24 +311,28 @@ fn conversation(messages: &[Value]) -> Done {
 fn progress(prompt: &str) -> Done {
     let Some((before, last)) = prompt.rsplit_once("\nLast action: ") else { return Done { from: 0, calls: Vec::new() } };
     let progress = before.rsplit_once("\nProgress:\n").map_or("", |(_, progress)| progress);
-    let call = |text: &str| {
-        let value = serde_json::from_str::<Value>(text).unwrap_or_default();
-        Call::of_value(&value).map_or_else(String::new, |call| call.canonical())
-    };
     let counted = progress.strip_prefix("History: (").and_then(|rest| rest.split_once(" of ")).and_then(|(n, _)| n.parse().ok());
     let mut calls = Vec::new();
     if counted.is_none() {
         for line in progress.lines() {
-            let Some((action, told)) = line.split_once(". ").and_then(|(_, rest)| rest.rsplit_once("}}: ")) else { continue };
-            calls.push((call(&format!("{action}}}}}")), told.to_owned()));
+            let Some((_, rest)) = line.split_once(". ") else { continue };
+            let mut values = Deserializer::from_str(rest).into_iter::<Value>();
+            let Some(Ok(action)) = values.next() else { continue };
+            let told = rest[values.byte_offset()..].strip_prefix(": ").unwrap_or_default();
+            calls.push((canonical(&action), told.to_owned()));
         }
     }
     let (action, told) = last.split_once("\nLast outcome: ").unwrap_or((last, ""));
     if action != "none" {
         let told = told.strip_suffix(VIEW).unwrap_or(told);
-        calls.push((call(action), told.to_owned()));
+        calls.push((canonical(&serde_json::from_str(action).unwrap_or_default()), told.to_owned()));
     }
     Done { from: counted.unwrap_or(0), calls }
+}
+
+/// A call in one line; nothing where there is none.
+fn canonical(call: &Value) -> String {
+    Call::of_value(call).map_or_else(String::new, |call| call.canonical())
 }
 
 fn words(content: &Value) -> String {
@@ -396,7 +400,7 @@ mod tests {
         let text = reel_prompt::situation(&[line(0, "Arrived: {}}: there."), line(1, "Arrived again.")]);
         let done = progress(&format!("Task: x\n\n{text}{VIEW}"));
         let call = "nav_to({\"receptacle_name\":\"table_1\"})".to_owned();
-        assert_eq!(done.calls, [(call.clone(), "there.".to_owned()), (call, "Arrived again.\n".to_owned())]);
+        assert_eq!(done.calls, [(call.clone(), "Arrived: {}}: there.".to_owned()), (call, "Arrived again.\n".to_owned())]);
     }
 
     #[test]

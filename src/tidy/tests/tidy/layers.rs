@@ -68,7 +68,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("re_web_viewer_server", &["server"]),
     ("tokio*", &["tables", "query", "live", "mcp", "proxy", "server"]),
     ("rayon", &["agents", "blame", "branch", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
-    ("rand_chacha", &["sim", "tasks", "agents", "annotate", "query"]),
+    ("rand_chacha", &["sim", "tasks", "agents", "annotate", "statistics"]),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["pattern", "reward"]),
     ("toml", &["proxy", "reward", "server"]),
