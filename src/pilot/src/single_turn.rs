@@ -97,3 +97,100 @@ impl Policy for SingleTurn {
         self.made.push(Made { call: input.call.clone(), answer: Answer::default(), outcome: String::new() });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use reel_dataset::{Episode, ExampleOptions, Receptacle, Secrets, Source, Split, Step, examples};
+    use reel_episode::{Briefing, Observation};
+    use reel_model::{Clock, Endpoint};
+    use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    struct NoClock;
+
+    impl Clock for NoClock {
+        fn now_ns(&self) -> u64 {
+            0
+        }
+
+        fn sleep(&self, _: Duration) {}
+    }
+
+    /// The words of a request, a picture as a tag.
+    fn words(message: &Message) -> String {
+        let word = |part: &Part| match part {
+            Part::Text(text) => text.clone(),
+            Part::Image { .. } => "<image>".to_owned(),
+        };
+        message.parts.iter().map(word).collect()
+    }
+
+    #[test]
+    fn a_model_is_asked_as_it_was_taught() {
+        let calls = [
+            ("nav_to", json!({"receptacle_name": "table_1"}), "Arrived at table_1."),
+            ("walk_around", Value::Null, "I found the following object(s): \n\t0: a(an) mug.\n"),
+            ("pick", json!({"marker_id": 0}), "Picked up the object with marker 0."),
+        ];
+        let briefing = Briefing {
+            instruction: "Bring the \"red\" mug to the desk.".to_owned(),
+            receptacles: vec![("table_1".into(), "table".to_owned(), "kitchen/0".to_owned())],
+        };
+        let client = Client::new(Endpoint::new("http://localhost:9/v1", "m"), Arc::new(NoClock)).unwrap();
+        let mut agent = SingleTurn::new(Arc::new(client), NameSet::Paper, 0);
+        let pixels = vec![0; FRAME_WIDTH * FRAME_HEIGHT * 3];
+        let mut asked = Vec::new();
+        for step in 0..=calls.len() {
+            let text = step.checked_sub(1).map_or(String::new(), |before| calls[before].2.to_owned());
+            // The second call gives no picture: the one before stays.
+            let frame = (step != 2).then(|| Frame { rgb: pixels.clone(), ids: Vec::new(), depth_mm: Vec::new() });
+            let observation = Observation { text, error: None, frame };
+            let context = Context { briefing: &briefing, observation: &observation, seen: &[], truth: None, step: step as u32 };
+            match calls.get(step) {
+                Some((name, arguments, _)) => {
+                    agent.watch(&context, &StepInput::bare(ToolCall::new(*name, arguments.clone())));
+                    // What it was asked before this call is what it would be asked without it.
+                    let made = agent.made.pop();
+                    asked.push(agent.request(&context));
+                    agent.made.extend(made);
+                }
+                None => agent.learn(&context),
+            }
+        }
+
+        let step = |(index, (name, arguments, outcome)): (usize, &(&str, Value, &str))| Step {
+            call: index as u32,
+            tool: (*name).to_owned(),
+            call_name: (*name).to_owned(),
+            arguments: arguments.clone(),
+            outcome: (*outcome).to_owned(),
+            images: vec![reel_world::Digest::of(b"view")],
+            learn: true,
+            ..Step::default()
+        };
+        let episode = Episode {
+            episode_id: "e".to_owned(),
+            task_id: "FDP/t".to_owned(),
+            family: "FDP".to_owned(),
+            scene_id: "home".to_owned(),
+            policy: "oracle".to_owned(),
+            split: Split::default(),
+            instruction: briefing.instruction.clone(),
+            names: NameSet::Paper,
+            receptacles: vec![Receptacle { id: "table_1".into(), category: "table".into(), room: "kitchen/0".into() }],
+            steps: calls.iter().enumerate().map(step).collect(),
+            source: Source::default(),
+        };
+        let taught = examples(&episode, &ExampleOptions::default(), &Secrets::default()).examples;
+        assert_eq!(taught.len(), asked.len());
+        for (taught, asked) in taught.iter().zip(&asked) {
+            let [(_, system), (_, user), _] = taught.messages().try_into().unwrap();
+            assert_eq!(words(&asked.messages[0]), system);
+            assert_eq!(words(&asked.messages[1]), user, "{}", taught.id);
+        }
+    }
+}

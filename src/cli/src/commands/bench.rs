@@ -15,6 +15,7 @@ use anyhow::{Context, bail};
 use reel_agents::{AgentError, EpisodeReport, Job, RecordTo, Seats, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
+use reel_sim::SIM_VERSION;
 use reel_statistics::{bootstrap, mcnemar, wilson};
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions, Trace};
@@ -225,10 +226,11 @@ fn played(job: &Job, cast: &Cast) -> anyhow::Result<Option<EpisodeReport>> {
     let same = header.task_digest == Digest::of_json(&*config.task)
         && header.scene_digest == Digest::of_json(&*config.scene)
         && (header.profile, header.skills, header.seed) == (config.profile, config.skills, config.seed)
+        && header.sim_version == SIM_VERSION
         && header.policy == policy;
     if !same {
         bail!(
-            "{} was played with other settings, by another agent or on another task of that name; give another folder with --out",
+            "{} was played with other settings, by another agent or simulator, or on another task of that name; give another folder with --out",
             path.display()
         );
     }
@@ -330,7 +332,10 @@ fn table(name: &str, skills: Skills, reports: &[EpisodeReport], prices: Option<[
     if reports.is_empty() {
         return text + "  no episode was played to its end\n";
     }
-    text.push_str("  family  episodes  SR %  (95 %)         CR %   SPL   steps   asks  reward  latency s       tokens\n");
+    text.push_str(&format!(
+        "  {:6} {:>9} {:>5}  {:15} {:>6} {:>6} {:>6} {:>6} {:>7} {:>10} {:>12}\n",
+        "family", "episodes", "SR %", "(95 %)", "CR %", "SPL", "steps", "asks", "reward", "latency s", "tokens"
+    ));
     for row in rows(reports, prices) {
         let number = |key: &str| row[key].as_f64().unwrap_or_default();
         let spl = row["spl"].as_f64().map_or_else(|| "-".to_owned(), |spl| format!("{:.1}", 100.0 * spl));
@@ -387,7 +392,10 @@ fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<Answer> {
         return Ok(Answer::Yes);
     }
     println!("A {} ({})\nB {} ({})", name_of(&ours), a.display(), name_of(&theirs), b.display());
-    println!("  family  pairs   SR A   SR B  B - A (95 %)              only A  only B        p  CR B - A  reward B - A");
+    println!(
+        "  {:6} {:>6} {:>6} {:>6}  {:25} {:>7} {:>7} {:>8} {:>9} {:>13}",
+        "family", "pairs", "SR A", "SR B", "B - A (95 %)", "only A", "only B", "p", "CR B - A", "reward B - A"
+    );
     for row in &rows {
         let number = |key: &str| row[key].as_f64().unwrap_or_default();
         let interval =
