@@ -2,8 +2,8 @@
 
 use reel_reward::{Preset, metrics, rewards};
 use reel_world::{
-    AssetId, Digest, Frame, InstanceId, Profile, ReceptacleId, Scene, Skills, Task, ToolCall, WorldGraph, chain,
-    record::{Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, StartRecord, StepInput, StepRecord},
+    AssetId, Digest, Frame, InstanceId, ReceptacleId, Scene, Task, ToolCall, WorldGraph, chain,
+    record::{EndReason, EndRecord, EpisodeHeader, PolicyInfo, StartRecord, StepInput, StepRecord},
 };
 use serde_json::{Map, Value};
 
@@ -85,24 +85,10 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
 
     let name = text(&files.meta, "model").or_else(|| files.folder_name(0)).unwrap_or_else(|| "unknown".to_owned());
     let mut header = EpisodeHeader {
-        episode_id: String::new(),
         run_id: options.run_id.to_owned(),
-        group_id: None,
-        rollout_index: None,
-        task_id: task.task_id.clone(),
-        family: task.family,
-        scene_id: scene.scene_id.clone(),
-        task_digest: Digest::of_json(&task),
-        scene_digest: Digest::of_json(&scene),
-        seed: 0,
-        sim_version: 0,
-        build: String::new(),
-        profile: Profile::RealRepo,
         reward_preset: preset.name().to_owned(),
         policy: PolicyInfo { name, checkpoint: None, parameters: settings },
-        backend: Backend::Proxy,
-        skills: Skills::Perfect,
-        parent: None,
+        ..observe::header(&task, &scene)
     };
     // Two runs of a model on a task have equal inputs as far as they are known: what came of them tells them apart.
     header.episode_id = Digest::of_json(&(&header, &start, &records)).to_string()[..16].to_owned();

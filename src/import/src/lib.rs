@@ -41,7 +41,7 @@ use serde_json::{Map, Value};
 
 pub use error::ImportError;
 pub use layout::cut_debug_info;
-pub use observe::{Shown, State, both, record};
+pub use observe::{Shown, State, both, header, record};
 pub use outcome::{outcome, reply};
 pub use task::Setting;
 

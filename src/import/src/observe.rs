@@ -4,8 +4,11 @@
 use std::collections::BTreeMap;
 
 use reel_world::{
-    FrameDigests, InstanceId, Outcome, ReceptacleId, Tool, WorldGraph,
-    record::{GraphChanges, Graphs, Marker, MarkerTarget, RobotState, StateDigests, StepInput, StepRecord, UserReply},
+    Digest, FrameDigests, InstanceId, Outcome, Profile, ReceptacleId, Scene, Skills, Task, Tool, WorldGraph,
+    record::{
+        Backend, EpisodeHeader, GraphChanges, Graphs, Marker, MarkerTarget, PolicyInfo, RobotState, StateDigests, StepInput,
+        StepRecord, UserReply,
+    },
 };
 use serde_json::{Map, Value};
 
@@ -24,6 +27,31 @@ pub struct State {
     pub landmark: Option<ReceptacleId>,
     /// Of the camera, in metres; a height that is not told is 0.
     pub position: Option<[f32; 3]>,
+}
+
+/// The header of an episode that somebody else played: no seed, no simulator, no name yet. Who played it and in which run is for
+/// the caller to say.
+pub fn header(task: &Task, scene: &Scene) -> EpisodeHeader {
+    EpisodeHeader {
+        episode_id: String::new(),
+        run_id: String::new(),
+        group_id: None,
+        rollout_index: None,
+        task_id: task.task_id.clone(),
+        family: task.family,
+        scene_id: scene.scene_id.clone(),
+        task_digest: Digest::of_json(task),
+        scene_digest: Digest::of_json(scene),
+        seed: 0,
+        sim_version: 0,
+        build: String::new(),
+        profile: Profile::RealRepo,
+        reward_preset: String::new(),
+        policy: PolicyInfo::default(),
+        backend: Backend::Proxy,
+        skills: Skills::Perfect,
+        parent: None,
+    }
 }
 
 /// What a call came to.

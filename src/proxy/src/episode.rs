@@ -8,8 +8,8 @@ use reel_import::{Begun, Setting, Shown, State, both};
 use reel_reward::{Rewarder, metrics};
 use reel_trace::{Recorder, Timing, TraceError};
 use reel_world::{
-    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Family, Lifecycle, ObjectInstance, Outcome, ReceptacleId, Scene, Skills, Task,
-    Tool, ToolCall, WorldGraph, chain,
+    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Family, Lifecycle, ObjectInstance, Outcome, ReceptacleId, Scene, Task, Tool,
+    ToolCall, WorldGraph, chain,
     record::{EndReason, EndRecord, EpisodeHeader, Metrics, PolicyInfo, PolicyOutput, StartRecord, StepInput, StepRecord},
 };
 use serde_json::{Map, Value, json};
@@ -225,24 +225,12 @@ impl Episodes {
             }
         }
         let mut header = EpisodeHeader {
-            episode_id: String::new(),
             run_id: setup.run.clone(),
-            group_id: None,
-            rollout_index: None,
-            task_id: task.task_id.clone(),
-            family: task.family,
-            scene_id: scene.scene_id.clone(),
-            task_digest: Digest::of_json(&task),
-            scene_digest: Digest::of_json(&scene),
-            seed: 0,
-            sim_version: 0,
-            build: String::new(),
             profile: setup.profile,
             reward_preset: setup.preset.name().to_owned(),
             policy: PolicyInfo { name: self.policy.clone(), checkpoint: None, parameters },
             backend: setup.backend,
-            skills: Skills::Perfect,
-            parent: None,
+            ..reel_import::header(&task, &scene)
         };
         let mut start = StartRecord {
             graphs: state.graph.as_ref().map(both).unwrap_or_default(),

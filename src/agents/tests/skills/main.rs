@@ -9,7 +9,7 @@ use reel_sim::Primitive;
 use reel_tasks::{GenerateOptions, generate, home};
 use reel_world::{
     Door, ErrorCode, Family, Profile, ReceptacleId, Scene, Skills, Task, Tool,
-    record::{EndReason, MarkerTarget, PolicyInfo, StepInput, StepRecord},
+    record::{MarkerTarget, PolicyInfo, StepInput, StepRecord},
 };
 
 /// Executions of each primitive, as in the paper.
@@ -67,7 +67,7 @@ impl Play {
     }
 
     fn runs(&self) -> bool {
-        self.episode.ended() != Some(EndReason::Horizon) && self.episode.ended().is_none()
+        self.episode.ended().is_none()
     }
 
     fn call(&mut self, tool: &Tool) -> StepRecord {

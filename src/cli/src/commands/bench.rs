@@ -101,6 +101,13 @@ pub struct Arguments {
     json: bool,
 }
 
+impl Arguments {
+    /// Of a million tokens read and written; none where they are not two.
+    fn prices(&self) -> Option<[f64; 2]> {
+        self.prices.as_deref()?.try_into().ok()
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match arguments.compare.as_deref() {
@@ -112,7 +119,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
     let profile = Profile::parse(&arguments.profile)
         .with_context(|| format!("no profile is called '{}'; there are paper and real-repo", arguments.profile))?;
-    if arguments.prices.as_ref().is_some_and(|prices| prices.len() != 2) {
+    if arguments.prices.is_some() && arguments.prices().is_none() {
         bail!("--prices wants two numbers, of a million tokens read and written, like 0.5,1.5");
     }
     let scene = inputs::scene(arguments.scene.as_deref())?;
@@ -189,7 +196,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
     // In an order of its own, so that a run in parts ends with the table of one.
     reports.sort_by(|a, b| (a.family, &a.task_id, a.seed).cmp(&(b.family, &b.task_id, b.seed)));
-    let prices = arguments.prices.as_deref().map(|prices| [prices[0], prices[1]]);
+    let prices = arguments.prices();
     if arguments.json {
         println!("{}", json!({"agent": name, "episodes": all, "played": reports.len(), "rows": rows(&reports, prices)}));
     } else {
@@ -248,12 +255,11 @@ struct Budget {
 
 impl Budget {
     fn new(arguments: &Arguments) -> Self {
-        let prices = arguments.prices.as_deref().map(|prices| [prices[0], prices[1]]);
         let minutes = arguments.max_minutes.filter(|minutes| *minutes >= 0.0 && minutes.is_finite());
         Self {
             tokens: [AtomicU64::new(0), AtomicU64::new(0)],
             most_tokens: arguments.max_total_tokens,
-            most_cost: arguments.max_cost.zip(prices),
+            most_cost: arguments.max_cost.zip(arguments.prices()),
             until: minutes.map(|minutes| Instant::now() + Duration::from_secs_f64((60.0 * minutes).min(1e9))),
         }
     }

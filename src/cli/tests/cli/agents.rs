@@ -3,14 +3,17 @@
 use std::{
     fs,
     io::{BufRead, BufReader},
-    path::Path,
+    path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     thread,
     time::{Duration, Instant},
 };
 
 use reel_trace::Trace;
-use reel_world::{ErrorCode, record::UserSource};
+use reel_world::{
+    ErrorCode,
+    record::{EndReason, UserSource},
+};
 use serde_json::Value;
 
 use crate::{complaint, expect, reel};
@@ -76,11 +79,17 @@ fn all(printed: &str) -> Value {
     told["rows"].as_array().unwrap().last().unwrap().clone()
 }
 
-fn traces(folder: &Path) -> Vec<Trace> {
-    let mut paths: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
+/// Files of a folder that end so, in order; none where there is no folder yet.
+fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten();
+    let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == ending));
     paths.sort();
-    paths.iter().map(|path| Trace::read(path).unwrap()).collect()
+    paths
+}
+
+fn traces(folder: &Path) -> Vec<Trace> {
+    files(folder, "mcap").iter().map(|path| Trace::read(path).unwrap()).collect()
 }
 
 #[test]
@@ -197,6 +206,8 @@ fn who_is_not_there_ends_the_episode_and_another_run_plays_it() {
         told.contains("no answer; the episode ended at step 0 as aborted") && told.contains("is the endpoint running"),
         "{told}"
     );
+    let ends: Vec<_> = traces(&here.join("out")).iter().map(|trace| trace.end.as_ref().unwrap().reason).collect();
+    assert_eq!(ends, [EndReason::Aborted; 4]);
     let mock = Mock::start(here, &[]);
     let row = all(&expect(here, 0, &bench("real-agent", &mock.url, "out")));
     assert_eq!(row["successes"], 4, "{row}");
@@ -221,25 +232,15 @@ fn a_run_that_is_killed_three_times_ends_with_the_same_table() {
         arguments.extend(["--jobs", "1"]);
         let mut child =
             Command::new(env!("CARGO_BIN_EXE_reel")).current_dir(here).args(&arguments).stderr(Stdio::null()).spawn().unwrap();
-        let finished = || {
-            fs::read_dir(here.join("parts")).map_or(0, |all| {
-                all.filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|extension| extension == "mcap"))
-                    .count()
-            })
-        };
         let end = Instant::now() + Duration::from_secs(60);
-        while finished() < 2 * kill && Instant::now() < end {
+        while files(&here.join("parts"), "mcap").len() < 2 * kill && Instant::now() < end {
             thread::sleep(Duration::from_millis(20));
         }
         // In the middle of the next episode.
         thread::sleep(Duration::from_millis(150));
         child.kill().unwrap();
         child.wait().unwrap();
-        killed_midway += usize::from(
-            fs::read_dir(here.join("parts"))
-                .unwrap()
-                .any(|entry| entry.unwrap().path().extension().is_some_and(|extension| extension == "part")),
-        );
+        killed_midway += files(&here.join("parts"), "part").len();
     }
     assert!(killed_midway > 0, "no episode was under way");
     let mut parts: Value = serde_json::from_str(&expect(here, 0, &bench("real-agent", &mock.url, "parts"))).unwrap();
