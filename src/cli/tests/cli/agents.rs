@@ -233,11 +233,12 @@ fn a_run_that_is_killed_three_times_ends_with_the_same_table() {
         let mut child =
             Command::new(env!("CARGO_BIN_EXE_reel")).current_dir(here).args(&arguments).stderr(Stdio::null()).spawn().unwrap();
         let end = Instant::now() + Duration::from_secs(60);
-        while files(&here.join("parts"), "mcap").len() < 2 * kill && Instant::now() < end {
+        let under_way = || !files(&here.join("parts"), "part").is_empty();
+        while (files(&here.join("parts"), "mcap").len() < 2 * kill || !under_way()) && Instant::now() < end {
             thread::sleep(Duration::from_millis(20));
         }
         // In the middle of the next episode.
-        thread::sleep(Duration::from_millis(150));
+        thread::sleep(Duration::from_millis(50));
         child.kill().unwrap();
         child.wait().unwrap();
         killed_midway += files(&here.join("parts"), "part").len();
