@@ -22,17 +22,22 @@ async function recording() {
   return new Uint8Array(await answer.arrayBuffer());
 }
 
-/** Sets the clock once the viewer knows the recording, and until it stays there: a new recording is followed to its end first. */
-function go(handle, tries = 0) {
+/**
+ * Sets the clock as soon as the viewer knows the recording, however long that takes, and again until it has stayed there for two
+ * seconds: a new recording is followed to its end first. After ten seconds the clock is the reader's in any case.
+ */
+function go(handle, tries = 0, stayed = 0) {
   const id = handle.get_active_recording_id();
   if (id !== undefined && handle.get_timeline_time_range(id, "step")) {
     if (!Number.isFinite(step)) return;
+    tries += 1;
+    stayed = handle.get_time_for_timeline(id, "step") === step ? stayed + 1 : 0;
     handle.set_playing(id, false);
     handle.set_active_timeline(id, "step");
     handle.set_time_for_timeline(id, "step", step);
     document.documentElement.dataset.step = handle.get_time_for_timeline(id, "step");
   }
-  if (tries < 40) setTimeout(() => go(handle, tries + 1), 50);
+  if (stayed < 40 && tries < 200) setTimeout(() => go(handle, tries, stayed), 50);
 }
 
 async function main() {
