@@ -69,6 +69,7 @@ async function blob(path: string, signal?: AbortSignal): Promise<Blob> {
 
 /** Asks for a picture that will be wanted in a moment. */
 export function foresee(path: string) {
+  if (foreseen?.path === path) return;
   foreseen = { path, blob: blob(path) };
   // Whoever wants it is told what went wrong.
   foreseen.blob.catch(() => null);

@@ -1,8 +1,24 @@
-/** The cameras of an episode, and how the free one moves. */
+/** The cameras of an episode, how the free one moves, and the picture that an address asks for. */
+import { foresee } from "../../lib/api";
 import { link } from "../../lib/route.svelte";
-import type { Point, Robot } from "../../lib/trace";
+import { START, framePath, type Point, type Robot } from "../../lib/trace";
 
 export type View = { camera: string; eye: string; lookAt: string };
+
+export function viewOf(query: URLSearchParams): View {
+  return { camera: query.get("camera") ?? "head", eye: query.get("eye") ?? "", lookAt: query.get("look_at") ?? "" };
+}
+
+/** The moment that is asked for, whether the episode has it or not. */
+export function momentOf(query: URLSearchParams): number {
+  const step = Number.parseInt(query.get("step") ?? "", 10);
+  return Number.isNaN(step) ? START : Math.max(START, step);
+}
+
+/** The picture takes longest: it is drawn while the page and all the rest are loaded. */
+export function foreseePicture(trace: string, query: URLSearchParams) {
+  foresee(framePath(trace, momentOf(query), queryOf(viewOf(query))));
+}
 
 export function queryOf({ camera, eye, lookAt }: View): string {
   if (camera === "head") return "";
