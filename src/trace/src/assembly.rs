@@ -23,8 +23,10 @@ use crate::{
     journal::{HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment, header_metadata},
     picture,
     reader::{Known, Parsed},
+    robot::{CameraImage, RobotLog},
     schema::{
         self,
+        foxglove::CompressedImage,
         reel::{self, episode_event::Event},
     },
 };
@@ -68,6 +70,9 @@ pub(crate) struct Assembly<'a> {
     images: BTreeMap<Option<u32>, Vec<u8>>,
     offsets: Vec<u64>,
     timings: BTreeMap<u32, Timing>,
+    robot: RobotLog,
+    original: Option<CameraImage>,
+    originals: BTreeMap<Option<u32>, CameraImage>,
 }
 
 /// A step whose last message has not come yet.
@@ -104,6 +109,9 @@ impl<'a> Assembly<'a> {
             images: BTreeMap::new(),
             offsets: Vec::new(),
             timings: BTreeMap::new(),
+            robot: RobotLog::default(),
+            original: None,
+            originals: BTreeMap::new(),
         }
     }
 
@@ -211,6 +219,8 @@ impl<'a> Assembly<'a> {
             images: self.images,
             offsets: self.offsets,
             timings: self.timings,
+            robot: self.robot,
+            originals: self.originals,
         })
     }
 
@@ -258,6 +268,35 @@ impl<'a> Assembly<'a> {
                     None => Ok(()),
                     Some(_) => Err("it was already said".into()),
                 }
+            }
+            schema::ODOMETRY => {
+                let measured = codec::read_odometry(decode(data)?)?;
+                self.expect_moment(measured.step)?;
+                self.robot.odometry.push(measured);
+                Ok(())
+            }
+            schema::PRIMITIVE => {
+                let outcome = codec::read_primitive(decode(data)?);
+                self.expect_moment(outcome.step)?;
+                self.robot.primitives.push(outcome);
+                Ok(())
+            }
+            schema::VLA => {
+                let measured = codec::read_vla(decode(data)?);
+                self.expect_moment(measured.step)?;
+                self.robot.vla.push(measured);
+                Ok(())
+            }
+            schema::ALIGNMENT => {
+                let measured = codec::read_alignment(decode(data)?);
+                self.expect_moment(measured.step)?;
+                self.robot.alignments.push(measured);
+                Ok(())
+            }
+            schema::CAMERA_ORIGINAL if self.records_only.is_some() => Ok(()),
+            schema::CAMERA_ORIGINAL => {
+                let image: CompressedImage = decode(data)?;
+                once(&mut self.original, CameraImage { format: image.format, data: image.data })
             }
             schema::WORLD_DIFF => {
                 let message: reel::WorldDiff = decode(data)?;
@@ -368,6 +407,9 @@ impl<'a> Assembly<'a> {
         if let Some(image) = self.image.take() {
             self.images.insert(at, image);
         }
+        if let Some(original) = self.original.take() {
+            self.originals.insert(at, original);
+        }
         Ok(())
     }
 
@@ -391,6 +433,15 @@ impl<'a> Assembly<'a> {
     fn last_link(&self) -> Digest {
         let start = self.start.as_ref().map(|start| start.digests.chain).unwrap_or_default();
         self.steps.last().map_or(start, |step| step.digests.chain)
+    }
+
+    /// What a robot measured belongs to the step in the making, or stands before the start.
+    fn expect_moment(&mut self, step: Option<u32>) -> Result<(), Refusal> {
+        match step {
+            Some(step) => self.draft(step).map(drop),
+            None if self.start.is_none() => Ok(()),
+            None => Err("it belongs to no step, but stands behind the start".into()),
+        }
     }
 
     /// The step in the making, if a message belongs to it.

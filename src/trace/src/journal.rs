@@ -19,6 +19,7 @@ use reel_world::{
 
 use crate::{
     Images, Timing, TraceError, codec, container, encode_webp, picture,
+    robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
     schema::{self, Channel, foxglove::log::Level},
     viewer,
 };
@@ -181,6 +182,57 @@ impl<W: Write + Seek> Journal<W> {
             return Err(self.out_of_turn(&format!("the timing of step {step}")));
         }
         self.message(schema::TIMING, &codec::timing(step, timing))
+    }
+
+    /// Records where the robot was.
+    pub(crate) fn odometry(&mut self, measured: &Odometry) -> Result<(), TraceError> {
+        self.expect_moment(measured.step, "odometry")?;
+        self.message(schema::ODOMETRY, &codec::odometry(measured))
+    }
+
+    /// Records what a skill came to.
+    pub(crate) fn primitive(&mut self, outcome: &PrimitiveOutcome) -> Result<(), TraceError> {
+        self.expect_moment(outcome.step, "the outcome of a primitive")?;
+        self.message(schema::PRIMITIVE, &codec::primitive(outcome))
+    }
+
+    /// Records how long an inference of the low-level model took.
+    pub(crate) fn vla(&mut self, measured: &VlaLatency) -> Result<(), TraceError> {
+        self.expect_moment(measured.step, "a latency")?;
+        self.message(schema::VLA, &codec::vla(measured))
+    }
+
+    /// Records how far the robot was off.
+    pub(crate) fn alignment(&mut self, measured: &Alignment) -> Result<(), TraceError> {
+        self.expect_moment(measured.step, "an alignment")?;
+        self.message(schema::ALIGNMENT, &codec::alignment(measured))
+    }
+
+    /// Records everything that a log holds of a moment.
+    pub(crate) fn robot(&mut self, step: Option<u32>, log: &RobotLog) -> Result<(), TraceError> {
+        log.odometry.iter().filter(|it| it.step == step).try_for_each(|it| self.odometry(it))?;
+        log.primitives.iter().filter(|it| it.step == step).try_for_each(|it| self.primitive(it))?;
+        log.vla.iter().filter(|it| it.step == step).try_for_each(|it| self.vla(it))?;
+        log.alignments.iter().filter(|it| it.step == step).try_for_each(|it| self.alignment(it))
+    }
+
+    /// Records the camera's picture as it came.
+    pub(crate) fn original(&mut self, step: Option<u32>, image: &CameraImage) -> Result<(), TraceError> {
+        self.expect_moment(step, "the picture of the camera")?;
+        if self.images == Images::None {
+            return Ok(());
+        }
+        self.message(schema::CAMERA_ORIGINAL, &viewer::picture(self.time_ns(), &image.format, image.data.clone()))
+    }
+
+    /// What a robot measured belongs to the step under way, or stands before the start.
+    fn expect_moment(&self, step: Option<u32>, what: &str) -> Result<(), TraceError> {
+        match (&self.turn, step) {
+            (Turn::Start, None) => Ok(()),
+            (Turn::Step { step: under_way, .. }, Some(step)) if *under_way == step => Ok(()),
+            (_, None) => Err(self.out_of_turn(&format!("{what} of before the first step"))),
+            (_, Some(step)) => Err(self.out_of_turn(&format!("{what} of step {step}"))),
+        }
     }
 
     /// Records what came of a step.

@@ -5,6 +5,7 @@
 //! without chunks; every message reached the operating system before the call returns. The finished file is
 //! compressed, indexed, and covered by checksums and the hash chain. Equal records give equal bytes: log times
 //! are simulation time after a fixed epoch; of episodes that were not simulated here, the time their policy took.
+//! What a robot measured (`/robot/...`, `/camera/original`) stands beside the records, with the clock of the robot in it.
 //!
 //! Never: physics, a clock, threads. A trace opens without the simulator.
 
@@ -22,6 +23,7 @@ mod reader;
 mod recorder;
 mod recover;
 mod rewrite;
+pub mod robot;
 mod schema;
 mod viewer;
 

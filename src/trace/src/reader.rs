@@ -17,6 +17,7 @@ use crate::{
     container::{self, At, Closing, Item, Visitor},
     decode_webp, files,
     limits::Limits,
+    robot::{CameraImage, RobotLog},
     schema,
 };
 
@@ -43,6 +44,10 @@ pub struct Trace {
     pub recoveries: Vec<BTreeMap<String, String>>,
     /// By step, the clock of episodes that were recorded while they were played elsewhere.
     pub timings: BTreeMap<u32, Timing>,
+    /// What a robot measured; empty for episodes without one.
+    pub robot: RobotLog,
+    /// Pictures as the camera gave them; none: of the start.
+    pub(crate) originals: BTreeMap<Option<u32>, CameraImage>,
     /// WebP pictures; none: of the start.
     pub(crate) images: BTreeMap<Option<u32>, Vec<u8>>,
     /// By step, where its first message stands.
@@ -95,6 +100,11 @@ impl Trace {
     /// The WebP picture after a step (none: of the start), if the trace holds it.
     pub fn image(&self, step: Option<u32>) -> Option<&[u8]> {
         self.images.get(&step).map(Vec::as_slice)
+    }
+
+    /// The picture after a step (none: of the start) as the robot's camera gave it, if the trace holds it.
+    pub fn original(&self, step: Option<u32>) -> Option<&CameraImage> {
+        self.originals.get(&step)
     }
 
     /// How many pictures the trace holds.

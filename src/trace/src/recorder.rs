@@ -17,6 +17,7 @@ use crate::{
     files::{self, PART},
     journal::{Journal, Picture},
     limits::Limits,
+    robot::{Alignment, CameraImage, Odometry, PrimitiveOutcome, RobotLog, VlaLatency},
 };
 
 /// Whether pictures are stored.
@@ -169,6 +170,56 @@ impl Recorder {
     /// When it is called out of turn or the file cannot be written.
     pub fn timing(&mut self, step: u32, timing: &Timing) -> Result<(), TraceError> {
         self.journal.timing(step, timing).map_err(|error| self.unwritten(error))
+    }
+
+    /// Records where the robot was: of a step between its input and what came of it, of no step before the start. Acknowledged
+    /// with what follows, as all that a robot measured.
+    ///
+    /// # Errors
+    /// When it is called out of turn or the file cannot be written.
+    pub fn odometry(&mut self, measured: &Odometry) -> Result<(), TraceError> {
+        self.journal.odometry(measured).map_err(|error| self.unwritten(error))
+    }
+
+    /// Records what one execution of a skill came to, in turn as [`Recorder::odometry`].
+    ///
+    /// # Errors
+    /// As [`Recorder::odometry`].
+    pub fn primitive(&mut self, outcome: &PrimitiveOutcome) -> Result<(), TraceError> {
+        self.journal.primitive(outcome).map_err(|error| self.unwritten(error))
+    }
+
+    /// Records how long an inference of the low-level model took, in turn as [`Recorder::odometry`].
+    ///
+    /// # Errors
+    /// As [`Recorder::odometry`].
+    pub fn vla(&mut self, measured: &VlaLatency) -> Result<(), TraceError> {
+        self.journal.vla(measured).map_err(|error| self.unwritten(error))
+    }
+
+    /// Records how far the robot was off, in turn as [`Recorder::odometry`].
+    ///
+    /// # Errors
+    /// As [`Recorder::odometry`].
+    pub fn alignment(&mut self, measured: &Alignment) -> Result<(), TraceError> {
+        self.journal.alignment(measured).map_err(|error| self.unwritten(error))
+    }
+
+    /// Records everything that a log holds of a step (none: of before the start), in turn as [`Recorder::odometry`].
+    ///
+    /// # Errors
+    /// As [`Recorder::odometry`].
+    pub fn robot(&mut self, step: Option<u32>, log: &RobotLog) -> Result<(), TraceError> {
+        self.journal.robot(step, log).map_err(|error| self.unwritten(error))
+    }
+
+    /// Records a picture of the camera as it came, beside the one of 640 x 480 that the step holds; in turn as
+    /// [`Recorder::odometry`], once a step. With [`Images::None`] it is left out.
+    ///
+    /// # Errors
+    /// As [`Recorder::odometry`].
+    pub fn original(&mut self, step: Option<u32>, image: &CameraImage) -> Result<(), TraceError> {
+        self.journal.original(step, image).map_err(|error| self.unwritten(error))
     }
 
     /// Records what came of a step.

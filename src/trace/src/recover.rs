@@ -183,7 +183,7 @@ fn restored(
 ) -> Result<Vec<u8>, TraceError> {
     let end = trace.end.clone().unwrap_or_else(|| aborted(trace, score));
     let recoveries: Vec<_> = trace.recoveries.iter().cloned().chain([metadata(recovery)]).collect();
-    let images = if trace.image_count() > 0 { Images::Full } else { Images::None };
+    let images = if trace.image_count() + trace.originals.len() > 0 { Images::Full } else { Images::None };
     trace.rendered(path, images, &recoveries, &end, |step| {
         Ok(trace.image(step).filter(|_| !spoilt.contains(&step)).map(|webp| Encoding::Webp(webp.to_vec())))
     })
@@ -295,7 +295,14 @@ fn holds(path: &Path, recording: Option<&Trace>) -> bool {
         steps => whole.steps.get(steps - 1).map(|step| step.digests.chain),
     };
     let end = recording.end.is_none() || recording.end == whole.end;
-    link == Some(recording.chain()) && end && recording.images.keys().all(|step| whole.images.contains_key(step))
+    // What a robot measured is not in the chain.
+    let read = recording.robot.before(recording.steps.len() as u32);
+    let robot = whole.robot.before(recording.steps.len() as u32) == read;
+    link == Some(recording.chain())
+        && end
+        && robot
+        && recording.images.keys().all(|step| whole.images.contains_key(step))
+        && recording.originals.keys().all(|step| whole.originals.contains_key(step))
 }
 
 /// Keeps a recorder out, or says that there is one.

@@ -49,11 +49,19 @@ impl Trace {
     ) -> Result<Vec<u8>, TraceError> {
         let head = (&self.header, &*self.task, &*self.scene);
         let mut journal = Journal::create(Cursor::new(Vec::new()), path, head, images, recoveries)?;
+        journal.robot(None, &self.robot)?;
+        if let Some(original) = self.original(None) {
+            journal.original(None, original)?;
+        }
         journal.start(&self.start, picture(None)?.as_ref().map(Encoding::picture))?;
         for step in &self.steps {
             journal.input(step.step, &step.input)?;
             if let Some(timing) = self.timings.get(&step.step) {
                 journal.timing(step.step, timing)?;
+            }
+            journal.robot(Some(step.step), &self.robot)?;
+            if let Some(original) = self.original(Some(step.step)) {
+                journal.original(Some(step.step), original)?;
             }
             journal.step(step, picture(Some(step.step))?.as_ref().map(Encoding::picture))?;
         }

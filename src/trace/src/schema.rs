@@ -58,6 +58,11 @@ channels! {
     SCENE = 14, "/scene", "foxglove.SceneUpdate";
     LOG = 15, "/log", "foxglove.Log";
     TIMING = 16, "/timing", "reel.v1.Timing";
+    ODOMETRY = 17, "/robot/odometry", "reel.v1.Odometry";
+    PRIMITIVE = 18, "/robot/primitive", "reel.v1.PrimitiveOutcome";
+    VLA = 19, "/robot/vla", "reel.v1.VlaLatency";
+    ALIGNMENT = 20, "/robot/alignment", "reel.v1.Alignment";
+    CAMERA_ORIGINAL = 21, "/camera/original", "foxglove.CompressedImage";
 }
 
 /// Finds a channel by its topic.

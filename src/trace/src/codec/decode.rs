@@ -14,7 +14,10 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::encode::class_word;
-use crate::schema::reel::{self, marker::Target};
+use crate::{
+    robot::{Alignment, Odometry, PrimitiveOutcome, VlaLatency},
+    schema::reel::{self, marker::Target},
+};
 
 /// What a message holds, or what is wrong with it.
 type Read<T> = Result<T, String>;
@@ -168,6 +171,27 @@ pub(crate) fn read_sim_digest(message: reel::SimDigest) -> Read<Moment> {
     };
     let bodies: Read<Vec<BodyState>> = message.bodies.into_iter().map(body).collect();
     Ok(Moment { step: message.step, sim_step: message.sim_step, bodies: bodies?, robot, digests })
+}
+
+pub(crate) fn read_odometry(message: reel::Odometry) -> Read<Odometry> {
+    let reel::Odometry { step, unix_ns, x, y, yaw } = message;
+    let (x, y, yaw) = (x.ok_or("x is missing")?, y.ok_or("y is missing")?, yaw.ok_or("yaw is missing")?);
+    Ok(Odometry { step, unix_ns, x, y, yaw })
+}
+
+pub(crate) fn read_primitive(message: reel::PrimitiveOutcome) -> PrimitiveOutcome {
+    let reel::PrimitiveOutcome { step, unix_ns, skill, target, success, duration_ns, control_steps, error } = message;
+    PrimitiveOutcome { step, unix_ns, skill, target, success, duration_ns, control_steps, error }
+}
+
+pub(crate) fn read_vla(message: reel::VlaLatency) -> VlaLatency {
+    let reel::VlaLatency { step, unix_ns, latency_ns } = message;
+    VlaLatency { step, unix_ns, latency_ns }
+}
+
+pub(crate) fn read_alignment(message: reel::Alignment) -> Alignment {
+    let reel::Alignment { step, unix_ns, target, odometry_error_m, yaw_error_rad, image_shift_px, image_rmse_px } = message;
+    Alignment { step, unix_ns, target, odometry_error_m, yaw_error_rad, image_shift_px, image_rmse_px }
 }
 
 fn body(body: reel::BodyState) -> Read<BodyState> {

@@ -12,6 +12,7 @@ use serde_json::Value;
 
 use crate::{
     Timing,
+    robot::{Alignment, Odometry, PrimitiveOutcome, VlaLatency},
     schema::reel::{self, episode_event::Event, marker::Target},
 };
 
@@ -100,6 +101,30 @@ pub(crate) fn policy_output(step: u32, policy: &PolicyOutput) -> reel::PolicyOut
 /// When a call was made, and how long it took.
 pub(crate) fn timing(step: u32, timing: &Timing) -> reel::Timing {
     reel::Timing { step, called_unix_ns: timing.called_unix_ns, took_ns: timing.took_ns }
+}
+
+/// Where the robot was.
+pub(crate) fn odometry(measured: &Odometry) -> reel::Odometry {
+    let Odometry { step, unix_ns, x, y, yaw } = *measured;
+    reel::Odometry { step, unix_ns, x: Some(x), y: Some(y), yaw: Some(yaw) }
+}
+
+/// What a skill came to.
+pub(crate) fn primitive(outcome: &PrimitiveOutcome) -> reel::PrimitiveOutcome {
+    let PrimitiveOutcome { step, unix_ns, skill, target, success, duration_ns, control_steps, error } = outcome.clone();
+    reel::PrimitiveOutcome { step, unix_ns, skill, target, success, duration_ns, control_steps, error }
+}
+
+/// How long an inference took.
+pub(crate) fn vla(measured: &VlaLatency) -> reel::VlaLatency {
+    let VlaLatency { step, unix_ns, latency_ns } = *measured;
+    reel::VlaLatency { step, unix_ns, latency_ns }
+}
+
+/// How far the robot was off.
+pub(crate) fn alignment(measured: &Alignment) -> reel::Alignment {
+    let Alignment { step, unix_ns, target, odometry_error_m, yaw_error_rad, image_shift_px, image_rmse_px } = measured.clone();
+    reel::Alignment { step, unix_ns, target, odometry_error_m, yaw_error_rad, image_shift_px, image_rmse_px }
 }
 
 /// A reply: `outside` or `answer`.

@@ -4,6 +4,7 @@ mod damage;
 mod doctor;
 mod flips;
 mod recovery;
+mod robot;
 mod round_trip;
 mod sample;
 mod viewers;

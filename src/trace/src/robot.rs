@@ -1,0 +1,109 @@
+//! What a robot measured while it played an episode. Stands beside the records: no digest of the hash chain covers it.
+//! Knows no files.
+
+use serde::Serialize;
+
+/// Where a robot measured itself to be, in the frame of its odometry.
+#[derive(Clone, Copy, PartialEq, Debug, Default, Serialize)]
+pub struct Odometry {
+    /// The decision during which it was measured; none: before the first.
+    pub step: Option<u32>,
+    /// When, in nanoseconds since 1970.
+    pub unix_ns: u64,
+    /// In metres.
+    pub x: f64,
+    /// In metres.
+    pub y: f64,
+    /// Heading around z in radians; 0 looks along +x.
+    pub yaw: f64,
+}
+
+/// What one execution of a skill came to.
+#[derive(Clone, PartialEq, Eq, Debug, Default, Serialize)]
+pub struct PrimitiveOutcome {
+    /// The decision during which it ended; none: before the first.
+    pub step: Option<u32>,
+    /// When it ended, in nanoseconds since 1970.
+    pub unix_ns: u64,
+    /// `pick`, `place`, `open`, `close`, or another name.
+    pub skill: String,
+    /// On what, in words: `desk`, `microwave`. Empty where nobody said.
+    pub target: String,
+    /// Whether it did what it should.
+    pub success: bool,
+    /// How long it took, in nanoseconds.
+    pub duration_ns: Option<u64>,
+    /// Steps of the low-level controller.
+    pub control_steps: Option<u32>,
+    /// What went wrong, in the words of the robot.
+    pub error: Option<String>,
+}
+
+/// How long one inference of the low-level model (a chunk of actions) took.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
+pub struct VlaLatency {
+    /// The decision during which it was made; none: before the first.
+    pub step: Option<u32>,
+    /// When, in nanoseconds since 1970.
+    pub unix_ns: u64,
+    /// In nanoseconds.
+    pub latency_ns: u64,
+}
+
+/// How far a robot was off after a repeated command to navigate or gaze.
+#[derive(Clone, PartialEq, Debug, Default, Serialize)]
+pub struct Alignment {
+    /// The decision during which it was measured; none: before the first.
+    pub step: Option<u32>,
+    /// When, in nanoseconds since 1970.
+    pub unix_ns: u64,
+    /// At what, in words. Empty where nobody said.
+    pub target: String,
+    /// Distance between the measured and the wanted position, in metres.
+    pub odometry_error_m: Option<f64>,
+    /// Difference in heading, in radians.
+    pub yaw_error_rad: Option<f64>,
+    /// Shift of the picture, in pixels.
+    pub image_shift_px: Option<f64>,
+    /// Root mean square error of the picture's registration, in pixels.
+    pub image_rmse_px: Option<f64>,
+}
+
+/// Everything that a robot measured in an episode, each list in the order of the trace; empty for episodes without a robot.
+#[derive(Clone, PartialEq, Debug, Default, Serialize)]
+pub struct RobotLog {
+    /// From `/robot/odometry`.
+    pub odometry: Vec<Odometry>,
+    /// From `/robot/primitive`.
+    pub primitives: Vec<PrimitiveOutcome>,
+    /// From `/robot/vla`.
+    pub vla: Vec<VlaLatency>,
+    /// From `/robot/alignment`.
+    pub alignments: Vec<Alignment>,
+}
+
+impl RobotLog {
+    /// Whether nothing was measured.
+    pub fn is_empty(&self) -> bool {
+        self.odometry.is_empty() && self.primitives.is_empty() && self.vla.is_empty() && self.alignments.is_empty()
+    }
+
+    /// What belongs to the first so many steps.
+    pub(crate) fn before(&self, steps: u32) -> RobotLog {
+        let mut log = self.clone();
+        log.odometry.retain(|it| it.step < Some(steps));
+        log.primitives.retain(|it| it.step < Some(steps));
+        log.vla.retain(|it| it.step < Some(steps));
+        log.alignments.retain(|it| it.step < Some(steps));
+        log
+    }
+}
+
+/// A camera picture as it was recorded, of any size.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct CameraImage {
+    /// `jpeg` or `png`.
+    pub format: String,
+    /// The file.
+    pub data: Vec<u8>,
+}
