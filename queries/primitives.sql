@@ -1,7 +1,8 @@
 -- primitives
 --
 -- The paper's table of primitive executability: how often a call that moves an object or a door does so, by skill.
--- A call that goes wrong for want of a marker map or of a valid marker counts as a call of `place ?`, `pick` and so on.
+-- A call that goes wrong for want of a marker map or of a valid marker counts as a call of `place ?`, `pick` and so on;
+-- on a robot whose furniture is not known, the kind is what the robot calls its target.
 --
 -- Columns:
 --   policy     who decided
@@ -19,18 +20,22 @@ WITH furniture AS (
   SELECT scene_digest, r['receptacle'] AS receptacle, r['category'] AS category
   FROM (SELECT scene_digest, unnest(receptacles) AS r FROM scenes)
 ),
+named AS (
+  SELECT episode_id, step, max(target) AS target FROM measurements WHERE kind = 'primitive' GROUP BY episode_id, step
+),
 -- a call that fails acted on nothing; the marker tells what it aimed at
 aims AS (
-  SELECT s.policy, s.tool, s.error_code, e.scene_digest, coalesce(s.receptacle, m.id) AS receptacle
+  SELECT s.policy, s.tool, s.error_code, e.scene_digest, coalesce(s.receptacle, m.id) AS receptacle, n.target
   FROM steps s
   JOIN episodes e ON e.episode_id = s.episode_id AND e.backend LIKE CAST($backend AS VARCHAR)
+  LEFT JOIN named n ON n.episode_id = s.episode_id AND n.step = s.step
   LEFT JOIN markers m ON m.episode_id = s.episode_id AND m.step = s.step AND CAST(m.marker AS VARCHAR) = s.argument
   WHERE s.tool IN ('open', 'close', 'pick', 'place')
 ),
 calls AS (
   SELECT
     a.policy, a.error_code,
-    CASE a.tool WHEN 'place' THEN concat('place ', coalesce(f.category, '?')) ELSE a.tool END AS skill
+    CASE a.tool WHEN 'place' THEN concat('place ', coalesce(f.category, a.target, '?')) ELSE a.tool END AS skill
   FROM aims a
   LEFT JOIN furniture f ON f.scene_digest = a.scene_digest AND f.receptacle = a.receptacle
 )

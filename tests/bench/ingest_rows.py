@@ -20,7 +20,7 @@ ARGUMENTS_KEPT = 65536
 
 HEADER = attrgetter(
     "episode_id", "run_id", "group_id", "rollout_index", "task_id", "family", "scene_id", "policy.name", "policy.checkpoint",
-    "seed", "profile", "reward_preset", "sim_version", "build", "backend",
+    "seed", "profile", "reward_preset", "sim_version", "build", "backend", "skills",
 )  # fmt: skip
 METRICS = attrgetter("success", "completion", "total_reward", "discounted_return", "length", "asks")
 RESULT = attrgetter("text", "error", "error_class", "object", "receptacle", "held", "tool")
@@ -33,7 +33,7 @@ CALL = attrgetter("name", "arguments_json")
 
 EPISODE_COLUMNS = (
     "episode_id", "run_id", "group_id", "rollout_index", "task_id", "family", "scene_id", "policy", "checkpoint",
-    "seed", "profile", "preset", "sim_version", "build", "backend",
+    "seed", "profile", "preset", "sim_version", "build", "backend", "skills",
     "task_digest", "scene_digest", "task_type", "end_reason",
     "success", "completion", "total_reward", "discounted_return", "length", "asks", "spl",
     "instruction", "fuzzy", "purpose", "target", "target_category", "target_caption", "src", "dest",
@@ -49,6 +49,10 @@ STEP_COLUMNS = (
     "state_digest", "chain_digest", "trace_offset",
 )  # fmt: skip
 VISIBLE_COLUMNS = ("object", "pixels", "x_min", "y_min", "x_max", "y_max")
+MEASURED_COLUMNS = (
+    "kind", "step", "skill", "target", "success", "took_ns", "control_steps", "error", "odometry_error_m", "yaw_error_rad",
+    "image_shift_px", "image_rmse_px",
+)  # fmt: skip
 NO_POLICY = (None, None, None, None)
 
 ARGUMENT_KEYS = {
@@ -97,6 +101,7 @@ class Rows:
         header[2] = header[2] if start.HasField("group_id") else None
         header[3] = header[3] if start.HasField("rollout_index") else None
         header[8] = header[8] if start.policy.HasField("checkpoint") else None
+        header[15] = header[15] or "perfect"
         parent = start.parent if start.HasField("parent") else None
         self.episodes.append(
             (
@@ -208,6 +213,8 @@ class Rows:
             steps[name] = [value or None for value in steps[name]]
         steps["listed"] = Nested(self.listed_counts, self.listed)
         steps["contradictions"] = [0] * len(self.steps)
+        # Clocks of servers and robots: the simulator's traces have none.
+        steps["took_ns"] = [None] * len(self.steps)
         steps["new_objects"] = Nested(self.new_object_counts, self.new_objects)
         steps["changes"] = Nested(self.change_counts, with_assets(columns_of(change, self.changes)))
         steps["terms"] = Nested(self.term_counts, columns_of(("component", "value", "reason"), self.terms))
@@ -217,6 +224,7 @@ class Rows:
         episodes = columns_of(EPISODE_COLUMNS, self.episodes)
         episodes["start_changes"] = Nested(self.start_change_counts, with_assets(columns_of(change, self.start_changes)))
         episodes["start_objects"] = Nested(self.start_object_counts, columns_of(VISIBLE_COLUMNS, self.start_objects))
+        episodes["measured"] = Nested([0] * len(self.episodes), dict.fromkeys(MEASURED_COLUMNS, ()))
         episodes["steps"] = Nested(self.step_counts, steps)
         tables = {"episodes": episodes}
         for table, rows in (("tasks", self.tasks), ("scenes", self.scenes), ("quarantine", self.quarantine)):

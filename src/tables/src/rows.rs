@@ -9,7 +9,7 @@ use std::{
 use arrow::array::RecordBatch;
 
 use reel_history::{Checker, Deed, Setting};
-use reel_trace::Trace;
+use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
     Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, ToolSpec, WorldGraph, canonical_json,
     record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject},
@@ -97,6 +97,7 @@ pub(crate) struct Episode<'a> {
     pub(crate) sim_version: u32,
     pub(crate) build: &'a str,
     pub(crate) backend: Value,
+    pub(crate) skills: &'static str,
     pub(crate) end_reason: Option<Value>,
     pub(crate) success: Option<bool>,
     pub(crate) completion: Option<f64>,
@@ -125,6 +126,7 @@ pub(crate) struct Episode<'a> {
     pub(crate) trace_digest: String,
     pub(crate) trace_bytes: u64,
     pub(crate) trace_modified_ns: i64,
+    pub(crate) measured: Vec<Measured<'a>>,
     pub(crate) steps: Vec<Step<'a>>,
 }
 
@@ -152,6 +154,7 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
         sim_version: header.sim_version,
         build: &header.build,
         backend: name_of(&header.backend),
+        skills: header.skills.as_str(),
         end_reason: end.as_ref().map(|end| name_of(&end.reason)),
         success: metrics.map(|metrics| metrics.success),
         completion: metrics.map(|metrics| metrics.completion),
@@ -180,8 +183,52 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
         trace_digest: trace.chain().to_string(),
         trace_bytes: trace.bytes,
         trace_modified_ns: modified_ns,
+        measured: measured(&trace.robot),
         steps: steps(trace),
     }
+}
+
+#[derive(Serialize, Default)]
+pub(crate) struct Measured<'a> {
+    kind: &'static str,
+    step: Option<u32>,
+    skill: Option<&'a str>,
+    target: Option<&'a str>,
+    success: Option<bool>,
+    took_ns: Option<u64>,
+    control_steps: Option<u32>,
+    error: Option<&'a str>,
+    odometry_error_m: Option<f64>,
+    yaw_error_rad: Option<f64>,
+    image_shift_px: Option<f64>,
+    image_rmse_px: Option<f64>,
+}
+
+fn measured(log: &RobotLog) -> Vec<Measured<'_>> {
+    let primitives = log.primitives.iter().map(|it| Measured {
+        kind: "primitive",
+        step: it.step,
+        skill: Some(&it.skill),
+        target: said(&it.target),
+        success: Some(it.success),
+        took_ns: it.duration_ns,
+        control_steps: it.control_steps,
+        error: it.error.as_deref(),
+        ..Measured::default()
+    });
+    let vla = log.vla.iter();
+    let vla = vla.map(|it| Measured { kind: "vla", step: it.step, took_ns: Some(it.latency_ns), ..Measured::default() });
+    let alignments = log.alignments.iter().map(|it| Measured {
+        kind: "alignment",
+        step: it.step,
+        target: said(&it.target),
+        odometry_error_m: it.odometry_error_m,
+        yaw_error_rad: it.yaw_error_rad,
+        image_shift_px: it.image_shift_px,
+        image_rmse_px: it.image_rmse_px,
+        ..Measured::default()
+    });
+    primitives.chain(vla).chain(alignments).collect()
 }
 
 #[derive(Serialize)]
@@ -213,6 +260,7 @@ pub(crate) struct Step<'a> {
     pub(crate) robot_yaw_rad: f32,
     pub(crate) path_length_m: f32,
     pub(crate) latency_ns: Option<u64>,
+    pub(crate) took_ns: Option<u64>,
     pub(crate) reasoning: Option<&'a str>,
     pub(crate) history: Option<&'a str>,
     pub(crate) plan: Option<&'a str>,
@@ -275,6 +323,7 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
             robot_yaw_rad: record.robot.yaw,
             path_length_m: record.robot.path_length_m,
             latency_ns: policy.and_then(|policy| policy.latency_ns),
+            took_ns: trace.timings.get(&record.step).map(|timing| timing.took_ns),
             reasoning: policy.and_then(|policy| said(&policy.reasoning)),
             history: policy.and_then(|policy| said(&policy.history)),
             plan: policy.and_then(|policy| said(&policy.plan)),

@@ -152,6 +152,7 @@ pub const STEP: &[Column] = &[
     must("robot_yaw_rad", Float, "heading, radians, 0 looks along +x"),
     must("path_length_m", Float, "path driven so far, metres"),
     may("latency_ns", Long, "how long the policy took, nanoseconds of wall-clock time"),
+    may("took_ns", Long, "how long the robot or the server took over the call, nanoseconds; null in Reel's own simulator"),
     may("reasoning", Text, "the policy's reasoning"),
     may("history", Text, "the policy's own summary"),
     may("plan", Text, "the policy's schedule and subtask"),
@@ -173,6 +174,27 @@ pub const STEP: &[Column] = &[
     must("trace_offset", Long, "byte of the trace file at which the step's first message stands"),
 ];
 
+/// What a robot measured beside its steps.
+const MEASURED: &[Column] = &[
+    must(
+        "kind",
+        Text,
+        "`primitive`: an execution of a low-level skill; `vla`: an inference of the model beneath; `alignment`: how far off \
+         a repeated command to navigate or gaze was",
+    ),
+    may("step", Int, "the decision during which it was measured; null: before the first"),
+    may("skill", Text, "of a primitive: `pick`, `place`, `open`, `close` or another name"),
+    may("target", Text, "of a primitive or an alignment: on or at what, in words"),
+    may("success", Flag, "of a primitive: whether it did what it should"),
+    may("took_ns", Long, "of a primitive or an inference: how long it took, nanoseconds"),
+    may("control_steps", Int, "of a primitive: steps of the low-level controller"),
+    may("error", Text, "of a primitive: what went wrong, in the robot's words"),
+    may("odometry_error_m", Float, "of an alignment, like what follows: distance to the wanted position, metres"),
+    may("yaw_error_rad", Float, "difference in heading, radians"),
+    may("image_shift_px", Float, "shift of the picture, pixels"),
+    may("image_rmse_px", Float, "root mean square error of the picture's registration, pixels"),
+];
+
 const EPISODES: &[Column] = &[
     must("episode_id", Text, "digest of the episode's inputs, shortened"),
     must("run_id", Text, "the command that recorded it"),
@@ -192,6 +214,7 @@ const EPISODES: &[Column] = &[
     must("sim_version", Int, "version of the simulator"),
     must("build", Text, "version of Reel that recorded it"),
     must("backend", Text, "`sim`, `robot`, `proxy`"),
+    must("skills", Text, "how reliable the robot's skills were made: `perfect`, `real-v1`"),
     may("end_reason", Text, "`finished`, `horizon`, `fault`, `aborted`; null: the trace breaks off"),
     may("success", Flag, "SR: no goal change is left; null where the trace breaks off, like the next six"),
     may("completion", Float, "CR: share of the goal changes that hold"),
@@ -220,6 +243,7 @@ const EPISODES: &[Column] = &[
     must("trace_digest", Text, "the trace's chain digest"),
     must("trace_bytes", Long, "size of the trace file"),
     must("trace_modified_ns", Long, "when it was last written, nanoseconds since 1970; ingest skips files that are as they were"),
+    must("measured", List(&Struct(MEASURED)), "what a robot measured; the view `measurements`"),
     must("steps", List(&Struct(STEP)), "the decisions in order"),
 ];
 
@@ -519,6 +543,14 @@ pub fn views(available: impl Fn(&str) -> bool) -> Vec<View> {
             ),
         ),
         view(
+            "measurements",
+            "`episode_id`, `policy`, `backend` and the columns of what a robot measured.",
+            format!(
+                "SELECT episode_id, policy, backend, {} FROM (SELECT episode_id, policy, backend, unnest(measured) AS m FROM episodes)",
+                flat("m", MEASURED)
+            ),
+        ),
+        view(
             "dialogue",
             "`episode_id, step, question, reply, source`: one row a question.",
             "SELECT episode_id, s['step'] AS step, s['question'] AS question, s['reply'] AS reply, \
@@ -577,8 +609,9 @@ pub fn document() -> String {
 }
 
 /// Nested structs with a section of their own.
-const NESTED: [(&str, &[Column]); 9] = [
+const NESTED: [(&str, &[Column]); 10] = [
     ("A step (`episodes.steps`, view `steps`)", STEP),
+    ("What a robot measured (`episodes.measured`, view `measurements`)", MEASURED),
     ("A change (`steps.changes`, `episodes.start_changes`, view `world_diffs`)", CHANGE),
     ("A reward term (`steps.terms`, view `rewards`)", TERM),
     ("A marker (`steps.marker_map`, view `markers`)", MARKER),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use arrow::array::RecordBatch;
 use rayon::prelude::*;
-use reel_world::{Digest, Scene, Task, record::Backend};
+use reel_world::{Digest, Scene, Skills, Task, record::Backend};
 
 use crate::{
     Store, StoreError, Table,
@@ -127,6 +127,7 @@ impl Maker<'_> {
             sim_version: 0,
             build: "",
             backend: name_of(&Backend::Proxy),
+            skills: Skills::Perfect.as_str(),
             end_reason: Some(if finished { "finished" } else { "horizon" }.into()),
             success: Some(success),
             completion: Some(if success { 1.0 } else { 0.5 * f64::from(u8::from(chance.share() < 0.4)) }),
@@ -155,6 +156,7 @@ impl Maker<'_> {
             trace_digest: id,
             trace_bytes: 0,
             trace_modified_ns: 0,
+            measured: Vec::new(),
             steps,
         }
     }
@@ -378,6 +380,7 @@ impl<'a> Play<'a, '_> {
             robot_yaw_rad: self.chance.share() as f32 * std::f32::consts::TAU,
             path_length_m: self.path_m,
             latency_ns: Some(400_000_000 + self.chance.next() % 900_000_000),
+            took_ns: None,
             reasoning: None,
             history: None,
             plan: None,

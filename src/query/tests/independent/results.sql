@@ -56,17 +56,29 @@ CREATE TABLE answer.primitives AS
 WITH aims AS (
   SELECT
     policy, scene_digest, call.tool AS tool, call.error_code IS NULL AS worked,
-    ifnull(call.receptacle, [mark.id FOR mark IN call.marker_map IF mark.marker::VARCHAR = call.argument][1]) AS aim
+    ifnull(call.receptacle, [mark.id FOR mark IN call.marker_map IF mark.marker::VARCHAR = call.argument][1]) AS aim,
+    list_max([it.target FOR it IN measured IF it.kind = 'primitive' AND it.step = call.step]) AS told
   FROM calls WHERE call.tool IN ('open', 'close', 'pick', 'place')
 ),
 skills AS (
-  SELECT policy, worked, unnest([if(tool = 'place', 'place ' || ifnull(place.category, '?'), tool), 'all']) AS skill
+  SELECT policy, worked, unnest([if(tool = 'place', 'place ' || coalesce(place.category, told, '?'), tool), 'all']) AS skill
   FROM aims JOIN scenes USING (scene_digest) LEFT JOIN unnest(scenes.receptacles) AS furniture(place) ON place.receptacle = aim
 )
 SELECT
   policy, skill, count(*) AS calls, tally(worked) AS worked, share(worked) AS success,
   low(tally(worked), count(*)) AS low, high(tally(worked), count(*)) AS high
 FROM skills GROUP BY policy, skill ORDER BY policy, skill = 'all', skill;
+
+CREATE TABLE answer.repeatability AS
+WITH trials AS (
+  SELECT unnest([ifnull(it.target, '?'), 'all']) AS target, it
+  FROM episodes, unnest(episodes.measured) AS log(it) WHERE it.kind = 'alignment'
+)
+SELECT
+  target, count(*) AS trials, avg(it.odometry_error_m * 100) AS odometry_cm, stddev_samp(it.odometry_error_m * 100) AS odometry_sd_cm,
+  avg(abs(it.yaw_error_rad) * 180 / pi()) AS yaw_deg, stddev_samp(abs(it.yaw_error_rad) * 180 / pi()) AS yaw_sd_deg,
+  avg(it.image_shift_px) AS shift_px, stddev_samp(it.image_shift_px) AS shift_sd_px, sqrt(avg(it.image_rmse_px ** 2)) AS rmse_px
+FROM trials GROUP BY target ORDER BY target = 'all', target;
 
 CREATE TABLE answer.rollouts AS
 WITH questions AS (SELECT episode_id, bool_or(useful) AS useful FROM answer.asks GROUP BY episode_id)

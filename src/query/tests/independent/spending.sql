@@ -118,3 +118,23 @@ SELECT
   policy, family, count(*) AS episodes, tally(matches) AS matching, share(success, matches) AS success_with,
   share(success, NOT matches) AS success_without
 FROM found GROUP BY policy, family ORDER BY policy, family;
+
+CREATE TABLE answer.execution AS
+WITH logs AS (
+  SELECT
+    policy, call, [it FOR it IN measured IF it.kind = 'vla' AND it.step = call.step] AS thought,
+    [it FOR it IN measured IF it.kind = 'primitive' AND it.step = call.step] AS done
+  FROM calls
+),
+timed AS (
+  SELECT
+    policy, call.tool AS tool, call.error_code IS NOT NULL AS failed,
+    ifnull(call.took_ns, list_sum([it.took_ns FOR it IN done])) / 1e9 AS took_s,
+    nullif(len(thought), 0) AS inferences, list_sum([it.took_ns FOR it IN thought]) AS thought_ns,
+    list_sum([it.control_steps FOR it IN done]) AS control_steps
+  FROM logs
+)
+SELECT
+  policy, tool, count(*) AS calls, tally(failed) AS failed, avg(took_s) AS mean_s, max(took_s) AS max_s,
+  avg(inferences) AS inferences, sum(thought_ns) / sum(inferences) / 1e6 AS inference_ms, avg(control_steps) AS control_steps
+FROM timed WHERE coalesce(took_s, inferences, control_steps) IS NOT NULL GROUP BY policy, tool ORDER BY policy, tool;

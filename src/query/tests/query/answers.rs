@@ -11,7 +11,10 @@ use reel_query::{Format, Parameters, Session, format, named};
 use reel_reward::Preset;
 use reel_tables::Store;
 use reel_taxonomy::{RuleSet, classify};
-use reel_trace::Images;
+use reel_trace::{
+    Images, Timing,
+    robot::{Alignment, PrimitiveOutcome, VlaLatency},
+};
 use reel_world::{
     ErrorCode, Family,
     record::{Backend, EndReason, PolicyOutput, UserSource},
@@ -169,6 +172,36 @@ fn varied() -> Vec<Play> {
         play.header.backend = Backend::Robot;
         play
     };
+    let measured = |mut play: Play| {
+        play.timings.insert(0, Timing { called_unix_ns: 1, took_ns: 8_250_000_000 });
+        let primitive = |step: u32, target: &str, success: bool, seconds: Option<u64>| PrimitiveOutcome {
+            step: Some(step),
+            skill: "open".into(),
+            target: target.into(),
+            success,
+            duration_ns: seconds.map(|seconds| seconds * 1_000_000_000),
+            control_steps: Some(1000),
+            ..PrimitiveOutcome::default()
+        };
+        let vla = |step: u32, latency_ns: u64| VlaLatency { step: Some(step), latency_ns, ..VlaLatency::default() };
+        let alignment = |step: Option<u32>, target: &str, centimetres: f64, shift: Option<f64>| Alignment {
+            step,
+            target: target.into(),
+            odometry_error_m: Some(centimetres / 100.0),
+            yaw_error_rad: Some(-0.01 * centimetres),
+            image_shift_px: shift,
+            image_rmse_px: shift.map(|shift| shift / 10.0),
+            ..Alignment::default()
+        };
+        play.robot.primitives = vec![primitive(1, "cupboard", false, Some(60)), primitive(2, "", true, None)];
+        play.robot.vla = vec![vla(1, 80_000_000), vla(1, 95_000_000), vla(2, 70_000_000)];
+        play.robot.alignments = vec![
+            alignment(Some(0), "cabinet", 1.5, Some(20.0)),
+            alignment(Some(0), "cabinet", 2.25, Some(31.0)),
+            alignment(Some(2), "", 1.75, None),
+        ];
+        play
+    };
     let failing = |seed: u64| Play::new("student", Family::FDP, seed).nav("table_1").pick(TARGET).nav("desk_2").place("desk_2");
     vec![
         asked("student", 1, UserSource::Human, "the white one", TARGET),
@@ -180,13 +213,13 @@ fn varied() -> Vec<Play> {
         slow(success("student", Family::FDP, 7), 1200),
         slow(success("teacher", Family::FDO, 8), 20_000),
         on_robot(slow(success("student", Family::FODP, 9), 4001)),
-        on_robot(
+        on_robot(measured(
             Play::new("student", Family::FDO, 10)
                 .nav("cabinet_1")
                 .fails("open", ErrorCode::OutOfReach)
                 .open("cabinet_1")
                 .finish(),
-        ),
+        )),
         rollout(success("student", Family::FDP, 11), "group-a", 1, 7.25),
         rollout(failing(12).finish(), "group-a", 0, -1.5),
         rollout(failing(13).ended(EndReason::Fault), "group-a", 2, 0.125),

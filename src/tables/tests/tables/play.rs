@@ -1,8 +1,11 @@
 //! Hand-made episodes, move by move, recorded as real traces. No physics. The tests of the crates that read traces share it.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
-use reel_trace::{Images, Recorder, Trace};
+use reel_trace::{Images, Recorder, Timing, Trace, robot::RobotLog};
 use reel_world::{Skills, record::*, *};
 use serde_json::{Value, json};
 
@@ -20,6 +23,10 @@ pub struct Play {
     graph: WorldGraph,
     held: Option<InstanceId>,
     pub steps: Vec<StepRecord>,
+    /// How long the calls took where they were carried out, by step.
+    pub timings: BTreeMap<u32, Timing>,
+    /// What a robot measured.
+    pub robot: RobotLog,
     /// Made up as well: the discounted return of its metrics.
     pub discounted_return: f64,
     reason: Option<EndReason>,
@@ -51,7 +58,18 @@ impl Play {
             parent: None,
         };
         let graph = task.initial.clone();
-        Self { header, task, scene, graph, held: None, steps: Vec::new(), discounted_return: 0.5, reason: None }
+        Self {
+            header,
+            task,
+            scene,
+            graph,
+            held: None,
+            steps: Vec::new(),
+            timings: BTreeMap::new(),
+            robot: RobotLog::default(),
+            discounted_return: 0.5,
+            reason: None,
+        }
     }
 
     /// Puts one more object into the task.
@@ -245,6 +263,10 @@ impl Play {
             link = chain::step_link(&link, &record);
             record.digests.chain = link;
             recorder.input(record.step, &record.input).unwrap();
+            if let Some(timing) = self.timings.get(&record.step) {
+                recorder.timing(record.step, timing).unwrap();
+            }
+            recorder.robot(Some(record.step), &self.robot).unwrap();
             recorder.step(&record, picture.as_ref()).unwrap();
         }
         let Some(reason) = self.reason else {
