@@ -245,7 +245,7 @@ def quoted(text):
 @functools.cache
 def prompts():
     """The system message, and the digest of the wording."""
-    texts = [(SOURCES / f"dataset/src/prompt-{style}.txt").read_text() for style in ("single-turn", "multi-turn")]
+    texts = [(SOURCES / f"prompt/texts/agent-{style}.txt").read_text() for style in ("single-turn", "multi-turn")]
     return texts[0].rstrip(), blake3("".join(texts).encode()).hexdigest()
 
 
