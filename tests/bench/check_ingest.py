@@ -50,7 +50,7 @@ def compare(table, store, folder):
         checked, wrong = leaves(f"{table}.{name}", mine, other)
         values += checked
         differing += wrong
-    print(f"{table}: {len(ours)} rows, {values} values compared", file=sys.stderr)
+    print(f"{table}: {len(ours)} rows, {values} values compared")
     return differing
 
 

@@ -22,14 +22,15 @@ HELLO = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"na
 
 
 class Recorder:
-    """`reel record` before a server on a port, on a free port of its own. `before` are words before the command."""
+    """`reel record` before a server on a port, or the command of one (`stdio`), on a free port of its own. `before` are words before
+    the recorder's command."""
 
-    def __init__(self, upstream_port, *arguments, out=None, before=(), path="/mcp"):
+    def __init__(self, upstream_port, *arguments, out=None, before=(), path="/mcp", stdio=()):
         self.folder = None if out else tempfile.TemporaryDirectory(prefix="reel-record-")
         self.out = pathlib.Path(out or self.folder.name)
         self.log = self.out.parent / f"{self.out.name}.log"
-        command = [*before, REEL, "record", "--upstream", f"http://127.0.0.1:{upstream_port}{path}", "--listen", "127.0.0.1:0"]
-        command += ["--out", str(self.out), *map(str, arguments)]
+        command = [*before, REEL, "record", "--listen", "127.0.0.1:0", "--out", str(self.out), *map(str, arguments)]
+        command += ["--stdio", "--", *map(str, stdio)] if stdio else ["--upstream", f"http://127.0.0.1:{upstream_port}{path}"]
         with open(self.log, "a") as log:
             self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
         line = self.process.stdout.readline()

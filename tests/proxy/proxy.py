@@ -15,7 +15,7 @@ import tempfile
 import threading
 
 from instant import Instant
-from kit import REEL, Http, Recorder, Server, Skipped, Sse, Stdio, environment, main, play, reel, tasks, texts, until
+from kit import REEL, Http, Recorder, Server, Skipped, Sse, Stdio, Wire, environment, main, play, reel, tasks, texts, until
 
 TABLES = os.environ.get("REEL_TABLES", REEL)
 
@@ -85,6 +85,78 @@ def test_same_bytes_over_stdio():
         bytes_ = same(*agents, "stdio")
         assert len(list((folder / "out").glob("*.mcap"))) == 2 and not list((folder / "out").glob("*.part"))
         print(f"  {len(agents[0].said)} lines, {bytes_} bytes alike")
+
+
+def test_a_stdio_server_over_http():
+    """Agents that connect get a process each, and the same messages as one that starts the process itself."""
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        made = world(folder)
+        serve = [REEL, "mcp", "--tasks", made, "--profile", "real-repo", "--run", "one", "--data", folder / "data"]
+        own = Stdio(serve)
+        with Recorder(None, "--json", stdio=serve) as recorder:
+            agents = [Http(recorder.port), Http(recorder.port)]
+            for agent in (own, *agents):
+                agent.rpc("tools/list")
+                play(agent)
+                agent.rpc("no/such/method")
+            assert agents[0].headers["Mcp-Session-Id"] != agents[1].headers["Mcp-Session-Id"]
+            lines = [line.rstrip(b"\n") for line in own.said]
+            for agent in agents:
+                assert messages(agent) == lines, "an agent over HTTP hears other words than one that starts the server"
+            # A page, or another program, that finds the port behind the recorder gets no further.
+            (port,) = listening(recorder.process.pid) - {recorder.port}
+            strange = Wire(port)
+            hello = json.dumps({"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": {}}).encode()
+            assert strange.ask("POST", "/mcp", hello, {"Content-Type": "text/plain"})[0] == 415
+            strange.port = "of.another.name"
+            assert strange.ask("POST", "/mcp", hello, {"Content-Type": "application/json"})[0] == 403
+            servers = children(recorder.process.pid)
+            assert len(servers) == 2, servers
+            assert agents[0].ask("POST", b"[]")[0] == 400
+            agents[0].close()
+            assert until(lambda: len(children(recorder.process.pid)) == 1), "the server of an ended session goes on"
+            agents[0] = Http(recorder.port)
+            # A server that dies in the middle of a session.
+            (living,) = set(servers) & set(children(recorder.process.pid))
+            os.kill(living, signal.SIGKILL)
+            answer = agents[1].call("highlight_receptacles")
+            assert "error" in answer or answer["status"] in (404, 502), answer
+            assert agents[1].ask("POST", hello.replace(b"initialize", b"ping"))[0] == 404
+            agents[0].rpc("ping")
+            said = json.loads(recorder.stop())
+            assert not children(recorder.process.pid) and len(recorder.traces()) == 2 and not recorder.parts(), said
+        own.close()
+    with Recorder(None, stdio=["/no/such/server"]) as recorder:
+        agent = Wire(recorder.port)
+        status, _, body = agent.ask("POST", "/mcp", hello, {"Content-Type": "application/json"})
+        assert status == 502 and "/no/such/server" in json.loads(body)["error"]["message"], body
+
+
+def messages(agent):
+    """What an agent over Streamable HTTP was told by a server of standard output."""
+    bodies = [body for _, _, body in agent.said]
+    return [line.removeprefix(b"data: ") for body in bodies for line in body.splitlines() if line.startswith(b"data: ")]
+
+
+def children(pid):
+    tasks_ = pathlib.Path(f"/proc/{pid}/task").glob("*/children")
+    try:
+        return sorted(int(child) for task in tasks_ for child in task.read_text().split())
+    except FileNotFoundError:
+        return []
+
+
+def listening(pid):
+    """Ports of this machine on which a process listens."""
+    sockets = set()
+    for descriptor in pathlib.Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            sockets.add(os.readlink(descriptor).removeprefix("socket:[").removesuffix("]"))
+        except FileNotFoundError:
+            pass
+    rows = [line.split() for line in pathlib.Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    return {int(row[1].split(":")[1], 16) for row in rows if row[3] == "0A" and row[9] in sockets}
 
 
 def test_an_absolute_endpoint_leads_through_the_recorder():

@@ -3,12 +3,14 @@
 //!
 //! `http`, `connection`, `events` and `stdio` pass bytes; `wire` and `sse` say where on the wire a message begins and ends; `tap`
 //! reads calls and results in JSON-RPC; `session` decides what is recorded before it is passed on, and what happens when that
-//! fails; `episode` makes records of it, with what `reel-import` knows of the published server. Never simulates, never answers in
-//! a server's place but to refuse, and never makes a value up: what nobody said is zero or absent.
+//! fails; `bridge` offers a server of standard input and output over HTTP; `episode` makes records of it, with what
+//! `reel-import` knows of the published server. Never simulates, never answers in a server's place but to refuse, and never
+//! makes a value up: what nobody said is zero or absent.
 //!
 //! Threads, not tasks: a connection is two copies that wait for each other's bytes, and a recording is written where its call is
 //! read.
 
+mod bridge;
 mod connection;
 mod episode;
 mod error;
@@ -37,6 +39,7 @@ use reel_world::{
     record::{Backend, EndReason, Metrics, StepRecord},
 };
 
+pub use bridge::Bridge;
 pub use error::ProxyError;
 pub use http::{Proxy, Upstream};
 pub use mapping::{Mapping, MappingError};

@@ -2,14 +2,14 @@
 
 use std::{
     fs,
-    net::SocketAddr,
+    net::{IpAddr, Ipv4Addr, SocketAddr},
     path::{Path, PathBuf},
     sync::Arc,
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
 use anyhow::{Context, bail};
-use reel_proxy::{Endings, Mapping, OnFull, Proxy, Report, Seen, Setup, Upstream};
+use reel_proxy::{Bridge, Endings, Mapping, OnFull, Proxy, Report, Seen, Setup, Upstream};
 use reel_reward::Preset;
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions};
@@ -42,6 +42,7 @@ use crate::{Answer, inputs};
 ///   reel record --upstream http://127.0.0.1:8000/sse --out traces          # agents connect to http://127.0.0.1:8810/sse
 ///   reel record --upstream http://robot:8000/mcp --backend robot --mapping robot.toml --out traces --watch
 ///   reel record --out traces --stdio -- python my_server.py                # in the place of the server's command
+///   reel record --out traces --listen 127.0.0.1:8810 --stdio -- python my_server.py   # agents connect to http://127.0.0.1:8810/mcp
 ///   reel record --upstream http://127.0.0.1:8801/mcp --tasks tasks --scene scene.json --out traces
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
@@ -49,13 +50,13 @@ pub struct Arguments {
     /// The tool server: http://HOST[:PORT][/PATH]
     #[arg(long, value_name = "URL", required_unless_present = "stdio", conflicts_with = "stdio")]
     upstream: Option<String>,
-    /// The tool server is a program that speaks over standard input and output, and so does the agent with this command; its words
-    /// come last
+    /// The tool server is a program that speaks over standard input and output; its words come last. So does the agent with this
+    /// command, or, with --listen, it connects over Streamable HTTP, and each session gets a process of its own
     #[arg(long, requires = "command")]
     stdio: bool,
-    /// Where agents connect
-    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8810", conflicts_with = "stdio")]
-    listen: SocketAddr,
+    /// Where agents connect; without it 127.0.0.1:8810, with --stdio nowhere
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    listen: Option<SocketAddr>,
     /// A name of this machine by which agents may call it, besides addresses and localhost
     #[arg(long = "host", value_name = "NAME")]
     hosts: Vec<String>,
@@ -106,29 +107,49 @@ pub struct Arguments {
     #[arg(long)]
     watch: bool,
     /// Print what went by at the end as JSON
-    #[arg(long, conflicts_with = "stdio")]
+    #[arg(long)]
     json: bool,
     /// With --stdio: the server's program and its arguments
     #[arg(value_name = "CMD", trailing_var_arg = true, allow_hyphen_values = true, requires = "stdio")]
     command: Vec<String>,
 }
 
+/// Where agents connect where nothing else is said.
+const LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8810);
+
+impl Arguments {
+    /// Whether this process is the server to its agent, over standard input and output.
+    fn takes_its_place(&self) -> bool {
+        self.stdio && self.listen.is_none()
+    }
+}
+
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let setup = Arc::new(setup(arguments)?);
-    if arguments.stdio {
+    if arguments.takes_its_place() {
         let code = reel_proxy::run_stdio(setup.clone(), &arguments.command)?;
-        let answer = answer(&setup.report, true, false)?;
+        let answer = answer(&setup.report, true, arguments.json)?;
         return match code {
             Some(0) | None => Ok(answer),
             Some(code) => bail!("the server ended with code {code}"),
         };
     }
-    let upstream = Upstream::parse(arguments.upstream.as_deref().unwrap_or_default())?;
+    let (bridge, url) = match &arguments.upstream {
+        Some(url) => (None, url.clone()),
+        None => {
+            let (bridge, url) = Bridge::start(&arguments.command, setup.message_max, setup.idle)?;
+            (Some(bridge), url)
+        }
+    };
+    let upstream = Upstream::parse(&url)?;
     let path = upstream.path().to_owned();
-    let proxy = Proxy::bind(setup.clone(), upstream, arguments.listen)?;
+    let proxy = Proxy::bind(setup.clone(), upstream, arguments.listen.unwrap_or(LISTEN))?;
     println!("recording into {}: agents connect to http://{}{path}; Ctrl-C stops", setup.out.display(), proxy.address()?);
     proxy.run()?;
+    if let Some(bridge) = bridge {
+        bridge.end_all();
+    }
     answer(&setup.report, false, arguments.json)
 }
 
@@ -169,7 +190,7 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         None => format!("record-{}", SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())),
     };
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
-    let (shows, to_stderr) = (arguments.watch, arguments.stdio);
+    let (shows, to_stderr) = (arguments.watch, arguments.takes_its_place());
     Ok(Setup {
         out: arguments.out.clone(),
         run,

@@ -1,14 +1,14 @@
-//! `reel serve` from outside: the scripts of `tests/service`, which talk to it as clients do.
+//! `reel serve` and `reel record` from outside: the scripts of `tests/service` and `tests/proxy`, which talk to them as clients do.
 
 use std::{path::PathBuf, process::Command};
 
-/// Runs a script of `tests/service`; prints what it says, so that what was skipped is seen.
+/// Runs a script of `tests`; prints what it says, so that what was skipped is seen.
 fn script(name: &str, arguments: &[&str]) {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/service");
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests");
     let mut command = Command::new("python3");
     command.arg(folder.join(name)).args(arguments).env("REEL", env!("CARGO_BIN_EXE_reel")).env("PYTHONDONTWRITEBYTECODE", "1");
     if std::env::var_os("REEL_REAL_BENCH").is_none() {
-        command.env("REEL_REAL_BENCH", folder.join("../../../shared/real-bench"));
+        command.env("REEL_REAL_BENCH", folder.join("../../shared/real-bench"));
     }
     let Ok(output) = command.output() else {
         println!("skipped: {name}, because there is no python3");
@@ -37,20 +37,26 @@ const FAULTS: &[&str] = &[
 
 #[test]
 fn agents_in_processes_of_their_own_play() {
-    script("players.py", &[]);
+    script("service/players.py", &[]);
 }
 
 #[test]
 fn the_published_contract_to_the_letter() {
-    script("real_repo_texts.py", &[]);
+    script("service/real_repo_texts.py", &[]);
 }
 
 #[test]
 fn nothing_privileged_reaches_a_policy() {
-    script("leaks.py", &["--episodes", "40"]);
+    script("service/leaks.py", &["--episodes", "40"]);
 }
 
 #[test]
 fn faults_have_clear_answers() {
-    script("faults.py", &[&["--quick"], FAULTS].concat());
+    script("service/faults.py", &[&["--quick"], FAULTS].concat());
+}
+
+/// All of `make proxy`.
+#[test]
+fn whoever_is_recorded_hears_the_same() {
+    script("proxy/proxy.py", &[]);
 }

@@ -126,6 +126,26 @@ fn the_benchmarks_script_makes_the_same_rows() {
     assert_eq!(said.matches("are the same").count(), 3, "{said}");
 }
 
+/// Another reader of the same traces, in Python, fills the same tables.
+#[test]
+fn the_benchmarks_script_makes_the_same_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["tasks", "generate", "--count", "2", "--seed", "5", "--out", "tasks"]);
+    for policy in ["oracle", "wrong-object", "no-ask"] {
+        expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "traces", "--no-images"]);
+    }
+    expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+    let path = |name: &str| folder.join(name).display().to_string();
+    let (traces, store, rows) = (path("traces"), path("store"), path("rows"));
+    let packages = "blake3, deltalake, google.protobuf, mcap, orjson, pyarrow, zstandard";
+    let read = python("REEL_PYTHON", packages, "tests/bench/ingest_python.py", &[&traces, "--out", &rows]);
+    if read.is_some() {
+        let said = python("REEL_PYTHON", packages, "tests/bench/check_ingest.py", &[&store, &rows]).unwrap();
+        assert!(said.contains("episodes: 6 rows"), "{said}");
+    }
+}
+
 /// The short form of `make prove-sft`.
 #[test]
 fn the_training_proof_has_tests_of_its_own() {
