@@ -10,9 +10,11 @@ import os
 import pathlib
 import signal
 import socket
+import struct
 import subprocess
 import tempfile
 import threading
+import zlib
 
 from instant import Instant
 from kit import REEL, Http, Recorder, Server, Skipped, Sse, Stdio, Wire, environment, main, play, reel, tasks, texts, until
@@ -393,6 +395,78 @@ OWN = {
         chain_digest trace_offset""",
     "tasks": "", "scenes": "",
 }
+
+
+# 32 x 18 pixels, the left half blue and the right half red.
+JPEG = (
+    "/9j/4AAQSkZJRgABAQAAAQABAAD/2wBDABQODxIPDRQSEBIXFRQYHjIhHhwcHj0sLiQySUBMS0dARkVQWnNiUFVtVkVGZIhlbXd7gYKBTmCNl4x9lnN+gXz/"
+    "2wBDARUXFx4aHjshITt8U0ZTfHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHx8fHz/wAARCAASACADASIAAhEBAxEB/8QA"
+    "HwAAAQUBAQEBAQEAAAAAAAAAAAECAwQFBgcICQoL/8QAtRAAAgEDAwIEAwUFBAQAAAF9AQIDAAQRBRIhMUEGE1FhByJxFDKBkaEII0KxwRVS0fAkM2JyggkK"
+    "FhcYGRolJicoKSo0NTY3ODk6Q0RFRkdISUpTVFVWV1hZWmNkZWZnaGlqc3R1dnd4eXqDhIWGh4iJipKTlJWWl5iZmqKjpKWmp6ipqrKztLW2t7i5usLDxMXG"
+    "x8jJytLT1NXW19jZ2uHi4+Tl5ufo6erx8vP09fb3+Pn6/8QAHwEAAwEBAQEBAQEBAQAAAAAAAAECAwQFBgcICQoL/8QAtREAAgECBAQDBAcFBAQAAQJ3AAEC"
+    "AxEEBSExBhJBUQdhcRMiMoEIFEKRobHBCSMzUvAVYnLRChYkNOEl8RcYGRomJygpKjU2Nzg5OkNERUZHSElKU1RVVldYWVpjZGVmZ2hpanN0dXZ3eHl6goOE"
+    "hYaHiImKkpOUlZaXmJmaoqOkpaanqKmqsrO0tba3uLm6wsPExcbHyMnK0tPU1dbX2Nna4uPk5ebn6Onq8vP09fb3+Pn6/9oADAMBAAIRAxEAPwDCooor6M5S"
+    "1RRRXyJ9UVaKKK+uPlS1RRRXyJ9Uf//Z"
+)
+
+
+def png(width, height, pixel):
+    """A PNG file of pixels by function of column and row."""
+    rows = b"".join(b"\0" + b"".join(bytes(pixel(x, y)) for x in range(width)) for y in range(height))
+    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+
+
+def pixels(file):
+    """Width, height and rows of a PNG file in RGB."""
+    width, height = struct.unpack(">II", file[16:24])
+    data, at = b"", 8
+    while at < len(file):
+        (length,) = struct.unpack(">I", file[at : at + 4])
+        data += file[at + 8 : at + 8 + length] if file[at + 4 : at + 8] == b"IDAT" else b""
+        at += length + 12
+    data, rows, above = zlib.decompress(data), [], bytes(width * 3)
+    for row in range(height):
+        kind, *line = data[row * (width * 3 + 1) : (row + 1) * (width * 3 + 1)]
+        for i in range(width * 3):
+            a, b, c = line[i - 3] if i > 2 else 0, above[i], above[i - 3] if i > 2 else 0
+            near = min((abs(b - c), 0, a), (abs(a - c), 1, b), (abs(a + b - 2 * c), 2, c))[2]
+            line[i] = (line[i] + (0, a, b, (a + b) // 2, near)[kind]) & 255
+        above = line
+        rows.append(line)
+    return width, height, rows
+
+
+def test_pictures_of_any_size():
+    """JPEG files and PNG files of other sizes are drawn into 640 x 480, and kept as they came; what is no picture is left out."""
+    wide = png(1280, 720, lambda x, y: (20, 40, 220) if x < 640 else (200, 30, 30))
+    tall = png(60, 120, lambda x, y: (0, 200, 0))
+    kinds = [(JPEG, "image/jpeg"), (base64.b64encode(wide).decode(), "image/png"), (base64.b64encode(tall).decode(), "image/png")]
+    kinds.append((base64.b64encode(b"GIF89a, or so").decode(), "image/gif"))
+    for data, kind in kinds:
+        with Instant({"content": [{"type": "image", "mimeType": kind, "data": data}]}) as server, Recorder(server.port) as recorder:
+            agent = Http(recorder.port)
+            agent.call("look")
+            agent.close()
+            assert until(lambda: recorder.traces())
+            (trace,), left_out = recorder.traces(), kind == "image/gif"
+            out = recorder.out / "pictures"
+            code, said, error = reel("frames", trace, "--out", out)
+            assert ("1 pictures left out" in recorder.stop()) == left_out and ("image/gif" in recorder.log.read_text()) == left_out
+            if left_out:
+                continue
+            assert code == 0, said + error
+            shown = json.loads(reel("show", trace, "--json")[1])["steps"][0]
+            assert shown["digests"]["frame"], "the digest of a picture that was drawn again is known"
+            width, height, rows = pixels(next(path for path in sorted(out.glob("*.png")) if "sheet" not in path.name).read_bytes())
+            at = lambda x, y: rows[y][3 * x : 3 * x + 3]
+            assert (width, height) == (640, 480)
+            if data == kinds[2][0]:
+                assert at(100, 240) == [0, 0, 0] == at(540, 240) and at(320, 2)[1] > 150, (at(100, 240), at(320, 2))
+            else:
+                assert at(320, 20) == [0, 0, 0] == at(320, 460), at(320, 20)
+                assert at(100, 240)[2] > 150 > at(100, 240)[0] and at(540, 240)[0] > 150 > at(540, 240)[2], (at(100, 240), at(540, 240))
 
 
 def test_tables_beside_the_servers_own():

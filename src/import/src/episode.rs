@@ -34,11 +34,31 @@ pub(crate) struct Built {
 impl Built {
     /// Name of the trace: task, policy and content, so that equal episodes have one name and others another.
     pub(crate) fn file_stem(&self) -> String {
-        let safe = |text: &str| text.replace(|letter: char| !letter.is_ascii_alphanumeric() && !"._-".contains(letter), "_");
-        let EpisodeHeader { task_id, policy, episode_id, .. } = &self.header;
-        let short = |text: &str| safe(text).chars().take(80).collect::<String>();
-        format!("{}--{}--{episode_id}", short(task_id), short(&policy.name))
+        file_stem(&self.header)
     }
+}
+
+/// See [`Built::file_stem`].
+pub(crate) fn file_stem(header: &EpisodeHeader) -> String {
+    let safe = |text: &str| text.replace(|letter: char| !letter.is_ascii_alphanumeric() && !"._-".contains(letter), "_");
+    let EpisodeHeader { task_id, policy, episode_id, .. } = header;
+    let short = |text: &str| safe(text).chars().take(80).collect::<String>();
+    format!("{}--{}--{episode_id}", short(task_id), short(&policy.name))
+}
+
+/// Links the records of an episode to each other; its last link.
+pub(crate) fn link<'a>(
+    header: &EpisodeHeader,
+    start: &mut StartRecord,
+    records: impl IntoIterator<Item = &'a mut StepRecord>,
+) -> Digest {
+    start.digests.chain = chain::start_link(header, start);
+    let mut link = start.digests.chain;
+    for record in records {
+        record.digests.chain = chain::step_link(&link, record);
+        link = record.digests.chain;
+    }
+    link
 }
 
 /// Makes the records of an episode.
@@ -94,12 +114,7 @@ pub(crate) fn build(mut files: Files, options: &Options<'_>) -> Result<Built, Im
     header.episode_id = Digest::of_json(&(&header, &start, &records)).to_string()[..16].to_owned();
     header.build = env!("CARGO_PKG_VERSION").to_owned();
 
-    start.digests.chain = chain::start_link(&header, &start);
-    let mut link = start.digests.chain;
-    for record in &mut records {
-        record.digests.chain = chain::step_link(&link, record);
-        link = record.digests.chain;
-    }
+    let link = link(&header, &mut start, &mut records);
     let metrics = metrics(&preset, &task, &start, &records, &graphs);
     let told = files.summary.as_ref().and_then(|summary| summary.get("success")?.as_bool());
     if told.is_some_and(|told| told != metrics.success) {

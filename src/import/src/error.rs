@@ -45,6 +45,28 @@ pub enum ImportError {
         /// What is missing.
         what: String,
     },
+    /// No recording there.
+    #[error("no recording here: give a file .mcap, a folder that rosbag2 wrote, or a folder of such: {root}")]
+    NoRecording {
+        /// What was given.
+        root: PathBuf,
+    },
+    /// A recording in a form that is not read.
+    #[error("{what}: {path}")]
+    Storage {
+        /// The file.
+        path: PathBuf,
+        /// What it is, and what to do.
+        what: String,
+    },
+    /// Nothing of a recording became an episode.
+    #[error("no episode in the recording ({what}): {path}")]
+    Empty {
+        /// The recording.
+        path: PathBuf,
+        /// What it holds instead.
+        what: String,
+    },
     /// The trace cannot be written.
     #[error(transparent)]
     Trace(#[from] TraceError),

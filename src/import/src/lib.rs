@@ -1,4 +1,5 @@
-//! Episodes that agents of the published REAL framework played (`eval_output`, SPEC section 9) as traces.
+//! Episodes that agents of the published REAL framework played (`eval_output`, SPEC section 9) as traces; [`robot`] does the same
+//! for what robots recorded.
 //!
 //! Owns what their files mean. Reads every field leniently: a missing file is less information; a torn one is a loss that
 //! is named, and the steps before it are imported. Never simulates, never guesses a value: what the files do not say
@@ -23,10 +24,12 @@ mod episode;
 mod error;
 mod graph;
 mod layout;
+mod mapping;
 mod observe;
 mod outcome;
 mod picture;
 mod response;
+pub mod robot;
 mod task;
 
 use std::{
@@ -41,9 +44,10 @@ use serde_json::{Map, Value};
 
 pub use error::ImportError;
 pub use layout::cut_debug_info;
+pub use mapping::{Entries, MappingError, MappingFile, Tools};
 pub use observe::{Shown, State, both, header, record};
 pub use outcome::{outcome, reply};
-pub use task::Setting;
+pub use task::{Setting, unknown_task};
 
 /// What is known besides the files of an episode.
 #[derive(Clone, Copy, Debug)]

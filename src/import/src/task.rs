@@ -91,9 +91,7 @@ pub struct Setting {
 pub(crate) fn setting(told: &mut Told<'_>, seen: &Seen, options: &Options<'_>) -> Result<Setting, ImportError> {
     let meta = told.meta;
     let names = Names::of(told);
-    let settings =
-        meta.iter().filter(|(key, value)| !value.is_null() && !KNOWN.contains(&key.as_str()) && !OF_TASK.contains(&key.as_str()));
-    let settings = settings.map(|(key, value)| (key.clone(), value.clone())).collect();
+    let settings = settings(meta);
     let scene_id = text(meta, "scene_id").or_else(|| told.folders[1].clone()).unwrap_or_else(|| UNKNOWN.to_owned());
     let known_scene = options.scene.filter(|scene| scene.scene_id == scene_id);
     if let Some(task) = options.tasks.iter().find(|task| names.mean(&task.task_id)) {
@@ -110,6 +108,68 @@ pub(crate) fn setting(told: &mut Told<'_>, seen: &Seen, options: &Options<'_>) -
     let task = from_meta(told, names, scene_id, seen)?;
     let scene = known_scene.cloned().unwrap_or_else(|| named_scene(&task.scene_id, meta, seen, &task.initial));
     Ok(Setting { task, scene, settings })
+}
+
+/// Of an episode that does not say what shall go where.
+pub(crate) fn unknown(told: &Told<'_>, initial: WorldGraph) -> Setting {
+    let meta = told.meta;
+    let names = Names::of(told);
+    let scene_id = text(meta, "scene_id").unwrap_or_else(|| UNKNOWN.to_owned());
+    let mut setting = unknown_task(names.task_id, text(meta, "task_description").unwrap_or_default(), scene_id, initial);
+    setting.task.family = names.family.unwrap_or(setting.task.family);
+    Setting { settings: settings(meta), ..setting }
+}
+
+/// What is neither of the task nor of the header.
+fn settings(meta: &Map<String, Value>) -> BTreeMap<String, Value> {
+    let known = |key: &str| KNOWN.contains(&key) || OF_TASK.contains(&key);
+    let others = meta.iter().filter(|(key, value)| !value.is_null() && !known(key));
+    others.map(|(key, value)| (key.clone(), value.clone())).collect()
+}
+
+/// A task of which nothing is known but, perhaps, its words. Its goal is an object that nobody can bring, so that no episode
+/// counts as a success of which nobody knows whether it was one.
+pub fn unknown_task(task_id: String, instruction: String, scene_id: String, initial: WorldGraph) -> Setting {
+    let place = ReceptacleId::from(UNKNOWN);
+    let target = ObjectInstance {
+        instance: UNKNOWN.into(),
+        asset: UNKNOWN.into(),
+        category: UNKNOWN.to_owned(),
+        caption: None,
+        attributes: BTreeMap::new(),
+        size: [0.0; 3],
+        position: [0.0; 3],
+        yaw: 0.0,
+        receptacle: place.clone(),
+        reference_rest: None,
+    };
+    let mut goal = initial.clone();
+    goal.add(&place, &target.instance);
+    let task = Task {
+        task_id,
+        family: Family::FDP,
+        task_type: None,
+        scene_id: scene_id.clone(),
+        precise_instruction: instruction.clone(),
+        instruction,
+        fuzzy: false,
+        purpose: None,
+        target: target.instance.clone(),
+        objects: vec![target],
+        initial,
+        goal,
+        src: place.clone(),
+        dest: place,
+        src_distractors: Vec::new(),
+        dest_distractors: Vec::new(),
+        object_distractors: Vec::new(),
+        plan: Vec::new(),
+        published_goal: None,
+        extra: BTreeMap::new(),
+    };
+    let scene =
+        Scene { scene_id, rooms: Vec::new(), walls: None, robot_start: None, receptacles: Vec::new(), extra: BTreeMap::new() };
+    Setting { task, scene, settings: BTreeMap::new() }
 }
 
 /// What an episode's task may be called.

@@ -3,20 +3,19 @@
 
 use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
-use base64::Engine as _;
-use reel_import::{Begun, Setting, Shown, State, both};
+use base64::{Engine as _, engine::general_purpose::STANDARD};
+use reel_import::{Begun, Setting, Shown, State, both, unknown_task};
 use reel_reward::{Rewarder, metrics};
-use reel_trace::{Recorder, Timing, TraceError};
+use reel_trace::{Recorder, Timing, TraceError, robot::CameraImage};
 use reel_world::{
-    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Family, Lifecycle, ObjectInstance, Outcome, ReceptacleId, Scene, Task, Tool,
-    ToolCall, WorldGraph, chain,
+    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene, Task, Tool, ToolCall, chain,
     record::{EndReason, EndRecord, EpisodeHeader, Metrics, PolicyInfo, PolicyOutput, StartRecord, StepInput, StepRecord},
 };
 use serde_json::{Map, Value, json};
 
 use crate::{Seen, Setup, tap::Answer};
 
-/// What is not known: a task, its target, a scene.
+/// What is not known: a task, a scene.
 const UNKNOWN: &str = "unknown";
 /// What the published server's texts begin with when a tool stumbled.
 const STUMBLED: &str = "Error executing ";
@@ -130,11 +129,12 @@ impl Episodes {
         let mut answer = answer;
         let payload = answer.payload();
         let debug_info = answer.texts.iter_mut().filter_map(reel_import::cut_debug_info).last();
-        let png = self.picture(&mut answer);
+        let picture = self.picture(&mut answer);
         let mut ends = None;
         if *kind == Kind::Step {
             let tells_another = payload.is_some();
-            ends = self.step(&answer, debug_info.as_ref(), tells_another, png.as_deref(), timing)?;
+            let picture = picture.as_ref().filter(|_| !tells_another);
+            ends = self.step(&answer, debug_info.as_ref(), tells_another, picture, timing)?;
         }
         if payload.is_some() || ends.is_some() {
             // Whatever ran is over: the server plays something else now.
@@ -142,7 +142,7 @@ impl Episodes {
         }
         let Some(payload) = payload else { return Ok(()) };
         let begun = self.told(&payload, &debug_info.unwrap_or_default());
-        self.begin(begun, png.as_deref())
+        self.begin(begun, picture.as_ref())
     }
 
     /// Ends the episode that runs, if one does. Every step of it is on disk; making its trace of that takes longer than anybody
@@ -169,7 +169,7 @@ impl Episodes {
         answer: &Answer,
         debug_info: Option<&Map<String, Value>>,
         tells_another: bool,
-        png: Option<&str>,
+        picture: Option<&Picture>,
         timing: Timing,
     ) -> Result<Option<EndReason>, Trouble> {
         let mapping = self.setup.mapping.as_ref();
@@ -191,13 +191,17 @@ impl Episodes {
             None => outcome(&input.call, answer, debug_info.is_some(), marked),
         };
         let reply = reel_import::reply(&input.call, &outcome);
-        let shown = Shown { input, outcome, reply, frame: None };
+        let shown = Shown { input, outcome, reply, frame: picture.and_then(Picture::digests) };
         let mut record = reel_import::record(playing.next(), shown, &playing.state, &after);
         record.reward = playing.rewarder.step(&record);
         record.digests.chain = chain::step_link(&playing.link, &record);
         let recorder = &mut playing.recorder;
-        let written = recorder.timing(record.step, &timing).and_then(|()| match png.filter(|_| !tells_another) {
-            Some(png) => recorder.step_with_base64(&record, png),
+        let written = recorder.timing(record.step, &timing).and_then(|()| match picture {
+            Some(Picture::AsItCame(png)) => recorder.step_with_base64(&record, png),
+            Some(Picture::Fitted(original, frame)) => {
+                recorder.original(Some(record.step), original)?;
+                recorder.step(&record, Some(frame))
+            }
             None => recorder.step(&record, None),
         });
         if let Err(error) = written {
@@ -212,7 +216,7 @@ impl Episodes {
     }
 
     /// Opens the recording of an episode.
-    fn begin(&mut self, begun: Begun, png: Option<&str>) -> Result<(), Trouble> {
+    fn begin(&mut self, begun: Begun, picture: Option<&Picture>) -> Result<(), Trouble> {
         let Begun { setting: Setting { task, scene, settings }, state, notes } = begun;
         let (path, before) = self.path(&task);
         let setup = &self.setup;
@@ -237,14 +241,19 @@ impl Episodes {
             robot: state.robot(),
             ..StartRecord::default()
         };
+        start.digests.frame = picture.and_then(Picture::digests);
         header.episode_id = Digest::of_json(&(&header, &start)).to_string()[..16].to_owned();
         header.build = env!("CARGO_PKG_VERSION").to_owned();
         start.digests.chain = chain::start_link(&header, &start);
         let mut rewarder = setup.preset.rewarder(&task, &scene);
         rewarder.start(&start);
         let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(|mut recorder| {
-            let started = match png {
-                Some(png) => recorder.start_with_base64(&start, png),
+            let started = match picture {
+                Some(Picture::AsItCame(png)) => recorder.start_with_base64(&start, png),
+                Some(Picture::Fitted(original, frame)) => {
+                    recorder.original(None, original)?;
+                    recorder.start(&start, Some(frame))
+                }
                 None => recorder.start(&start, None),
             };
             started.map(|()| recorder)
@@ -283,7 +292,7 @@ impl Episodes {
         reel_import::begun(payload, debug_info, &options).unwrap_or_else(|error| {
             let of = |key: &str| payload.get(key).and_then(Value::as_str).unwrap_or(UNKNOWN).to_owned();
             let state = State::default().after(debug_info);
-            let mut begun = unknown_task(of("task_id"), of("task_description"), of("scene_id"), state);
+            let mut begun = unknown(of("task_id"), of("task_description"), of("scene_id"), state);
             begun.notes.push(error.to_string());
             begun
         })
@@ -297,26 +306,48 @@ impl Episodes {
                 setting: Setting { task: Task::clone(task), scene: Scene::clone(scene), settings: BTreeMap::new() },
                 notes: Vec::new(),
             },
-            _ => unknown_task(UNKNOWN.to_owned(), String::new(), UNKNOWN.to_owned(), State::default()),
+            _ => unknown(UNKNOWN.to_owned(), String::new(), UNKNOWN.to_owned(), State::default()),
         }
     }
 
-    /// The last picture of an answer, in Base64, where it can stand in a trace.
-    fn picture(&self, answer: &mut Answer) -> Option<String> {
+    /// The last picture of an answer, as a trace takes it.
+    fn picture(&self, answer: &mut Answer) -> Option<Picture> {
         let (kind, data) = answer.pictures.pop()?;
-        let why = match png_size(&data) {
-            Some((FRAME_WIDTH, FRAME_HEIGHT)) => return Some(data),
-            Some((width, height)) => format!("it has {width} x {height} pixels, not {FRAME_WIDTH} x {FRAME_HEIGHT}"),
-            None => format!("it is no PNG, but {kind:?}"),
-        };
-        self.setup.tell(Seen::PictureLeftOut { session: &self.session, why: &why });
-        None
+        if png_size(&data) == Some((FRAME_WIDTH, FRAME_HEIGHT)) {
+            return Some(Picture::AsItCame(data));
+        }
+        let file = STANDARD.decode(&data).map_err(|error| format!("it is no Base64 ({error})"));
+        match file.and_then(reel_import::robot::camera_picture) {
+            Ok((original, frame)) => Some(Picture::Fitted(original, Box::new(frame))),
+            Err(why) => {
+                let why = format!("{why}; the server calls it {kind:?}");
+                self.setup.tell(Seen::PictureLeftOut { session: &self.session, why: &why });
+                None
+            }
+        }
+    }
+}
+
+/// A picture on its way into a trace.
+enum Picture {
+    /// A PNG file of the size that traces hold, in Base64. It is decoded when the episode ends: nobody waits for that.
+    AsItCame(String),
+    /// Of another kind or size: the file, and what a trace holds of it.
+    Fitted(CameraImage, Box<Frame>),
+}
+
+impl Picture {
+    fn digests(&self) -> Option<FrameDigests> {
+        match self {
+            Picture::AsItCame(_) => None,
+            Picture::Fitted(_, frame) => Some(frame.digests()),
+        }
     }
 }
 
 /// Width and height of a PNG file in Base64, as its head says.
 fn png_size(text: &str) -> Option<(usize, usize)> {
-    let head = base64::engine::general_purpose::STANDARD.decode(text.get(..32)?).ok()?;
+    let head = STANDARD.decode(text.get(..32)?).ok()?;
     let side = |from: usize| Some(u32::from_be_bytes(*head.get(from..)?.first_chunk()?) as usize);
     head.starts_with(b"\x89PNG\r\n\x1a\n").then(|| Some((side(16)?, side(20)?))).flatten()
 }
@@ -356,48 +387,8 @@ fn failed(why: &str, answer: &Answer) -> Outcome {
     Outcome::error(code, text)
 }
 
-/// A task of which nothing is known but, perhaps, its words. Its goal is an object that nobody can bring, so that no episode
-/// counts as a success of which nobody knows whether it was one.
-fn unknown_task(task_id: String, instruction: String, scene_id: String, state: State) -> Begun {
-    let initial: WorldGraph = state.graph.clone().unwrap_or_default();
-    let place = ReceptacleId::from(UNKNOWN);
-    let target = ObjectInstance {
-        instance: UNKNOWN.into(),
-        asset: UNKNOWN.into(),
-        category: UNKNOWN.to_owned(),
-        caption: None,
-        attributes: BTreeMap::new(),
-        size: [0.0; 3],
-        position: [0.0; 3],
-        yaw: 0.0,
-        receptacle: place.clone(),
-        reference_rest: None,
-    };
-    let mut goal = initial.clone();
-    goal.add(&place, &target.instance);
-    let task = Task {
-        task_id,
-        family: Family::FDP,
-        task_type: None,
-        scene_id: scene_id.clone(),
-        precise_instruction: instruction.clone(),
-        instruction,
-        fuzzy: false,
-        purpose: None,
-        target: target.instance.clone(),
-        objects: vec![target],
-        initial,
-        goal,
-        src: place.clone(),
-        dest: place,
-        src_distractors: Vec::new(),
-        dest_distractors: Vec::new(),
-        object_distractors: Vec::new(),
-        plan: Vec::new(),
-        published_goal: None,
-        extra: BTreeMap::new(),
-    };
-    let scene =
-        Scene { scene_id, rooms: Vec::new(), walls: None, robot_start: None, receptacles: Vec::new(), extra: BTreeMap::new() };
-    Begun { setting: Setting { task, scene, settings: BTreeMap::new() }, state, notes: vec!["the task is not known".to_owned()] }
+/// The episode of which nothing is known but, perhaps, its words.
+fn unknown(task_id: String, instruction: String, scene_id: String, state: State) -> Begun {
+    let setting = unknown_task(task_id, instruction, scene_id, state.graph.clone().unwrap_or_default());
+    Begun { setting, state, notes: vec!["the task is not known".to_owned()] }
 }

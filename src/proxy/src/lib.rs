@@ -42,7 +42,8 @@ use reel_world::{
 pub use bridge::Bridge;
 pub use error::ProxyError;
 pub use http::{Proxy, Upstream};
-pub use mapping::{Mapping, MappingError};
+pub use mapping::Mapping;
+pub use reel_import::MappingError;
 pub use report::{Counts, Endings, Report};
 pub use stdio::run_stdio;
 

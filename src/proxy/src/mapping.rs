@@ -1,26 +1,12 @@
 //! Mapping files: which tools of another server are which of the eleven, and where its results say how the world is. Never opens a
 //! file: texts come. `docs/proxy.md` explains the format.
 
-use std::{borrow::Cow, collections::BTreeMap, ops::Range};
+use std::borrow::Cow;
 
-use reel_world::{ToolCall, ToolSpec};
+use reel_import::{MappingError, MappingFile, Tools};
+use reel_world::ToolCall;
 use serde_json::{Map, Value};
-use toml::{
-    Spanned,
-    de::{DeTable, DeValue},
-};
-
-/// What is wrong with a mapping file.
-#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
-#[error("line {line}, column {column}: {what}")]
-pub struct MappingError {
-    /// From 1.
-    pub line: usize,
-    /// From 1, in characters.
-    pub column: usize,
-    /// What is wrong, and what could stand there.
-    pub what: String,
-}
+use toml::{Spanned, de::DeValue};
 
 /// The keys of `[state]`, and what they are in the debug information of the published server.
 const STATE: [(&str, &str); 5] = [
@@ -32,23 +18,14 @@ const STATE: [(&str, &str); 5] = [
 ];
 /// Where a result says that the call failed.
 const ERROR: &str = "error";
-/// An argument of `ask` beside the one that the paper gives it.
-const MORE_OF_ASK: [&str; 2] = ["target_category", "target_description"];
 
 /// Which tools there are which of ours, and where results say how the world is.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Mapping {
-    tools: BTreeMap<String, Mapped>,
+    tools: Tools,
     /// Our key and the JSON pointer there.
     state: Vec<(&'static str, String)>,
     error: Option<String>,
-}
-
-#[derive(Clone, PartialEq, Eq, Debug)]
-struct Mapped {
-    is: &'static str,
-    /// Our argument and the one there.
-    arguments: Vec<(String, String)>,
 }
 
 impl Mapping {
@@ -57,17 +34,11 @@ impl Mapping {
     /// # Errors
     /// With line and column, what is no TOML or means nothing.
     pub fn parse(text: &str) -> Result<Self, MappingError> {
-        let file = File { text };
-        let table =
-            DeTable::parse(text).map_err(|error| file.error(error.span(), error.message().replace('\n', "; ")))?.into_inner();
+        let (file, table) = MappingFile::parse(text)?;
         let mut mapping = Self::default();
         for (key, value) in &table {
             match key.get_ref().as_ref() {
-                "tools" => {
-                    for (name, tool) in file.table(value, "tools")? {
-                        mapping.tools.insert(name.get_ref().to_string(), file.tool(name.get_ref(), tool)?);
-                    }
-                }
+                "tools" => mapping.tools = Tools::parse(&file, value)?,
                 "state" => {
                     for (key, pointer) in file.table(value, "state")? {
                         mapping.point(&file, key, pointer)?;
@@ -79,11 +50,13 @@ impl Mapping {
         Ok(mapping)
     }
 
-    fn point(&mut self, file: &File<'_>, key: &Spanned<Cow<'_, str>>, value: &Spanned<DeValue<'_>>) -> Result<(), MappingError> {
-        let pointer = file.text_of(value, "a JSON pointer in quotes, e.g. \"/robot/holds\"")?;
-        if !pointer.is_empty() && !pointer.starts_with('/') {
-            return Err(file.error(Some(value.span()), format!("'{pointer}' is no JSON pointer; one begins with '/'")));
-        }
+    fn point(
+        &mut self,
+        file: &MappingFile<'_>,
+        key: &Spanned<Cow<'_, str>>,
+        value: &Spanned<DeValue<'_>>,
+    ) -> Result<(), MappingError> {
+        let pointer = file.pointer_of(value)?;
         let name = key.get_ref().as_ref();
         match STATE.iter().find(|(ours, _)| *ours == name) {
             Some((_, debug_info)) => self.state.push((debug_info, pointer)),
@@ -98,14 +71,7 @@ impl Mapping {
 
     /// The call as one of the eleven; none where the file does not name the tool.
     pub(crate) fn call(&self, call: &ToolCall) -> Option<ToolCall> {
-        let mapped = self.tools.get(&call.name)?;
-        let mut arguments = call.arguments.as_object().cloned().unwrap_or_default();
-        for (ours, theirs) in &mapped.arguments {
-            if let Some(value) = arguments.shift_remove(theirs) {
-                arguments.insert(ours.clone(), value);
-            }
-        }
-        Some(ToolCall::new(mapped.is, Value::Object(arguments)))
+        self.tools.call(call)
     }
 
     /// What a result says of the world, under the keys of the published server's debug information: the structured content, else
@@ -135,71 +101,6 @@ impl Mapping {
 fn sources(structured: Option<&Value>, texts: &[String]) -> Vec<Value> {
     let object = |text: &String| serde_json::from_str::<Value>(&text[text.find('{')?..]).ok();
     structured.cloned().into_iter().chain(texts.iter().filter_map(object)).collect()
-}
-
-/// A text whose errors have lines.
-struct File<'a> {
-    text: &'a str,
-}
-
-type Entries<'t, 'i> = Vec<(&'t Spanned<Cow<'i, str>>, &'t Spanned<DeValue<'i>>)>;
-
-impl File<'_> {
-    fn error(&self, span: Option<Range<usize>>, what: String) -> MappingError {
-        let before = span.and_then(|span| self.text.get(..span.start)).unwrap_or(self.text);
-        let line = before.rsplit('\n').next().unwrap_or_default();
-        MappingError { line: before.matches('\n').count() + 1, column: line.chars().count() + 1, what }
-    }
-
-    fn table<'t, 'i>(&self, value: &'t Spanned<DeValue<'i>>, name: &str) -> Result<Entries<'t, 'i>, MappingError> {
-        let table =
-            value.get_ref().as_table().ok_or_else(|| self.error(Some(value.span()), format!("{name} must be a table")))?;
-        Ok(table.iter().collect())
-    }
-
-    fn text_of(&self, value: &Spanned<DeValue<'_>>, expected: &str) -> Result<String, MappingError> {
-        let text = value.get_ref().as_str().map(str::to_owned);
-        text.ok_or_else(|| self.error(Some(value.span()), format!("expected {expected}")))
-    }
-
-    fn tool(&self, name: &str, value: &Spanned<DeValue<'_>>) -> Result<Mapped, MappingError> {
-        let mut spec: Option<&ToolSpec> = None;
-        let mut arguments = Vec::new();
-        for (key, value) in self.table(value, name)? {
-            match key.get_ref().as_ref() {
-                "is" => {
-                    let is = self.text_of(value, "the name of one of the eleven tools")?;
-                    let known = || ToolSpec::POLICY.iter().map(|spec| spec.paper_name).collect::<Vec<_>>().join(", ");
-                    let unknown = || self.error(Some(value.span()), format!("'{is}' is none of the eleven tools: {}", known()));
-                    spec = Some(ToolSpec::by_name(&is).ok_or_else(unknown)?);
-                }
-                "arguments" => {
-                    for (ours, theirs) in self.table(value, "arguments")? {
-                        let text = self.text_of(theirs, "the name of the argument there, in quotes")?;
-                        arguments.push((ours, text));
-                    }
-                }
-                other => {
-                    let what = format!("unknown key '{other}' in [tools.{name}]; there are: is, arguments");
-                    return Err(self.error(Some(key.span()), what));
-                }
-            }
-        }
-        let spec =
-            spec.ok_or_else(|| self.error(Some(value.span()), format!("[tools.{name}] needs 'is': one of the eleven tools")))?;
-        for (ours, _) in &arguments {
-            let name = ours.get_ref().as_ref();
-            let known = spec.argument.is_some_and(|argument| argument.name == name)
-                || spec.paper_name == "ask" && MORE_OF_ASK.contains(&name);
-            if !known {
-                let takes = spec.argument.map_or("no argument", |argument| argument.name);
-                let what = format!("{} takes no argument '{name}'; it takes {takes}", spec.paper_name);
-                return Err(self.error(Some(ours.span()), what));
-            }
-        }
-        let arguments = arguments.into_iter().map(|(ours, theirs)| (ours.get_ref().to_string(), theirs)).collect();
-        Ok(Mapped { is: spec.paper_name, arguments })
-    }
 }
 
 #[cfg(test)]

@@ -7,7 +7,10 @@ use std::{
 
 use anyhow::{Context, bail};
 use rayon::prelude::*;
-use reel_import::{ImportError, Imported, Options};
+use reel_import::{
+    ImportError, Imported, Options,
+    robot::{Mapping, Recording},
+};
 use reel_tasks::Listed;
 use serde_json::json;
 
@@ -45,56 +48,157 @@ enum Command {
         /// The `eval_output` folder, or any folder in it
         #[arg(value_name = "DIR")]
         folder: PathBuf,
-        /// Folder for the traces; made if it is not there
-        #[arg(long, value_name = "TRACES", default_value = "traces-out")]
-        out: PathBuf,
-        /// The benchmark's task files: file or folder
-        #[arg(long, value_name = "PATH")]
-        tasks: Option<PathBuf>,
-        /// Their scene; without it `s7_scene.json` beside the tasks
-        #[arg(long, value_name = "FILE")]
-        scene: Option<PathBuf>,
         /// Name of the run that the traces belong to
         #[arg(long, value_name = "NAME", default_value = "real-eval")]
         run: String,
-        /// Episodes at a time; without it one for each core
-        #[arg(long, value_name = "N")]
-        jobs: Option<usize>,
-        /// Print one JSON object an episode
-        #[arg(long)]
-        json: bool,
+        #[command(flatten)]
+        importing: Importing,
     },
+    /// Recordings of a real robot: MCAP files and folders of rosbag2, by a mapping of their topics
+    #[command(verbatim_doc_comment)]
+    ///
+    /// A mapping file (TOML) says what each topic is: calls, results, primitives, odometry, latencies
+    /// of the low-level model, alignment, cameras, world graphs, what is held, markers, answers of
+    /// the user, words of the policy, beginning and end of episodes. Messages may be in JSON, in
+    /// protobuf or in CDR (ROS 2). schemas/robot_mapping.example.toml is one to begin with;
+    /// docs/robots.md explains it. A recording without calls is one of trials: every primitive in it
+    /// becomes a step.
+    ///
+    /// The traces can be shown, put into tables and asked like any other; there is nothing to
+    /// re-execute, and `reel replay` says so. What a recording does not say is absent.
+    ///
+    /// A torn file is read up to the tear; a damaged chunk or message is named and left out.
+    /// Importing again gives the same bytes.
+    ///
+    /// Examples:
+    ///   reel import robot monday.mcap --mapping robot.toml --out traces
+    ///   reel import robot bags --mapping robot.toml --out traces --tasks tasks --scene scene.json
+    ///   reel ingest traces --store store && reel query --store store --named primitives
+    ///
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or left out.
+    Robot {
+        /// An MCAP file, a folder that rosbag2 wrote, or a folder of such
+        #[arg(value_name = "FILE|DIR")]
+        recordings: PathBuf,
+        /// What the topics are
+        #[arg(long, value_name = "FILE")]
+        mapping: PathBuf,
+        /// Name of the run that the traces belong to
+        #[arg(long, value_name = "NAME", default_value = "robot")]
+        run: String,
+        #[command(flatten)]
+        importing: Importing,
+    },
+}
+
+/// What every import takes.
+#[derive(clap::Args)]
+struct Importing {
+    /// Folder for the traces; made if it is not there
+    #[arg(long, value_name = "TRACES", default_value = "traces-out")]
+    out: PathBuf,
+    /// The benchmark's task files: file or folder
+    #[arg(long, value_name = "PATH")]
+    tasks: Option<PathBuf>,
+    /// Their scene; without it `s7_scene.json` beside the tasks
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Episodes or recordings at a time; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Print one JSON object an episode
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let Command::RealEval { folder, out, tasks, scene, run, jobs, json } = &arguments.command;
-    let episodes = reel_import::episodes(folder)?;
-    let beside = tasks.as_deref().and_then(Path::parent).map(|folder| folder.join("s7_scene.json")).filter(|file| file.exists());
-    let scene = match scene.clone().or(beside) {
-        Some(file) => Some(inputs::scene(Some(&file))?),
-        None if tasks.is_some() => bail!("the task files need their scene; give it with --scene"),
-        None => None,
-    };
-    let (tasks, broken) = match (tasks, &scene) {
-        (Some(path), Some(scene)) => inputs::tasks(path, scene, Listed::AsWritten)?,
-        _ => (Vec::new(), 0),
-    };
-    fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-    let options = Options { run_id: run, tasks: &tasks, scene: scene.as_deref() };
-    let bar = progress::bar(episodes.len(), "import");
-    let one = |episode: &PathBuf| {
-        let imported = reel_import::import(episode, out, &options);
-        bar.inc(1);
-        imported
-    };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(*jobs)).build()?;
-    let results: Vec<_> = pool.install(|| episodes.par_iter().with_max_len(1).map(one).collect());
-    bar.finish_and_clear();
-    for (episode, result) in episodes.iter().zip(&results) {
-        tell(episode, result, *json)?;
+    match &arguments.command {
+        Command::RealEval { folder, run, importing } => {
+            let episodes = reel_import::episodes(folder)?;
+            let (results, broken) =
+                importing.each(&episodes, run, |episode, out, options| reel_import::import(episode, out, options))?;
+            for (episode, result) in episodes.iter().zip(&results) {
+                tell(episode, result, importing.json)?;
+            }
+            Ok(answer(&results, broken, &importing.out, importing.json))
+        }
+        Command::Robot { recordings, mapping, run, importing } => robot(recordings, mapping, run, importing),
     }
-    Ok(answer(&results, broken, out, *json))
+}
+
+fn robot(root: &Path, mapping: &Path, run: &str, importing: &Importing) -> anyhow::Result<Answer> {
+    let text = fs::read_to_string(mapping).with_context(|| format!("cannot read the mapping {}", mapping.display()))?;
+    let mapping = Mapping::parse(&text).with_context(|| format!("the mapping {} is not understood", mapping.display()))?;
+    let recordings = reel_import::robot::recordings(root)?;
+    let one = |recording: &Path, out: &Path, options: &Options<'_>| reel_import::robot::import(recording, &mapping, out, options);
+    let (results, broken) = importing.each(&recordings, run, one)?;
+    let (mut episodes, mut incomplete) = (Vec::new(), broken);
+    for (source, result) in recordings.iter().zip(results) {
+        match result {
+            Ok(recording) => {
+                incomplete += usize::from(!recording.losses.is_empty());
+                tell_recording(&recording, importing.json);
+                for imported in recording.episodes {
+                    let imported = Ok(imported);
+                    tell(source, &imported, importing.json)?;
+                    episodes.push(imported);
+                }
+            }
+            Err(error) => {
+                let error = Err(error);
+                tell(source, &error, importing.json)?;
+                episodes.push(error);
+            }
+        }
+    }
+    Ok(answer(&episodes, incomplete, &importing.out, importing.json))
+}
+
+/// What a recording as a whole lost and leaves open, where that is anything.
+fn tell_recording(recording: &Recording, as_json: bool) {
+    let Recording { source, losses, notes, .. } = recording;
+    match as_json {
+        true if losses.is_empty() && notes.is_empty() => {}
+        true => println!("{}", json!({ "recording": source, "losses": losses, "notes": notes })),
+        false => notes.iter().for_each(|note| println!("{}: note: {note}", source.display())),
+    }
+    losses.iter().for_each(|loss| eprintln!("reel: {loss}"));
+}
+
+impl Importing {
+    /// Imports each of the sources, several at a time; and how many of the task files are broken.
+    fn each<T: Send>(
+        &self,
+        sources: &[PathBuf],
+        run_id: &str,
+        import: impl Fn(&Path, &Path, &Options<'_>) -> T + Sync,
+    ) -> anyhow::Result<(Vec<T>, usize)> {
+        let Importing { out, tasks, scene, jobs, .. } = self;
+        let beside =
+            tasks.as_deref().and_then(Path::parent).map(|folder| folder.join("s7_scene.json")).filter(|file| file.exists());
+        let scene = match scene.clone().or(beside) {
+            Some(file) => Some(inputs::scene(Some(&file))?),
+            None if tasks.is_some() => bail!("the task files need their scene; give it with --scene"),
+            None => None,
+        };
+        let (tasks, broken) = match (tasks, &scene) {
+            (Some(path), Some(scene)) => inputs::tasks(path, scene, Listed::AsWritten)?,
+            _ => (Vec::new(), 0),
+        };
+        fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+        let options = Options { run_id, tasks: &tasks, scene: scene.as_deref() };
+        let bar = progress::bar(sources.len(), "import");
+        let one = |source: &PathBuf| {
+            let imported = import(source, out, &options);
+            bar.inc(1);
+            imported
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(*jobs)).build()?;
+        let results = pool.install(|| sources.par_iter().with_max_len(1).map(one).collect());
+        bar.finish_and_clear();
+        Ok((results, broken))
+    }
 }
 
 fn tell(episode: &Path, result: &Result<Imported, ImportError>, as_json: bool) -> anyhow::Result<()> {
@@ -117,8 +221,8 @@ fn tell(episode: &Path, result: &Result<Imported, ImportError>, as_json: bool) -
     Ok(())
 }
 
-/// Sums up; episodes that the agent skipped are no loss.
-fn answer(results: &[Result<Imported, ImportError>], broken_tasks: usize, out: &Path, as_json: bool) -> Answer {
+/// Sums up; episodes that the agent skipped are no loss, what was lost beside the episodes is.
+fn answer(results: &[Result<Imported, ImportError>], lost_beside: usize, out: &Path, as_json: bool) -> Answer {
     let imported: Vec<&Imported> = results.iter().filter_map(|result| result.as_ref().ok()).collect();
     let skipped = results.iter().filter(|result| matches!(result, Err(ImportError::Skipped { .. }))).count();
     let failed = results.len() - imported.len() - skipped;
@@ -131,7 +235,7 @@ fn answer(results: &[Result<Imported, ImportError>], broken_tasks: usize, out: &
             out.display()
         );
     }
-    match (imported.len(), failed + incomplete + broken_tasks) {
+    match (imported.len(), failed + incomplete + lost_beside) {
         (_, 0) => Answer::Yes,
         (0, _) => Answer::BadInput,
         _ => Answer::Loss,

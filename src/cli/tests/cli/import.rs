@@ -1,7 +1,8 @@
 //! `reel import` from outside, and what the other commands say of an imported trace: that there is nothing to re-execute.
 
-use std::{fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path};
 
+use mcap::records::MessageHeader;
 use serde_json::{Value, json};
 
 use crate::{complaint, expect};
@@ -78,4 +79,79 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     fs::write(folder.join("eval_output/flat/FDP_t_1/m2/task_meta.json"), "{}").unwrap();
     assert!(complaint(folder, 2, &["import", "real-eval", "eval_output"]).contains("--tasks"));
     assert!(complaint(folder, 2, &["import", "real-eval", "nowhere"]).contains("nowhere"));
+}
+
+/// A recording of a robot in JSON: topics, seconds, messages.
+fn recording(path: &Path, messages: &[(&str, u64, Value)]) {
+    let mut writer = mcap::Writer::new(fs::File::create(path).unwrap()).unwrap();
+    for (sequence, (topic, seconds, message)) in (0..).zip(messages) {
+        let channel_id = writer.add_channel(0, topic, "json", &BTreeMap::new()).unwrap();
+        let time = (1_790_000_000 + seconds) * 1_000_000_000;
+        let header = MessageHeader { channel_id, sequence, log_time: time, publish_time: time };
+        writer.write_to_known_channel(&header, message.to_string().as_bytes()).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+const MAPPING: &str = r#"
+[topics]
+"/episode" = { is = "episode" }
+"/call" = { is = "call" }
+"/result" = { is = "result" }
+"/primitive" = { is = "primitive" }
+"/odom" = { is = "odometry" }
+"#;
+
+#[test]
+fn a_robots_recording_is_shown_and_checked_but_never_executed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("robot.toml"), MAPPING).unwrap();
+    fs::create_dir(folder.join("bags")).unwrap();
+    let messages = [
+        (
+            "/episode",
+            0,
+            json!({"event": "start", "task_id": "FDP/t_1", "instruction": "Put the apple on the desk.", "policy": "qwen"}),
+        ),
+        ("/odom", 1, json!({"x": 0.0, "y": 0.0})),
+        ("/call", 2, json!({"tool": "navigate_to", "args": {"receptacle_name": "table_1"}})),
+        ("/odom", 3, json!({"x": 3.0, "y": 4.0, "yaw": 1.0})),
+        ("/primitive", 4, json!({"skill": "nav_to", "target": "table", "success": true, "duration_s": 1.5})),
+        ("/result", 5, json!({"text": "arrived"})),
+        ("/call", 6, json!({"tool": "finish"})),
+        ("/episode", 7, json!({"event": "end", "success": true})),
+    ];
+    recording(&folder.join("bags/one.mcap"), &messages);
+    let import = ["import", "robot", "bags", "--mapping", "robot.toml", "--out", "traces"];
+    let report = expect(folder, 0, &[&import[..], &["--json"]].concat());
+    let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!((&report["steps"], &report["end"], &report["success"]), (&json!(2), &json!("finished"), &json!(true)));
+    let trace = report["trace"].as_str().unwrap();
+    let said = "recorded on a robot: nothing to re-execute";
+    assert!(expect(folder, 0, &["doctor", trace]).contains(said));
+    assert!(expect(folder, 1, &["replay", trace]).contains(said));
+    let shown = expect(folder, 0, &["show", trace]);
+    assert!(shown.contains("on a robot") && shown.contains("arrived") && shown.contains("Put the apple on the desk."), "{shown}");
+
+    #[cfg(feature = "analytics")]
+    {
+        expect(folder, 0, &["ingest", "traces", "--store", "store"]);
+        let sql = "SELECT backend, policy, success, length FROM episodes";
+        let rows = expect(folder, 0, &["query", "--store", "store", "--format", "csv", sql]);
+        assert!(rows.contains("robot,qwen,true,2"), "{rows}");
+    }
+
+    // A torn recording and a bag in SQLite beside it: named, and the rest goes on.
+    let whole = fs::read(folder.join("bags/one.mcap")).unwrap();
+    fs::write(folder.join("bags/two.mcap"), &whole[..whole.len() - 200]).unwrap();
+    fs::write(folder.join("bags/drive.db3"), "SQLite format 3").unwrap();
+    let complaints = complaint(folder, 3, &import);
+    assert!(complaints.contains("ros2 bag convert") && complaints.contains("drive.db3"), "{complaints}");
+    fs::remove_file(folder.join("bags/one.mcap")).unwrap();
+    fs::remove_file(folder.join("bags/two.mcap")).unwrap();
+    assert!(complaint(folder, 2, &import).contains("drive.db3"));
+    fs::write(folder.join("robot.toml"), "[topics]\n\"/odom\" = { is = \"odometer\" }\n").unwrap();
+    let wrong = complaint(folder, 2, &import);
+    assert!(wrong.contains("line 2") && wrong.contains("odometer"), "{wrong}");
 }

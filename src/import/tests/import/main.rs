@@ -1,8 +1,10 @@
 //! Imported episodes hold what the published files hold, and no file can make the importer panic.
 
+mod bags;
 mod fixture;
 mod hostile;
 mod published;
+mod robot;
 
 use std::{
     fs,
