@@ -47,7 +47,7 @@ const LAYERS: &[(&str, &[&str])] = &[
 
 /// Outside packages that only some crates of ours may use, tests included. A name ending in `*` is a prefix.
 const ONLY_IN: &[(&str, &[&str])] = &[
-    ("axum*", &["mcp", "server"]),
+    ("axum*", &["mcp", "proxy", "server"]),
     ("rmcp", &["mcp", "server"]),
     ("hyper*", &["server"]),
     ("httparse", &["proxy"]),
@@ -62,8 +62,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("polars*", &["export"]),
     ("rapier3d*", &["sim"]),
     ("parry3d*", &["sim"]),
-    ("mcap", &["trace"]),
-    ("prost*", &["trace"]),
+    ("mcap", &["cli", "import", "trace"]),
+    ("prost*", &["import", "trace"]),
     ("rerun*", &["view"]),
     ("re_web_viewer_server", &["server"]),
     ("tokio*", &["tables", "query", "live", "mcp", "proxy", "server"]),
@@ -71,7 +71,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rand_chacha", &["sim", "tasks", "agents", "annotate", "statistics"]),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["pattern", "reward"]),
-    ("toml", &["proxy", "reward", "server"]),
+    ("toml", &["import", "proxy", "reward", "server"]),
     ("ureq", &["model"]),
     ("rand", &[]),
 ];
