@@ -116,8 +116,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
         Command::RealEval { folder, run, importing } => {
             let episodes = reel_import::episodes(folder)?;
-            let (results, broken) =
-                importing.each(&episodes, run, |episode, out, options| reel_import::import(episode, out, options))?;
+            let (results, broken) = importing.each(&episodes, run, reel_import::import)?;
             for (episode, result) in episodes.iter().zip(&results) {
                 tell(episode, result, importing.json)?;
             }

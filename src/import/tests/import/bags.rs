@@ -226,8 +226,11 @@ fn channel(writer: &mut mcap::Writer<BufWriter<File>>, topic: &str, of: Field, e
     writer.add_channel(schema, topic, encoding, &metadata).unwrap()
 }
 
+/// Name, encoding and text of a schema.
+pub type Schema<'a> = (&'a str, &'a str, &'a [u8]);
+
 /// Writes a file with one message under a schema of any bytes.
-pub fn write_under(path: &Path, schema: (&str, &str, &[u8]), encoding: &str, message: &[u8]) {
+pub fn write_under(path: &Path, schema: Schema<'_>, encoding: &str, message: &[u8]) {
     let mut writer = mcap::Writer::new(BufWriter::new(File::create(path).unwrap())).unwrap();
     let schema = writer.add_schema(schema.0, schema.1, schema.2).unwrap();
     let channel_id = writer.add_channel(schema, "/call", encoding, &BTreeMap::new()).unwrap();
