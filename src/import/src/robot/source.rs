@@ -157,7 +157,8 @@ fn refused(path: &Path) -> Option<String> {
                 .to_owned(),
         );
     }
-    name.ends_with(".bag").then(|| "a bag of ROS 1; convert it with `mcap convert in.bag out.mcap`; its messages are then in the encoding ros1, which is not read".to_owned())
+    let converted = "a bag of ROS 1; convert it: `rosbags-convert --src FILE --dst FOLDER --dst-storage mcap` (PyPI: rosbags)";
+    name.ends_with(".bag").then(|| converted.to_owned())
 }
 
 fn is(path: &Path, extension: &str) -> bool {

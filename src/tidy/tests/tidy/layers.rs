@@ -64,6 +64,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("parry3d*", &["sim"]),
     ("mcap", &["cli", "import", "trace"]),
     ("prost*", &["import", "trace"]),
+    ("re_cdr", &["import"]),
+    ("re_ros_msg", &["import"]),
     ("rerun*", &["view"]),
     ("re_web_viewer_server", &["server"]),
     ("tokio*", &["tables", "query", "live", "mcp", "proxy", "server"]),
