@@ -1,7 +1,7 @@
 //! A folder of assets: finds the file of an asset, reads it once, and opens nothing outside of it.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, btree_map::Entry},
     fs::{self, File},
     io::{self, Read as _},
     path::{Component, Path, PathBuf},
@@ -21,8 +21,11 @@ pub struct Folder {
     files: BTreeMap<AssetId, (Kind, PathBuf)>,
     /// Files of assets that another kind of file comes first for.
     hidden: Vec<PathBuf>,
-    read: Mutex<BTreeMap<AssetId, Result<Arc<Mesh>, Arc<Refusal>>>>,
+    read: Mutex<BTreeMap<AssetId, Read>>,
 }
+
+/// What came of reading a file.
+type Read = Result<Arc<Mesh>, Arc<Refusal>>;
 
 /// A file of a folder, and what is to say of it.
 #[derive(Clone, PartialEq, Debug, Serialize)]
@@ -73,10 +76,9 @@ impl Folder {
         found.sort();
         let (mut files, mut hidden) = (BTreeMap::new(), Vec::new());
         for (asset, kind, file) in found {
-            if files.contains_key(&asset) {
-                hidden.push(file);
-            } else {
-                files.insert(asset, (kind, file));
+            match files.entry(asset) {
+                Entry::Vacant(first) => drop(first.insert((kind, file))),
+                Entry::Occupied(_) => hidden.push(file),
             }
         }
         Ok(Self { path, files, hidden, read: Mutex::default() })
@@ -103,7 +105,7 @@ impl Folder {
             return read.clone().map(Some);
         }
         // Others need not wait meanwhile; who reads the same at the same time gets the same.
-        let read = self.read_file(*kind, file).map(Arc::new).map_err(Arc::new);
+        let read: Read = self.read_file(*kind, file).map(Arc::new).map_err(Arc::new);
         known().insert(asset.clone(), read.clone());
         read.map(Some)
     }

@@ -93,7 +93,7 @@ impl Setup {
 
     /// The meshes of a task's objects.
     fn meshes(&self, task: &Task) -> Meshes {
-        self.meshes.meshes(&mut task.objects.iter().map(|object| &object.asset))
+        self.meshes.meshes(&mut task.assets())
     }
 
     pub(crate) fn config(&self, task: &Arc<Task>, place: &Place<'_>, before: u32) -> EpisodeConfig {

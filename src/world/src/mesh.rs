@@ -34,6 +34,12 @@ impl Assets for BTreeMap<AssetId, Arc<Mesh>> {
     }
 }
 
+impl<A: Assets> Assets for Option<A> {
+    fn mesh(&self, asset: &AssetId) -> Option<Arc<Mesh>> {
+        self.as_ref()?.mesh(asset)
+    }
+}
+
 /// Nothing but primitives.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct NoAssets;

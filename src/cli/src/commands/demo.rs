@@ -61,6 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     for policy in POLICIES {
         let plan = run::Plan {
             scene: scene.clone(),
+            meshes: reel_world::Meshes::default(),
             policy,
             seed: 1,
             profile: Profile::Paper,
