@@ -5,6 +5,7 @@ mod episodes;
 mod explain;
 mod forgeries;
 mod golden;
+mod meshes;
 mod mutations;
 mod restore;
 
