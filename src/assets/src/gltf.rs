@@ -25,7 +25,12 @@ const IDENTITY: Matrix = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0,
 /// Why it is refused.
 pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusal> {
     let (text, binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
-    let root = json::deserialize::from_slice(text).map_err(|error| Refusal::Broken(format!("no sound glTF document ({error})")))?;
+    let root: json::Root = json::deserialize::from_slice(text).map_err(|error| Refusal::Broken(format!("no sound glTF document ({error})")))?;
+    // The crate's own check looks accessors up before it knows that they are there.
+    let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    if let Some(missing) = primitives.flat_map(|it| it.attributes.values()).find(|it| it.value() >= root.accessors.len()) {
+        return Err(Refusal::Broken(format!("no sound glTF document (there is no accessor {})", missing.value())));
+    }
     let document = Document::from_json(root).map_err(|error| match error {
         gltf::Error::Validation(errors) => {
             let told = errors.iter().take(3).map(|(path, error)| format!("{}: {error}", path.as_str()));
