@@ -160,7 +160,12 @@ impl Folder {
         match bytes.len() as u64 > FILE_BYTES_MAX {
             true => {
                 let found = metadata.len().max(FILE_BYTES_MAX + 1) as usize;
-                Err(Refusal::too_large("bytes", found, FILE_BYTES_MAX as usize, "export it with fewer triangles or smaller pictures"))
+                Err(Refusal::too_large(
+                    "bytes",
+                    found,
+                    FILE_BYTES_MAX as usize,
+                    "export it with fewer triangles or smaller pictures",
+                ))
             }
             false => Ok(bytes),
         }

@@ -25,7 +25,8 @@ const IDENTITY: Matrix = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0,
 /// Why it is refused.
 pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusal> {
     let (text, binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
-    let root: json::Root = json::deserialize::from_slice(text).map_err(|error| Refusal::Broken(format!("no sound glTF document ({error})")))?;
+    let root: json::Root =
+        json::deserialize::from_slice(text).map_err(|error| Refusal::Broken(format!("no sound glTF document ({error})")))?;
     // The crate's own check looks accessors up before it knows that they are there.
     let primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
     if let Some(missing) = primitives.flat_map(|it| it.attributes.values()).find(|it| it.value() >= root.accessors.len()) {
@@ -100,7 +101,8 @@ fn buffers(root: &json::Root, binary: Option<&[u8]>, beside: &dyn Beside) -> Res
 /// What a URI names: a file beside, or data in the URI itself.
 fn resource(uri: &str, beside: &dyn Beside) -> Result<Vec<u8>, Refusal> {
     let Some(data) = uri.strip_prefix("data:") else { return beside.read(&percent_decoded(uri)) };
-    let (_, encoded) = data.split_once(";base64,").ok_or_else(|| Refusal::Unsupported("data in a URI that is not base64".into()))?;
+    let (_, encoded) =
+        data.split_once(";base64,").ok_or_else(|| Refusal::Unsupported("data in a URI that is not base64".into()))?;
     STANDARD.decode(encoded).map_err(|error| Refusal::Broken(format!("a URI holds no base64 ({error})")))
 }
 
@@ -109,7 +111,8 @@ fn percent_decoded(uri: &str) -> String {
     let mut bytes = Vec::new();
     let mut rest = uri.as_bytes();
     while let Some((first, more)) = rest.split_first() {
-        let code = more.get(..2).filter(|_| *first == b'%').and_then(|code| u8::from_str_radix(str::from_utf8(code).ok()?, 16).ok());
+        let code =
+            more.get(..2).filter(|_| *first == b'%').and_then(|code| u8::from_str_radix(str::from_utf8(code).ok()?, 16).ok());
         bytes.push(code.unwrap_or(*first));
         rest = &more[if code.is_some() { 2 } else { 0 }..];
     }
@@ -204,7 +207,9 @@ impl Reader<'_> {
         if first.saturating_add(count) > VERTICES_MAX {
             return Err(Refusal::too_large("vertices", first.saturating_add(count), VERTICES_MAX, DECIMATE));
         }
-        self.data.positions.extend(self.floats::<3>(&positions)?.into_iter().map(|point| upright(transformed(matrix, point, 1.0))));
+        self.data
+            .positions
+            .extend(self.floats::<3>(&positions)?.into_iter().map(|point| upright(transformed(matrix, point, 1.0))));
         let optional = |semantic: &Semantic| primitive.get(semantic).filter(|accessor| accessor.count() == count);
         // A list is either whole or empty: what another primitive has and this one has not is filled up.
         if let Some(normals) = optional(&Semantic::Normals) {
@@ -220,7 +225,9 @@ impl Reader<'_> {
         }
         if let Some(colors) = optional(&Semantic::Colors(0)) {
             let colors = match colors.dimensions() {
-                Dimensions::Vec4 => self.floats::<4>(&colors)?.into_iter().map(|[red, green, blue, _]| [red, green, blue]).collect(),
+                Dimensions::Vec4 => {
+                    self.floats::<4>(&colors)?.into_iter().map(|[red, green, blue, _]| [red, green, blue]).collect()
+                }
                 _ => self.floats::<3>(&colors)?,
             };
             self.data.colors.resize(first, [1.0; 3]);
@@ -300,7 +307,9 @@ impl Reader<'_> {
         let bytes = view_of(self.document, &self.buffers, view.index())?;
         let size = accessor.data_type().size() * components;
         let stride = view.stride().unwrap_or(size).max(size);
-        let end = stride.checked_mul(accessor.count().saturating_sub(1)).and_then(|end| end.checked_add(size)?.checked_add(accessor.offset()));
+        let end = stride
+            .checked_mul(accessor.count().saturating_sub(1))
+            .and_then(|end| end.checked_add(size)?.checked_add(accessor.offset()));
         let bytes = end.and_then(|end| bytes.get(accessor.offset()..end)).ok_or_else(|| broken("ends behind its data"))?;
         Ok(bytes.chunks(stride).take(accessor.count()).map(move |element| &element[..size]))
     }

@@ -42,7 +42,8 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusa
         match word {
             "v" => {
                 let values = numbers(rest).map_err(broken)?;
-                let (&position, more) = values.split_first_chunk().ok_or_else(|| broken("a vertex has three coordinates".into()))?;
+                let (&position, more) =
+                    values.split_first_chunk().ok_or_else(|| broken("a vertex has three coordinates".into()))?;
                 lists.positions.push(position);
                 // Four coordinates: the fourth is a weight. Six: a colour.
                 lists.colors.push(more.first_chunk().map_or([1.0; 3], |color| color.map(linear)));
@@ -83,7 +84,8 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusa
 /// Makes a vertex of each distinct corner.
 fn joined(lists: &Lists, colored: bool, faces: &[([Corner; 3], u16)], materials: Materials) -> MeshData {
     let textures = materials.pictures.finish();
-    let (textured, smooth) = (!textures.is_empty(), faces.iter().flat_map(|(corners, _)| corners).all(|corner| corner.2.is_some()));
+    let (textured, smooth) =
+        (!textures.is_empty(), faces.iter().flat_map(|(corners, _)| corners).all(|corner| corner.2.is_some()));
     let mut data = MeshData { materials: materials.list, textures, ..MeshData::default() };
     let mut known = BTreeMap::new();
     for (corners, material) in faces {
@@ -121,7 +123,8 @@ impl Materials {
         let mut current: Option<usize> = None;
         for (number, line) in lines(&bytes)? {
             let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-            let broken = |what: String| Refusal::In { file: name.to_owned(), reason: Box::new(Refusal::Line { line: number, what }) };
+            let broken =
+                |what: String| Refusal::In { file: name.to_owned(), reason: Box::new(Refusal::Line { line: number, what }) };
             if word == "newmtl" {
                 let index = u16::try_from(self.list.len()).map_err(|_| broken("there are too many materials".into()))?;
                 self.names.insert(rest.trim().to_owned(), index);
@@ -138,7 +141,11 @@ impl Materials {
                 }
                 "map_Kd" => {
                     // Options come first, each with its own number of values; the name is last.
-                    let file = if rest.trim_start().starts_with('-') { rest.split_whitespace().last().unwrap_or("") } else { rest.trim() };
+                    let file = if rest.trim_start().starts_with('-') {
+                        rest.split_whitespace().last().unwrap_or("")
+                    } else {
+                        rest.trim()
+                    };
                     material.texture = Some(self.pictures.file(file, beside)?);
                     material.color = [1.0; 3];
                 }

@@ -390,9 +390,8 @@ pub fn stage(scene: &Arc<Scene>, task: &Arc<Task>, meshes: &Meshes) -> Result<Ar
 }
 
 fn check_stage(stage: &Stage, config: &EpisodeConfig) {
-    let its = Arc::ptr_eq(stage.task(), &config.task)
-        && Arc::ptr_eq(stage.scene(), &config.scene)
-        && *stage.meshes() == config.meshes;
+    let its =
+        Arc::ptr_eq(stage.task(), &config.task) && Arc::ptr_eq(stage.scene(), &config.scene) && *stage.meshes() == config.meshes;
     assert!(its, "the stage of task {} was handed to task {}", stage.task().task_id, config.task.task_id);
 }
 

@@ -8,7 +8,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{AssetId, Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, Skills, ToolCall, WorldGraph};
+use crate::{
+    AssetId, Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, Skills, ToolCall, WorldGraph,
+};
 
 /// Where an episode ran.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]

@@ -194,7 +194,8 @@ pub fn write(folder: &Path) -> Vec<(&'static str, Option<&'static str>)> {
     let mut embedded = document.clone();
     embedded["buffers"][0]["uri"] = json!(data_uri("application/octet-stream", &binary));
     file("gltf_embedded.gltf", embedded.to_string().as_bytes(), None);
-    let turned = json!([{ "children": [1], "scale": [2, 2, 2] }, { "mesh": 0, "rotation": [0, 0.6, 0, 0.8], "translation": [1, 0, 0] }]);
+    let turned =
+        json!([{ "children": [1], "scale": [2, 2, 2] }, { "mesh": 0, "rotation": [0, 0.6, 0, 0.8], "translation": [1, 0, 0] }]);
     file("glb_nodes.glb", &changed(plain(), &|it| it["nodes"] = turned.clone()), None);
     let mut winged = cube();
     winged.triangles.extend([[0, 7, 1], [0, 7, 2], [0, 7, 4]]);

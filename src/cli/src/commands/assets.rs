@@ -67,7 +67,16 @@ fn told(file: &Listed) -> String {
     match &file.verdict {
         Verdict::Refused { reason } => format!("{name}: REFUSED {reason}"),
         Verdict::Hidden { by } => format!("{name}: not used, {by} comes first"),
-        Verdict::Loads(Survey { triangles, vertices, size: [x, y, z], manifold, watertight, textures, vertex_colors, digest }) => {
+        Verdict::Loads(Survey {
+            triangles,
+            vertices,
+            size: [x, y, z],
+            manifold,
+            watertight,
+            textures,
+            vertex_colors,
+            digest,
+        }) => {
             let skin = match (watertight, manifold) {
                 (true, _) => "watertight",
                 (false, true) => "open",

@@ -76,9 +76,9 @@ impl Visibility {
     ) {
         let mut corners = core::mem::take(&mut self.corners);
         corners.clear();
-        corners.extend(points.map(|point| {
-            Corner::new(add(camera_from_part.rows.map(|row| dot(row, point)), camera_from_part.translation))
-        }));
+        corners.extend(
+            points.map(|point| Corner::new(add(camera_from_part.rows.map(|row| dot(row, point)), camera_from_part.translation))),
+        );
         for (triangle, code) in triangles {
             let [a, b, c] = triangle.map(|i| &corners[i]);
             match [a, b, c].iter().filter(|corner| corner.in_front).count() {
