@@ -259,6 +259,7 @@ mod tests {
             preset: reel_reward::Preset::paper(),
             profile: Profile::Paper,
             skills: Skills::Perfect,
+            meshes: reel_world::Meshes::default(),
             run_id: "run".into(),
             policy: PolicyInfo::default(),
             rollout: None,

@@ -79,5 +79,6 @@ pub(crate) fn recorded(branch: &Branch, fork: &Fork<'_>, path: &Path) -> Result<
     let record = RecordTo { path: path.to_owned(), options: RecordOptions::from(Images::None) };
     branch.play(fork, Some(&record))?;
     let made = Trace::read(path).map_err(|error| BranchError::Unreadable { path: path.to_owned(), error: error.to_string() })?;
+    let made = made.with_meshes(&*fork.parent().meshes);
     Ok(verify_branch(&made, fork.parent()).holds())
 }

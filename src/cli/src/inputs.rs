@@ -1,6 +1,7 @@
 //! What several commands take in: scenes, tasks, trace files, workers.
 
 use std::{
+    collections::{BTreeMap, BTreeSet},
     env, fs,
     path::{Path, PathBuf},
     sync::Arc,
@@ -8,9 +9,11 @@ use std::{
 };
 
 use anyhow::{Context, bail};
+use reel_assets::Folder;
 use reel_replay::SnapshotCache;
 use reel_tasks::Listed;
-use reel_world::{Scene, Skills, Task};
+use reel_trace::Trace;
+use reel_world::{AssetId, Meshes, Scene, Skills, Task};
 
 /// The skills of a name, for arguments.
 pub fn skills(name: &str) -> Result<Skills, String> {
@@ -79,6 +82,57 @@ impl Cache {
         let home = || Some(PathBuf::from(env::var_os("HOME")?).join(".cache"));
         let default = || env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home).map(|cache| cache.join("reel-snapshots"));
         self.cache.clone().or_else(default).map(|folder| SnapshotCache::at(&folder))
+    }
+}
+
+/// Where the meshes of objects are.
+#[derive(clap::Args)]
+pub struct Assets {
+    /// Folder of meshes, .glb, .gltf or .obj, each named by the asset it shows; assets without one are primitives. What was
+    /// recorded with meshes is executed again with the same
+    #[arg(id = "assets", long = "assets", value_name = "DIR", env = "REEL_ASSETS")]
+    folder: Option<PathBuf>,
+}
+
+impl Assets {
+    /// The folder, if there is one.
+    pub fn path(&self) -> Option<&Path> {
+        self.folder.as_deref()
+    }
+
+    /// The meshes, none where no folder is named.
+    pub fn open(&self) -> anyhow::Result<Option<Folder>> {
+        let open = |path: &PathBuf| Folder::open(path).with_context(|| format!("cannot list the assets in {}", path.display()));
+        self.folder.as_ref().map(open).transpose()
+    }
+
+    /// Reads a trace, with the meshes that it was recorded with.
+    pub fn read(&self, path: &Path) -> anyhow::Result<Trace> {
+        Ok(Trace::read(path)?.with_meshes(&self.open()?))
+    }
+
+    /// The meshes of all objects of tasks, and how many files were refused. Says of every asset without a mesh that it has none.
+    pub fn of(&self, tasks: &[Arc<Task>]) -> anyhow::Result<(Meshes, usize)> {
+        let (Some(folder), Some(path)) = (self.open()?, &self.folder) else { return Ok((Meshes::default(), 0)) };
+        let assets: BTreeSet<&AssetId> = tasks.iter().flat_map(|task| task.assets()).collect();
+        let (mut meshes, mut absent, mut refused) = (BTreeMap::new(), Vec::new(), 0);
+        for &asset in &assets {
+            match folder.load(asset) {
+                Ok(Some(mesh)) => drop(meshes.insert(asset.clone(), mesh)),
+                Ok(None) => absent.push(asset.as_str()),
+                Err(reason) => {
+                    refused += 1;
+                    eprintln!("reel: the mesh of {asset} is refused, primitives stand in: {reason}");
+                }
+            }
+        }
+        if !absent.is_empty() {
+            let (all, shown) = (absent.len(), absent.iter().take(5).copied().collect::<Vec<_>>().join(", "));
+            let more = if all > 5 { ", ..." } else { "" };
+            let folder = path.display();
+            eprintln!("reel: {all} of {} assets have no mesh in {folder}, primitives stand in: {shown}{more}", assets.len());
+        }
+        Ok((Arc::new(meshes), refused))
     }
 }
 

@@ -103,6 +103,7 @@ fn play(recorded: &Recorded, restored: bool) -> Digest {
         seed: header.seed,
         profile: header.profile,
         skills: Skills::Perfect,
+        meshes: reel_world::Meshes::default(),
         preset: Preset::parse(&header.reward_preset).expect("a known preset"),
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),

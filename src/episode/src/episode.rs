@@ -5,7 +5,7 @@ use std::{fmt, sync::Arc};
 use reel_reward::{Rewarder, metrics};
 use reel_sim::{Given, Luck, SIM_VERSION, Simulator, Snapshot, Stage, ToolResult, render::Detail};
 use reel_world::{
-    Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Outcome, Scene, Task, Tool, chain, invariants,
+    Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Meshes, Outcome, Scene, Task, Tool, chain, invariants,
     record::{
         Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord, StateDigests, StepInput,
         StepRecord, UserReply,
@@ -97,7 +97,7 @@ impl Episode {
     /// # Errors
     /// When task and scene do not belong together.
     pub fn start_with(config: EpisodeConfig, detail: Detail) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
-        Ok(Self::begin(stage(&config.scene, &config.task)?, config, detail))
+        Ok(Self::begin(stage(&config.scene, &config.task, &config.meshes)?, config, detail))
     }
 
     /// [`Episode::start`] on a stage that is there already: that of the task and scene of `config`, by [`stage`].
@@ -142,7 +142,7 @@ impl Episode {
         steps: Vec<StepRecord>,
         snapshot: &Snapshot,
     ) -> Result<Episode, EpisodeError> {
-        Self::resume_on(stage(&config.scene, &config.task)?, config, start, steps, snapshot)
+        Self::resume_on(stage(&config.scene, &config.task, &config.meshes)?, config, start, steps, snapshot)
     }
 
     /// [`Episode::resume`] on a stage that is there already: that of the task and scene of `config`, by [`stage`].
@@ -381,16 +381,17 @@ impl Episode {
 ///
 /// # Errors
 /// When the task plays in another scene.
-pub fn stage(scene: &Arc<Scene>, task: &Arc<Task>) -> Result<Arc<Stage>, EpisodeError> {
+pub fn stage(scene: &Arc<Scene>, task: &Arc<Task>, meshes: &Meshes) -> Result<Arc<Stage>, EpisodeError> {
     if task.scene_id == scene.scene_id {
-        return Ok(Stage::new(scene.clone(), task.clone()));
+        return Ok(Stage::with_meshes(scene.clone(), task.clone(), meshes.clone()));
     }
     let (wanted, given) = (task.scene_id.clone(), scene.scene_id.clone());
     Err(EpisodeError::OtherScene { task: task.task_id.clone(), wanted, given })
 }
 
 fn check_stage(stage: &Stage, config: &EpisodeConfig) {
-    let its = Arc::ptr_eq(stage.task(), &config.task) && Arc::ptr_eq(stage.scene(), &config.scene);
+    let its =
+        Arc::ptr_eq(stage.task(), &config.task) && Arc::ptr_eq(stage.scene(), &config.scene) && *stage.meshes() == config.meshes;
     assert!(its, "the stage of task {} was handed to task {}", stage.task().task_id, config.task.task_id);
 }
 
@@ -443,6 +444,7 @@ fn header(config: &EpisodeConfig) -> EpisodeHeader {
         policy: config.policy.clone(),
         backend: Backend::Sim,
         skills: config.skills,
+        meshes: config.meshes.iter().map(|(asset, mesh)| (asset.clone(), mesh.digest())).collect(),
         parent: config.parent.clone(),
     };
     header.episode_id = Digest::of_json(&header).to_string()[..16].to_owned();

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use reel_reward::Preset;
 use reel_world::{
-    Digest, ErrorCode, Frame, InstanceId, Profile, Receptacle, ReceptacleId, Scene, Skills, Task, WorldGraph,
+    Digest, ErrorCode, Frame, InstanceId, Meshes, Profile, Receptacle, ReceptacleId, Scene, Skills, Task, WorldGraph,
     record::{EpisodeHeader, Marker, Parent, PolicyInfo, StepRecord},
 };
 
@@ -28,6 +28,8 @@ pub struct EpisodeConfig {
     pub profile: Profile,
     /// How reliable the robot's skills are.
     pub skills: Skills,
+    /// What its objects look like, those that have a mesh; no others than the task's.
+    pub meshes: Meshes,
     /// Reward preset whose terms the steps hold.
     pub preset: Preset,
     /// The run it belongs to.

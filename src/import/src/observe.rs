@@ -50,6 +50,7 @@ pub fn header(task: &Task, scene: &Scene) -> EpisodeHeader {
         policy: PolicyInfo::default(),
         backend: Backend::Proxy,
         skills: Skills::Perfect,
+        meshes: std::collections::BTreeMap::new(),
         parent: None,
     }
 }

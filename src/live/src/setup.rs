@@ -9,7 +9,7 @@ use std::{
 use reel_episode::{EpisodeConfig, Rollout, Stage};
 use reel_reward::Preset;
 use reel_trace::RecordOptions;
-use reel_world::{Profile, Scene, Skills, Task, record::PolicyInfo};
+use reel_world::{Assets, Meshes, Profile, Scene, Skills, Task, record::PolicyInfo};
 use serde_json::json;
 
 use crate::LiveError;
@@ -21,6 +21,8 @@ pub struct Setup {
     pub tasks: Vec<Arc<Task>>,
     /// The scene of all of them.
     pub scene: Arc<Scene>,
+    /// What the objects of the tasks look like that are no primitives.
+    pub meshes: Meshes,
     /// Seed of everything random.
     pub seed: u64,
     /// Behaviour where paper and published code differ.
@@ -82,11 +84,16 @@ impl Setup {
             return Ok(stage);
         }
         // Others need not wait meanwhile; who builds the same at the same time keeps its own.
-        let stage = reel_episode::stage(&self.scene, task)?;
+        let stage = reel_episode::stage(&self.scene, task, &self.meshes(task))?;
         let mut known = known();
         known.retain(|_, stage| stage.strong_count() > 0);
         known.insert(task.task_id.clone(), Arc::downgrade(&stage));
         Ok(stage)
+    }
+
+    /// The meshes of a task's objects.
+    fn meshes(&self, task: &Task) -> Meshes {
+        self.meshes.meshes(&mut task.assets())
     }
 
     pub(crate) fn config(&self, task: &Arc<Task>, place: &Place<'_>, before: u32) -> EpisodeConfig {
@@ -102,6 +109,7 @@ impl Setup {
             seed: place.lease.map_or(self.seed, |lease| lease.seed),
             profile: self.profile,
             skills: self.skills,
+            meshes: self.meshes(task),
             preset: self.preset.clone(),
             run_id: self.run_id.clone(),
             policy: PolicyInfo {

@@ -2,7 +2,7 @@
 //! the outcomes that are not as recorded. Never a verdict on bits; that is [`verify`](crate::verify)'s.
 
 use std::{
-    panic::catch_unwind,
+    panic::{AssertUnwindSafe, catch_unwind},
     path::{Path, PathBuf},
 };
 
@@ -10,12 +10,12 @@ use reel_episode::Episode;
 use reel_sim::{SIM_VERSION, render::Detail};
 use reel_trace::Trace;
 use reel_world::{
-    Outcome,
+    Assets, Outcome,
     record::{EndReason, EndRecord, EpisodeHeader, StartRecord, StateDigests, StepRecord},
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{Verdict, on_workers, player, verify};
+use crate::{Verdict, on_workers, player, verify_from};
 
 /// What differs between an episode as recorded and as this simulator plays it from the same inputs.
 #[derive(Clone, PartialEq, Debug, Default, Serialize, Deserialize)]
@@ -111,10 +111,15 @@ pub fn changes(trace: &Trace) -> Result<Changes, Verdict> {
 
 /// Replays many trace files on so many threads, and says what changed in those that are not exact; in the order of the
 /// paths.
-pub fn judge_all<P: AsRef<Path> + Sync>(paths: &[P], workers: usize, on_done: impl Fn(&Path, &Verdict) + Sync) -> Vec<Judgement> {
+pub fn judge_all<P: AsRef<Path> + Sync>(
+    paths: &[P],
+    assets: &dyn Assets,
+    workers: usize,
+    on_done: impl Fn(&Path, &Verdict) + Sync,
+) -> Vec<Judgement> {
     on_workers(paths, workers, |path| {
         let path = path.as_ref();
-        let judgement = catch_unwind(|| judge(path)).unwrap_or_else(|_| Judgement {
+        let judgement = catch_unwind(AssertUnwindSafe(|| judge(path, assets))).unwrap_or_else(|_| Judgement {
             trace: path.to_owned(),
             verdict: Verdict::panicked(path),
             outcomes: None,
@@ -124,12 +129,12 @@ pub fn judge_all<P: AsRef<Path> + Sync>(paths: &[P], workers: usize, on_done: im
     })
 }
 
-fn judge(path: &Path) -> Judgement {
-    let verdict = verify(path);
+fn judge(path: &Path, assets: &dyn Assets) -> Judgement {
+    let verdict = verify_from(path, assets);
     let outcomes = Trace::read(path).ok().and_then(|trace| match verdict {
         // Nothing changed, and nothing need be executed a second time to say so.
         Verdict::Exact { .. } => Some(Changes::none(&trace)),
-        _ => changes(&trace).ok(),
+        _ => changes(&trace.with_meshes(assets)).ok(),
     });
     Judgement { trace: path.to_owned(), verdict, outcomes }
 }

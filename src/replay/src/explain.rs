@@ -104,8 +104,8 @@ pub fn state_at(trace: &Trace, moment: Moment, step: usize) -> Result<Option<Vec
     match moment {
         Moment::Start => {
             let config = player::config(trace)?;
-            let mut simulator =
-                Simulator::new_watching(Stage::new(config.scene, config.task), config.profile, config.seed, Some(step));
+            let stage = Stage::with_meshes(config.scene, config.task, config.meshes);
+            let mut simulator = Simulator::new_watching(stage, config.profile, config.seed, Some(step));
             Ok(simulator.take_watched())
         }
         Moment::Call(call) => {

@@ -22,7 +22,7 @@ use std::{
 use rayon::prelude::*;
 use reel_sim::render::Detail;
 use reel_trace::{Trace, TraceError};
-use reel_world::Frame;
+use reel_world::{Assets, Frame, NoAssets};
 use serde::Serialize;
 
 pub use changes::{ChangedEnd, ChangedOutcome, Changes, Ending, Judgement, changes, judge_all};
@@ -117,17 +117,26 @@ impl std::fmt::Display for Verdict {
     }
 }
 
-/// Replays one trace file.
+/// Replays one trace file, of primitives only.
 pub fn verify(path: &Path) -> Verdict {
+    verify_from(path, &NoAssets)
+}
+
+fn verify_from(path: &Path, assets: &dyn Assets) -> Verdict {
     match Trace::read(path) {
-        Ok(trace) => verify_trace(&trace),
+        Ok(trace) => verify_trace(&trace.with_meshes(assets)),
         Err(error) => refused(&error),
     }
 }
 
-/// Replays many trace files on so many threads; verdicts in the order of the paths.
-pub fn verify_all<P: AsRef<Path> + Sync>(paths: &[P], workers: usize, on_done: impl Fn(&Path, &Verdict) + Sync) -> Vec<Verdict> {
-    on_workers(paths, workers, |path| contained(path.as_ref(), verify, &on_done))
+/// Replays many trace files on so many threads; verdicts in the order of the paths. Meshes come from `assets`.
+pub fn verify_all<P: AsRef<Path> + Sync>(
+    paths: &[P],
+    assets: &dyn Assets,
+    workers: usize,
+    on_done: impl Fn(&Path, &Verdict) + Sync,
+) -> Vec<Verdict> {
+    on_workers(paths, workers, |path| contained(path.as_ref(), |path| verify_from(path, assets), &on_done))
 }
 
 /// Replays a trace that was read; a panic ends only its own verdict.
@@ -138,11 +147,12 @@ pub fn verify_contained(trace: &Trace) -> Verdict {
 /// [`verify_all`], and each again from snapshots after `count` of its calls.
 pub fn verify_all_restored<P: AsRef<Path> + Sync>(
     paths: &[P],
+    assets: &dyn Assets,
     workers: usize,
     count: usize,
     on_done: impl Fn(&Path, &Verdict) + Sync,
 ) -> Vec<Verdict> {
-    let verify = |path: &Path| seek::verify_restored_at_some(path, count);
+    let verify = |path: &Path| seek::verify_restored_at_some(path, assets, count);
     on_workers(paths, workers, |path| contained(path.as_ref(), verify, &on_done))
 }
 

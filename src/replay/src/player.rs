@@ -149,18 +149,41 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
     }
     let preset = Preset::parse(&header.reward_preset)
         .ok_or_else(|| not_replayable(format!("unknown reward preset '{}'", header.reward_preset)))?;
+    check_meshes(trace)?;
     Ok(EpisodeConfig {
         task: trace.task.clone(),
         scene: trace.scene.clone(),
         seed: header.seed,
         profile: header.profile,
         skills: header.skills,
+        meshes: trace.meshes.clone(),
         preset,
         run_id: header.run_id.clone(),
         policy: header.policy.clone(),
         rollout: Rollout::of(header),
         parent: header.parent.clone(),
     })
+}
+
+/// Refuses a trace whose meshes are not those that it was recorded with: everything would differ, and say nothing.
+fn check_meshes(trace: &Trace) -> Result<(), Verdict> {
+    let wrong = trace.header.meshes.iter().filter_map(|(asset, recorded)| match trace.meshes.get(asset) {
+        None => Some(format!("{asset} ({}) is missing", recorded.short())),
+        Some(mesh) if mesh.digest() != *recorded => {
+            Some(format!("{asset} is {} here, and was {} when it was recorded", mesh.digest().short(), recorded.short()))
+        }
+        Some(_) => None,
+    });
+    let wrong: Vec<String> = wrong.collect();
+    if wrong.is_empty() {
+        return Ok(());
+    }
+    let reason = format!(
+        "its objects are meshes, which a trace does not hold: {}; name the folder they were recorded from by --assets DIR or \
+         REEL_ASSETS, and `reel assets check DIR` tells the digests in it",
+        wrong.join("; ")
+    );
+    Err(Verdict::Refused { reason })
 }
 
 fn other_simulator(recorded: u32) -> Verdict {

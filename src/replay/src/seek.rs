@@ -9,7 +9,7 @@ use std::{
 
 use reel_sim::{SIM_VERSION, Snapshot, render::Detail};
 use reel_trace::Trace;
-use reel_world::Digest;
+use reel_world::{Assets, Digest};
 
 use crate::{Replay, Verdict, refused};
 
@@ -162,10 +162,10 @@ pub fn verify_restored(trace: &Trace, after: &[usize]) -> Verdict {
 
 /// Replays a trace, then again from snapshots after `count` of its calls. Which calls is decided by the trace's own
 /// digest, so that the same trace is always asked the same.
-pub(crate) fn verify_restored_at_some(path: &Path, count: usize) -> Verdict {
+pub(crate) fn verify_restored_at_some(path: &Path, assets: &dyn Assets, count: usize) -> Verdict {
     let checked = Trace::read(path).and_then(|trace| trace.verify_images().map(|()| trace));
     let trace = match checked {
-        Ok(trace) => trace,
+        Ok(trace) => trace.with_meshes(assets),
         Err(error) => return refused(&error),
     };
     let mut calls: Vec<usize> = (0..=trace.steps.len()).collect();

@@ -390,6 +390,7 @@ impl Config {
         Ok(Setup {
             tasks,
             scene,
+            meshes: reel_world::Meshes::default(),
             seed: play.seed,
             profile: play.profile,
             skills: play.skills,

@@ -25,11 +25,11 @@ impl Simulator {
     pub fn picture_from_outside(&self, camera: &Camera) -> Frame {
         let robot = robot();
         let pose = self.robot_pose();
-        let mut extra = vec![Drawable { parts: &robot, pose, entity: ROBOT_ENTITY }];
+        let mut extra = vec![Drawable { parts: &robot, mesh: None, pose, entity: ROBOT_ENTITY }];
         if let Some(held) = self.held {
             let [ahead, up] = GRIPPER_M;
             let pose = pose.then(&Pose::at([ahead, 0.0, up]));
-            extra.push(Drawable { parts: &self.stage.object_models[held].parts, pose, entity: self.object_entity(held) });
+            extra.push(self.stage.object_models[held].drawable(pose, self.object_entity(held)));
         }
         self.picture_with(camera, &extra, self.detail)
     }

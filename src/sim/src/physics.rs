@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     geometry::{self, Part},
-    model::{DoorModel, ObjectModel, SceneModel},
+    model::{DoorModel, Hull, ObjectModel, SceneModel},
 };
 
 /// How far above its place an object is spawned (SPEC section 3, "Physics verification").
@@ -89,6 +89,9 @@ impl Physics {
             .user_data(index as u128);
         let body = self.world.insert_body(builder);
         insert_colliders(&mut self.world, body, &model.parts, Some(model.density));
+        if let Some(mesh) = &model.mesh {
+            insert_hull(&mut self.world, body, &mesh.hull, model.density);
+        }
         self.objects[index] = Some(body);
     }
 
@@ -252,6 +255,12 @@ fn insert_colliders(world: &mut PhysicsWorld, body: RigidBodyHandle, parts: &[Pa
         };
         world.insert_collider(builder, Some(body));
     }
+}
+
+fn insert_hull(world: &mut PhysicsWorld, body: RigidBodyHandle, hull: &Hull, density: f32) {
+    let points = hull.points.iter().map(|point| Vector::from(*point)).collect();
+    let builder = ColliderBuilder::convex_mesh(points, &hull.triangles).expect("a hull is closed");
+    world.insert_collider(builder.friction(FRICTION).restitution(0.0).density(density), Some(body));
 }
 
 fn to_rapier(pose: &geometry::Pose) -> Pose {

@@ -264,19 +264,19 @@ impl Simulator {
 
     /// The picture from any camera, with more in it than the scene.
     pub(crate) fn picture_with(&self, camera: &Camera, extra: &[Drawable<'_>], detail: Detail) -> Frame {
-        let shell = Drawable { parts: &self.stage.model.shell, pose: Pose::IDENTITY, entity: SHELL_ENTITY };
+        let shell = Drawable { parts: &self.stage.model.shell, mesh: None, pose: Pose::IDENTITY, entity: SHELL_ENTITY };
         let mut drawables = vec![shell];
         for (index, furniture) in self.stage.model.furniture.iter().enumerate() {
             let entity = furniture_entity(index);
-            drawables.push(Drawable { parts: &furniture.parts, pose: Pose::IDENTITY, entity });
+            drawables.push(Drawable { parts: &furniture.parts, mesh: None, pose: Pose::IDENTITY, entity });
             if let (Some(door), Some(body)) = (&furniture.door, self.stage.door_of[index]) {
                 let pose = self.physics.door_motion(body).pose;
-                drawables.push(Drawable { parts: &door.parts, pose, entity });
+                drawables.push(Drawable { parts: &door.parts, mesh: None, pose, entity });
             }
         }
         for (index, shape) in self.stage.object_models.iter().enumerate() {
             if let Some(motion) = self.physics.object_motion(index) {
-                drawables.push(Drawable { parts: &shape.parts, pose: motion.pose, entity: self.object_entity(index) });
+                drawables.push(shape.drawable(motion.pose, self.object_entity(index)));
             }
         }
         drawables.extend_from_slice(extra);

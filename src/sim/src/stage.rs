@@ -3,11 +3,11 @@
 
 use std::{collections::BTreeSet, sync::Arc};
 
-use reel_world::{Scene, Task};
+use reel_world::{Meshes, Scene, Task};
 
 use crate::{
     math,
-    model::{ObjectModel, SceneModel, object_model, scene_model},
+    model::{ObjectModel, SceneModel, meshed_model, object_model, scene_model},
     nav::NavMap,
 };
 
@@ -19,21 +19,31 @@ pub struct Stage {
     pub(crate) model: SceneModel,
     /// In the order of the task's objects.
     pub(crate) object_models: Box<[ObjectModel]>,
+    meshes: Meshes,
     pub(crate) nav: NavMap,
     /// The door (index into physics) of each piece of furniture.
     pub(crate) door_of: Box<[Option<usize>]>,
 }
 
 impl Stage {
-    /// Sets a task up.
+    /// Sets a task up, its objects as primitives.
     pub fn new(scene: Arc<Scene>, task: Arc<Task>) -> Arc<Self> {
+        Self::with_meshes(scene, task, Meshes::default())
+    }
+
+    /// Sets a task up, the objects that have a mesh as that.
+    pub fn with_meshes(scene: Arc<Scene>, task: Arc<Task>, meshes: Meshes) -> Arc<Self> {
         math::link();
         let in_use: BTreeSet<_> = task.objects.iter().map(|object| object.receptacle.clone()).collect();
         let model = scene_model(&scene, &in_use);
-        let object_models = task.objects.iter().map(object_model).collect();
+        let object_models = task.objects.iter().map(|object| match meshes.get(&object.asset) {
+            Some(mesh) => meshed_model(object, mesh),
+            None => object_model(object),
+        });
+        let object_models = object_models.collect();
         let mut doors = 0..;
         let door_of = model.furniture.iter().map(|furniture| furniture.door.as_ref().and_then(|_| doors.next())).collect();
-        Arc::new(Self { nav: NavMap::new(&model), scene, task, model, object_models, door_of })
+        Arc::new(Self { nav: NavMap::new(&model), scene, task, model, object_models, meshes, door_of })
     }
 
     /// The scene.
@@ -44,6 +54,11 @@ impl Stage {
     /// The task.
     pub fn task(&self) -> &Arc<Task> {
         &self.task
+    }
+
+    /// What objects look like that are no primitives, by asset.
+    pub fn meshes(&self) -> &Meshes {
+        &self.meshes
     }
 
     /// How many doors there are.

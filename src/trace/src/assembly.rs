@@ -211,6 +211,7 @@ impl<'a> Assembly<'a> {
             header,
             task,
             scene,
+            meshes: reel_world::Meshes::default(),
             start,
             steps: self.steps,
             end: self.end,

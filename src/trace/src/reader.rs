@@ -7,7 +7,7 @@ use std::{
 };
 
 use reel_world::{
-    Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task,
+    Assets, Digest, FRAME_HEIGHT, FRAME_WIDTH, Meshes, Scene, Task,
     record::{EndRecord, EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
 
@@ -32,6 +32,8 @@ pub struct Trace {
     pub task: Arc<Task>,
     /// The scene.
     pub scene: Arc<Scene>,
+    /// The meshes that the header names, as far as [`Trace::with_meshes`] found them: no trace holds any.
+    pub meshes: Meshes,
     /// The state after settling.
     pub start: StartRecord,
     /// The steps, from 0.
@@ -95,6 +97,13 @@ impl Trace {
             (Err(_), Some(problem)) => Err(problem.error),
             (Err(missing), None) => Err(missing),
         }
+    }
+
+    /// The trace with the meshes that its header names, those of them that are there.
+    #[must_use]
+    pub fn with_meshes(mut self, assets: &dyn Assets) -> Self {
+        self.meshes = assets.meshes(&mut self.header.meshes.keys());
+        self
     }
 
     /// The WebP picture after a step (none: of the start), if the trace holds it.

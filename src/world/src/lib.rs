@@ -18,6 +18,7 @@ mod tool;
 pub mod answer;
 pub mod invariants;
 pub mod language;
+pub mod mesh;
 pub mod outcome;
 pub mod record;
 
@@ -27,6 +28,7 @@ pub use failure::FailureClass;
 pub use frame::{FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests};
 pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
 pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};
+pub use mesh::{Assets, Mesh, Meshes, NoAssets};
 pub use outcome::{ErrorClass, ErrorCode, Outcome};
 pub use scene::{Door, Receptacle, Rect, Room, Scene, Wall};
 pub use skills::Skills;

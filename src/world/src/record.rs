@@ -8,7 +8,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, Skills, ToolCall, WorldGraph};
+use crate::{
+    AssetId, Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, Skills, ToolCall, WorldGraph,
+};
 
 /// Where an episode ran.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
@@ -88,6 +90,9 @@ pub struct EpisodeHeader {
     /// How reliable the robot's skills were.
     #[serde(default, skip_serializing_if = "Skills::are_perfect")]
     pub skills: Skills,
+    /// Digests of the meshes that stood in for primitives, by asset.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub meshes: BTreeMap<AssetId, Digest>,
     /// The trace and call this one branches from, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parent: Option<Parent>,

@@ -147,6 +147,11 @@ impl Task {
         self.goal.difference(&self.initial)
     }
 
+    /// The assets of its objects, each as often as there are objects of it.
+    pub fn assets(&self) -> impl Iterator<Item = &AssetId> {
+        self.objects.iter().map(|object| &object.asset)
+    }
+
     /// Finds an object.
     pub fn object(&self, instance: &InstanceId) -> Option<&ObjectInstance> {
         self.objects.iter().find(|object| object.instance == *instance)

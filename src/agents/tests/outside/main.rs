@@ -52,6 +52,7 @@ fn play(outside: Outside, path: &std::path::Path) -> (Result<EpisodeReport, Agen
         seed: 0,
         profile: Profile::Paper,
         skills: Skills::Perfect,
+        meshes: reel_world::Meshes::default(),
         preset: Preset::paper(),
         run_id: "outside".into(),
         policy: PolicyInfo::default(),

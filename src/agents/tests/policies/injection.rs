@@ -188,6 +188,7 @@ impl World {
             seed: injection.seed,
             profile: Profile::Paper,
             skills: Skills::Perfect,
+            meshes: reel_world::Meshes::default(),
             preset: Preset::paper(),
             run_id: "run".into(),
             policy: PolicyInfo::default(),

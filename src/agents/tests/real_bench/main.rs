@@ -32,6 +32,7 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task() {
             seed: 1,
             profile: Profile::Paper,
             skills: Skills::Perfect,
+            meshes: reel_world::Meshes::default(),
             preset: Preset::paper(),
             run_id: "real-bench".into(),
             policy: PolicyInfo::default(),

@@ -57,6 +57,7 @@ impl Play {
             seed,
             profile: Profile::Paper,
             skills: Skills::RealV1,
+            meshes: reel_world::Meshes::default(),
             preset: Preset::paper(),
             run_id: "skills".into(),
             policy: PolicyInfo::default(),

@@ -140,6 +140,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
                 seed,
                 profile,
                 skills: arguments.skills,
+                meshes: reel_world::Meshes::default(),
                 preset: Preset::paper(),
                 run_id: format!("{name}-{seed}"),
                 policy: PolicyInfo::default(),

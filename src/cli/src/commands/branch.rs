@@ -66,6 +66,8 @@ pub struct Arguments {
     #[arg(long, value_name = "BRANCH", conflicts_with_all = ["at", "call", "calls", "policy", "then", "seed", "out", "images"])]
     check: Vec<PathBuf>,
     #[command(flatten)]
+    assets: inputs::Assets,
+    #[command(flatten)]
     cache: inputs::Cache,
     /// Print JSON
     #[arg(long)]
@@ -74,8 +76,8 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let parent = Trace::read(&arguments.trace)?;
-    let Some(at) = arguments.at else { return check(&parent, &arguments.check, arguments.json) };
+    let parent = arguments.assets.read(&arguments.trace)?;
+    let Some(at) = arguments.at else { return check(&parent, arguments) };
     let branch = what(arguments, &parent, at)?;
     let images = match arguments.images.as_deref() {
         None if parent.image_count() > 0 => Images::Full,
@@ -175,13 +177,13 @@ fn print(branch: &Branch, made: &Trace, parent: &Trace, at: usize) {
     println!("trace: {}", made.path.display());
 }
 
-fn check(parent: &Trace, branches: &[PathBuf], as_json: bool) -> anyhow::Result<Answer> {
+fn check(parent: &Trace, arguments: &Arguments) -> anyhow::Result<Answer> {
     let mut all_hold = true;
-    for path in branches {
-        let branch = Trace::read(path)?;
+    for path in &arguments.check {
+        let branch = arguments.assets.read(path)?;
         let descent = verify_branch(&branch, parent);
         all_hold &= descent.holds();
-        if as_json {
+        if arguments.json {
             let mut line = serde_json::to_value(&descent)?;
             line["trace"] = json!(path);
             line["holds"] = json!(descent.holds());

@@ -61,6 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     for policy in POLICIES {
         let plan = run::Plan {
             scene: scene.clone(),
+            meshes: reel_world::Meshes::default(),
             policy,
             seed: 1,
             profile: Profile::Paper,
@@ -77,7 +78,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
 
     let bar = progress::bar(recorded.len(), "replay");
-    let verdicts = reel_replay::verify_all(&recorded, workers, |_, _| bar.inc(1));
+    let verdicts = reel_replay::verify_all(&recorded, &reel_world::NoAssets, workers, |_, _| bar.inc(1));
     bar.finish_and_clear();
     let exact = verdicts.iter().filter(|verdict| verdict.is_exact()).count();
     println!("3. {exact} of {} episodes replay bit for bit", recorded.len());

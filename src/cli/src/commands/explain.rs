@@ -9,7 +9,7 @@ use std::{
 use anyhow::{Context, bail};
 use reel_replay::{Explanation, FieldChange, Moment, body_changes, explain, state_at};
 use reel_trace::Trace;
-use reel_world::record::BodyState;
+use reel_world::{Assets, record::BodyState};
 use serde_json::json;
 
 use crate::Answer;
@@ -17,11 +17,25 @@ use crate::Answer;
 /// Most lines of differing fields that are printed for people; JSON has all.
 const LINES: usize = 24;
 
+/// Another build of reel.
+pub struct Build<'a> {
+    /// The program.
+    pub path: &'a Path,
+    /// Its folder of meshes.
+    pub assets: Option<&'a Path>,
+}
+
 /// Explains the first difference of each trace.
-pub fn run(paths: &[PathBuf], against: Option<&Path>, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<Answer> {
+pub fn run(
+    paths: &[PathBuf],
+    assets: &dyn Assets,
+    against: Option<&Build<'_>>,
+    pictures: Option<&Path>,
+    as_json: bool,
+) -> anyhow::Result<Answer> {
     let mut all_exact = true;
     for path in paths {
-        let trace = Trace::read(path)?;
+        let trace = Trace::read(path)?.with_meshes(assets);
         let explanation = explain(&trace);
         all_exact &= explanation.verdict.is_exact();
         let other = against.map(|build| other_states(build, path, &explanation)).transpose()?.flatten();
@@ -33,14 +47,14 @@ pub fn run(paths: &[PathBuf], against: Option<&Path>, pictures: Option<&Path>, a
             line["picture_file"] = json!(picture);
             println!("{line}");
         } else {
-            print(path, &explanation, against, other.as_deref(), picture.as_deref());
+            print(path, &explanation, against.map(|build| build.path), other.as_deref(), picture.as_deref());
         }
     }
     Ok(if all_exact { Answer::Yes } else { Answer::No })
 }
 
 /// Prints motion states after a physics step as JSON.
-pub fn print_state(paths: &[PathBuf], place: &str) -> anyhow::Result<Answer> {
+pub fn print_state(paths: &[PathBuf], assets: &dyn Assets, place: &str) -> anyhow::Result<Answer> {
     let (call, step) = place.split_once(':').context("--state-at takes CALL:STEP, e.g. 3:120 or start:499")?;
     let moment = match call {
         "start" => Moment::Start,
@@ -48,7 +62,7 @@ pub fn print_state(paths: &[PathBuf], place: &str) -> anyhow::Result<Answer> {
     };
     let step = step.parse().with_context(|| format!("'{step}' is no physics step; --state-at takes CALL:STEP"))?;
     for path in paths {
-        match state_at(&Trace::read(path)?, moment, step) {
+        match state_at(&Trace::read(path)?.with_meshes(assets), moment, step) {
             Ok(Some(bodies)) => println!("{}", json!({ "trace": path, "at": place, "bodies": bodies })),
             Ok(None) => bail!("{}: fewer than {} physics steps are executed there", path.display(), step + 1),
             Err(verdict) => bail!("{}: {verdict}", path.display()),
@@ -58,14 +72,17 @@ pub fn print_state(paths: &[PathBuf], place: &str) -> anyhow::Result<Answer> {
 }
 
 /// What differs between the motion states of the other build and ours at the first differing physics step.
-fn other_states(build: &Path, trace: &Path, explanation: &Explanation) -> anyhow::Result<Option<Vec<FieldChange>>> {
+fn other_states(build: &Build<'_>, trace: &Path, explanation: &Explanation) -> anyhow::Result<Option<Vec<FieldChange>>> {
     let reel_replay::Verdict::Diverged { divergence } = &explanation.verdict else { return Ok(None) };
     let (Some(step), Some(ours)) = (divergence.physics_step, &explanation.bodies) else { return Ok(None) };
     let place = match divergence.moment {
         Moment::Call(call) => format!("{call}:{step}"),
         _ => format!("start:{step}"),
     };
+    let Build { path: build, assets } = build;
     let output = Command::new(build)
+        // Not as an argument, which builds without meshes do not know.
+        .envs(assets.map(|assets| ("REEL_ASSETS", assets)))
         .arg("replay")
         .arg(trace)
         .args(["--state-at", &place])

@@ -259,6 +259,7 @@ impl Maker<'_> {
             seed: injection.seed,
             profile: Profile::Paper,
             skills: Skills::Perfect,
+            meshes: reel_world::Meshes::default(),
             preset: Preset::paper(),
             run_id: format!("faults-{}", self.run.seed),
             policy: PolicyInfo::default(),

@@ -36,6 +36,8 @@ pub struct Arguments {
     #[arg(long, value_name = "CALL")]
     at: Option<u32>,
     #[command(flatten)]
+    assets: inputs::Assets,
+    #[command(flatten)]
     camera: Camera,
     #[command(flatten)]
     cache: inputs::Cache,
@@ -49,7 +51,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let trace = Trace::read(&arguments.trace)?;
+    let trace = arguments.assets.read(&arguments.trace)?;
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
     let mut files = Vec::new();
     if let Some(call) = arguments.at {

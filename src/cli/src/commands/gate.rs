@@ -36,6 +36,8 @@ pub struct Arguments {
     /// Another build of reel
     #[arg(long, value_name = "BIN")]
     against: Option<PathBuf>,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -72,12 +74,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
     let workers = inputs::workers(arguments.jobs);
     let bar = progress::bar(paths.len(), "gate");
-    let judgements = judge_all(&paths, workers, |_, _| bar.inc(1));
+    let judgements = judge_all(&paths, &arguments.assets.open()?, workers, |_, _| bar.inc(1));
     bar.finish_and_clear();
     let this = judgements.iter().map(|judgement| Ok(serde_json::from_value(serde_json::to_value(judgement)?)?));
     let this: Vec<Line> = this.collect::<anyhow::Result<_>>()?;
     let that = match &arguments.against {
-        Some(binary) => ask(binary, &paths, workers)?.into_iter().map(Some).collect(),
+        Some(binary) => ask(binary, &paths, arguments.assets.path(), workers)?.into_iter().map(Some).collect(),
         None => vec![None; paths.len()],
     };
     let rows: Vec<Row> = paths.into_iter().zip(this).zip(that).map(|((trace, this), that)| Row { trace, this, that }).collect();
@@ -93,13 +95,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 }
 
 /// Has another build replay the traces; its lines in the order of the paths.
-fn ask(binary: &Path, paths: &[PathBuf], workers: usize) -> anyhow::Result<Vec<Line>> {
+fn ask(binary: &Path, paths: &[PathBuf], assets: Option<&Path>, workers: usize) -> anyhow::Result<Vec<Line>> {
     let name = binary.display();
     let mut lines = BTreeMap::new();
     for group in paths.chunks(TRACES_PER_CALL) {
         let output = Command::new(binary)
             .args(["replay", "--outcomes", "--json", "--jobs", &workers.to_string(), "--"])
             .args(group)
+            // Not as an argument, which builds without meshes do not know.
+            .envs(assets.map(|assets| ("REEL_ASSETS", assets)))
             .output()
             .map_err(|error| match error.kind() {
                 ErrorKind::NotFound => anyhow::anyhow!("there is no program {name}; a path with a folder is needed, e.g. ./reel"),

@@ -2,6 +2,7 @@
 
 #[cfg(feature = "analytics")]
 pub mod annotate;
+pub mod assets;
 #[cfg(feature = "service")]
 pub mod bench;
 pub mod blame;

@@ -48,6 +48,9 @@ fn play_again(arguments: &Arguments, folder: &Path) -> anyhow::Result<()> {
     if let Some(scene) = &arguments.scene {
         again.arg("--scene").arg(scene);
     }
+    if let Some(assets) = arguments.assets.path() {
+        again.arg("--assets").arg(assets);
+    }
     again.env("MALLOC_PERTURB_", "165").env("MALLOC_ARENA_MAX", "1").env("MALLOC_MMAP_THRESHOLD_", "4096");
     let output = again.output().context("cannot run the episodes again")?;
     if !output.status.success() && output.status.code() != Some(3) {

@@ -229,6 +229,7 @@ fn job(scene: &Arc<Scene>, task: &Arc<Task>, record: Option<(PathBuf, Images)>) 
             seed: 1,
             profile: Profile::Paper,
             skills: Skills::Perfect,
+            meshes: reel_world::Meshes::default(),
             preset: Preset::paper(),
             run_id: "bench".into(),
             policy: PolicyInfo::default(),

@@ -53,6 +53,8 @@ struct Common {
     /// Replace each trace, at once and only when the new one is whole
     #[arg(long)]
     in_place: bool,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -86,6 +88,7 @@ fn repack(
     write: impl Fn(&Trace, &Path) -> Result<TraceSummary, RepackError> + Sync,
 ) -> anyhow::Result<Answer> {
     let paths = inputs::traces(&arguments.paths)?;
+    let assets = arguments.assets.open()?;
     let targets = targets(&paths, arguments.out.as_deref())?;
     if let Some(out) = &arguments.out {
         fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
@@ -100,7 +103,7 @@ fn repack(
             Ok(())
         };
         take(0, from)?;
-        let trace = Trace::read(from)?;
+        let trace = Trace::read(from)?.with_meshes(&assets);
         let summary = write(&trace, to).with_context(|| format!("{} is left as it is", from.display()))?;
         take(1, to)?;
         bar.inc(1);

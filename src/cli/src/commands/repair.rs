@@ -7,7 +7,7 @@ use reel_blame::{Edit, Repair, blame, repair};
 use reel_trace::Trace;
 use serde_json::{Value, json};
 
-use crate::Answer;
+use crate::{Answer, inputs};
 
 /// Find the smallest change of a failed episode's calls that makes it succeed: calls put in, replaced or left out from the
 /// decisive step on, by search over branches. No single one of the changes can be left out. The result is a trace, a branch
@@ -28,6 +28,8 @@ pub struct Arguments {
     /// The trace to write; without it TRACE--repaired.mcap in this folder
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// Print JSON: the edits, and the pair of calls
     #[arg(long)]
     json: bool,
@@ -35,7 +37,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let trace = Trace::read(&arguments.trace)?;
+    let trace = arguments.assets.read(&arguments.trace)?;
     let found = blame(&trace);
     let Some(decisive) = &found.decisive else {
         eprintln!("reel: nothing to repair: the episode did not fail, or nothing was lost in it: {}", trace.path.display());

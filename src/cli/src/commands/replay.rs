@@ -20,6 +20,7 @@ use crate::{
 ///   reel replay trace.mcap --explain --against old/reel # both builds' states at the first differing physics step
 ///   reel replay traces-out --restored 5                 # also from snapshots after 5 calls of each episode
 ///   reel replay traces/golden/v1 --outcomes
+///   reel replay traces-out --assets meshes              # recorded with these meshes
 ///
 /// Exit code 0: all identical; 1: something differs, a trace was refused, or cannot be executed again (robots, imports).
 #[derive(clap::Args)]
@@ -28,6 +29,8 @@ pub struct Arguments {
     /// Trace files, or folders of them
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -58,22 +61,24 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let paths = inputs::traces(&arguments.paths)?;
+    let assets = arguments.assets.open()?;
     if let Some(place) = &arguments.state_at {
-        return explain::print_state(&paths, place);
+        return explain::print_state(&paths, &assets, place);
     }
     if arguments.explain {
-        return explain::run(&paths, arguments.against.as_deref(), arguments.pictures.as_deref(), arguments.json);
+        let other = arguments.against.as_deref().map(|build| explain::Build { path: build, assets: arguments.assets.path() });
+        return explain::run(&paths, &assets, other.as_ref(), arguments.pictures.as_deref(), arguments.json);
     }
     let bar = progress::bar(paths.len(), "replay");
     let workers = inputs::workers(arguments.jobs);
     if arguments.outcomes {
-        let judgements = judge_all(&paths, workers, |_, _| bar.inc(1));
+        let judgements = judge_all(&paths, &assets, workers, |_, _| bar.inc(1));
         bar.finish_and_clear();
         return tell_outcomes(&judgements, arguments.json);
     }
     let verdicts = match arguments.restored {
-        None => verify_all(&paths, workers, |_, _| bar.inc(1)),
-        Some(count) => verify_all_restored(&paths, workers, count, |_, _| bar.inc(1)),
+        None => verify_all(&paths, &assets, workers, |_, _| bar.inc(1)),
+        Some(count) => verify_all_restored(&paths, &assets, workers, count, |_, _| bar.inc(1)),
     };
     bar.finish_and_clear();
     let mut totals = [0u64; 3];

@@ -12,7 +12,7 @@ use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions};
-use reel_world::{Profile, Scene, Skills, Task, record::PolicyInfo};
+use reel_world::{Assets as _, Meshes, Profile, Scene, Skills, Task, record::PolicyInfo};
 
 use crate::{Answer, commands::paranoid, inputs, progress};
 
@@ -20,6 +20,7 @@ use crate::{Answer, commands::paranoid, inputs, progress};
 ///
 /// Examples:
 ///   reel run --tasks tasks                            # the oracle, in the home that comes with Reel
+///   reel run --tasks tasks --assets meshes            # objects with a mesh in this folder are that, to see and to touch
 ///   reel run --tasks real-bench/tasks --scene real-bench/s7_scene.json --policy wrong-object --seed 7 --out traces/wrong
 ///
 /// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door, gibberish,
@@ -33,6 +34,8 @@ pub struct Arguments {
     /// Scene file (JSON); without it the home that comes with Reel
     #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
+    #[command(flatten)]
+    pub assets: inputs::Assets,
     /// Who decides
     #[arg(long, value_name = "NAME", default_value = "oracle")]
     pub policy: String,
@@ -88,8 +91,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     if arguments.reversed {
         tasks.reverse();
     }
+    let (meshes, refused) = arguments.assets.of(&tasks)?;
     let plan = Plan {
         scene,
+        meshes,
         policy: &arguments.policy,
         seed: arguments.seed,
         profile,
@@ -100,8 +105,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     };
     let scene_flag = arguments.scene.as_ref().map_or(String::new(), |path| format!(" --scene {}", path.display()));
     let skills_flag = if arguments.skills.are_perfect() { "" } else { " --skills real-v1" };
+    let assets_flag = arguments.assets.path().map_or(String::new(), |path| format!(" --assets {}", path.display()));
     let command = format!(
-        "reel run --tasks {}{scene_flag}{skills_flag} --policy {} --seed {} --jobs 1",
+        "reel run --tasks {}{scene_flag}{assets_flag}{skills_flag} --policy {} --seed {} --jobs 1",
         arguments.tasks.display(),
         arguments.policy,
         arguments.seed
@@ -129,7 +135,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let leaks = if arguments.paranoid { paranoid::leaks(arguments, &reports)? } else { 0 };
     Ok(if failed > 0 || leaks > 0 {
         Answer::No
-    } else if broken > 0 {
+    } else if broken + refused > 0 {
         Answer::Loss
     } else {
         Answer::Yes
@@ -140,6 +146,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 pub struct Plan<'a> {
     /// The scene of all tasks.
     pub scene: Arc<Scene>,
+    /// What objects look like that are no primitives, those of all tasks.
+    pub meshes: Meshes,
     /// Name of the policy.
     pub policy: &'a str,
     /// Seed of everything random.
@@ -179,6 +187,7 @@ pub fn play(
                 seed: plan.seed,
                 profile: plan.profile,
                 skills: plan.skills,
+                meshes: plan.meshes.meshes(&mut task.assets()),
                 preset: Preset::paper(),
                 run_id: format!("{}-{}", plan.policy, plan.seed),
                 policy: PolicyInfo::default(),

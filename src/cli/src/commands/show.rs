@@ -25,6 +25,8 @@ pub struct Arguments {
     #[arg(long, value_name = "CALLS")]
     at: Option<usize>,
     #[command(flatten)]
+    assets: inputs::Assets,
+    #[command(flatten)]
     cache: inputs::Cache,
     /// Print header, steps and end as JSON; with --at, the state
     #[arg(long)]
@@ -35,7 +37,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let (trace, lost) = Trace::read_partial(&arguments.trace).context("cannot show the trace")?;
     if let Some(calls) = arguments.at {
-        return at(&trace, calls, arguments);
+        return at(&trace.with_meshes(&arguments.assets.open()?), calls, arguments);
     }
     if arguments.json {
         let whole = json!({ "header": trace.header, "task": trace.task, "scene": trace.scene, "start": trace.start, "steps": trace.steps, "end": trace.end });

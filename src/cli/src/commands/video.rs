@@ -13,7 +13,7 @@ use reel_trace::Trace;
 use reel_view::{Film, Part};
 use serde_json::json;
 
-use crate::{Answer, camera::Camera};
+use crate::{Answer, camera::Camera, inputs};
 
 /// Write an episode as moving pictures: one a call, with the call, what came of it and the reward beneath. The pictures are
 /// drawn again by an exact replay, from any camera.
@@ -38,6 +38,8 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     #[command(flatten)]
+    assets: inputs::Assets,
+    #[command(flatten)]
     camera: Camera,
     /// Calls a second
     #[arg(long, value_name = "N", default_value_t = 0.7)]
@@ -61,7 +63,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let traces: Vec<Trace> = [Some(&arguments.trace), arguments.beside.as_ref()]
         .into_iter()
         .flatten()
-        .map(|path| Trace::read(path))
+        .map(|path| arguments.assets.read(path))
         .collect::<Result<_, _>>()?;
     if let [trace, beside] = &traces[..] {
         lay_beside(trace, beside)?;

@@ -3,9 +3,8 @@
 use std::{env, io::ErrorKind, net::SocketAddr, path::PathBuf, process::Command};
 
 use anyhow::{Context, bail};
-use reel_trace::Trace;
 
-use crate::Answer;
+use crate::{Answer, inputs};
 
 /// Open an episode in Rerun: the world in 3D, what the robot saw, the transcript and the rewards on one clock. Where Rerun is
 /// installed it is opened; elsewhere its web viewer, which comes with Reel, is served until Ctrl-C.
@@ -22,6 +21,8 @@ pub struct Arguments {
     /// The step to begin at (in the web viewer)
     #[arg(long, value_name = "STEP")]
     at: Option<usize>,
+    #[command(flatten)]
+    assets: inputs::Assets,
     /// The web viewer, even where Rerun is installed
     #[arg(long)]
     web: bool,
@@ -32,7 +33,7 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let trace = Trace::read(&arguments.trace)?;
+    let trace = arguments.assets.read(&arguments.trace)?;
     let last = trace.steps.len().checked_sub(1);
     if let Some(step) = arguments.at.filter(|step| last.is_none_or(|last| *step > last)) {
         bail!("there is no step {step}: the episode has {} steps", trace.steps.len());

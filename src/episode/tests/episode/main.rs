@@ -50,6 +50,7 @@ fn play(restored: bool) -> (Digest, usize) {
         seed: 3,
         profile: Profile::Paper,
         skills: Skills::Perfect,
+        meshes: reel_world::Meshes::default(),
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),

@@ -22,6 +22,7 @@ fn setup(folder: &Path) -> Setup {
     Setup {
         tasks: episodes::tasks().to_vec(),
         scene: Arc::new(home()),
+        meshes: reel_world::Meshes::default(),
         seed: 3,
         profile: Profile::Paper,
         skills: Skills::Perfect,

@@ -46,6 +46,7 @@ pub fn config(task: &Arc<Task>, scene: &Arc<Scene>, seed: u64) -> EpisodeConfig 
         seed,
         profile: Profile::Paper,
         skills: Skills::Perfect,
+        meshes: reel_world::Meshes::default(),
         preset: Preset::paper(),
         run_id: "test".into(),
         policy: PolicyInfo::default(),

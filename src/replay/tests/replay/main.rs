@@ -5,6 +5,7 @@ mod episodes;
 mod explain;
 mod forgeries;
 mod golden;
+mod meshes;
 mod mutations;
 mod restore;
 
@@ -25,10 +26,10 @@ fn what_was_recorded_is_exact_in_any_order_and_on_any_number_of_workers() {
         let images = if index < 2 { Images::Full } else { Images::None };
         paths.push(record(&folder.path().join(format!("{index}.mcap")), task, policy, images));
     }
-    let one_by_one: Vec<Verdict> = verify_all(&paths, 1, |_, _| {});
+    let one_by_one: Vec<Verdict> = verify_all(&paths, &reel_world::NoAssets, 1, |_, _| {});
     assert!(one_by_one.iter().all(Verdict::is_exact), "{one_by_one:#?}");
     let shuffled: Vec<_> = [2, 0, 3, 1].map(|index: usize| paths[index].clone()).into();
-    let verdicts = verify_all(&shuffled, 2, |_, _| {});
+    let verdicts = verify_all(&shuffled, &reel_world::NoAssets, 2, |_, _| {});
     assert_eq!(verdicts, [2, 0, 3, 1].map(|index: usize| one_by_one[index].clone()));
 
     let again = record(&folder.path().join("again.mcap"), &tasks()[0], "oracle", Images::Full);

@@ -3,17 +3,19 @@
 mod appliances;
 mod details;
 mod furniture;
+mod hull;
 mod layout;
 mod looks;
+mod meshed;
 mod objects;
 mod parts;
 #[cfg(test)]
 mod tests;
 mod walls;
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, sync::Arc};
 
-use reel_world::{ObjectInstance, ReceptacleId, Scene, Wall};
+use reel_world::{Mesh, ObjectInstance, ReceptacleId, Scene, Wall};
 
 use self::{
     appliances::Enclosure,
@@ -22,7 +24,12 @@ use self::{
     looks::Traits,
     parts::{Parts, bounds},
 };
-use crate::geometry::{Part, Pose};
+use crate::{
+    geometry::{Part, Pose},
+    render::Drawable,
+};
+
+pub use self::{hull::Hull, meshed::MeshModel};
 
 /// A scene as parts, in the scene frame.
 #[derive(Clone, PartialEq, Debug)]
@@ -82,11 +89,13 @@ pub struct DoorModel {
     pub center: [f32; 3],
 }
 
-/// A movable object as parts around the centre of its box.
+/// A movable object as parts, or as a mesh, around the centre of its box.
 #[derive(Clone, PartialEq, Debug)]
 pub struct ObjectModel {
-    /// In the object's frame; the solid ones together stay within its size.
+    /// In the object's frame; the solid ones together stay within its size. None where there is a mesh.
     pub parts: Vec<Part>,
+    /// What stands in for parts.
+    pub mesh: Option<MeshModel>,
     /// Half extents of its box.
     pub half: [f32; 3],
     /// In kg per cubic metre.
@@ -115,6 +124,19 @@ pub fn scene_model(scene: &Scene, in_use: &BTreeSet<ReceptacleId>) -> SceneModel
 /// Builds an object from its category, size and attribute words.
 pub fn object_model(object: &ObjectInstance) -> ObjectModel {
     objects::build(object)
+}
+
+/// Builds an object from a mesh and its size. How dense it is still follows from the words.
+pub fn meshed_model(object: &ObjectInstance, mesh: &Arc<Mesh>) -> ObjectModel {
+    let model = objects::build(object);
+    ObjectModel { parts: Vec::new(), mesh: Some(MeshModel::fit(mesh, model.half)), ..model }
+}
+
+impl ObjectModel {
+    /// The object at a pose, to draw.
+    pub(crate) fn drawable(&self, pose: Pose, entity: u16) -> Drawable<'_> {
+        Drawable { parts: &self.parts, mesh: self.mesh.as_ref(), pose, entity }
+    }
 }
 
 /// What a receptacle is built as.

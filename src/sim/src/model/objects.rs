@@ -62,7 +62,7 @@ pub(super) fn build(object: &ObjectInstance) -> ObjectModel {
     let item = Item { half, paint: object_paint(object), words: said, id: object.asset.to_string() };
     let mut parts = Parts::new(Frame::OUTER);
     item.build(form, &mut parts);
-    ObjectModel { parts: parts.finish(), half, density: density(form, &item) }
+    ObjectModel { parts: parts.finish(), mesh: None, half, density: density(form, &item) }
 }
 
 /// The form of a category; its last words decide (a `coffee mug` is a mug, an `alarm clock` a clock).

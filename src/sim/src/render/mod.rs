@@ -10,24 +10,31 @@ mod pattern;
 mod raster;
 mod shade;
 pub mod text;
+mod textured;
 
 #[cfg(test)]
 mod tests;
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 
-use crate::geometry::{Camera, Part, Pose, dot};
+use crate::{
+    geometry::{Camera, Part, Pose, dot},
+    model::MeshModel,
+};
 use mesh::Tessellation;
 use raster::{CameraFromPart, Visibility};
-use shade::Surface;
+use shade::{Place, Surface};
+use textured::MeshSurface;
 
 pub use overlay::overlay;
 
-/// Parts to draw with one pose and one entity id.
+/// Parts or a mesh to draw with one pose and one entity id.
 #[derive(Clone, Copy, Debug)]
 pub struct Drawable<'a> {
     /// In the drawable's frame.
     pub parts: &'a [Part],
+    /// In the drawable's frame.
+    pub mesh: Option<&'a MeshModel>,
     /// Scene from drawable.
     pub pose: Pose,
     /// Written to the id buffer; 0 is nothing.
@@ -68,19 +75,31 @@ pub enum Detail {
 pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Frame {
     let camera_axes = camera.axes();
     let mut visibility = Visibility::new();
-    let mut surfaces = Vec::new();
+    let mut surfaces = Surfaces::default();
+    let camera_from = |pose: &Pose| {
+        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| pose.rotate(axis));
+        CameraFromPart {
+            rows: camera_axes.map(|axis| columns.map(|column| dot(axis, column))),
+            translation: camera.to_camera(pose.position),
+        }
+    };
     for drawable in drawables {
         for part in drawable.parts {
             let Some(tessellation) = Tessellation::of(&part.shape) else { continue };
             let pose = drawable.pose.then(&part.pose);
-            let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| pose.rotate(axis));
-            let camera_from_part = CameraFromPart {
-                rows: camera_axes.map(|axis| columns.map(|column| dot(axis, column))),
-                translation: camera.to_camera(pose.position),
-            };
+            let camera_from_part = camera_from(&pose);
             if camera_from_part.sees(tessellation.bound) {
-                visibility.draw(&tessellation, &camera_from_part, code_of(surfaces.len()));
-                surfaces.push(Surface::new(drawable.entity, part, &pose, &camera_from_part));
+                visibility.draw(&tessellation, &camera_from_part, code_of(surfaces.parts.len()));
+                surfaces.parts.push(Surface::new(drawable.entity, part, &pose, &camera_from_part));
+            }
+        }
+        if let Some(model) = drawable.mesh {
+            let camera_from_part = camera_from(&drawable.pose);
+            if camera_from_part.sees(model.bound) {
+                let first = surfaces.next_mesh;
+                surfaces.next_mesh += visibility.draw_mesh(model, &camera_from_part, first);
+                let place = Place::new(&drawable.pose, &camera_from_part);
+                surfaces.meshes.push(MeshSurface::new(drawable.entity, first, model, place));
             }
         }
     }
@@ -95,7 +114,50 @@ pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Fr
     frame
 }
 
-/// Faces per surface in the codes of the visibility buffer.
+/// All that may be visible.
+struct Surfaces<'a> {
+    /// Eight codes each, from 1.
+    parts: Vec<Surface>,
+    /// As many codes as triangles, from [`FIRST_MESH`].
+    meshes: Vec<MeshSurface<'a>>,
+    /// Code of the first triangle of the next mesh.
+    next_mesh: u32,
+}
+
+/// What a code other than 0 stands for: a face of a part or a triangle of a mesh.
+enum Seen<'s, 'a> {
+    Part(&'s Surface, u8),
+    Mesh(&'s MeshSurface<'a>, usize),
+}
+
+impl Default for Surfaces<'_> {
+    fn default() -> Self {
+        Self { parts: Vec::new(), meshes: Vec::new(), next_mesh: FIRST_MESH }
+    }
+}
+
+impl<'a> Surfaces<'a> {
+    fn at(&self, code: u32) -> Seen<'_, 'a> {
+        if code < FIRST_MESH {
+            let (surface, face) = surface_of(code);
+            return Seen::Part(&self.parts[surface], face);
+        }
+        let mesh = &self.meshes[self.meshes.partition_point(|mesh| mesh.first <= code) - 1];
+        Seen::Mesh(mesh, (code - mesh.first) as usize)
+    }
+
+    fn entity(&self, code: u32) -> u16 {
+        match self.at(code) {
+            Seen::Part(surface, _) => surface.entity,
+            Seen::Mesh(mesh, _) => mesh.entity,
+        }
+    }
+}
+
+/// From here on codes of the visibility buffer are triangles of meshes.
+const FIRST_MESH: u32 = 1 << 31;
+
+/// Faces per part in the codes of the visibility buffer.
 const FACES: u32 = 8;
 
 /// Code of the first face of a surface; 0 is nothing.
@@ -103,27 +165,27 @@ fn code_of(surface: usize) -> u32 {
     surface as u32 * FACES + 1
 }
 
-/// Surface and face of a code other than 0.
+/// Surface and face of a part's code.
 fn surface_of(code: u32) -> (usize, u8) {
     (((code - 1) / FACES) as usize, ((code - 1) % FACES) as u8)
 }
 
 /// Fills ids and depth from what is visible.
-fn identify(visibility: &Visibility, surfaces: &[Surface], frame: &mut Frame) {
+fn identify(visibility: &Visibility, surfaces: &Surfaces<'_>, frame: &mut Frame) {
     for (depth_mm, &inverse) in frame.depth_mm.iter_mut().zip(&visibility.inverse_depth) {
         *depth_mm = if inverse > 0.0 { (1000.0 / inverse + 0.5) as u16 } else { 0 };
     }
     let mut start = 0;
     for run in visibility.codes.chunk_by(|a, b| a == b) {
         if run[0] != 0 {
-            frame.ids[start..start + run.len()].fill(surfaces[surface_of(run[0]).0].entity);
+            frame.ids[start..start + run.len()].fill(surfaces.entity(run[0]));
         }
         start += run.len();
     }
 }
 
 /// Fills RGB from what is visible, run by run of one face.
-fn color(camera_axes: &[[f32; 3]; 3], visibility: &Visibility, surfaces: &[Surface], frame: &mut Frame) {
+fn color(camera_axes: &[[f32; 3]; 3], visibility: &Visibility, surfaces: &Surfaces<'_>, frame: &mut Frame) {
     for y in 0..FRAME_HEIGHT {
         let background = shade::background_row(camera_axes, y);
         let row = y * FRAME_WIDTH;
@@ -134,8 +196,11 @@ fn color(camera_axes: &[[f32; 3]; 3], visibility: &Visibility, surfaces: &[Surfa
             if run[0] == 0 {
                 rgb.as_chunks_mut::<3>().0.fill(background);
             } else {
-                let (surface, face) = surface_of(run[0]);
-                surfaces[surface].shade(face, x, y, &visibility.inverse_depth[span], rgb);
+                let inverse_depth = &visibility.inverse_depth[span];
+                match surfaces.at(run[0]) {
+                    Seen::Part(surface, face) => surface.shade(face, x, y, inverse_depth, rgb),
+                    Seen::Mesh(mesh, triangle) => mesh.shade(triangle, x, y, inverse_depth, rgb),
+                }
             }
             x += run.len();
         }

@@ -4,13 +4,12 @@
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 
 use super::raster::Visibility;
-use super::shade::Surface;
-use super::{FACES, surface_of};
+use super::{FACES, FIRST_MESH, Seen, Surfaces, surface_of};
 use crate::geometry::FOCAL_PX;
 
 /// Darkens surfaces that look up close to other things at the same depth.
-pub(super) fn darken_contacts(visibility: &Visibility, surfaces: &[Surface], frame: &mut Frame) {
-    let faces = (0..FACES as u8).map(|face| surfaces.iter().map(move |surface| surface.receives_contact(face)));
+pub(super) fn darken_contacts(visibility: &Visibility, surfaces: &Surfaces<'_>, frame: &mut Frame) {
+    let faces = (0..FACES as u8).map(|face| surfaces.parts.iter().map(move |surface| surface.receives_contact(face)));
     let receives: Vec<Vec<bool>> = faces.map(Iterator::collect).collect();
     for (tile_y, tile_x) in busy_tiles(&frame.ids) {
         for y in tile_y * TILE..(tile_y + 1) * TILE {
@@ -18,8 +17,14 @@ pub(super) fn darken_contacts(visibility: &Visibility, surfaces: &[Surface], fra
                 if visibility.codes[at] == 0 {
                     continue;
                 }
-                let (surface, face) = surface_of(visibility.codes[at]);
-                if receives[usize::from(face)][surface] {
+                let receives = match visibility.codes[at] {
+                    code if code < FIRST_MESH => {
+                        let (surface, face) = surface_of(code);
+                        receives[usize::from(face)][surface]
+                    }
+                    code => matches!(surfaces.at(code), Seen::Mesh(mesh, triangle) if mesh.receives_contact(triangle)),
+                };
+                if receives {
                     let shadow = contact_of(visibility, &frame.ids, at % FRAME_WIDTH, y);
                     scale(&mut frame.rgb, at, 256 - shadow);
                 }
@@ -38,6 +43,9 @@ pub(super) fn draw_edges(visibility: &Visibility, frame: &mut Frame) {
         }
         let strength = if codes[a] == 0 || codes[b] == 0 || frame.ids[a] != frame.ids[b] {
             OUTLINE
+        } else if codes[a] >= FIRST_MESH || codes[b] >= FIRST_MESH {
+            // Triangles of one mesh: its faces are not what it is made of.
+            return;
         } else if surface_of(codes[a]).0 != surface_of(codes[b]).0 {
             PART_EDGE
         } else {

@@ -4,7 +4,10 @@
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
 use super::mesh::Tessellation;
-use crate::geometry::{FOCAL_PX, add, dot};
+use crate::{
+    geometry::{FOCAL_PX, add, dot},
+    model::MeshModel,
+};
 
 /// Distance of the near plane in metres.
 pub(super) const NEAR_M: f32 = 0.05;
@@ -48,15 +51,36 @@ impl Visibility {
 
     /// Draws a mesh; triangles that show their back are left out. On equal depths the earlier drawn stays.
     pub fn draw(&mut self, tessellation: &Tessellation, camera_from_part: &CameraFromPart, code: u32) {
+        let points = tessellation.mesh.vertices.iter().map(|vertex| tessellation.place(vertex));
+        let triangles = tessellation.mesh.triangles.iter();
+        let triangles = triangles.map(|triangle| (triangle.corners.map(usize::from), code + u32::from(triangle.face)));
+        self.fill_all(points, triangles, camera_from_part);
+    }
+
+    /// Draws both sides of the triangles of a mesh, each with a code of its own from `first` on; gives how many there are.
+    pub fn draw_mesh(&mut self, model: &MeshModel, camera_from_part: &CameraFromPart, first: u32) -> u32 {
+        let triangles = &model.mesh.data().triangles;
+        let sides = (first..).zip(triangles).flat_map(|(code, triangle)| {
+            let [a, b, c] = triangle.corners.map(|corner| corner as usize);
+            [([a, b, c], code), ([a, c, b], code)]
+        });
+        self.fill_all(model.positions.iter().copied(), sides, camera_from_part);
+        triangles.len() as u32
+    }
+
+    fn fill_all(
+        &mut self,
+        points: impl Iterator<Item = [f32; 3]>,
+        triangles: impl Iterator<Item = ([usize; 3], u32)>,
+        camera_from_part: &CameraFromPart,
+    ) {
         let mut corners = core::mem::take(&mut self.corners);
         corners.clear();
-        corners.extend(tessellation.mesh.vertices.iter().map(|vertex| {
-            let point = tessellation.place(vertex);
-            Corner::new(add(camera_from_part.rows.map(|row| dot(row, point)), camera_from_part.translation))
-        }));
-        for triangle in &tessellation.mesh.triangles {
-            let [a, b, c] = triangle.corners.map(|i| &corners[usize::from(i)]);
-            let code = code + u32::from(triangle.face);
+        corners.extend(
+            points.map(|point| Corner::new(add(camera_from_part.rows.map(|row| dot(row, point)), camera_from_part.translation))),
+        );
+        for (triangle, code) in triangles {
+            let [a, b, c] = triangle.map(|i| &corners[i]);
             match [a, b, c].iter().filter(|corner| corner.in_front).count() {
                 0 => {}
                 3 => self.fill([a.pixel, b.pixel, c.pixel], code),

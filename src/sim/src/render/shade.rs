@@ -19,20 +19,48 @@ pub(super) struct Surface {
     accent: [f32; 3],
     /// Colour of mirrored light.
     gloss: [f32; 3],
-    /// Right, down, forward and the position of the camera in the frame of the part.
+    place: Place,
+}
+
+/// What surrounds a part or a mesh, in its own frame.
+pub(super) struct Place {
+    /// Right, down and forward of the camera.
     axes: [[f32; 3]; 3],
-    eye: [f32; 3],
-    /// Towards the key light and up, in the frame of the part.
-    key: [f32; 3],
-    up: [f32; 3],
+    /// Position of the camera.
+    pub eye: [f32; 3],
+    /// Towards the key light.
+    pub key: [f32; 3],
+    pub up: [f32; 3],
+}
+
+impl Place {
+    /// `pose` takes the frame to the scene.
+    pub fn new(pose: &Pose, camera_from_part: &CameraFromPart) -> Self {
+        let axes = camera_from_part.rows;
+        let away = camera_from_part.translation;
+        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| pose.rotate(axis));
+        Self {
+            axes,
+            eye: [0, 1, 2].map(|k| -(axes[0][k] * away[0] + axes[1][k] * away[1] + axes[2][k] * away[2])),
+            key: columns.map(|column| dot(column, KEY)),
+            up: columns.map(|column| column[2]),
+        }
+    }
+
+    /// What the middle of a pixel shows at an inverse depth.
+    #[inline]
+    pub fn point(&self, x: usize, y: usize, inverse_depth: f32) -> [f32; 3] {
+        let [right, down, forward] = self.axes;
+        let across = (x as f32 + 0.5 - FRAME_WIDTH as f32 * 0.5) / FOCAL_PX;
+        let along = (y as f32 + 0.5 - FRAME_HEIGHT as f32 * 0.5) / FOCAL_PX;
+        let ray = add(add(forward, scaled(down, along)), scaled(right, across));
+        add(self.eye, scaled(ray, 1.0 / inverse_depth))
+    }
 }
 
 impl Surface {
     /// `pose` takes the part's frame to the scene.
     pub fn new(entity: u16, part: &Part, pose: &Pose, camera_from_part: &CameraFromPart) -> Self {
-        let axes = camera_from_part.rows;
-        let away = camera_from_part.translation;
-        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| pose.rotate(axis));
         Self {
             entity,
             shape: part.shape,
@@ -40,10 +68,7 @@ impl Surface {
             color: part.color.map(to_linear),
             accent: part.accent.map(to_linear),
             gloss: part.accent.map(|channel| 0.4 + 0.6 * to_linear(channel)),
-            axes,
-            eye: [0, 1, 2].map(|k| -(axes[0][k] * away[0] + axes[1][k] * away[1] + axes[2][k] * away[2])),
-            key: columns.map(|column| dot(column, KEY)),
-            up: columns.map(|column| column[2]),
+            place: Place::new(pose, camera_from_part),
         }
     }
 
@@ -82,7 +107,7 @@ impl Surface {
 
     /// Whether a face looks up, so that things stand on it and darken it.
     pub fn receives_contact(&self, face: u8) -> bool {
-        self.flat_normal(face).is_some_and(|normal| dot(normal, self.up) > 0.8)
+        self.flat_normal(face).is_some_and(|normal| dot(normal, self.place.up) > 0.8)
     }
 
     /// Colours pixels `x..` of row `y`, given their inverse depths.
@@ -90,7 +115,7 @@ impl Surface {
         let encode: &Encoder = &LINEAR_TO_SRGB;
         let flat = self.flat_normal(face);
         if let (Some(normal), Pattern::Plain) = (flat, self.pattern) {
-            let light = light(dot(normal, self.key), dot(normal, self.up));
+            let light = light(dot(normal, self.place.key), dot(normal, self.place.up));
             let color = [0, 1, 2].map(|k| self.color[k] * light[k]);
             for (pixel, &inverse) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(inverse_depth) {
                 let weight = falloff(inverse);
@@ -104,7 +129,7 @@ impl Surface {
         // One loop for each pattern, so that each is short.
         match self.pattern {
             Pattern::Plain => run.shade(rgb, |_| (self.color, [0.0; 3])),
-            Pattern::Glossy => run.shade(rgb, |at| (self.color, scaled(self.gloss, shine_of(at.normal, at.ray, self.key)))),
+            Pattern::Glossy => run.shade(rgb, |at| (self.color, scaled(self.gloss, shine_of(at.normal, at.ray, self.place.key)))),
             Pattern::Stripes => run.shade(rgb, |at| mixed(stripes(&mapping.at(at.point, at.pixels_per_metre)))),
             Pattern::Dots => run.shade(rgb, |at| mixed(dots(&mapping.at(at.point, at.pixels_per_metre)))),
             Pattern::Grain => run.shade(rgb, |at| mixed(grain(&mapping.at(at.point, at.pixels_per_metre)))),
@@ -137,16 +162,16 @@ impl Run<'_> {
     fn shade(&self, rgb: &mut [u8], look: impl Fn(&Sight) -> ([f32; 3], [f32; 3])) {
         let encode: &Encoder = &LINEAR_TO_SRGB;
         let surface = self.surface;
-        let lit = |normal: [f32; 3]| light(dot(normal, surface.key), dot(normal, surface.up));
+        let lit = |normal: [f32; 3]| light(dot(normal, surface.place.key), dot(normal, surface.place.up));
         let flat = self.flat.map(|normal| (normal, lit(normal)));
-        let [right, down, forward] = surface.axes;
+        let [right, down, forward] = surface.place.axes;
         let across_y = (self.y as f32 + 0.5 - FRAME_HEIGHT as f32 * 0.5) / FOCAL_PX;
         let row = add(forward, scaled(down, across_y));
         let mut across = self.x as f32 + 0.5 - FRAME_WIDTH as f32 * 0.5;
         for (pixel, &inverse) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(self.inverse_depth) {
             let ray = add(row, scaled(right, across * (1.0 / FOCAL_PX)));
             across += 1.0;
-            let point = add(surface.eye, scaled(ray, 1.0 / inverse));
+            let point = add(surface.place.eye, scaled(ray, 1.0 / inverse));
             let (normal, [red, green, blue]) = flat.unwrap_or_else(|| {
                 let normal = surface.round_normal(point);
                 (normal, lit(normal))
@@ -172,7 +197,7 @@ const KEY: [f32; 3] = [-0.45, 0.36, 0.817];
 
 /// Light on a surface, per channel, given the cosines of its normal with the key light and with up.
 #[inline]
-fn light(toward_key: f32, up: f32) -> [f32; 3] {
+pub(super) fn light(toward_key: f32, up: f32) -> [f32; 3] {
     // Wrapped around the terminator, as light of a large window is.
     let wrapped = (toward_key + 0.3) * (1.0 / 1.3);
     let key = if wrapped > 0.0 { wrapped * wrapped * 0.56 } else { 0.0 };
@@ -182,9 +207,15 @@ fn light(toward_key: f32, up: f32) -> [f32; 3] {
 
 /// Things far away are a little darker.
 #[inline]
-fn falloff(inverse_depth: f32) -> f32 {
+pub(super) fn falloff(inverse_depth: f32) -> f32 {
     let square = inverse_depth * inverse_depth;
     square / (square + 0.008)
+}
+
+/// How many pixels a metre that faces the camera has.
+#[inline]
+pub(super) fn pixels_per_metre(inverse_depth: f32) -> f32 {
+    FOCAL_PX * inverse_depth
 }
 
 /// Mirror-like light: a spot towards the key light and a sheen at grazing angles.
@@ -202,7 +233,7 @@ fn shine_of(normal: [f32; 3], ray: [f32; 3], key: [f32; 3]) -> f32 {
 }
 
 /// An sRGB value as linear light.
-fn to_linear(value: u8) -> f32 {
+pub(super) fn to_linear(value: u8) -> f32 {
     SRGB_TO_LINEAR[usize::from(value)]
 }
 
@@ -215,7 +246,7 @@ static SRGB_TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
 
 const LEVELS: usize = 4096;
 
-static LINEAR_TO_SRGB: LazyLock<Encoder> = LazyLock::new(|| {
+pub(super) static LINEAR_TO_SRGB: LazyLock<Encoder> = LazyLock::new(|| {
     Encoder(core::array::from_fn(|level| {
         let linear = (level as f32 + 0.5) / LEVELS as f32;
         let encoded = if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * libm::powf(linear, 1.0 / 2.4) - 0.055 };
@@ -224,11 +255,11 @@ static LINEAR_TO_SRGB: LazyLock<Encoder> = LazyLock::new(|| {
 });
 
 /// Linear light to sRGB bytes.
-struct Encoder([u8; LEVELS]);
+pub(super) struct Encoder([u8; LEVELS]);
 
 impl Encoder {
     #[inline]
-    fn encode(&self, [red, green, blue]: [f32; 3]) -> [u8; 3] {
+    pub fn encode(&self, [red, green, blue]: [f32; 3]) -> [u8; 3] {
         // The cast saturates, so darkness and glare stay in the table.
         let byte = |linear: f32| self.0[((linear * LEVELS as f32) as i32).clamp(0, LEVELS as i32 - 1) as usize];
         [byte(red), byte(green), byte(blue)]
@@ -237,6 +268,6 @@ impl Encoder {
 
 /// A vector or colour times a number; inlined, unlike `map`, into what runs for every pixel.
 #[inline(always)]
-fn scaled(v: [f32; 3], factor: f32) -> [f32; 3] {
+pub(super) fn scaled(v: [f32; 3], factor: f32) -> [f32; 3] {
     [v[0] * factor, v[1] * factor, v[2] * factor]
 }

@@ -42,7 +42,7 @@ fn drawables(things: &[(Part, Pose)]) -> Vec<Drawable<'_>> {
     things
         .iter()
         .zip(ids)
-        .map(|((part, pose), entity)| Drawable { parts: core::slice::from_ref(part), pose: *pose, entity })
+        .map(|((part, pose), entity)| Drawable { parts: core::slice::from_ref(part), mesh: None, pose: *pose, entity })
         .collect()
 }
 
@@ -193,7 +193,11 @@ fn a_camera_amid_things_sees_without_panic() {
 fn the_near_plane_cuts_a_floor_without_a_gap() {
     let floor = part(Shape::Cuboid { half: [50.0, 50.0, 0.1] }, Pose::IDENTITY, [90, 90, 90]);
     let camera = Camera { position: [0.3, 0.2, 0.06], yaw: 0.4, pitch: 0.0 };
-    let frame = render(&camera, &[Drawable { parts: &[floor], pose: Pose::at([0.0, 0.0, -0.1]), entity: 3 }], Detail::Picture);
+    let frame = render(
+        &camera,
+        &[Drawable { parts: &[floor], mesh: None, pose: Pose::at([0.0, 0.0, -0.1]), entity: 3 }],
+        Detail::Picture,
+    );
     // Below the horizon all is floor; the lowest row sees it at 0.06 * 400 / 239.5 = 0.1 m.
     assert!(frame.ids[250 * FRAME_WIDTH..].iter().all(|&id| id == 3));
     assert!(frame.ids[..239 * FRAME_WIDTH].iter().all(|&id| id == 0));
@@ -216,7 +220,11 @@ fn what_is_not_finite_or_not_in_view_draws_nothing() {
         }
         poses.push(Pose { position: [2.0, 0.0, 0.0], rotation: [bad, 0.0, 0.0, 1.0] });
         let lost = Camera { position: [bad, 0.0, 0.0], yaw: bad, pitch: 0.0 };
-        let frame = render(&lost, &[Drawable { parts: &[ball], pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }], Detail::Picture);
+        let frame = render(
+            &lost,
+            &[Drawable { parts: &[ball], mesh: None, pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }],
+            Detail::Picture,
+        );
         assert!(frame.ids.iter().all(|&id| id == 0));
         let shapes = [
             Shape::Ball { radius: bad },
@@ -225,13 +233,21 @@ fn what_is_not_finite_or_not_in_view_draws_nothing() {
         ];
         let broken = shapes.map(|shape| part(shape, Pose::IDENTITY, [1; 3]));
         assert!(
-            render(&camera, &[Drawable { parts: &broken, pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }], Detail::Picture) == empty
+            render(
+                &camera,
+                &[Drawable { parts: &broken, mesh: None, pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }],
+                Detail::Picture
+            ) == empty
         );
     }
     for pose in poses {
-        assert!(render(&camera, &[Drawable { parts: &[ball], pose, entity: 1 }], Detail::Picture) == empty, "{pose:?} was drawn");
+        assert!(
+            render(&camera, &[Drawable { parts: &[ball], mesh: None, pose, entity: 1 }], Detail::Picture) == empty,
+            "{pose:?} was drawn"
+        );
     }
-    let seen = render(&camera, &[Drawable { parts: &[ball], pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }], Detail::Picture);
+    let seen =
+        render(&camera, &[Drawable { parts: &[ball], mesh: None, pose: Pose::at([2.0, 0.0, 0.0]), entity: 1 }], Detail::Picture);
     assert_eq!(seen.ids[240 * FRAME_WIDTH + 320], 1);
 }
 
@@ -241,7 +257,7 @@ fn patterns_show_their_second_colour() {
     let picture = |pattern| -> Frame {
         let mut block = part(Shape::Cuboid { half: [0.2, 0.4, 0.3] }, Pose::IDENTITY, [200, 30, 30]);
         (block.pattern, block.accent) = (pattern, [20, 40, 220]);
-        render(&camera, &[Drawable { parts: &[block], pose: Pose::at([1.5, 0.0, 0.0]), entity: 1 }], Detail::Picture)
+        render(&camera, &[Drawable { parts: &[block], mesh: None, pose: Pose::at([1.5, 0.0, 0.0]), entity: 1 }], Detail::Picture)
     };
     let plain = picture(Pattern::Plain);
     let blue =

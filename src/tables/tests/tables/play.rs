@@ -55,6 +55,7 @@ impl Play {
             policy: PolicyInfo { name: policy.into(), ..PolicyInfo::default() },
             backend: Backend::Sim,
             skills: Skills::Perfect,
+            meshes: std::collections::BTreeMap::new(),
             parent: None,
         };
         let graph = task.initial.clone();

@@ -153,6 +153,7 @@ fn act(dir: &Path, task: Task, moves: &[Move]) -> (bool, std::path::PathBuf) {
         seed: 0,
         profile: Profile::Paper,
         skills: Skills::Perfect,
+        meshes: reel_world::Meshes::default(),
         preset: Preset::paper(),
         run_id: "paper".into(),
         policy: PolicyInfo::default(),

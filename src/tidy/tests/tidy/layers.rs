@@ -11,6 +11,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("sim", &["world"]),
     ("trace", &["world"]),
     ("tasks", &["world"]),
+    ("assets", &["world"]),
     ("episode", &["world", "sim", "reward"]),
     ("agents", &["world", "plan", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
@@ -75,6 +76,8 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("strsim", &["pattern", "reward"]),
     ("toml", &["import", "proxy", "reward", "server"]),
     ("ureq", &["model"]),
+    ("gltf*", &["assets"]),
+    ("zune*", &["assets"]),
     ("rand", &[]),
 ];
 

@@ -65,6 +65,7 @@ pub(crate) fn read_header(start: reel::EpisodeStart) -> Read<EpisodeHeader> {
         policy: PolicyInfo { name: policy.name, checkpoint: policy.checkpoint, parameters: parameters? },
         backend: parse_word(&start.backend)?,
         skills: start.skills.map_or(Ok(Skills::Perfect), |skills| parse_word(&skills))?,
+        meshes: start.meshes.into_iter().map(|(asset, mesh)| Ok((asset.into(), digest(&mesh)?))).collect::<Read<_>>()?,
         parent: start.parent.map(parent).transpose()?,
     })
 }

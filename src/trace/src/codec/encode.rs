@@ -41,6 +41,7 @@ pub(crate) fn episode_start(header: &EpisodeHeader) -> reel::EpisodeEvent {
         policy: Some(policy),
         backend: word(&header.backend),
         skills: (!header.skills.are_perfect()).then(|| word(&header.skills)),
+        meshes: header.meshes.iter().map(|(asset, mesh)| (asset.to_string(), bytes(mesh))).collect(),
         parent: header.parent.as_ref().map(|parent| reel::Parent { trace: bytes(&parent.trace), call: parent.call }),
     }))
 }

@@ -193,6 +193,7 @@ impl Source {
             },
             backend: [Backend::Sim, Backend::Robot, Backend::Proxy][self.below(3)],
             skills: Skills::ALL[self.below(2)],
+            meshes: std::collections::BTreeMap::new(),
             parent: self.maybe(|s| Parent { trace: s.digest(), call: s.next() as u32 }),
         };
         let start = StartRecord {

@@ -1,0 +1,152 @@
+//! Meshes of objects from a folder of glTF and OBJ files, each named by the asset it shows: read, checked, and refused with a
+//! reason where they are not sound. Never changes a mesh: what has too many triangles is refused, not decimated.
+//!
+//! [`Folder`] is the one place that opens files, and only files of the folder itself. The parsers believe nothing.
+
+mod color;
+mod folder;
+mod gltf;
+pub mod limits;
+mod obj;
+mod picture;
+mod survey;
+
+use reel_world::mesh::{Mesh, MeshFault, TRIANGLES_MAX};
+
+pub use folder::{Folder, Listed, Verdict};
+pub use survey::Survey;
+
+/// Where a parser gets the files that a file names.
+pub trait Beside {
+    /// The bytes of a file beside it.
+    ///
+    /// # Errors
+    /// Why they cannot be had.
+    fn read(&self, name: &str) -> Result<Vec<u8>, Refusal>;
+}
+
+/// No other files.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Alone;
+
+impl Beside for Alone {
+    fn read(&self, name: &str) -> Result<Vec<u8>, Refusal> {
+        Err(Refusal::Missing { file: name.to_owned(), why: "there are no files beside it".to_owned() })
+    }
+}
+
+/// The kinds of files that hold a mesh, the first one first where there are several of an asset.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+pub enum Kind {
+    /// Binary glTF.
+    Glb,
+    /// glTF.
+    Gltf,
+    /// Wavefront OBJ.
+    Obj,
+}
+
+impl Kind {
+    /// By the end of a file's name.
+    pub fn of(extension: &str) -> Option<Self> {
+        match extension.to_ascii_lowercase().as_str() {
+            "glb" => Some(Kind::Glb),
+            "gltf" => Some(Kind::Gltf),
+            "obj" => Some(Kind::Obj),
+            _ => None,
+        }
+    }
+}
+
+/// Reads a mesh.
+///
+/// # Errors
+/// Why it is refused.
+pub fn parse(kind: Kind, bytes: &[u8], beside: &dyn Beside) -> Result<Mesh, Refusal> {
+    let data = match kind {
+        Kind::Glb | Kind::Gltf => gltf::read(bytes, beside)?,
+        Kind::Obj => obj::read(bytes, beside)?,
+    };
+    Ok(Mesh::new(data)?)
+}
+
+/// Why a file is no mesh of ours.
+#[derive(Debug, thiserror::Error)]
+pub enum Refusal {
+    /// Not what its name says.
+    #[error("{0}")]
+    Broken(String),
+    /// Something of its format that we do not read.
+    #[error("it needs {0}, which is not supported; export it without")]
+    Unsupported(String),
+    /// A line of text.
+    #[error("line {line}: {what}")]
+    Line {
+        /// From 1.
+        line: usize,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// Beyond a limit.
+    #[error("it has {found} {what}, and at most {limit} are taken; {advice}")]
+    TooLarge {
+        /// Of what.
+        what: &'static str,
+        /// How many there are, or at least.
+        found: usize,
+        /// How many there may be.
+        limit: usize,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// No sound mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshFault),
+    /// In a file that it names.
+    #[error("in {file}: {reason}")]
+    In {
+        /// The file.
+        file: String,
+        /// What is wrong there.
+        reason: Box<Refusal>,
+    },
+    /// A file that it names cannot be read.
+    #[error("the file {file} cannot be read ({why})")]
+    Missing {
+        /// The file.
+        file: String,
+        /// Why.
+        why: String,
+    },
+    /// A file that it names lies elsewhere.
+    #[error("it names {file}, which is not in its folder; put it beside the mesh and name it without a path")]
+    Outside {
+        /// The file.
+        file: String,
+    },
+}
+
+impl Refusal {
+    fn too_large(what: &'static str, found: usize, limit: usize, advice: &'static str) -> Self {
+        Refusal::TooLarge { what, found, limit, advice }
+    }
+
+    fn too_many_triangles() -> Self {
+        Self::too_large("triangles or more", TRIANGLES_MAX + 1, TRIANGLES_MAX, DECIMATE)
+    }
+
+    /// Of a texture; files say their names themselves.
+    fn texture(name: &str, reason: Refusal) -> Self {
+        match reason {
+            reason @ (Refusal::In { .. } | Refusal::Missing { .. } | Refusal::Outside { .. }) => reason,
+            reason => Refusal::In { file: name.to_owned(), reason: Box::new(reason) },
+        }
+    }
+}
+
+const DECIMATE: &str = "decimate it, in Blender with the modifier of that name";
+
+/// Both formats have y up and look along z; we have z up.
+fn upright([x, y, z]: [f32; 3]) -> [f32; 3] {
+    [x, -z, y]
+}

@@ -1,0 +1,92 @@
+//! `reel assets`: what is in a folder of meshes.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use reel_assets::{Folder, Listed, Survey, Verdict};
+use serde_json::json;
+
+use crate::Answer;
+
+/// Check a folder of meshes.
+#[derive(clap::Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Read every mesh of a folder, and say what it is or why it is refused
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Example:
+    ///   reel assets check meshes
+    ///
+    /// Exit code 1: a file is refused.
+    Check {
+        /// Folder of .glb, .gltf and .obj files, each named by the asset it shows
+        #[arg(value_name = "DIR")]
+        folder: PathBuf,
+        /// Print one JSON object a file
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let Command::Check { folder, json } = &arguments.command;
+    check(folder, *json)
+}
+
+fn check(path: &Path, as_json: bool) -> anyhow::Result<Answer> {
+    let folder = Folder::open(path).with_context(|| format!("cannot list {}", path.display()))?;
+    let listed = folder.check();
+    if listed.is_empty() {
+        bail!("no .glb, .gltf or .obj file in {}; each is named by the asset it shows, e.g. mug_01.glb", path.display());
+    }
+    for file in &listed {
+        if as_json {
+            println!("{}", json!(file));
+        } else {
+            println!("{}", told(file));
+        }
+    }
+    let count = |wanted: fn(&Verdict) -> bool| listed.iter().filter(|file| wanted(&file.verdict)).count();
+    let loads = count(|verdict| matches!(verdict, Verdict::Loads(_)));
+    let refused = count(|verdict| matches!(verdict, Verdict::Refused { .. }));
+    if !as_json {
+        println!("{loads} of {} files load, {refused} are refused", listed.len());
+    }
+    Ok(if refused == 0 { Answer::Yes } else { Answer::No })
+}
+
+fn told(file: &Listed) -> String {
+    let name = &file.file;
+    match &file.verdict {
+        Verdict::Refused { reason } => format!("{name}: REFUSED {reason}"),
+        Verdict::Hidden { by } => format!("{name}: not used, {by} comes first"),
+        Verdict::Loads(Survey {
+            triangles,
+            vertices,
+            size: [x, y, z],
+            manifold,
+            watertight,
+            textures,
+            vertex_colors,
+            digest,
+        }) => {
+            let skin = match (watertight, manifold) {
+                (true, _) => "watertight",
+                (false, true) => "open",
+                (false, false) => "not manifold",
+            };
+            let mut looks: Vec<String> = textures.iter().map(|[width, height]| format!("texture {width} x {height}")).collect();
+            looks.extend(vertex_colors.then(|| "colours of vertices".to_owned()));
+            let looks = if looks.is_empty() { "plain".to_owned() } else { looks.join(", ") };
+            let digest = digest.short();
+            format!("{name}: {triangles} triangles, {vertices} vertices, {x:.3} x {y:.3} x {z:.3}, {skin}, {looks}, {digest}")
+        }
+    }
+}
