@@ -108,6 +108,8 @@ enum Command {
     Export(commands::export::Arguments),
     #[command(about = "Check or make task files")]
     Tasks(commands::tasks::Arguments),
+    #[command(about = "List, make, check and draw scenes")]
+    Scene(commands::scene::Arguments),
     #[command(about = "Serve live worlds to agents (MCP), and episodes to people (REST)")]
     #[cfg(feature = "service")]
     Serve(commands::serve::Arguments),
@@ -177,6 +179,7 @@ fn main() -> ExitCode {
         Command::Expand(arguments) => commands::repack::expand(&arguments),
         Command::Export(arguments) => commands::export::run(&arguments),
         Command::Tasks(arguments) => commands::tasks::run(&arguments),
+        Command::Scene(arguments) => commands::scene::run(&arguments),
         #[cfg(feature = "service")]
         Command::Serve(arguments) => commands::serve::run(&arguments),
         #[cfg(feature = "service")]

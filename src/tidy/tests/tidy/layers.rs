@@ -11,6 +11,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("sim", &["world"]),
     ("trace", &["world"]),
     ("tasks", &["world"]),
+    ("generate", &["world", "sim", "tasks"]),
     ("episode", &["world", "sim", "reward"]),
     ("agents", &["world", "plan", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
