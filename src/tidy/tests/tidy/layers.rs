@@ -39,8 +39,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     (
         "server",
         &[
-            "world", "reward", "tasks", "agents", "trace", "replay", "branch", "blame", "tables", "query", "lint", "view",
-            "live", "mcp", "pilot",
+            "world", "reward", "tasks", "generate", "agents", "trace", "replay", "branch", "blame", "tables", "query", "lint",
+            "view", "live", "mcp", "pilot",
         ],
     ),
     ("tidy", &[]),
