@@ -1,4 +1,4 @@
-//! `reel scene`: lists, makes, checks and draws scenes.
+//! `reel scene`: lists, makes, checks and draws scenes; lists the objects to put into them.
 
 use std::{
     fs,
@@ -6,7 +6,11 @@ use std::{
 };
 
 use anyhow::Context;
-use reel_generate::scene::{Brief, Finding, Plan, built_in, check, generate, names, views};
+use reel_generate::{
+    objects::{Object, objects, picture},
+    scene::{Brief, Finding, Plan, built_in, check, generate, names, views},
+};
+use reel_tasks::random::Stream;
 use reel_world::Scene;
 use serde_json::json;
 
@@ -89,6 +93,25 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// List the objects of the large library, all or some of them
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Example:
+    ///   reel scene objects --sample 30 --seed 1 --pictures objects.png
+    Objects {
+        /// Only so many, drawn by the seed
+        #[arg(long, value_name = "N")]
+        sample: Option<usize>,
+        /// Seed of the sample
+        #[arg(long, value_name = "N", default_value_t = 0)]
+        seed: u64,
+        /// Write a sheet of pictures, each with its caption
+        #[arg(long, value_name = "PNG")]
+        pictures: Option<PathBuf>,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
     /// Draw the floor plan of a scene
     #[command(verbatim_doc_comment)]
     ///
@@ -132,6 +155,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             Ok(Answer::Yes)
         }
         Command::Check { scenes, json } => check_all(scenes, *json),
+        Command::Objects { sample, seed, pictures, json } => list_objects(*sample, *seed, pictures.as_deref(), *json),
         Command::Plan { scene, out } => {
             let scene = inputs::scene(Some(scene))?;
             let plan = Plan::of(&scene);
@@ -193,6 +217,32 @@ fn sheet(scene: &Scene) -> anyhow::Result<Vec<u8>> {
         text: called(index),
     });
     Ok(reel_view::sheet(&format!("{}: {}", scene.scene_id, summary(scene)), &cards.collect::<Vec<_>>())?)
+}
+
+fn list_objects(sample: Option<usize>, seed: u64, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<Answer> {
+    let all: Vec<&Object> = objects().iter().collect();
+    let listed = match sample {
+        Some(count) => Stream::new(seed, "objects", 0).pick_some(&all, count),
+        None => all,
+    };
+    if as_json {
+        let row = |object: &&Object| {
+            let Object { asset, category, purpose, caption, size, .. } = object;
+            json!({ "asset": asset, "category": category, "purpose": purpose, "caption": caption, "size": size })
+        };
+        println!("{}", json!(listed.iter().map(row).collect::<Vec<_>>()));
+    } else {
+        listed.iter().for_each(|object| println!("{:24} {}", object.asset.as_str(), object.caption));
+    }
+    if let Some(file) = pictures {
+        let card = |object: &&Object| reel_view::Card {
+            picture: Some(picture(object).rgb),
+            title: object.asset.to_string(),
+            text: object.caption.clone(),
+        };
+        write(file, &reel_view::sheet("objects", &listed.iter().map(card).collect::<Vec<_>>())?)?;
+    }
+    Ok(Answer::Yes)
 }
 
 fn check_all(paths: &[PathBuf], as_json: bool) -> anyhow::Result<Answer> {

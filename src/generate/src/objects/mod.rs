@@ -3,11 +3,15 @@
 //!
 //! A superset of the small library in `reel-tasks`: those objects are here too, with the same assets and captions.
 
+mod picture;
+
 use std::{collections::BTreeMap, sync::OnceLock};
 
 use reel_tasks::attributes;
 use reel_world::{AssetId, Attributes};
 use serde::Deserialize;
+
+pub use picture::picture;
 
 /// An object that can be placed.
 #[derive(Clone, PartialEq, Debug)]
