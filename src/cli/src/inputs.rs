@@ -20,9 +20,17 @@ pub fn skills(name: &str) -> Result<Skills, String> {
     Skills::parse(name).ok_or_else(|| format!("there are {}", Skills::ALL.map(Skills::as_str).join(" and ")))
 }
 
-/// The scene of a file; without one, the home that comes with Reel.
+/// The scene of a file, or one that comes with Reel by its name (`S1` to `S7`, `home`); without either, the home.
 pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
     let Some(path) = path else { return Ok(Arc::new(reel_tasks::home())) };
+    let name = path.to_str().unwrap_or_default();
+    if let Some(scene) = reel_generate::scene::built_in(name).or_else(|| (name == "home").then(reel_tasks::home)) {
+        return Ok(Arc::new(scene));
+    }
+    if !path.exists() {
+        let names: Vec<&str> = reel_generate::scene::names().collect();
+        bail!("no scene file {}, and no scene of that name comes along; there are home, {}", path.display(), names.join(", "));
+    }
     let loaded = reel_tasks::scene::load(path)?;
     for warning in &loaded.warnings {
         eprintln!("reel: {}: {warning}", path.display());

@@ -110,6 +110,8 @@ enum Command {
     Tasks(commands::tasks::Arguments),
     #[command(about = "Check a folder of meshes of objects")]
     Assets(commands::assets::Arguments),
+    #[command(about = "List, make, check and draw scenes")]
+    Scene(commands::scene::Arguments),
     #[command(about = "Serve live worlds to agents (MCP), and episodes to people (REST)")]
     #[cfg(feature = "service")]
     Serve(commands::serve::Arguments),
@@ -180,6 +182,7 @@ fn main() -> ExitCode {
         Command::Export(arguments) => commands::export::run(&arguments),
         Command::Tasks(arguments) => commands::tasks::run(&arguments),
         Command::Assets(arguments) => commands::assets::run(&arguments),
+        Command::Scene(arguments) => commands::scene::run(&arguments),
         #[cfg(feature = "service")]
         Command::Serve(arguments) => commands::serve::run(&arguments),
         #[cfg(feature = "service")]

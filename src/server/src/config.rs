@@ -358,11 +358,14 @@ impl Config {
         self.check()?;
         let play = &self.play;
         let scene = match &play.scene {
-            Some(path) => {
-                let loaded = reel_tasks::scene::load(path)?;
-                loaded.warnings.iter().for_each(|warning| on_broken(&format!("{}: {warning}", path.display())));
-                Arc::new(loaded.scene)
-            }
+            Some(path) => match path.to_str().and_then(reel_generate::scene::built_in) {
+                Some(scene) => Arc::new(scene),
+                None => {
+                    let loaded = reel_tasks::scene::load(path)?;
+                    loaded.warnings.iter().for_each(|warning| on_broken(&format!("{}: {warning}", path.display())));
+                    Arc::new(loaded.scene)
+                }
+            },
             None => Arc::new(home()),
         };
         let mut tasks = match &play.tasks {

@@ -15,7 +15,7 @@ mod generate;
 mod load;
 mod oddity;
 mod placement;
-mod random;
+pub mod random;
 mod real_schema;
 mod wording;
 

@@ -10,6 +10,7 @@ mod moment;
 mod picture_difference;
 #[cfg(feature = "rerun")]
 mod rerun_recording;
+mod sheet;
 mod side_by_side;
 mod transcript;
 
@@ -19,6 +20,7 @@ pub use moment::moment;
 pub use picture_difference::picture_difference;
 #[cfg(feature = "rerun")]
 pub use rerun_recording::rrd;
+pub use sheet::{Card, sheet};
 pub use side_by_side::side_by_side;
 pub use transcript::{step, transcript};
 

@@ -45,6 +45,7 @@ pub mod report;
 #[cfg(feature = "analytics")]
 pub mod reward;
 pub mod run;
+pub mod scene;
 #[cfg(feature = "service")]
 pub mod serve;
 pub mod show;

@@ -12,6 +12,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("trace", &["world"]),
     ("tasks", &["world"]),
     ("assets", &["world"]),
+    ("generate", &["world", "sim", "tasks"]),
     ("episode", &["world", "sim", "reward"]),
     ("agents", &["world", "plan", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
@@ -39,8 +40,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     (
         "server",
         &[
-            "world", "reward", "tasks", "agents", "trace", "replay", "branch", "blame", "tables", "query", "lint", "view",
-            "live", "mcp", "pilot",
+            "world", "reward", "tasks", "generate", "agents", "trace", "replay", "branch", "blame", "tables", "query", "lint",
+            "view", "live", "mcp", "pilot",
         ],
     ),
     ("tidy", &[]),
