@@ -11,6 +11,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("sim", &["world"]),
     ("trace", &["world"]),
     ("tasks", &["world"]),
+    // sim: the physics filter.
+    ("generate", &["world", "sim", "tasks"]),
     ("episode", &["world", "sim", "reward"]),
     ("agents", &["world", "plan", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
@@ -67,7 +69,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rerun*", &["view"]),
     ("re_web_viewer_server", &["server"]),
     ("tokio*", &["tables", "query", "live", "mcp", "proxy", "server"]),
-    ("rayon", &["agents", "blame", "branch", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
+    ("rayon", &["agents", "blame", "branch", "generate", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents", "annotate", "statistics"]),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["pattern", "reward"]),
