@@ -65,8 +65,7 @@ fn definite(caption: &str) -> String {
 fn phrases(category: &str, attributes: &Attributes) -> Vec<String> {
     // In the order in which English puts them.
     let kinds = ["size", "shape", "colour", "material"];
-    let words: Vec<&str> =
-        kinds.iter().filter_map(|kind| attributes.get(*kind)).flatten().map(String::as_str).collect();
+    let words: Vec<&str> = kinds.iter().filter_map(|kind| attributes.get(*kind)).flatten().map(String::as_str).collect();
     let category = category.trim();
     let mut all: Vec<String> = words.iter().map(|word| format!("the {word} {category}")).collect();
     for (index, first) in words.iter().enumerate() {
@@ -78,7 +77,10 @@ fn phrases(category: &str, attributes: &Attributes) -> Vec<String> {
 /// Every word that is said of a receptacle.
 fn said_of(receptacle: &Receptacle) -> BTreeSet<String> {
     let captions = receptacle.captions.keys().flat_map(|caption| content(caption));
-    let attributes = receptacle.attributes.iter().flat_map(|(kind, words)| content(kind).into_iter().chain(words.iter().flat_map(|word| content(word))));
+    let attributes = receptacle
+        .attributes
+        .iter()
+        .flat_map(|(kind, words)| content(kind).into_iter().chain(words.iter().flat_map(|word| content(word))));
     captions.chain(attributes).chain(content(&receptacle.category)).chain(content(&receptacle.room)).collect()
 }
 

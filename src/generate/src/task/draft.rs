@@ -33,14 +33,8 @@ pub enum TaskType {
 
 impl TaskType {
     /// All, in the order of the paper.
-    pub const ALL: [TaskType; 6] = [
-        TaskType::Basic,
-        TaskType::Distractor,
-        TaskType::Store,
-        TaskType::Retrieve,
-        TaskType::Interactive,
-        TaskType::Gather,
-    ];
+    pub const ALL: [TaskType; 6] =
+        [TaskType::Basic, TaskType::Distractor, TaskType::Store, TaskType::Retrieve, TaskType::Interactive, TaskType::Gather];
 
     /// As it stands in files.
     pub fn as_str(self) -> &'static str {
@@ -294,7 +288,8 @@ impl<'a> Draft<'a> {
         let others = self.others.iter().map(|object| Placed { object, site: src });
         let copies = self.copies.iter().map(|site| Placed { object: self.target(), site: *site });
         let placed: Vec<Placed<'_>> = self.moved.iter().copied().chain(others).chain(copies).collect();
-        let mut objects: Vec<ObjectInstance> = placed.iter().map(|placed| standing(placed, instance(placed), id(placed.site))).collect();
+        let mut objects: Vec<ObjectInstance> =
+            placed.iter().map(|placed| standing(placed, instance(placed), id(placed.site))).collect();
         let (precise, instruction) = self.instructions(&objects, stream)?;
         objects.sort_by(|a, b| a.instance.cmp(&b.instance));
 
@@ -389,8 +384,7 @@ impl<'a> Draft<'a> {
         }
         let means = |phrase: &str, other: &ObjectInstance| language::fits(&format!("Take {phrase}."), other, None);
         let is_unique = |phrase: &String| {
-            means(phrase, instance)
-                && !beside.iter().any(|other| means(phrase, other) || describe::may_mean(phrase, other))
+            means(phrase, instance) && !beside.iter().any(|other| means(phrase, other) || describe::may_mean(phrase, other))
         };
         phrases.into_iter().find(is_unique)
     }
@@ -466,11 +460,7 @@ impl<'a> Draft<'a> {
         let dest = &self.site(self.wanted.dest).captions;
         let vague = task.fuzzy && !dest.iter().any(|caption| language::quotes(&task.instruction, caption));
         let asks = if task.fuzzy || !self.others.is_empty() { (fitting.len() + usize::from(vague)).min(3) } else { 0 };
-        let fields = [
-            ("difficulty", json!(self.difficulty)),
-            ("ask_budget", json!(asks)),
-            ("distractor_grades", json!(grades)),
-        ];
+        let fields = [("difficulty", json!(self.difficulty)), ("ask_budget", json!(asks)), ("distractor_grades", json!(grades))];
         task.extra.extend(fields.map(|(key, value)| (format!("episodes[0].{key}"), value)));
     }
 }

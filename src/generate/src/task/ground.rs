@@ -127,7 +127,11 @@ impl Site {
             alike: Vec::new(),
             clearance_m: f64::from(clearance),
             front: receptacle.door.exists().then(|| Side::facing(furniture.facing)),
-            above: Occupancy::between(model, [surface + ABOVE_SURFACE_M, surface + (clearance - ABOVE_SURFACE_M).min(TALLEST_M)], None),
+            above: Occupancy::between(
+                model,
+                [surface + ABOVE_SURFACE_M, surface + (clearance - ABOVE_SURFACE_M).min(TALLEST_M)],
+                None,
+            ),
             around: Occupancy::on_floor(model, index),
         }
     }

@@ -1,9 +1,6 @@
 //! Draws drafts until there are enough that pass every filter, on several threads.
 
-use std::{
-    collections::BTreeMap,
-    sync::Arc,
-};
+use std::{collections::BTreeMap, sync::Arc};
 
 use rayon::prelude::*;
 use reel_tasks::{Stream, library::LibraryObject};
@@ -171,13 +168,15 @@ impl<'a> Cell<'a> {
         let sites = &source.ground.sites;
         let scene_id = &source.ground.scene.scene_id;
         let mut stream = Stream::new(seed, &format!("triplets/{family}/{scene_id}/{}", task_type.as_str()), 0);
-        let admitted = |(src, dest, _): &&(usize, usize, Vec<usize>)| Wanted::admits(family, task_type, &sites[*src], &sites[*dest]);
+        let admitted =
+            |(src, dest, _): &&(usize, usize, Vec<usize>)| Wanted::admits(family, task_type, &sites[*src], &sites[*dest]);
         let pairs: Vec<&(usize, usize, Vec<usize>)> = source.triplets.iter().filter(admitted).collect();
         let pairs = stream.pick_some(&pairs, pairs.len());
         let objects: Vec<Vec<usize>> = pairs.iter().map(|(_, _, objects)| stream.pick_some(objects, objects.len())).collect();
         let rounds = 0..objects.iter().map(Vec::len).max().unwrap_or(0);
         let order = rounds.flat_map(|round| {
-            let of_round = pairs.iter().zip(&objects).filter_map(move |((src, dest, _), objects)| Some((*src, *dest, *objects.get(round)?)));
+            let of_round =
+                pairs.iter().zip(&objects).filter_map(move |((src, dest, _), objects)| Some((*src, *dest, *objects.get(round)?)));
             of_round.collect::<Vec<_>>()
         });
         let order = order.collect();
@@ -244,8 +243,10 @@ fn place(task: &mut Task, ground: &Ground, stream: &mut Stream) -> Result<(), pl
         let mut here: Vec<usize> = (0..task.objects.len()).filter(|index| task.objects[*index].receptacle == *id).collect();
         // The target has the choice.
         here.sort_by_key(|index| task.objects[*index].instance != task.target);
-        let arriving = task.objects.iter().filter(|object| object.receptacle != *id && task.goal.place_of(&object.instance) == Some(id));
-        let sizes: Vec<[f64; 3]> = here.iter().map(|index| task.objects[*index].size).chain(arriving.map(|object| object.size)).collect();
+        let arriving =
+            task.objects.iter().filter(|object| object.receptacle != *id && task.goal.place_of(&object.instance) == Some(id));
+        let sizes: Vec<[f64; 3]> =
+            here.iter().map(|index| task.objects[*index].size).chain(arriving.map(|object| object.size)).collect();
         placement::static_filter(site, &sizes, stream)?;
         for index in here {
             let [x, y, z] = placement.place(site, task.objects[index].size, stream)?;

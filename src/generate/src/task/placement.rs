@@ -80,11 +80,12 @@ impl Placement {
         let candidates = candidates(site, &centres, stream);
         let free: Vec<[f64; 2]> = candidates
             .into_iter()
-            .filter(|centre| placed.iter().all(|other| are_apart(&footprint(*centre, size), other)) && is_valid(site, *centre, size))
+            .filter(|centre| {
+                placed.iter().all(|other| are_apart(&footprint(*centre, size), other)) && is_valid(site, *centre, size)
+            })
             .collect();
-        let spread = |centre: &[f64; 2]| {
-            placed.iter().map(|other| distance(*centre, middle(other))).fold(f64::INFINITY, f64::min)
-        };
+        let spread =
+            |centre: &[f64; 2]| placed.iter().map(|other| distance(*centre, middle(other))).fold(f64::INFINITY, f64::min);
         let best = match placed.as_slice() {
             [] => stream.pick(&free).copied(),
             // The first of equals.

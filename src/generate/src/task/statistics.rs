@@ -4,11 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{
-    draft::Unfit,
-    placement::Misfit,
-    settle::Unsettled,
-};
+use super::{draft::Unfit, placement::Misfit, settle::Unsettled};
 
 /// Why a draft became no task, by the filter that stopped it; filters in their order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -74,7 +70,8 @@ impl Statistics {
     /// Pass rates, filter by filter.
     pub fn filters(&self) -> [Passed; 3] {
         let mut seen = self.drafts;
-        let stopped = |filter| self.rejected.iter().filter(|(why, _)| why.filter() == filter).map(|(_, count)| count).sum::<usize>();
+        let stopped =
+            |filter| self.rejected.iter().filter(|(why, _)| why.filter() == filter).map(|(_, count)| count).sum::<usize>();
         std::array::from_fn(|index| {
             let passed = seen - stopped(index);
             let step = Passed { filter: Rejection::FILTERS[index], seen, passed };

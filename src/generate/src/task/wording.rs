@@ -101,7 +101,8 @@ mod tests {
         let said = take.say(&indefinite("apple"), "the couch", "the microwave", true);
         assert_eq!(said, "Take an apple from the couch and put it in the microwave.");
         let gather = Wording { template: GATHERING[0] };
-        let objects = [("the red mug".to_owned(), "the couch"), ("the cup".to_owned(), "the desk"), ("the pen".to_owned(), "the desk")];
+        let objects =
+            [("the red mug".to_owned(), "the couch"), ("the cup".to_owned(), "the desk"), ("the pen".to_owned(), "the desk")];
         let said = gather.say_all(&objects, "the shelf", false);
         assert_eq!(said, "Bring the red mug from the couch and the cup and the pen from the desk to the shelf.");
     }

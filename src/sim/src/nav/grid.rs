@@ -98,6 +98,7 @@ impl Grid {
     }
 
     /// A grid whose occupied cells are given row by row, without inflation. The border must be occupied.
+    #[cfg(test)]
     pub(super) fn from_occupied(origin: [i32; 2], width: usize, occupied: Vec<bool>) -> Self {
         let mut grid = Self::unconnected(origin, width, occupied);
         grid.blocked.clone_from(&grid.occupied);
