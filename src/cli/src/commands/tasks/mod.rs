@@ -1,4 +1,4 @@
-//! `reel tasks`: checks and makes task files.
+//! `reel tasks`: checks and makes task files (`make`, and `generate` of old), and says what they are like (`report`).
 
 mod make;
 mod report;
