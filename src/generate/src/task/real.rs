@@ -31,8 +31,8 @@ fn published(task: &Task, scene: &Scene, index: usize) -> Task {
             object.attributes.clear();
         }
     }
+    let kept = without_doors(&task, scene);
     if let Some(Value::Object(goal)) = &mut task.published_goal {
-        let kept = without_doors(&task, scene);
         goal.retain(|id, _| kept.receptacle(&id.as_str().into()).is_some());
     }
     let folder = format!("assets/metadata/{}", task.scene_id);
