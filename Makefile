@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy screenshots viewers eval-taxonomy eval-blame eval-skills load prove-sft conformance service lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -54,6 +54,9 @@ eval-taxonomy: ## how often the failure taxonomy is right, on 3,000 episodes wit
 
 eval-skills: ## how reliable the skills of --skills real-v1 are, beside the paper's table, over 21 seeds (ten minutes)
 	REEL_SKILL_SEEDS=20 cargo test --locked --workspace --test skills -- --nocapture
+
+eval-tasks: ## make 2,000 tasks, check them from outside, let the oracle do them, lay them beside REAL-Bench (needs Python)
+	tests/generate/run.sh
 
 eval-blame: ## how often the decisive step is right, on 600 episodes with injected faults (ten minutes)
 	tests/eval-blame.sh

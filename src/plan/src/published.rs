@@ -1,6 +1,6 @@
 //! A task's published plan as intents. Never checks whether the plan leads to the goal.
 
-use reel_world::{PlanStep, Task};
+use reel_world::{InstanceId, PlanStep, Task};
 use serde_json::Value;
 
 use crate::Intent;
@@ -8,7 +8,8 @@ use crate::Intent;
 /// The plan that came with the task, with `finish` at its end; none where the task has none or where it
 /// holds an action or argument that is not understood.
 ///
-/// A group of `find`, `gaze_at` and `pick` is about the task's target, whatever its category says.
+/// A group of `find`, `gaze_at` and `pick` is about the task's target, whatever its category says, or about the `instance` that
+/// our own tasks name where several move.
 pub fn published_plan(task: &Task) -> Option<Vec<Intent>> {
     let mut intents = Vec::new();
     for step in &task.plan {
@@ -21,7 +22,7 @@ pub fn published_plan(task: &Task) -> Option<Vec<Intent>> {
             "find" | "gaze_at" => push_find(&mut intents, task, step),
             "pick" => {
                 push_find(&mut intents, task, step);
-                intents.push(Intent::Pick(task.target.clone()));
+                intents.push(Intent::Pick(meant(task, step)));
             }
             "ask" => intents.push(Intent::Ask { about: task.target.clone() }),
             "finish" => {}
@@ -39,8 +40,12 @@ pub fn published_plan(task: &Task) -> Option<Vec<Intent>> {
 fn push_find(intents: &mut Vec<Intent>, task: &Task, step: &PlanStep) {
     if !matches!(intents.last(), Some(Intent::Find { .. })) {
         let category = text(step, "target_category").unwrap_or(&task.target_object().category).to_owned();
-        intents.push(Intent::Find { category, target: task.target.clone() });
+        intents.push(Intent::Find { category, target: meant(task, step) });
     }
+}
+
+fn meant(task: &Task, step: &PlanStep) -> InstanceId {
+    text(step, "instance").map_or_else(|| task.target.clone(), Into::into)
 }
 
 fn text<'a>(step: &'a PlanStep, argument: &str) -> Option<&'a str> {

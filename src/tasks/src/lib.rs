@@ -23,4 +23,5 @@ pub use error::TaskError;
 pub use generate::{GenerateOptions, Generated, generate};
 pub use load::{Listed, LoadReport, load, load_as, parse};
 pub use oddity::{Oddity, OddityKind};
+pub use random::Stream;
 pub use scene::home;

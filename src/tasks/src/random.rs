@@ -5,10 +5,11 @@ use rand_core::{Rng, SeedableRng};
 use reel_world::Digest;
 
 /// A stream of random numbers.
+#[derive(Debug)]
 pub struct Stream(ChaCha8Rng);
 
 impl Stream {
-    /// The stream of a seed, for a purpose, by number.
+    /// The stream of a seed for a purpose and an index.
     pub fn new(seed: u64, purpose: &str, index: usize) -> Self {
         Self(ChaCha8Rng::from_seed(Digest::of(format!("{seed}/{purpose}/{index}").as_bytes()).0))
     }

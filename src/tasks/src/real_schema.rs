@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use reel_world::{DoorState, Family, InstanceId, ObjectInstance, PlanStep, ReceptacleId, Scene, Task, WorldGraph};
+use reel_world::{Attributes, DoorState, Family, InstanceId, ObjectInstance, PlanStep, ReceptacleId, Scene, Task, WorldGraph};
 use serde_json::{Value, json};
 
 use crate::{Oddity, OddityKind, attributes, error::Problem, field::Field};
@@ -18,7 +18,7 @@ pub(crate) const DROP_M: f64 = 0.1;
 const LARGEST_M: f64 = 5.0;
 
 const ROOT_FIELDS: &[&str] = &["scene_id", "objects", "episodes"];
-const OBJECT_FIELDS: &[&str] = &["original_id", "category", "detailed_caption", "position", "size", "yaw"];
+const OBJECT_FIELDS: &[&str] = &["original_id", "category", "detailed_caption", "attributes", "position", "size", "yaw"];
 const EPISODE_FIELDS: &[&str] = &[
     "benchmark_task_id",
     "task_id",
@@ -36,6 +36,7 @@ const EPISODE_FIELDS: &[&str] = &[
     "src_distractors",
     "dest",
     "dest_distractors",
+    "moves",
     "obj_distractors",
     "obj_meta",
     "obj_distractor_meta",
@@ -99,9 +100,7 @@ impl<'a> Reader<'a> {
         let initial = self.initial_graph(&objects)?;
         let target_field = episode.get("target_object_id")?;
         let target = self.target(&target_field, &objects, &src)?;
-        let mut goal = initial.clone();
-        goal.remove(&src, &target);
-        goal.add(&dest, &target);
+        let goal = self.goal(&initial, (&target, &src, &dest))?;
 
         self.metas(&objects)?;
         self.goal_oddities(&objects)?;
@@ -240,7 +239,10 @@ impl<'a> Reader<'a> {
             instance: key.into(),
             asset: asset.into(),
             reference_rest: rest.map(|rest| self.rest(key, &category, position, rest)).transpose()?.flatten(),
-            attributes: caption.as_deref().map(attributes::from_caption).unwrap_or_default(),
+            attributes: match field.find("attributes")? {
+                Some(attributes) => words(&attributes)?,
+                None => caption.as_deref().map(attributes::from_caption).unwrap_or_default(),
+            },
             category,
             caption,
             size,
@@ -308,6 +310,32 @@ impl<'a> Reader<'a> {
             self.odd(OddityKind::GraphOmitsReceptacles, omitted.join(", "));
         }
         Ok(graph)
+    }
+
+    /// The target at the destination, or what `moves` says: a field of our own, for tasks that move several objects.
+    fn goal(
+        &self,
+        initial: &WorldGraph,
+        (target, src, dest): (&InstanceId, &ReceptacleId, &ReceptacleId),
+    ) -> Result<WorldGraph, Problem> {
+        let mut goal = initial.clone();
+        let Some(moves) = self.episode.find("moves")? else {
+            goal.remove(src, target);
+            goal.add(dest, target);
+            return Ok(goal);
+        };
+        for (key, field) in moves.entries()? {
+            let object = InstanceId::from(key);
+            let Some(from) = initial.place_of(&object).cloned() else {
+                return Err(field.problem(format!("{key} is no object of the task")));
+            };
+            goal.remove(&from, &object);
+            goal.add(&self.receptacle(&field)?, &object);
+        }
+        if goal.place_of(target) != Some(dest) {
+            return Err(moves.problem(format!("expected to move the target, {target}, to {dest}")));
+        }
+        Ok(goal)
     }
 
     fn target(&self, field: &Field<'_>, objects: &[ObjectInstance], src: &ReceptacleId) -> Result<InstanceId, Problem> {
@@ -428,6 +456,15 @@ impl<'a> Reader<'a> {
 
 fn text_of(mapping: &Field<'_>, key: &str) -> Result<Option<String>, Problem> {
     mapping.find(key)?.map(|field| field.text().map(str::to_owned)).transpose()
+}
+
+/// Attribute words by kind.
+fn words(field: &Field<'_>) -> Result<Attributes, Problem> {
+    let kind = |(kind, words): (&str, Field<'_>)| {
+        let words = words.items()?.iter().map(|word| Ok(word.text()?.to_owned())).collect::<Result<_, Problem>>()?;
+        Ok((kind.to_owned(), words))
+    };
+    field.entries()?.into_iter().map(kind).collect()
 }
 
 fn contents<'a>(state: &Field<'a>) -> Result<Vec<&'a str>, Problem> {

@@ -1,9 +1,12 @@
 //! Tasks written in the YAML schema of REAL-Bench, so that reading them back gives the same task.
 
-use reel_world::{DoorState, ObjectInstance, Scene, Task, WorldGraph};
+use reel_world::{DoorState, Family, ObjectInstance, Scene, Task, WorldGraph};
 use serde_json::{Map, Value, json};
 
-use crate::real_schema::{DROP_M, derived_meta};
+use crate::{
+    attributes,
+    real_schema::{DROP_M, derived_meta},
+};
 
 /// Writes a task as the text of a YAML file.
 pub fn write(task: &Task, scene: &Scene) -> String {
@@ -47,7 +50,20 @@ fn object_entry(object: &ObjectInstance) -> Value {
     if let Some(caption) = &object.caption {
         entry["detailed_caption"] = json!(caption);
     }
+    // What the caption says of it, its reader knows.
+    if object.attributes != object.caption.as_deref().map(attributes::from_caption).unwrap_or_default() {
+        entry["attributes"] = json!(object.attributes);
+    }
     entry
+}
+
+/// Where the goal wants the objects that move, where that is more than the target to the destination.
+fn moves(task: &Task) -> Option<Value> {
+    let place = |graph: &WorldGraph, object: &ObjectInstance| graph.place_of(&object.instance).cloned();
+    let moved = task.objects.iter().filter(|object| place(&task.initial, object) != place(&task.goal, object));
+    let moves: Map<String, Value> = moved.map(|object| (object.instance.to_string(), json!(place(&task.goal, object)))).collect();
+    let is_usual = moves.len() == 1 && moves.get(task.target.as_str()).is_some_and(|to| *to == json!(task.dest));
+    (!is_usual).then_some(Value::Object(moves))
 }
 
 fn episode(task: &Task, scene: &Scene) -> Value {
@@ -68,6 +84,7 @@ fn episode(task: &Task, scene: &Scene) -> Value {
         "src_distractors": task.src_distractors,
         "dest": task.dest,
         "dest_distractors": task.dest_distractors,
+        "moves": moves(task),
         "obj_meta": { target.asset.as_str(): derived_meta(target) },
         "obj_distractors": task.object_distractors,
         "obj_distractor_meta": {},
@@ -95,7 +112,8 @@ fn episode(task: &Task, scene: &Scene) -> Value {
         }
     }
     let fields = episode.as_object_mut().expect("made as an object");
-    fields.retain(|key, value| !value.is_null() && (key != "final_positions" || *value != json!({})));
+    let optional = |key: &str| key == "final_positions" || (key == "obj_distractor_meta" && task.family == Family::FDO);
+    fields.retain(|key, value| !value.is_null() && (!optional(key) || *value != json!({})));
     episode
 }
 

@@ -73,7 +73,8 @@ pub struct ObjectInstance {
     pub yaw: f64,
     /// The receptacle it is placed on.
     pub receptacle: ReceptacleId,
-    /// Where another simulator saw it come to rest, if the file says so (a check, never an input of ours).
+    /// Where a simulator saw it come to rest, if the file says so (a check, never an input of ours): another one in published
+    /// tasks, ours in those we make.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference_rest: Option<[f64; 3]>,
 }

@@ -11,6 +11,8 @@ use crate::{geometry::Part, model::SceneModel};
 const FLOOR_M: f32 = 0.02;
 /// Parts that start at or above this height are above the robot: a hand's breadth over the camera, in metres.
 const ROBOT_TOP_M: f32 = CAMERA_HEIGHT_M + 0.1;
+/// Between these heights something stands in the robot's way.
+pub(super) const ROBOT_HEIGHTS_M: [f32; 2] = [FLOOR_M, ROBOT_TOP_M];
 /// A gap between floor slabs up to twice this wide is floor too, in metres.
 const SEAM_M: f32 = 0.01;
 /// Cells around the rooms; always taken, so that neighbours of a free cell always exist.
@@ -37,10 +39,21 @@ pub(super) struct Grid {
 impl Grid {
     /// Paints the solid parts of a scene.
     pub(super) fn new(model: &SceneModel) -> Self {
+        let mut grid = Self::painted(model, ROBOT_HEIGHTS_M, None);
+        if grid.width > 0 {
+            grid.blocked = inflated(&grid.occupied, grid.width);
+        }
+        grid.connect();
+        grid
+    }
+
+    /// Paints the solid parts of a scene between two heights, but for those of one piece of furniture. Nothing is inflated or
+    /// connected: such a grid only knows what is occupied.
+    pub(super) fn painted(model: &SceneModel, [from, to]: [f32; 2], leaving_out: Option<usize>) -> Self {
         let [low, high] = model.bounds;
         let fits = |value: f32| value.abs() < 1e4;
         if !(low.iter().chain(&high).copied().all(fits) && low[0] < high[0] && low[1] < high[1]) {
-            return Self::from_occupied([0, 0], 0, Vec::new());
+            return Self::unconnected([0, 0], 0, Vec::new());
         }
         let origin = low.map(|value| cell_along(value) as i32 - MARGIN);
         let side = |axis: usize| ((cell_along(high[axis]) as i32 + MARGIN - origin[axis]) as usize + 1).min(SIDE_MAX);
@@ -49,9 +62,10 @@ impl Grid {
 
         let solid = |part: &&Part| part.solid;
         let shell: Vec<Footprint> = model.shell.iter().filter(solid).filter_map(Footprint::of).collect();
-        let furniture = model.furniture.iter().filter(|furniture| furniture.present);
+        let furniture = model.furniture.iter().enumerate();
+        let furniture = furniture.filter(|(index, furniture)| furniture.present && leaving_out != Some(*index));
         let furniture: Vec<Footprint> =
-            furniture.flat_map(|furniture| furniture.parts.iter().filter(solid).filter_map(Footprint::of)).collect();
+            furniture.flat_map(|(_, furniture)| furniture.parts.iter().filter(solid).filter_map(Footprint::of)).collect();
 
         let (floor, walls): (Vec<&Footprint>, Vec<&Footprint>) = shell.iter().partition(|footprint| footprint.top <= FLOOR_M);
         if !floor.is_empty() {
@@ -66,7 +80,7 @@ impl Grid {
             }
         }
         for obstacle in walls.into_iter().chain(&furniture) {
-            if obstacle.top > FLOOR_M && obstacle.bottom < ROBOT_TOP_M {
+            if obstacle.top > from && obstacle.bottom < to {
                 for cell in grid.cells_within(obstacle.bounds[0], obstacle.bounds[1]) {
                     if obstacle.overlaps_square(grid.center(cell), CELL_M * 0.5) {
                         grid.occupied[cell] = true;
@@ -80,12 +94,11 @@ impl Grid {
                 && (MARGIN as usize..height - MARGIN as usize).contains(&row);
             grid.occupied[cell] |= !inside;
         }
-        grid.blocked = inflated(&grid.occupied, width);
-        grid.connect();
         grid
     }
 
     /// A grid whose occupied cells are given row by row, without inflation. The border must be occupied.
+    #[cfg(test)]
     pub(super) fn from_occupied(origin: [i32; 2], width: usize, occupied: Vec<bool>) -> Self {
         let mut grid = Self::unconnected(origin, width, occupied);
         grid.blocked.clone_from(&grid.occupied);

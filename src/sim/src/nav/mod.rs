@@ -48,6 +48,31 @@ pub struct Viewpoint {
     pub path_length_m: f32,
 }
 
+/// Where anything fixed is between two heights, on the same cells as the map: for putting things on surfaces, and for standing
+/// beside furniture.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Occupancy {
+    grid: grid::Grid,
+}
+
+impl Occupancy {
+    /// What of the scene stands between two heights above the floor, but for the parts of furniture `leaving_out`; outside the
+    /// rooms all is taken.
+    pub fn between(model: &SceneModel, heights_m: [f32; 2], leaving_out: Option<usize>) -> Self {
+        Self { grid: grid::Grid::painted(model, heights_m, leaving_out) }
+    }
+
+    /// What the robot would meet on the floor, were furniture `leaving_out` not there.
+    pub fn on_floor(model: &SceneModel, leaving_out: usize) -> Self {
+        Self::between(model, grid::ROBOT_HEIGHTS_M, Some(leaving_out))
+    }
+
+    /// Whether no cell that a disc overlaps is occupied.
+    pub fn disc_is_free(&self, center: [f32; 2], radius: f32) -> bool {
+        self.grid.disc_is_clear(center, radius)
+    }
+}
+
 impl NavMap {
     /// Builds the map from the solid parts below the robot's height; doors are left out.
     pub fn new(model: &SceneModel) -> Self {

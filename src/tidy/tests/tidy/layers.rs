@@ -12,6 +12,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("trace", &["world"]),
     ("tasks", &["world"]),
     ("assets", &["world"]),
+    // sim: the physics filter.
     ("generate", &["world", "sim", "tasks"]),
     ("episode", &["world", "sim", "reward"]),
     ("agents", &["world", "plan", "episode", "trace"]),
@@ -71,7 +72,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rerun*", &["view"]),
     ("re_web_viewer_server", &["server"]),
     ("tokio*", &["tables", "query", "live", "mcp", "proxy", "server"]),
-    ("rayon", &["agents", "blame", "branch", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
+    ("rayon", &["agents", "blame", "branch", "generate", "replay", "tables", "query", "export", "taxonomy", "cli", "server"]),
     ("rand_chacha", &["sim", "tasks", "agents", "annotate", "statistics"]),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["pattern", "reward"]),

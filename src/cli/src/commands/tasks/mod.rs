@@ -1,6 +1,13 @@
-//! `reel tasks`: checks and makes task files.
+//! `reel tasks`: checks and makes task files (`make`, and `generate` of old), and says what they are like (`report`).
 
-use std::{collections::BTreeMap, fs, path::PathBuf};
+mod make;
+mod report;
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context, bail};
 use reel_tasks::{GenerateOptions, generate};
@@ -59,12 +66,16 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    Make(make::Arguments),
+    Report(report::Arguments),
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
         Command::Check { path, scene, json } => check(path, scene.clone(), *json),
+        Command::Make(arguments) => make::run(arguments),
+        Command::Report(arguments) => report::run(arguments),
         Command::Generate { scene, count, families, seed, out, json } => {
             let scene = inputs::scene(scene.as_deref())?;
             let families = parse_families(families)?;
@@ -89,9 +100,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
 }
 
-fn check(path: &std::path::Path, scene: Option<PathBuf>, as_json: bool) -> anyhow::Result<Answer> {
-    let beside = path.parent().map(|folder| folder.join("s7_scene.json")).filter(|file| file.exists());
-    let scene = inputs::scene(scene.or(beside).as_deref())?;
+/// The scene that lies beside published tasks.
+fn scene_beside(tasks: &Path) -> Option<PathBuf> {
+    tasks.parent().map(|folder| folder.join("s7_scene.json")).filter(|file| file.exists())
+}
+
+fn check(path: &Path, scene: Option<PathBuf>, as_json: bool) -> anyhow::Result<Answer> {
+    let scene = inputs::scene(scene.or_else(|| scene_beside(path)).as_deref())?;
     let report = reel_tasks::load(path, &scene);
     let (loaded, files) = (report.tasks.len(), report.tasks.len() + report.broken.len());
     if files == 0 {

@@ -1,0 +1,142 @@
+//! `reel tasks make`: tasks for any scenes, through both filters.
+
+use std::{collections::BTreeSet, fs, path::PathBuf, sync::Arc};
+
+use anyhow::{Context, bail};
+use reel_generate::task::{Made, Options, Rejection, Statistics, TaskType, make, real};
+use reel_world::Scene;
+use serde_json::json;
+
+use super::parse_families;
+use crate::{Answer, inputs, progress};
+
+/// Make tasks for any scenes, and keep those whose objects stay where they are put.
+///
+/// Tasks go to DIR/<scene>/<family>/, and the scene they are made for to DIR/<scene>.json.
+///
+/// Example:
+///   reel tasks make --count 200 --seed 1 --out made
+///   reel tasks make --scene flat.json --scene house.json --families SUL --format real
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Scene file, may be given several times; without it the home that comes with Reel
+    #[arg(long, value_name = "FILE")]
+    scene: Vec<PathBuf>,
+    /// Families, in turn
+    #[arg(long, value_name = "FDP,FODP,FDO,SUL", value_delimiter = ',')]
+    families: Vec<String>,
+    /// Types: basic, distractor, articulation (or store, retrieve), interactive, gather
+    #[arg(long, value_name = "TYPES", value_delimiter = ',')]
+    types: Vec<String>,
+    /// How many tasks
+    #[arg(long, value_name = "N", default_value_t = 40)]
+    count: usize,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// reel, or real: the published schema and nothing else, which has no tasks that move several objects
+    #[arg(long, value_name = "NAME", default_value = "reel", value_parser = ["reel", "real"])]
+    format: String,
+    /// Folder for the files
+    #[arg(long, value_name = "DIR", default_value = "tasks-out")]
+    out: PathBuf,
+    /// Threads; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let scenes = match arguments.scene.as_slice() {
+        [] => vec![inputs::scene(None)?],
+        files => files.iter().map(|file| inputs::scene(Some(file))).collect::<anyhow::Result<_>>()?,
+    };
+    let in_real = arguments.format == "real";
+    let options = Options {
+        scenes: &scenes,
+        library: reel_tasks::library::objects(),
+        families: &parse_families(&arguments.families)?,
+        types: &parse_types(&arguments.types, in_real)?,
+        count: arguments.count,
+        seed: arguments.seed,
+        jobs: inputs::workers(arguments.jobs),
+    };
+    let bar = progress::bar(arguments.count, "tasks");
+    let made = make(&options, || bar.inc(1))?;
+    bar.finish_and_clear();
+    write(&made, &scenes, arguments)?;
+    let statistics = &made.statistics;
+    if arguments.json {
+        let rejected: Vec<_> = statistics
+            .rejected
+            .iter()
+            .map(|(why, count)| json!({ "filter": Rejection::FILTERS[why.filter()], "why": why.as_str(), "count": count }))
+            .collect();
+        let summary = json!({
+            "tasks": statistics.tasks, "drafts": statistics.drafts, "filters": statistics.filters(), "rejected": rejected,
+            "receptacle_pairs": statistics.receptacle_pairs, "triplets": statistics.triplets, "out": arguments.out,
+        });
+        println!("{summary}");
+    } else {
+        print(statistics, arguments);
+    }
+    Ok(if made.tasks.len() == arguments.count { Answer::Yes } else { Answer::No })
+}
+
+fn print(statistics: &Statistics, arguments: &Arguments) {
+    let Statistics { tasks, drafts, receptacle_pairs, triplets, .. } = statistics;
+    println!("{tasks} tasks in {}, from {drafts} drafts", arguments.out.display());
+    println!("{receptacle_pairs} pairs of receptacles, {triplets} (source, destination, object) triplets");
+    println!("  filter      seen  passed");
+    for step in statistics.filters() {
+        let share = if step.seen == 0 { 100.0 } else { 100.0 * step.passed as f64 / step.seen as f64 };
+        println!("  {:8} {:7} {:7}  {share:5.1}%", step.filter, step.seen, step.passed);
+        for (why, count) in statistics.rejected.iter().filter(|(why, _)| Rejection::FILTERS[why.filter()] == step.filter) {
+            println!("           {count:7}          {}", why.as_str());
+        }
+    }
+}
+
+fn write(made: &Made, scenes: &[Arc<Scene>], arguments: &Arguments) -> anyhow::Result<()> {
+    let out = &arguments.out;
+    let save = |path: PathBuf, text: String| -> anyhow::Result<()> {
+        let folder = path.parent().unwrap_or(out);
+        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    };
+    for scene in made.tasks.iter().map(|(scene, _)| *scene).collect::<BTreeSet<_>>() {
+        let text = serde_json::to_string_pretty(scenes[scene].as_ref()).context("a scene is plain data")?;
+        save(out.join(format!("{}.json", scenes[scene].scene_id)), text + "\n")?;
+    }
+    for (index, (scene, task)) in made.tasks.iter().enumerate() {
+        let scene = &scenes[*scene];
+        let text = match arguments.format.as_str() {
+            "real" => real::write(task, scene, index).context("a task that moves several objects has no published form")?,
+            _ => reel_tasks::yaml::write(task, scene),
+        };
+        save(out.join(&scene.scene_id).join(format!("{}.yaml", task.task_id)), text)?;
+    }
+    Ok(())
+}
+
+fn parse_types(names: &[String], in_real: bool) -> anyhow::Result<Vec<TaskType>> {
+    let mut types = Vec::new();
+    for name in names {
+        let meant = TaskType::parse(name);
+        if meant.is_empty() {
+            bail!("no type is called '{name}'; there are basic, distractor, articulation, store, retrieve, interactive, gather");
+        }
+        types.extend(meant);
+    }
+    if in_real && types.contains(&TaskType::Gather) {
+        bail!("tasks of type gather move several objects, which the published schema cannot say; leave out --format real");
+    }
+    if types.is_empty() {
+        types = TaskType::ALL.into_iter().filter(|kind| !in_real || *kind != TaskType::Gather).collect();
+    }
+    Ok(types)
+}

@@ -1,0 +1,90 @@
+//! `reel tasks report`: what a set of tasks is like, beside another one.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use anyhow::Context;
+use reel_generate::task::report::{Row, report};
+use reel_tasks::Listed;
+use reel_world::Task;
+use serde_json::json;
+
+use crate::{Answer, inputs};
+
+/// Show how plan length, distractors, object sizes and instruction length are distributed in a set of tasks.
+///
+/// A folder that `reel tasks make` wrote brings its scenes along; else the scene is `s7_scene.json` beside the folder, or the home
+/// that comes with Reel.
+///
+/// Example:
+///   reel tasks report made --against real-bench/tasks
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Folder of tasks
+    #[arg(value_name = "DIR")]
+    tasks: PathBuf,
+    /// Folder of other tasks, to be shown beside them
+    #[arg(long, value_name = "DIR")]
+    against: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let ours = report(&tasks(&arguments.tasks)?);
+    let theirs = arguments.against.as_deref().map(tasks).transpose()?.map(|tasks| report(&tasks));
+    if arguments.json {
+        println!("{}", json!({ "tasks": ours, "against": theirs }));
+        return Ok(Answer::Yes);
+    }
+    let head = "     n    min  median    mean     max";
+    println!(
+        "{:6} {:30} {head}{}",
+        "family",
+        "",
+        theirs.as_ref().map_or(String::new(), |_| format!("   | against {}", head.trim_start()))
+    );
+    for row in &ours {
+        let other = theirs.iter().flatten().find(|other| (other.family, other.quantity) == (row.family, row.quantity));
+        let family = row.family.map_or("all", |family| family.as_str());
+        println!(
+            "{family:6} {:30} {}{}",
+            row.quantity,
+            numbers(row),
+            other.map_or(String::new(), |row| format!("   | {}", numbers(row)))
+        );
+    }
+    Ok(Answer::Yes)
+}
+
+fn numbers(row: &Row) -> String {
+    let of = &row.distribution;
+    format!("{:6} {:6.2} {:7.2} {:7.2} {:7.2}", of.count, of.min, of.median, of.mean, of.max)
+}
+
+/// The tasks of a folder, in whatever scenes.
+fn tasks(folder: &Path) -> anyhow::Result<Vec<Task>> {
+    let entries = fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))?;
+    let mut scenes: Vec<PathBuf> = Vec::new();
+    for entry in entries {
+        let path = entry.with_context(|| format!("cannot list {}", folder.display()))?.path();
+        if path.extension().is_some_and(|extension| extension == "json") && path.with_extension("").is_dir() {
+            scenes.push(path);
+        }
+    }
+    scenes.sort();
+    let load = |folder: &Path, scene: Option<&Path>| -> anyhow::Result<Vec<Task>> {
+        let (tasks, _) = inputs::tasks(folder, inputs::scene(scene)?.as_ref(), Listed::AsWritten)?;
+        Ok(tasks.into_iter().map(std::sync::Arc::unwrap_or_clone).collect())
+    };
+    if scenes.is_empty() {
+        return load(folder, super::scene_beside(folder).as_deref());
+    }
+    let sets = scenes.iter().map(|scene| load(&scene.with_extension(""), Some(scene)));
+    Ok(sets.collect::<anyhow::Result<Vec<_>>>()?.into_iter().flatten().collect())
+}

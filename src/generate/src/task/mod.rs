@@ -1,0 +1,25 @@
+//! Tasks of the four families, for any scenes: drawn from what belongs where (`compatibility`), worded so that exactly what is
+//! meant is meant (`describe`, `wording`), placed (`ground`, `placement`) and kept only where both filters of the paper let them
+//! pass (`placement`, `settle`).
+//!
+//! Every draft is a function of seed, scene, family, type and its number alone, so that nothing depends on the number of
+//! threads, and more tasks begin with the fewer. Whether somebody can do a task is found out by whoever plays it.
+
+mod compatibility;
+mod describe;
+mod draft;
+mod ground;
+mod make;
+pub mod placement;
+pub mod real;
+pub mod report;
+mod settle;
+mod statistics;
+mod wording;
+
+pub use compatibility::Compatibility;
+pub use draft::{Difficulty, TaskType, Unfit};
+pub use ground::{Ground, Side, Site};
+pub use make::{Made, MakeError, Options, make};
+pub use settle::{FALL_MAX_M, FARTHEST_M, Unsettled, settle};
+pub use statistics::{Rejection, Statistics};

@@ -1,0 +1,57 @@
+//! The physics filter: every object is spawned above its place and has to come to rest there (paper, Two-Stage Task Filtering;
+//! SPEC section 3). The simulator does what it does at the start of every episode; here is only what must come of it.
+
+use std::sync::Arc;
+
+use reel_sim::{Simulator, Stage, physics::SPAWN_OFFSET_M};
+use reel_world::{Profile, Scene, Task};
+use serde::Serialize;
+
+/// An object may end so far below where it was spawned, in metres.
+pub const FALL_MAX_M: f64 = 0.3;
+/// No object may end farther from the origin along an axis, in metres.
+pub const FARTHEST_M: f64 = 50.0;
+
+/// Why a task fails in physics.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unsettled {
+    /// An object fell by more than [`FALL_MAX_M`].
+    Fell,
+    /// An object flew out of the scene, or its state is not finite.
+    FlewAway,
+    /// An object rests elsewhere than the graph says.
+    RestsElsewhere,
+}
+
+impl Unsettled {
+    /// For people.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Unsettled::Fell => "an object fell by more than 0.3 m",
+            Unsettled::FlewAway => "an object flew away",
+            Unsettled::RestsElsewhere => "an object rests elsewhere than the graph says",
+        }
+    }
+}
+
+/// Spawns the task's objects 0.1 m above their places and runs 500 steps of 1/240 s. Gives the final rest positions, in the
+/// order of the objects.
+pub fn settle(scene: &Arc<Scene>, task: &Arc<Task>) -> Result<Vec<[f64; 3]>, Unsettled> {
+    let simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0);
+    let bodies = simulator.bodies();
+    let rest = |(index, object): (usize, &reel_world::ObjectInstance)| {
+        let body = &bodies[index];
+        assert_eq!(body.body, object.instance.as_str(), "objects come first, in the order of the task");
+        let position = body.position.map(f64::from);
+        if simulator.fault() || !position.iter().all(|value| value.abs() <= FARTHEST_M) {
+            return Err(Unsettled::FlewAway);
+        }
+        if position[2] < object.position[2] + f64::from(SPAWN_OFFSET_M) - FALL_MAX_M {
+            return Err(Unsettled::Fell);
+        }
+        let place = simulator.place_of(index).flatten().map(|furniture| &simulator.model().furniture[furniture].id);
+        if place == Some(&object.receptacle) { Ok(position) } else { Err(Unsettled::RestsElsewhere) }
+    };
+    task.objects.iter().enumerate().map(rest).collect()
+}

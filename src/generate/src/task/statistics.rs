@@ -1,0 +1,82 @@
+//! What was rejected, by which filter, and why.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::{draft::Unfit, placement::Misfit, settle::Unsettled};
+
+/// Why a draft became no task, by the filter that stopped it; filters in their order.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
+pub enum Rejection {
+    /// Nothing could be made of the triplet.
+    Draft(Unfit),
+    /// The static filter, or no place within reach.
+    Static(Misfit),
+    /// The physics filter.
+    Physics(Unsettled),
+}
+
+impl Rejection {
+    /// The filters, in their order.
+    pub const FILTERS: [&str; 3] = ["words", "static", "physics"];
+
+    /// Which filter stopped it: index into [`Rejection::FILTERS`].
+    pub fn filter(self) -> usize {
+        match self {
+            Rejection::Draft(_) => 0,
+            Rejection::Static(_) => 1,
+            Rejection::Physics(_) => 2,
+        }
+    }
+
+    /// For people.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Rejection::Draft(why) => why.as_str(),
+            Rejection::Static(why) => why.as_str(),
+            Rejection::Physics(why) => why.as_str(),
+        }
+    }
+}
+
+/// Counts over all drafts up to the last task of each kind.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Statistics {
+    /// How many drafts there were.
+    pub drafts: usize,
+    /// How many became tasks.
+    pub tasks: usize,
+    /// How many were rejected, by reason.
+    pub rejected: BTreeMap<Rejection, usize>,
+    /// How many (source, destination) pairs of receptacles have an object that plausibly moves between them, over all scenes.
+    pub receptacle_pairs: usize,
+    /// How many such (source, destination, object) triplets there are.
+    pub triplets: usize,
+}
+
+/// How many drafts a filter saw, and how many it let pass.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
+pub struct Passed {
+    /// Its name.
+    pub filter: &'static str,
+    /// How many came to it.
+    pub seen: usize,
+    /// How many it let pass.
+    pub passed: usize,
+}
+
+impl Statistics {
+    /// Pass rates, filter by filter.
+    pub fn filters(&self) -> [Passed; 3] {
+        let mut seen = self.drafts;
+        let stopped =
+            |filter| self.rejected.iter().filter(|(why, _)| why.filter() == filter).map(|(_, count)| count).sum::<usize>();
+        std::array::from_fn(|index| {
+            let passed = seen - stopped(index);
+            let step = Passed { filter: Rejection::FILTERS[index], seen, passed };
+            seen = passed;
+            step
+        })
+    }
+}
