@@ -95,9 +95,13 @@ fn what_gathers_moves_several_objects_and_only_that_has_no_published_form() {
         assert_eq!(text.is_none(), gathers);
         let Some(text) = text else { continue };
         let (published, oddities) = reel_tasks::parse(&text, "real.yaml", &scenes[*scene]).unwrap();
-        let same = |task: &Task| (task.goal.clone(), task.instruction.clone(), task.precise_instruction.clone(), task.plan.clone());
+        let same =
+            |task: &Task| (task.goal.clone(), task.instruction.clone(), task.precise_instruction.clone(), task.plan.clone());
         assert_eq!(same(&published), same(task));
-        assert!(oddities.iter().all(|odd| ["graph omits receptacles", "same asset in several places"].contains(&odd.kind.as_str())), "{oddities:?}");
+        assert!(
+            oddities.iter().all(|odd| ["graph omits receptacles", "same asset in several places"].contains(&odd.kind.as_str())),
+            "{oddities:?}"
+        );
     }
 }
 
