@@ -1,3 +1,6 @@
-//! Scenes and objects: what comes along, what is made, and what the check finds.
+//! Scenes and objects: what comes along, what is made by seed, and what the check finds.
 
-mod mint;
+mod built_in;
+mod faults;
+mod generated;
+mod library;
