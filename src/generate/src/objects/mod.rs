@@ -76,12 +76,16 @@ pub fn objects() -> &'static [Object] {
 /// Where things belong, by purpose.
 pub fn homes() -> &'static BTreeMap<String, Home> {
     static HOMES: OnceLock<BTreeMap<String, Home>> = OnceLock::new();
-    HOMES.get_or_init(|| serde_json::from_str(include_str!("../../data/purposes.json")).expect("the committed table is well formed"))
+    HOMES.get_or_init(|| {
+        serde_json::from_str(include_str!("../../data/purposes.json")).expect("the committed table is well formed")
+    })
 }
 
 fn rows() -> &'static [Category] {
     static ROWS: OnceLock<Vec<Category>> = OnceLock::new();
-    ROWS.get_or_init(|| serde_json::from_str(include_str!("../../data/objects.json")).expect("the committed table is well formed"))
+    ROWS.get_or_init(|| {
+        serde_json::from_str(include_str!("../../data/objects.json")).expect("the committed table is well formed")
+    })
 }
 
 impl Category {

@@ -27,8 +27,14 @@ pub fn picture(object: &Object) -> Frame {
     };
     let model = object_model(&instance);
     let half = Shape::Cuboid { half: [2.0, 2.0, 0.05] };
-    let board =
-        Part { shape: half, pose: Pose::at([0.0, 0.0, -0.05]), color: BOARD, accent: BOARD, pattern: Pattern::Plain, solid: true };
+    let board = Part {
+        shape: half,
+        pose: Pose::at([0.0, 0.0, -0.05]),
+        color: BOARD,
+        accent: BOARD,
+        pattern: Pattern::Plain,
+        solid: true,
+    };
     let drawables = [
         Drawable { parts: &[board], pose: Pose::IDENTITY, entity: 1 },
         Drawable { parts: &model.parts, pose: Pose::at([0.0, 0.0, model.half[2]]), entity: 2 },

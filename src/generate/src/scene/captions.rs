@@ -42,9 +42,11 @@ pub(super) fn write(pieces: &mut [Receptacle], stream: &mut Stream) -> bool {
         let mut sayings: Vec<Vec<&Fact>> = vec![Vec::new()];
         sayings.extend(own.iter().map(|fact| vec![fact]));
         sayings.extend(pairs(own));
-        sayings.extend(own.iter().enumerate().flat_map(|(first, fact)| {
-            pairs(&own[first + 1..]).into_iter().map(move |pair| [vec![fact], pair].concat())
-        }));
+        sayings.extend(
+            own.iter()
+                .enumerate()
+                .flat_map(|(first, fact)| pairs(&own[first + 1..]).into_iter().map(move |pair| [vec![fact], pair].concat())),
+        );
         let captions: Vec<String> =
             sayings.iter().filter(|said| alone(said)).take(most).map(|said| phrase(&name, said)).collect();
         if captions.is_empty() {

@@ -78,8 +78,10 @@ impl<'a> Check<'a> {
         let map = NavMap::new(&model);
         let walls = model.walls.iter().map(|wall| {
             let along = usize::from(wall.from[0] == wall.to[0]);
-            let low = [0, 1].map(|axis| wall.from[axis].min(wall.to[axis]) as f32 - if axis == along { 0.0 } else { HALF_WALL_M });
-            let high = [0, 1].map(|axis| wall.from[axis].max(wall.to[axis]) as f32 + if axis == along { 0.0 } else { HALF_WALL_M });
+            let low =
+                [0, 1].map(|axis| wall.from[axis].min(wall.to[axis]) as f32 - if axis == along { 0.0 } else { HALF_WALL_M });
+            let high =
+                [0, 1].map(|axis| wall.from[axis].max(wall.to[axis]) as f32 + if axis == along { 0.0 } else { HALF_WALL_M });
             [[low[0], low[1], 0.0], [high[0], high[1], wall.height as f32]]
         });
         let walls = walls.collect();
@@ -118,9 +120,9 @@ impl<'a> Check<'a> {
             let corners = [0, 1, 2, 3].map(|corner| [bounds[corner & 1][0], bounds[corner >> 1][1]]);
             let outside = corners.into_iter().find(|corner| {
                 let near = corner.map(f64::from);
-                !rects.iter().any(|rect| {
-                    (0..2).all(|axis| rect.min[axis] - 0.005 <= near[axis] && near[axis] <= rect.max[axis] + 0.005)
-                })
+                !rects
+                    .iter()
+                    .any(|rect| (0..2).all(|axis| rect.min[axis] - 0.005 <= near[axis] && near[axis] <= rect.max[axis] + 0.005))
             });
             for (name, place) in overlaps {
                 self.find(Fault::Overlap, &id, place, format!("stands in {name}"));
@@ -201,7 +203,11 @@ impl<'a> Check<'a> {
         places.any(|place| {
             self.map.standable(place)
                 && self.map.path_length(self.start, place).is_some()
-                && self.map.line_of_sight([place[0], place[1], 2.0], [(low[0] + high[0]) * 0.5, (low[1] + high[1]) * 0.5, 2.0], None)
+                && self.map.line_of_sight(
+                    [place[0], place[1], 2.0],
+                    [(low[0] + high[0]) * 0.5, (low[1] + high[1]) * 0.5, 2.0],
+                    None,
+                )
         })
     }
 
@@ -289,11 +295,13 @@ impl Wide {
         let mut wide = Self { low, width, reached: vec![false; width * height] };
         let fits = |cell: usize| check.map.cells_free_in_disc(wide_centre(low, width, cell), PASSAGE_M * 0.5 - 1e-3);
         let mut known: Vec<Option<bool>> = vec![None; width * height];
-        let mut open: Vec<usize> = (0..width * height).filter(|cell| {
-            let [x, y] = wide_centre(low, width, *cell);
-            let [dx, dy] = [x - check.start[0], y - check.start[1]];
-            dx * dx + dy * dy <= PASSAGE_M * PASSAGE_M * 0.25 && fits(*cell)
-        }).collect();
+        let mut open: Vec<usize> = (0..width * height)
+            .filter(|cell| {
+                let [x, y] = wide_centre(low, width, *cell);
+                let [dx, dy] = [x - check.start[0], y - check.start[1]];
+                dx * dx + dy * dy <= PASSAGE_M * PASSAGE_M * 0.25 && fits(*cell)
+            })
+            .collect();
         for cell in &open {
             wide.reached[*cell] = true;
         }

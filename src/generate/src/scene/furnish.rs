@@ -174,9 +174,7 @@ impl Room<'_> {
         body.high[across] += kind.side;
 
         let inside = |cells: &Cells| self.plot.rects.iter().any(|rect| rect.grown(-WALL).holds(cells));
-        let hindered = |other: &Piece| {
-            other.body.grown(GAP).meets(&body) || other.clear.iter().any(|clear| clear.meets(&body))
-        };
+        let hindered = |other: &Piece| other.body.grown(GAP).meets(&body) || other.clear.iter().any(|clear| clear.meets(&body));
         if !inside(&body) || self.ways.iter().any(|way| way.meets(&body)) || self.placed.iter().any(hindered) {
             return None;
         }
@@ -250,7 +248,11 @@ fn free_floor(kind: Kind, quarters: usize, body: &Cells, width: i32) -> Vec<Vec<
         let edge = if low_side { body.low[across] } else { body.high[across] };
         (cells.low[across], cells.high[across]) = if low_side { (edge - PASSAGE, edge) } else { (edge, edge + PASSAGE) };
         let pillows = 16;
-        if quarters < 2 { cells.low[along] += pillows } else { cells.high[along] -= pillows }
+        if quarters < 2 {
+            cells.low[along] += pillows
+        } else {
+            cells.high[along] -= pillows
+        }
         cells
     };
     let mut ahead = *body;

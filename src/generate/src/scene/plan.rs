@@ -120,10 +120,8 @@ struct Draft<'a> {
 impl<'a> Draft<'a> {
     fn new(scene: &'a Scene, model: &'a SceneModel) -> Self {
         let [low, high] = model.bounds.map(|corner| corner.map(f64::from));
-        let size = [
-            ((high[0] - low[0]) * SCALE + 2.0 * MARGIN).max(420.0),
-            (high[1] - low[1]) * SCALE + 2.0 * MARGIN + HEADER + FOOTER,
-        ];
+        let size =
+            [((high[0] - low[0]) * SCALE + 2.0 * MARGIN).max(420.0), (high[1] - low[1]) * SCALE + 2.0 * MARGIN + HEADER + FOOTER];
         Self { scene, model, origin: [low[0], high[1]], size, items: Vec::new(), taken: Vec::new(), crossings: 0 }
     }
 
@@ -280,9 +278,10 @@ impl<'a> Draft<'a> {
 
     fn room_names(&mut self) {
         for room in &self.scene.rooms {
-            let text = room.name.strip_suffix("/0").filter(|kind| {
-                self.scene.rooms.iter().filter(|other| other.name.split('/').next() == Some(*kind)).count() == 1
-            });
+            let text = room
+                .name
+                .strip_suffix("/0")
+                .filter(|kind| self.scene.rooms.iter().filter(|other| other.name.split('/').next() == Some(*kind)).count() == 1);
             let text = text.unwrap_or(&room.name).to_owned();
             let mut best: Option<(f64, [f64; 2], bool)> = None;
             for rect in room.footprint() {
@@ -367,7 +366,8 @@ fn element(item: &Item) -> String {
     let hex = |[red, green, blue]: Colour| format!("#{red:02x}{green:02x}{blue:02x}");
     match item {
         Item::Rect { corner: [x, y], size: [width, height], fill, edge } => {
-            let edge = edge.map_or_else(String::new, |(colour, wide)| format!(" stroke=\"{}\" stroke-width=\"{wide}\"", hex(colour)));
+            let edge =
+                edge.map_or_else(String::new, |(colour, wide)| format!(" stroke=\"{}\" stroke-width=\"{wide}\"", hex(colour)));
             let fill = hex(*fill);
             format!("<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{fill}\"{edge}/>")
         }

@@ -108,6 +108,10 @@ fn they_are_what_the_schema_says() {
     let validator = jsonschema::validator_for(&schema).unwrap();
     for name in names() {
         let value = serde_json::to_value(scene(name)).unwrap();
-        assert!(validator.is_valid(&value), "{name}: {:?}", validator.iter_errors(&value).map(|e| e.to_string()).collect::<Vec<_>>());
+        assert!(
+            validator.is_valid(&value),
+            "{name}: {:?}",
+            validator.iter_errors(&value).map(|e| e.to_string()).collect::<Vec<_>>()
+        );
     }
 }

@@ -5,9 +5,8 @@ use reel_world::Scene;
 
 fn made(rooms: usize, receptacles: usize, seed: u64) -> Scene {
     let brief = Brief::draw(rooms, receptacles, seed).unwrap();
-    generate(&brief, "flat", seed).unwrap_or_else(|error| {
-        panic!("{error}; reel scene generate --seed {seed} --rooms {rooms} --receptacles {receptacles}")
-    })
+    generate(&brief, "flat", seed)
+        .unwrap_or_else(|error| panic!("{error}; reel scene generate --seed {seed} --rooms {rooms} --receptacles {receptacles}"))
 }
 
 #[test]

@@ -25,7 +25,13 @@ fn a_caption_says_one_colour_no_other_of_the_category_has_and_a_size_that_is_tru
         let size = object.attributes.get("size").map_or("", |words| words[0].as_str());
         let first = objects().iter().find(|other| other.category == object.category).unwrap();
         let larger = object.size.iter().sum::<f64>() - first.size.iter().sum::<f64>();
-        let told = if larger > 1e-9 { "large" } else if larger < -1e-9 { "small" } else { "" };
+        let told = if larger > 1e-9 {
+            "large"
+        } else if larger < -1e-9 {
+            "small"
+        } else {
+            ""
+        };
         assert_eq!(size, told, "{}", object.caption);
     }
 }
@@ -53,7 +59,8 @@ fn everything_fits_a_surface_and_has_a_home_in_every_scene() {
     assert!(categories.values().all(|of| of.len() >= 3), "{categories:?}");
     for name in names() {
         let scene = built_in(name).unwrap();
-        let pieces = |purpose: &str| scene.receptacles.iter().filter(|piece| homes()[purpose].holds(&piece.room, &piece.category)).count();
+        let pieces =
+            |purpose: &str| scene.receptacles.iter().filter(|piece| homes()[purpose].holds(&piece.room, &piece.category)).count();
         let homeless: Vec<&&str> = categories.keys().filter(|purpose| pieces(purpose) == 0).collect();
         assert!(homeless.len() <= 2, "{name}: {homeless:?}");
         // And every receptacle has something to hold.

@@ -1,6 +1,9 @@
-//! Scenes and objects: what comes along, what is made, and what the check finds. Made tasks: the same on any number of threads,
-//! placed as SPEC section 3 says, settled where the graph says, written and read.
+//! Scenes and objects: what comes along, what is made by seed, and what the check finds. Made tasks: the same on any number of
+//! threads, placed as SPEC section 3 says, settled where the graph says, written and read.
 
-mod mint;
+mod built_in;
+mod faults;
+mod generated;
+mod library;
 mod placing;
 mod tasks;
