@@ -21,7 +21,7 @@ pub use format::{Format, arrow_file, format, parquet_file};
 pub use functions::{FunctionHelp, help as functions};
 pub use fusion::{RowQuestion, fuse};
 pub use limits::Limits;
-pub use session::{Parameters, QueryError, Session};
+pub use session::{Lasting, Parameters, QueryError, Session};
 
 /// Runs one query over a store.
 ///

@@ -25,7 +25,7 @@ use datafusion::{
         context::SQLOptions,
         runtime_env::{RuntimeEnv, RuntimeEnvBuilder},
     },
-    logical_expr::{Expr, LogicalPlan},
+    logical_expr::{Expr, LogicalPlan, Volatility, expr::ScalarFunction},
     prelude::{DataFrame, SessionConfig, SessionContext},
     scalar::ScalarValue,
     sql::{
@@ -70,7 +70,16 @@ struct Inner {
 /// What a running query hands on.
 enum Part {
     Batch(RecordBatch),
-    End(Result<(), QueryError>),
+    End(Result<Lasting, QueryError>),
+}
+
+/// How long an answer holds.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Lasting {
+    /// As long as nobody writes to the store: the question asks its tables alone.
+    WithTheStore,
+    /// For the moment: the question asks the clock, chance, or the traces, or nobody waited for the end.
+    Now,
 }
 
 /// Why a query has no result.
@@ -190,11 +199,16 @@ impl Session {
     }
 
     /// Runs one query, handing each batch of the answer on as it comes, until `take` wants no more. It may wait: the query
-    /// waits with it.
+    /// waits with it. Says how long the answer holds.
     ///
     /// # Errors
     /// As [`Session::run_with`]; some batches may have been handed on then.
-    pub fn run_each(&self, sql: &str, parameters: &Parameters, take: impl FnMut(RecordBatch) -> bool) -> Result<(), QueryError> {
+    pub fn run_each(
+        &self,
+        sql: &str,
+        parameters: &Parameters,
+        take: impl FnMut(RecordBatch) -> bool,
+    ) -> Result<Lasting, QueryError> {
         if sql.len() > SQL_BYTES_MAX {
             return Err(QueryError::TooLong { bytes: sql.len() });
         }
@@ -234,7 +248,7 @@ impl Session {
 
 impl Inner {
     /// Hands the answer on, for no longer and with no more memory than is allowed. What does not listen is left alone.
-    fn watch(&self, answer: &mpsc::Receiver<Part>, mut take: impl FnMut(RecordBatch) -> bool) -> Result<(), QueryError> {
+    fn watch(&self, answer: &mpsc::Receiver<Part>, mut take: impl FnMut(RecordBatch) -> bool) -> Result<Lasting, QueryError> {
         let (begun, resident_before) = (Instant::now(), limits::resident_bytes().unwrap_or(0));
         let memory = self.limits.memory_bytes.saturating_mul(4);
         let mut looked = begun;
@@ -243,7 +257,7 @@ impl Inner {
                 Ok(Part::Batch(batch)) => {
                     if !take(batch) {
                         self.control.cancel();
-                        return Ok(());
+                        return Ok(Lasting::Now);
                     }
                     if looked.elapsed() < LOOK_EVERY {
                         continue;
@@ -273,9 +287,11 @@ impl Inner {
         Err(QueryError::Stopped(stopped))
     }
 
-    async fn answer(&self, sql: &str, parameters: &Parameters, to: mpsc::SyncSender<Part>) -> Result<(), QueryError> {
+    async fn answer(&self, sql: &str, parameters: &Parameters, to: mpsc::SyncSender<Part>) -> Result<Lasting, QueryError> {
         let (context, plan) = self.plan(sql, parameters).await?;
-        self.hand_on(&context, plan, to).await
+        let lasting = lasting(&plan)?;
+        self.hand_on(&context, plan, to).await?;
+        Ok(lasting)
     }
 
     async fn plan(&self, sql: &str, parameters: &Parameters) -> Result<(SessionContext, LogicalPlan), QueryError> {
@@ -424,11 +440,21 @@ impl Inner {
 
 /// Whether a plan calls a function that opens traces.
 fn opens_traces(plan: &LogicalPlan) -> Result<bool, DataFusionError> {
-    let call = |expression: &Expr| Ok(matches!(expression, Expr::ScalarFunction(call) if functions::opens_traces(call.name())));
+    calls(plan, |call| functions::opens_traces(call.name()))
+}
+
+fn lasting(plan: &LogicalPlan) -> Result<Lasting, DataFusionError> {
+    let moves = |call: &ScalarFunction| call.func.signature().volatility != Volatility::Immutable;
+    Ok(if opens_traces(plan)? || calls(plan, moves)? { Lasting::Now } else { Lasting::WithTheStore })
+}
+
+/// Whether a plan calls such a function.
+fn calls(plan: &LogicalPlan, such: impl Fn(&ScalarFunction) -> bool) -> Result<bool, DataFusionError> {
+    let call = |expression: &Expr| Ok(matches!(expression, Expr::ScalarFunction(call) if such(call)));
     let mut found = false;
     plan.apply_with_subqueries(|node| {
         for expression in node.expressions() {
-            found = found || expression.exists(call)?;
+            found = found || expression.exists(&call)?;
         }
         Ok(if found { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
     })?;

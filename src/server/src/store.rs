@@ -1,14 +1,39 @@
 //! The store of tables, opened once and again when somebody has written: opening reads the log of every table, which takes longer
-//! than most questions of a page.
+//! than most questions of a page. With it go the answers that hold until then: pages ask the same of the same tables, each time one
+//! is opened.
 
-use std::sync::{Mutex, PoisonError};
+use std::{
+    collections::BTreeMap,
+    sync::{Mutex, PoisonError},
+};
 
+use axum::body::Bytes;
 use reel_tables::{Stamp, Store, StoreError};
+
+/// Longest answer that is kept, in bytes.
+pub(crate) const ANSWER_MAX: usize = 1 << 20;
+/// All answers that are kept, in bytes; beyond that they are forgotten.
+const ANSWERS_MAX: usize = 64 << 20;
 
 /// The store of tables.
 pub(crate) struct Tables {
     location: String,
-    opened: Mutex<Option<(Store, Stamp)>>,
+    opened: Mutex<Option<Opened>>,
+}
+
+/// A version that nobody wrote to since.
+struct Opened {
+    store: Store,
+    stamp: Stamp,
+    answers: BTreeMap<String, Bytes>,
+    bytes: usize,
+}
+
+/// A version for one question.
+pub(crate) struct Newest {
+    pub store: Store,
+    /// None: somebody is writing.
+    pub stamp: Option<Stamp>,
 }
 
 impl Tables {
@@ -18,19 +43,39 @@ impl Tables {
     }
 
     /// The newest version, for one question: one that does not end holds nobody else up.
-    pub fn newest(&self) -> Result<Store, StoreError> {
+    pub fn newest(&self) -> Result<Newest, StoreError> {
         let mut opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((store, stamp)) = opened.as_ref()
+        if let Some(Opened { store, stamp, .. }) = opened.as_ref()
             && store.stamp()?.as_ref() == Some(stamp)
         {
-            return store.again();
+            return Ok(Newest { store: store.again()?, stamp: Some(stamp.clone()) });
         }
         // What is in the way of the new one may not bring the old one back.
         *opened = None;
         let store = Store::open(&self.location)?;
-        let asked = store.again();
-        *opened = store.stamp()?.map(|stamp| (store, stamp));
-        asked
+        let asked = Newest { store: store.again()?, stamp: store.stamp()? };
+        *opened = asked.stamp.clone().map(|stamp| Opened { store, stamp, answers: BTreeMap::new(), bytes: 0 });
+        Ok(asked)
+    }
+
+    /// The answer that was given to the same question over the same version.
+    pub fn answered(&self, newest: &Newest, question: &str) -> Option<Bytes> {
+        let opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
+        let opened = opened.as_ref().filter(|opened| newest.stamp.as_ref() == Some(&opened.stamp))?;
+        opened.answers.get(question).cloned()
+    }
+
+    /// Keeps an answer for as long as nobody writes.
+    pub fn keep(&self, stamp: Option<&Stamp>, question: String, answer: Bytes) {
+        let mut opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
+        let opened = opened.as_mut().filter(|opened| stamp == Some(&opened.stamp) && answer.len() <= ANSWER_MAX);
+        let Some(opened) = opened else { return };
+        if opened.bytes + question.len() + answer.len() > ANSWERS_MAX {
+            opened.answers.clear();
+            opened.bytes = 0;
+        }
+        opened.bytes += question.len() + answer.len();
+        opened.answers.insert(question, answer);
     }
 
     /// An earlier version.
@@ -71,20 +116,29 @@ mod tests {
         let tables = Tables::new(place.display().to_string());
         assert!(tables.newest().is_err());
         fill(&place, 1);
-        let before = tables.newest().unwrap();
-        assert_eq!(tables.newest().unwrap().version(), before.version());
+        let before = tables.newest().unwrap().store;
+        assert_eq!(tables.newest().unwrap().store.version(), before.version());
         Store::open(&place).unwrap().compact().unwrap();
         fill(&place, 2);
-        let after = tables.newest().unwrap();
+        let after = tables.newest().unwrap().store;
         assert!(after.version() > before.version());
+        // Answers hold until then.
+        let newest = tables.newest().unwrap();
+        tables.keep(newest.stamp.as_ref(), "how many".into(), "20".into());
+        assert_eq!(tables.answered(&tables.newest().unwrap(), "how many").as_deref(), Some(&b"20"[..]));
+        assert_eq!(tables.answered(&newest, "how much"), None);
+        tables.keep(None, "who".into(), "nobody".into());
+        tables.keep(newest.stamp.as_ref(), "all".into(), vec![b' '; super::ANSWER_MAX + 1].into());
+        assert_eq!(["who", "all"].map(|question| tables.answered(&newest, question)), [None, None]);
         // Another store in the same place, with as many commits.
         std::fs::remove_dir_all(&place).unwrap();
         assert!(tables.newest().is_err());
         fill(&place, 3);
-        assert_eq!(tables.newest().unwrap().version(), before.version());
-        assert_ne!(tables.newest().unwrap().stamp().unwrap(), None);
+        assert_eq!(tables.answered(&tables.newest().unwrap(), "how many"), None);
+        assert_eq!(tables.newest().unwrap().store.version(), before.version());
+        assert_ne!(tables.newest().unwrap().stamp, None);
         // A question that hangs holds up no other.
-        assert!(!Arc::ptr_eq(&tables.newest().unwrap().runtime(), &tables.newest().unwrap().runtime()));
+        assert!(!Arc::ptr_eq(&tables.newest().unwrap().store.runtime(), &tables.newest().unwrap().store.runtime()));
         // A server drops it while its own runtime runs.
         tokio::runtime::Runtime::new().unwrap().block_on(async { drop(tables) });
     }

@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeSet, path::PathBuf, time::Duration};
 
-use reel_query::{QueryError, Session, Stopped, functions};
+use reel_query::{Lasting, Parameters, QueryError, Session, Stopped, functions};
 use reel_tables::Store;
 use reel_world::{Family, record::EndReason};
 use tempfile::TempDir;
@@ -22,6 +22,30 @@ fn plays() -> Vec<Play> {
         new("lost", Family::FDP).nav("desk_1").nav("desk_2").nav("desk_1").nav("desk_2").nav("desk_1").ended(EndReason::Horizon),
         new("idle", Family::FDP).finish(),
     ]
+}
+
+#[test]
+fn an_answer_holds_as_long_as_what_it_was_asked_of() {
+    let dir = TempDir::new().unwrap();
+    let session = Session::new(store(dir.path(), &plays())).unwrap();
+    let lasting = |sql: &str| session.run_each(sql, &Parameters::new(), |_| true).unwrap();
+    for sql in [
+        "SELECT policy, count(*), wilson_low(count(*), 10) FROM episodes GROUP BY policy",
+        "SELECT sum(n) FROM (SELECT sequence_count(steps, 'nav_to') AS n FROM episodes)",
+        "SELECT episode_id FROM episodes WHERE policy IN (SELECT policy FROM steps WHERE upper(tool) = 'PICK')",
+    ] {
+        assert_eq!(lasting(sql), Lasting::WithTheStore, "{sql}");
+    }
+    for sql in [
+        "SELECT now()",
+        "SELECT random() FROM episodes",
+        "SELECT policy FROM episodes WHERE replay(trace)['verdict'] = 'exact'",
+        "SELECT policy FROM episodes WHERE success IN (SELECT random() > 0.5 FROM steps)",
+    ] {
+        assert_eq!(lasting(sql), Lasting::Now, "{sql}");
+    }
+    let stopped = session.run_each("SELECT policy FROM episodes", &Parameters::new(), |_| false).unwrap();
+    assert_eq!(stopped, Lasting::Now);
 }
 
 #[test]

@@ -11,7 +11,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use futures_util::StreamExt as _;
-use reel_query::{Format, Limits, Parameters, QueryError, Session, format, named};
+use reel_query::{Format, Lasting, Limits, Parameters, QueryError, Session, format, named};
 use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
@@ -23,13 +23,16 @@ use super::{
     extract::{Asked, Body as JsonBody, Named},
     told,
 };
-use crate::service::App;
+use crate::{
+    service::App,
+    store::{ANSWER_MAX, Newest},
+};
 
 /// Parts of an answer that wait for a slow client; the query waits with them.
 const AHEAD: usize = 4;
 
 /// How an answer looks.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Deserialize, ToSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum AnswerFormat {
     /// A list of objects.
@@ -178,19 +181,35 @@ impl Drop for GiveBack<'_> {
 }
 
 fn run(app: &App, question: &Question, sender: &mpsc::Sender<Result<Bytes, QueryError>>) -> Result<(), QueryError> {
-    let store = question.at.map_or_else(|| app.tables.newest(), |version| app.tables.at(version))?;
+    let newest = match question.at {
+        None => app.tables.newest()?,
+        Some(version) => Newest { store: app.tables.at(version)?, stamp: None },
+    };
+    let asked = serde_json::to_string(&(&question.sql, &question.parameters, question.format)).unwrap_or_default();
+    if let Some(answer) = app.tables.answered(&newest, &asked) {
+        let _ = sender.blocking_send(Ok(answer));
+        return Ok(());
+    }
+    let Newest { store, stamp } = newest;
     let session = Session::with_limits(store, app.sql_limits())?;
     let mut encoder = Encoder::new(question.format);
-    let mut reading = true;
-    session.run_each(&question.sql, &question.parameters, |batch| {
-        let part = encoder.encode(&batch);
+    let (mut reading, mut whole) = (true, Vec::new());
+    let mut send = |part: Result<Bytes, ArrowError>| {
         // Where nobody reads any more, or something cannot be shown, the query stops.
-        reading = part.is_ok();
-        reading &= sender.blocking_send(part.map_err(QueryError::from)).is_ok();
+        let shown = part.is_ok();
+        if let Ok(part) = &part
+            && whole.len() <= ANSWER_MAX
+        {
+            whole.extend_from_slice(part);
+        }
+        shown & sender.blocking_send(part.map_err(QueryError::from)).is_ok()
+    };
+    let lasting = session.run_each(&question.sql, &question.parameters, |batch| {
+        reading = send(encoder.encode(&batch));
         reading
     })?;
-    if reading {
-        let _ = sender.blocking_send(encoder.end().map_err(QueryError::from));
+    if reading && send(encoder.end()) && lasting == Lasting::WithTheStore {
+        app.tables.keep(stamp.as_ref(), asked, whole.into());
     }
     Ok(())
 }

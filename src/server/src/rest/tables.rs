@@ -101,7 +101,7 @@ pub(super) async fn episode(State(app): State<Arc<App>>, Named(id): Named<String
 
 /// The rows of an answer. Traces of the archive go by their names.
 pub(crate) fn rows(app: &App, sql: &str, parameters: &Parameters) -> Result<Vec<Value>, ApiError> {
-    let session = Session::with_limits(app.tables.newest()?, app.sql_limits())?;
+    let session = Session::with_limits(app.tables.newest()?.store, app.sql_limits())?;
     let batches = session.run_with(sql, parameters)?;
     let text = reel_query::format(&batches, Format::Json).map_err(reel_query::QueryError::from)?;
     let rows: Vec<Value> = serde_json::from_str(&text).map_err(|_| ApiError::internal("the answer is no JSON"))?;

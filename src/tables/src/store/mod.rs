@@ -57,7 +57,7 @@ pub struct Store {
 }
 
 /// The commits by which a store sees what it sees ([`Store::stamp`]): of another store in the same place they are others.
-#[derive(PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Stamp(Vec<ObjectMeta>);
 
 /// A version of a store.
