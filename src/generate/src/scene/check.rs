@@ -17,6 +17,8 @@ pub const PASSAGE_M: f32 = 0.9;
 const TOUCH_M: f32 = 0.01;
 /// How far from a receptacle the robot may stand, in metres: where it looks for viewpoints.
 const NEAR_M: f32 = 2.0;
+/// Of five points of a surface so many are to be seen.
+const SEEN_LEAST: usize = 4;
 /// Steps of a door from closed to open.
 const SWING_STEPS: usize = 18;
 /// Half the thickness of a wall, in metres.
@@ -183,7 +185,7 @@ impl<'a> Check<'a> {
             };
             let seen = self.seen(index, viewpoint.camera.position);
             let [x, y] = viewpoint.base;
-            if seen < 3 {
+            if seen < SEEN_LEAST {
                 let what = format!("from the best viewpoint ({x:.2}, {y:.2}) {seen} of 5 points of the surface are seen");
                 self.find(Fault::NoSight, id, middle, what);
             } else if !wide.reaches(viewpoint.base) {

@@ -102,7 +102,7 @@ impl Room<'_> {
     fn place(&self, category: &str, kind: Kind, beds: usize, stream: &mut Stream) -> Option<Piece> {
         let mut draw = |[least, most]: [i32; 2]| least + stream.below((most - least + 1) as usize) as i32;
         let width = match kind.stand {
-            Stand::Bed if beds > 1 || self.plot.rects[0].size(0) < 76 => draw(SINGLE_BED),
+            Stand::Bed if beds > 1 || self.plot.rects[0].size(0) < 70 => draw(SINGLE_BED),
             Stand::Bed => draw(DOUBLE_BED),
             _ => draw(kind.width),
         };
