@@ -4,3 +4,4 @@ mod built_in;
 mod faults;
 mod generated;
 mod library;
+mod mint;
