@@ -47,8 +47,13 @@ pub(super) fn write(pieces: &mut [Receptacle], stream: &mut Stream) -> bool {
                 .enumerate()
                 .flat_map(|(first, fact)| pairs(&own[first + 1..]).into_iter().map(move |pair| [vec![fact], pair].concat())),
         );
-        let captions: Vec<String> =
-            sayings.iter().filter(|said| alone(said)).take(most).map(|said| phrase(&name, said)).collect();
+        // The shortest that are true of it alone; then what says more than they do.
+        let (mut told, mut longer): (Vec<Vec<&Fact>>, Vec<Vec<&Fact>>) = (Vec::new(), Vec::new());
+        for said in sayings.into_iter().filter(|said| alone(said)) {
+            let says_more = told.iter().any(|other| !other.is_empty() && other.iter().all(|fact| said.contains(fact)));
+            if says_more { longer.push(said) } else { told.push(said) }
+        }
+        let captions: Vec<String> = told.iter().chain(&longer).take(most).map(|said| phrase(&name, said)).collect();
         if captions.is_empty() {
             return false;
         }
@@ -75,7 +80,7 @@ fn facts(pieces: &[Receptacle], index: usize) -> Vec<Fact> {
     let mut facts = Vec::new();
     let material = word("material").filter(|word| word.as_str() != "fabric");
     facts.extend(word("colour").or(material).cloned().map(Fact::Body));
-    let parts = ["bedding", "top", "handles", "pillows"];
+    let parts = ["bedding", "top", "handles", "pillows", "legs"];
     facts.extend(parts.iter().filter_map(|part| Some(Fact::Part(part, word(part)?.clone()))));
     facts.push(Fact::Room(piece.room.split('/').next().unwrap_or_default().to_owned()));
     facts.extend(neighbours(pieces, index).into_iter().map(Fact::At));
@@ -123,7 +128,10 @@ fn phrase(name: &str, said: &[&Fact]) -> String {
             Fact::Size(word) => before = format!("{word} {before}"),
             Fact::Part("top", word) => with.push(format!("{} {word} top", article(word))),
             Fact::Part(part, word) => with.push(format!("{word} {part}")),
-            Fact::Room(room) => after = format!("{after} in the {room}"),
+            Fact::Room(room) => {
+                let at = if room == "balcony" { "on" } else { "in" };
+                after = format!("{after} {at} the {room}");
+            }
             Fact::At(place) => after = format!("{after} {}", place.replace("tv stand", "TV stand")),
         }
     }

@@ -17,6 +17,8 @@ pub const PASSAGE_M: f32 = 0.9;
 const TOUCH_M: f32 = 0.01;
 /// How far from a receptacle the robot may stand, in metres: where it looks for viewpoints.
 const NEAR_M: f32 = 2.0;
+/// Of five points of a surface so many are to be seen.
+const SEEN_LEAST: usize = 4;
 /// Steps of a door from closed to open.
 const SWING_STEPS: usize = 18;
 /// Half the thickness of a wall, in metres.
@@ -183,7 +185,7 @@ impl<'a> Check<'a> {
             };
             let seen = self.seen(index, viewpoint.camera.position);
             let [x, y] = viewpoint.base;
-            if seen < 3 {
+            if seen < SEEN_LEAST {
                 let what = format!("from the best viewpoint ({x:.2}, {y:.2}) {seen} of 5 points of the surface are seen");
                 self.find(Fault::NoSight, id, middle, what);
             } else if !wide.reaches(viewpoint.base) {
@@ -337,8 +339,8 @@ fn wide_centre(low: [f32; 2], width: usize, cell: usize) -> [f32; 2] {
     [low[0] + (cell % width) as f32 * CELL_M + CELL_M * 0.5, low[1] + (cell / width) as f32 * CELL_M + CELL_M * 0.5]
 }
 
-/// A place for the robot to start in: in a room one passes through, as far from everything as there is one, looking along
-/// the longer side.
+/// A place for the robot to start in: in a room one passes through, near its middle but clear of furniture, looking
+/// along the longer side.
 pub(super) fn spacious_place(scene: &Scene) -> Option<[f64; 3]> {
     let model = scene_model(scene, &BTreeSet::new());
     let map = NavMap::new(&model);
@@ -350,9 +352,13 @@ pub(super) fn spacious_place(scene: &Scene) -> Option<[f64; 3]> {
         let count = ((rect.max[axis] - rect.min[axis]) / 0.1) as usize;
         (1..count).map(move |step| ((rect.min[axis] + step as f64 * 0.1) * 100.0).round() / 100.0)
     };
+    let middle = [0, 1].map(|axis| (rect.min[axis] + rect.max[axis]) * 0.5);
+    let mut places: Vec<[f64; 2]> = steps(1).flat_map(|y| steps(0).map(move |x| [x, y])).collect();
+    let off = |[x, y]: [f64; 2]| (x - middle[0]).abs() + (y - middle[1]).abs();
+    places.sort_by(|a, b| off(*a).total_cmp(&off(*b)));
     let free = |radius: f32| {
-        let mut places = steps(1).flat_map(|y| steps(0).map(move |x| [x, y]));
-        places.find(|[x, y]| map.cells_free_in_disc([*x as f32 + CELL_M * 0.5, *y as f32 + CELL_M * 0.5], radius))
+        let half = CELL_M * 0.5;
+        places.iter().copied().find(|[x, y]| map.cells_free_in_disc([*x as f32 + half, *y as f32 + half], radius))
     };
     let [x, y] = radii.into_iter().find_map(free)?;
     let yaw = if rect.max[0] - rect.min[0] >= rect.max[1] - rect.min[1] { 0.0 } else { std::f64::consts::FRAC_PI_2 };

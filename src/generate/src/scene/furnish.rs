@@ -50,8 +50,11 @@ pub(super) fn furnish(flat: &Flat, stream: &mut Stream) -> Option<Vec<Piece>> {
 
 fn furnish_room(flat: &Flat, room: usize, stream: &mut Stream) -> Option<Vec<Piece>> {
     let plot = &flat.plots[room];
-    let mut wanted: Vec<(&String, Kind)> =
-        plot.pieces.iter().map(|category| kind(category, plot.kind).map(|kind| (category, kind))).collect::<Option<_>>()?;
+    // Beside a tea table another table stands at a wall.
+    let has_tea_table = plot.pieces.iter().any(|category| category == "tea table");
+    let at_home = |category: &str| if category == "table" && has_tea_table { "entry" } else { plot.kind };
+    let kinds = plot.pieces.iter().map(|category| kind(category, at_home(category)).map(|kind| (category, kind)));
+    let mut wanted: Vec<(&String, Kind)> = kinds.collect::<Option<_>>()?;
     // What has least choice first.
     wanted.sort_by_key(|(category, kind)| match kind.stand {
         Stand::Bed => 0,
@@ -99,7 +102,7 @@ impl Room<'_> {
     fn place(&self, category: &str, kind: Kind, beds: usize, stream: &mut Stream) -> Option<Piece> {
         let mut draw = |[least, most]: [i32; 2]| least + stream.below((most - least + 1) as usize) as i32;
         let width = match kind.stand {
-            Stand::Bed if beds > 1 || self.plot.rects[0].size(0) < 76 => draw(SINGLE_BED),
+            Stand::Bed if beds > 1 || self.plot.rects[0].size(0) < 70 => draw(SINGLE_BED),
             Stand::Bed => draw(DOUBLE_BED),
             _ => draw(kind.width),
         };
@@ -207,8 +210,20 @@ impl Room<'_> {
                 let opposite = piece.quarters == (couch.quarters + 2) % 4;
                 -4 * beside + if opposite { 300 } else { 0 }
             }
+            (Stand::Bed, _)
+                if self.placed.iter().any(|other| other.kind.stand == Stand::Bed && other.quarters == piece.quarters) =>
+            {
+                150
+            }
             (Stand::Bed, _) if piece.surface.size(across) >= DOUBLE_BED[0] => -3 * off_center(across),
-            _ if piece.category == "couch" || piece.kind.stand == Stand::OppositeCouch => -3 * off_center(across),
+            (_, None) if piece.category == "couch" => {
+                // What stands opposite needs the wall there.
+                let mut opposite = *rect;
+                (opposite.low[across], opposite.high[across]) = (piece.body.low[across], piece.body.high[across]);
+                let way = self.ways.iter().any(|way| way.meets(&opposite));
+                -3 * off_center(across) - if way { 150 } else { 0 }
+            }
+            _ if piece.kind.stand == Stand::OppositeCouch => -3 * off_center(across),
             _ => 0,
         };
         if piece.kind.stand == Stand::Row {

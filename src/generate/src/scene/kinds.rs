@@ -98,15 +98,15 @@ pub(super) struct RoomKind {
 
 /// Every kind of room we build. Balconies lie before the outline, corridors between its two bands.
 pub(super) const ROOM_KINDS: &[(&str, RoomKind)] = &[
-    ("living room", room(92, 88, true, &["couch", "table", "tv stand", "cabinet"])),
-    ("kitchen", room(68, 72, false, &["refrigerator", "counter", "microwave", "sink", "electric cooker", "table"])),
-    ("bedroom", room(78, 84, false, &["bed", "cabinet", "nightstand", "desk", "chest of drawers"])),
-    ("dining room", room(72, 76, true, &["table", "cabinet", "cabinet"])),
-    ("toilet", room(48, 60, false, &["sink", "cabinet"])),
-    ("bathroom", room(52, 60, false, &["sink", "cabinet", "cabinet"])),
-    ("washroom", room(60, 64, false, &["washing machine", "sink", "cabinet"])),
-    ("study room", room(70, 72, false, &["desk", "cabinet", "shelf"])),
-    ("entry", room(52, 64, true, &["shoe cabinet", "cabinet"])),
+    ("living room", room(88, 86, true, &["couch", "table", "tv stand", "cabinet"])),
+    ("kitchen", room(54, 64, false, &["refrigerator", "counter", "microwave", "sink", "electric cooker", "table"])),
+    ("bedroom", room(70, 76, false, &["bed", "cabinet", "nightstand", "desk", "chest of drawers"])),
+    ("dining room", room(68, 72, true, &["table", "cabinet", "cabinet"])),
+    ("toilet", room(40, 56, false, &["sink", "cabinet"])),
+    ("bathroom", room(44, 56, false, &["sink", "cabinet", "cabinet"])),
+    ("washroom", room(46, 60, false, &["washing machine", "sink", "cabinet"])),
+    ("study room", room(58, 64, false, &["desk", "cabinet", "shelf"])),
+    ("entry", room(46, 60, true, &["shoe cabinet", "cabinet"])),
     ("balcony", room(76, 40, false, &["table", "cabinet"])),
     ("corridor", room(0, 32, true, &["shoe cabinet", "cabinet"])),
 ];

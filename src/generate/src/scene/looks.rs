@@ -17,7 +17,9 @@ struct Palette {
 }
 
 const BODIES: &[&str] = &["white", "black", "gray", "brown", "oak", "green", "blue", "red"];
-const APPLIANCES: &[&str] = &["white", "silver", "black", "red"];
+const APPLIANCES: &[&str] = &["white", "silver", "black"];
+/// So many words of a feature are what most homes have; they come first.
+const USUAL: usize = 5;
 
 fn palette(noun: &str) -> Palette {
     let (first, second): ((&str, &[&str]), (&str, &[&str])) = match noun {
@@ -42,15 +44,16 @@ fn palette(noun: &str) -> Palette {
 pub(super) fn draw(categories: &[&str], stream: &mut Stream) -> Option<Vec<Attributes>> {
     let mut decks: BTreeMap<&str, std::vec::IntoIter<Attributes>> = BTreeMap::new();
     for category in categories {
-        decks.entry(noun(category)).or_insert_with(|| deck(&palette(noun(category)), stream));
+        decks.entry(noun(category)).or_insert_with(|| deck(noun(category), stream));
     }
     categories.iter().map(|category| decks.get_mut(noun(category))?.next()).collect()
 }
 
-/// Every look of a palette, those that differ in the first feature first.
-fn deck(palette: &Palette, stream: &mut Stream) -> std::vec::IntoIter<Attributes> {
-    let Palette { first: (first, of_first), second: (second, of_second) } = palette;
-    let firsts = stream.pick_some(of_first, of_first.len());
+/// Every look of a noun, those that differ in the first feature first.
+fn deck(noun: &str, stream: &mut Stream) -> std::vec::IntoIter<Attributes> {
+    let Palette { first: (first, of_first), second: (second, of_second) } = palette(noun);
+    let (usual, rare) = of_first.split_at(USUAL.min(of_first.len()));
+    let firsts = [stream.pick_some(usual, usual.len()), stream.pick_some(rare, rare.len())].concat();
     let seconds = stream.pick_some(of_second, of_second.len());
     let mut looks = Vec::new();
     for round in 0..seconds.len() {
@@ -61,7 +64,9 @@ fn deck(palette: &Palette, stream: &mut Stream) -> std::vec::IntoIter<Attributes
                 continue;
             }
             let feature = |kind: &str, word: &str| (kind_of(kind, word).to_owned(), vec![word.to_owned()]);
-            let said = [(*first, *word), (*second, other)].into_iter().filter(|(_, word)| !word.is_empty());
+            // Of a table with a top of its own the rest is legs.
+            let first = if noun == "table" && !other.is_empty() { "legs" } else { first };
+            let said = [(first, *word), (second, other)].into_iter().filter(|(_, word)| !word.is_empty());
             looks.push(said.map(|(kind, word)| feature(kind, word)).collect());
         }
     }

@@ -1,7 +1,8 @@
 //! Pictures of a scene without a task: each receptacle as the robot sees it from its viewpoint. Never moves anything.
 
 use reel_sim::{
-    geometry::{Part, Pose},
+    geometry::Pose,
+    nav::Viewpoint,
     render::{Detail, Drawable, render},
 };
 use reel_world::{Frame, ReceptacleId, Scene};
@@ -17,19 +18,26 @@ pub struct View {
     pub frame: Option<Frame>,
 }
 
-/// Every receptacle from its viewpoint, doors open, in the scene's order.
+/// Every receptacle from its viewpoint, its own door open, in the scene's order.
 pub fn views(scene: &Scene) -> Vec<View> {
     let (model, viewpoints) = viewpoints(scene);
-    let mut drawables = vec![Drawable { parts: &model.shell, pose: Pose::IDENTITY, entity: 1 }];
-    for piece in &model.furniture {
-        drawables.push(Drawable { parts: &piece.parts, pose: Pose::IDENTITY, entity: 1 });
-        if let Some(door) = &piece.door {
-            let parts: &[Part] = &door.parts;
-            let pose = door.closed.then(&Pose::yawed([0.0; 3], door.open_angle));
-            drawables.push(Drawable { parts, pose, entity: 1 });
+    let frame = |index: usize, viewpoint: Viewpoint| {
+        let mut drawables = vec![Drawable { parts: &model.shell, pose: Pose::IDENTITY, entity: 1 }];
+        for (other, piece) in model.furniture.iter().enumerate() {
+            drawables.push(Drawable { parts: &piece.parts, pose: Pose::IDENTITY, entity: 1 });
+            if let Some(door) = &piece.door {
+                let angle = if other == index { door.open_angle } else { 0.0 };
+                let pose = door.closed.then(&Pose::yawed([0.0; 3], angle));
+                drawables.push(Drawable { parts: &door.parts, pose, entity: 1 });
+            }
         }
-    }
-    let ids = model.furniture.iter().map(|piece| piece.id.clone());
-    let frame = |viewpoint: reel_sim::nav::Viewpoint| render(&viewpoint.camera, &drawables, Detail::Picture);
-    ids.zip(viewpoints).map(|(receptacle, viewpoint)| View { receptacle, frame: viewpoint.map(frame) }).collect()
+        render(&viewpoint.camera, &drawables, Detail::Picture)
+    };
+    let pieces = model.furniture.iter().zip(viewpoints).enumerate();
+    pieces
+        .map(|(index, (piece, viewpoint))| View {
+            receptacle: piece.id.clone(),
+            frame: viewpoint.map(|viewpoint| frame(index, viewpoint)),
+        })
+        .collect()
 }

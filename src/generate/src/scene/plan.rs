@@ -7,7 +7,7 @@ use reel_sim::{
     geometry::Pose,
     model::{Furniture, SceneModel, scene_model},
 };
-use reel_world::Scene;
+use reel_world::{Room, Scene, Wall};
 
 use super::{SceneError, kinds::room_kind, plan_png};
 
@@ -18,7 +18,7 @@ const MARGIN: f64 = 34.0;
 const HEADER: f64 = 44.0;
 const FOOTER: f64 = 46.0;
 /// Size of a character, in pixels.
-pub(super) const CHARACTER: [f64; 2] = [9.0, 16.0];
+pub(super) const CHARACTER: [f64; 2] = [9.0, 18.0];
 const HALF_WALL_M: f64 = 0.05;
 
 /// 8-bit red, green, blue.
@@ -170,29 +170,27 @@ impl<'a> Draft<'a> {
         let walls = &self.model.walls;
         for wall in walls {
             let along = usize::from(wall.from[0] == wall.to[0]);
-            let (mut low, mut high) = ([0, 1].map(|axis| wall.from[axis].min(wall.to[axis])), [0.0; 2]);
-            for axis in 0..2 {
-                high[axis] = wall.from[axis].max(wall.to[axis]);
-                // An end in the corner of another wall closes it.
-                let meets = |end: [f64; 2]| {
-                    walls.iter().any(|other| {
-                        let across = usize::from(other.from[0] == other.to[0]) != along;
-                        let near = |axis: usize| {
-                            let (from, to) = (other.from[axis].min(other.to[axis]), other.from[axis].max(other.to[axis]));
-                            (from - 0.06..=to + 0.06).contains(&end[axis])
-                        };
-                        across && near(0) && near(1)
-                    })
-                };
-                let (from, to) = (low, [wall.from[0].max(wall.to[0]), wall.from[1].max(wall.to[1])]);
-                let reach = |end: [f64; 2]| if axis != along || meets(end) { HALF_WALL_M } else { 0.0 };
-                let (before, after) = (reach(from), reach(to));
-                low[axis] -= before;
-                high[axis] += after;
-            }
+            let end = |pick: fn(f64, f64) -> f64, out: f64| {
+                [0, 1].map(|axis| pick(wall.from[axis], wall.to[axis]) + if axis == along { 0.0 } else { out })
+            };
+            let (low, high) = (end(f64::min, -HALF_WALL_M), end(f64::max, HALF_WALL_M));
             let area = self.area(low, high);
             self.rect(area, WALL, None);
             self.taken.push(area);
+            // Corners: what both walls leave open between them.
+            for other in walls.iter().filter(|other| usize::from(other.from[0] == other.to[0]) != along && along == 0) {
+                let corner = [other.from[0], wall.from[1]];
+                let near = |wall: &Wall| {
+                    (0..2).all(|axis| {
+                        let (from, to) = (wall.from[axis].min(wall.to[axis]), wall.from[axis].max(wall.to[axis]));
+                        (from - 0.06..=to + 0.06).contains(&corner[axis])
+                    })
+                };
+                if near(wall) && near(other) {
+                    let area = self.area(corner.map(|value| value - HALF_WALL_M), corner.map(|value| value + HALF_WALL_M));
+                    self.rect(area, WALL, None);
+                }
+            }
         }
     }
 
@@ -260,8 +258,8 @@ impl<'a> Draft<'a> {
             return self.label(middle, text, INK, false, true);
         }
         let mut places = Vec::new();
-        for off in [3.0, 12.0, 24.0, 40.0] {
-            for shift in [0.0, -0.25, 0.25, -0.5, 0.5] {
+        for off in [3.0, 12.0, 24.0, 40.0, 60.0] {
+            for shift in [0.0, -0.2, 0.2, -0.35, 0.35, -0.5, 0.5] {
                 let x = middle[0] + shift * width;
                 let y = middle[1] + shift * width;
                 places.push(([x, from[1] - off - height * 0.5], false));
@@ -270,7 +268,12 @@ impl<'a> Draft<'a> {
                 places.push(([from[0] - off - height * 0.5, y], true));
             }
         }
-        let free = places.iter().find(|(centre, upright)| self.is_free(*centre, text.len(), *upright)).copied();
+        let room = self.scene.rooms.iter().find(|room| room.name == receptacle.room);
+        let is_free = |(centre, upright): &&([f64; 2], bool)| {
+            let area = text_area(*centre, text.len(), *upright);
+            self.is_free(area) && room.is_none_or(|room| self.is_in(room, area))
+        };
+        let free = places.iter().find(is_free).copied();
         self.crossings += usize::from(free.is_none());
         let (centre, upright) = free.unwrap_or((middle, false));
         self.label(centre, text, INK, false, upright);
@@ -294,7 +297,9 @@ impl<'a> Draft<'a> {
                             let centre = [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * share[axis]);
                             let off = (centre[0] - middle[0]).abs() + (centre[1] - middle[1]).abs();
                             let off = off + if upright { 1000.0 } else { 0.0 };
-                            if best.is_none_or(|(least, _, _)| off < least) && self.is_free(centre, text.len(), upright) {
+                            if best.is_none_or(|(least, _, _)| off < least)
+                                && self.is_free(text_area(centre, text.len(), upright))
+                            {
                                 best = Some((off, centre, upright));
                             }
                         }
@@ -322,8 +327,13 @@ impl<'a> Draft<'a> {
         self.label([centre[0] + 64.0, centre[1]], "robot start".to_owned(), INK, false, false);
     }
 
-    fn is_free(&self, centre: [f64; 2], length: usize, upright: bool) -> bool {
-        let [low, high] = text_area(centre, length, upright);
+    /// Whether an area lies in a room.
+    fn is_in(&self, room: &Room, [low, high]: Area) -> bool {
+        let holds = |[from, to]: Area| (0..2).all(|axis| from[axis] <= low[axis] && high[axis] <= to[axis]);
+        room.footprint().iter().any(|rect| holds(self.area(rect.min, rect.max)))
+    }
+
+    fn is_free(&self, [low, high]: Area) -> bool {
         let inside = (0..2).all(|axis| low[axis] > 2.0 && high[axis] < self.size[axis] - 2.0);
         inside && !self.taken.iter().any(|[from, to]| (0..2).all(|axis| low[axis] < to[axis] && from[axis] < high[axis]))
     }

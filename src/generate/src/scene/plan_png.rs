@@ -72,16 +72,16 @@ fn draw_shape(picture: &mut Pixmap, item: &Item) {
 /// Writes a line of text around its centre; what the font does not have is a `?`.
 fn write(picture: &mut Pixmap, label: &Label) {
     let weight = if label.bold { FontWeight::Bold } else { FontWeight::Regular };
-    let glyph = |character: char| get_raster(character, weight, RasterHeight::Size16);
-    let [long, high] = [label.text.len() as f64 * CHARACTER[0], CHARACTER[1]];
+    let glyph = |character: char| get_raster(character, weight, RasterHeight::Size20);
+    let [long, high] = [label.text.len() as f64 * CHARACTER[0], RasterHeight::Size20.val() as f64];
     let [x, y] = label.centre.map(f64::round);
     let (width, height) = (i64::from(picture.width()), i64::from(picture.height()));
     for (index, character) in label.text.chars().enumerate() {
         let Some(glyph) = glyph(character).or_else(|| glyph('?')) else { continue };
         for (row, line) in glyph.raster().iter().enumerate() {
             for (column, ink) in line.iter().enumerate() {
-                let along = (index as f64 * CHARACTER[0] + column as f64 - long * 0.5).round() as i64;
-                let down = (row as f64 - high * 0.5).round() as i64;
+                let along = (index as f64 * CHARACTER[0] + column as f64 - long * 0.5).floor() as i64;
+                let down = (row as f64 - high * 0.5).floor() as i64;
                 let (dx, dy) = if label.upright { (down, -along) } else { (along, down) };
                 let (x, y) = (x as i64 + dx, y as i64 + dy);
                 if *ink > 0 && (0..width).contains(&x) && (0..height).contains(&y) {

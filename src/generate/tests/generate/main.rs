@@ -5,5 +5,6 @@ mod built_in;
 mod faults;
 mod generated;
 mod library;
+mod mint;
 mod placing;
 mod tasks;

@@ -87,7 +87,11 @@ fn mint() {
                     std::fs::write(format!("{out}/{name}_{seed}.png"), plan.png().unwrap()).unwrap();
                     std::fs::write(format!("{out}/{name}_{seed}.svg"), plan.svg()).unwrap();
                     std::fs::write(format!("{out}/{name}_{seed}.json"), serde_json::to_string_pretty(&scene).unwrap()).unwrap();
-                    let _ = views;
+                    if std::env::var("PICS").is_ok() {
+                        for view in views(&scene) {
+                            if let Some(frame) = view.frame { std::fs::write(format!("{out}/{name}_{seed}-{}.rgb", view.receptacle), &frame.rgb).unwrap(); }
+                        }
+                    }
                 }
             }
         }
