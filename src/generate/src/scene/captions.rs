@@ -80,7 +80,7 @@ fn facts(pieces: &[Receptacle], index: usize) -> Vec<Fact> {
     let mut facts = Vec::new();
     let material = word("material").filter(|word| word.as_str() != "fabric");
     facts.extend(word("colour").or(material).cloned().map(Fact::Body));
-    let parts = ["bedding", "top", "handles", "pillows", "legs"];
+    let parts = ["bedding", "top", "basin", "handles", "pillows", "legs"];
     facts.extend(parts.iter().filter_map(|part| Some(Fact::Part(part, word(part)?.clone()))));
     facts.push(Fact::Room(piece.room.split('/').next().unwrap_or_default().to_owned()));
     facts.extend(neighbours(pieces, index).into_iter().map(Fact::At));
@@ -126,7 +126,7 @@ fn phrase(name: &str, said: &[&Fact]) -> String {
         match fact {
             Fact::Body(word) => before = format!("{before}{word} "),
             Fact::Size(word) => before = format!("{word} {before}"),
-            Fact::Part("top", word) => with.push(format!("{} {word} top", article(word))),
+            Fact::Part(part @ ("top" | "basin"), word) => with.push(format!("{} {word} {part}", article(word))),
             Fact::Part(part, word) => with.push(format!("{word} {part}")),
             Fact::Room(room) => {
                 let at = if room == "balcony" { "on" } else { "in" };

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use reel_sim::{
-    geometry::Pose,
+    geometry::{Pose, Shape},
     model::{DoorModel, SceneModel, scene_model},
     nav::{CELL_M, NavMap},
 };
@@ -186,7 +186,7 @@ impl<'a> Check<'a> {
             let seen = self.seen(index, viewpoint.camera.position);
             let [x, y] = viewpoint.base;
             if seen < SEEN_LEAST {
-                let what = format!("from the best viewpoint ({x:.2}, {y:.2}) {seen} of 5 points of the surface are seen");
+                let what = format!("from its viewpoint ({x:.2}, {y:.2}) {seen} of 5 points of the surface are seen");
                 self.find(Fault::NoSight, id, middle, what);
             } else if !wide.reaches(viewpoint.base) {
                 let what = format!("the way to its viewpoint is narrower than {PASSAGE_M} m");
@@ -213,14 +213,16 @@ impl<'a> Check<'a> {
         })
     }
 
-    /// How many of five points of a surface are seen from a place.
+    /// How many of five points of a surface are seen from a place: its middle and its corners, those of a box less far out.
     fn seen(&self, index: usize, eye: [f32; 3]) -> usize {
-        let surface = &self.model.furniture[index].surface;
-        let point = |x: f32, y: f32| {
-            let along = |axis: usize, share: f32| surface.min[axis] + (surface.max[axis] - surface.min[axis]) * share;
-            [along(0, x), along(1, y), surface.z + 0.02]
-        };
-        let points = [point(0.5, 0.5), point(0.25, 0.25), point(0.75, 0.25), point(0.25, 0.75), point(0.75, 0.75)];
+        let piece = &self.model.furniture[index];
+        let surface = &piece.surface;
+        let (near, far) = if piece.door.is_some() { (0.25, 0.75) } else { (0.1, 0.9) };
+        let shares = [[0.5, 0.5], [near, near], [far, near], [near, far], [far, far]];
+        let points = shares.map(|share| {
+            let along = |axis: usize| surface.min[axis] + (surface.max[axis] - surface.min[axis]) * share[axis];
+            [along(0), along(1), surface.z + 0.02]
+        });
         points.into_iter().filter(|point| self.map.line_of_sight(eye, *point, None)).count()
     }
 
@@ -270,12 +272,16 @@ fn swing(door: &DoorModel) -> Vec<([f32; 3], f32)> {
     // The panel reaches from the hinge to twice its middle.
     let Some(panel) = door.parts.iter().find(|part| part.solid) else { return Vec::new() };
     let [_, middle, height] = panel.pose.position;
+    let Shape::Cuboid { half: [.., half_height] } = panel.shape else { return Vec::new() };
     let mut points = Vec::new();
     for step in 0..=SWING_STEPS {
         let angle = door.open_angle * step as f32 / SWING_STEPS as f32;
         let pose = door.closed.then(&Pose::yawed([0.0; 3], angle));
         for share in 1..=8 {
-            points.push((pose.apply([0.0, 2.0 * middle * share as f32 / 8.0, height]), angle));
+            for up in [-0.95, 0.0, 0.95] {
+                let point = [0.0, 2.0 * middle * share as f32 / 8.0, height + half_height * up];
+                points.push((pose.apply(point), angle));
+            }
         }
     }
     points

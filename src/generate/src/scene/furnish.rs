@@ -33,19 +33,17 @@ pub(super) struct Piece {
     clear: Vec<Cells>,
 }
 
-/// Furnishes every room; none where a room has no place for all its pieces.
-pub(super) fn furnish(flat: &Flat, stream: &mut Stream) -> Option<Vec<Piece>> {
-    let mut pieces = Vec::new();
-    for room in 0..flat.plots.len() {
-        let placed = (0..TRIES).find_map(|_| furnish_room(flat, room, stream))?;
-        // Back into the order of the brief, so that ids follow it.
-        let mut placed: Vec<Option<Piece>> = placed.into_iter().map(Some).collect();
-        for wanted in &flat.plots[room].pieces {
-            let found = placed.iter_mut().find(|piece| piece.as_ref().is_some_and(|piece| piece.category == *wanted))?;
-            pieces.extend(found.take());
-        }
-    }
-    Some(pieces)
+/// Furnishes a room, in the order of the brief; none where it has no place for all its pieces.
+pub(super) fn furnish(flat: &Flat, room: usize, stream: &mut Stream) -> Option<Vec<Piece>> {
+    let mut placed = (0..TRIES).find_map(|_| furnish_room(flat, room, stream))?;
+    // Ids follow the brief, not what had to be placed first.
+    let wanted = flat.plots[room].pieces.iter();
+    wanted
+        .map(|category| {
+            let index = placed.iter().position(|piece| piece.category == *category)?;
+            Some(placed.remove(index))
+        })
+        .collect()
 }
 
 fn furnish_room(flat: &Flat, room: usize, stream: &mut Stream) -> Option<Vec<Piece>> {

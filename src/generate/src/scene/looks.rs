@@ -30,7 +30,9 @@ fn palette(noun: &str) -> Palette {
         "couch" => (("colour", &["gray", "blue", "beige", "green", "red", "brown"]), ("material", &["fabric"])),
         "table" => (("colour", &["white", "black", "brown", "oak", "gray"]), ("top", &["", "glass", "marble", "walnut"])),
         "counter" => (("colour", &["white", "gray", "blue", "green", "oak"]), ("top", &["granite", "marble", "walnut"])),
-        "sink" => (("top", &["oak", "black", "white", "walnut", "granite", "blue"]), ("basin", &["white"])),
+        "sink" => {
+            (("top", &["oak", "black", "white", "walnut", "granite", "blue"]), ("basin", &["white", "gray", "beige", "green"]))
+        }
         "shelf" => (("colour", BODIES), ("material", &["wooden", "metal"])),
         "refrigerator" | "fridge" | "microwave" | "machine" | "cooker" => {
             (("colour", APPLIANCES), ("handles", &["silver", "black", "brass", "white"]))

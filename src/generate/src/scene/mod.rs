@@ -28,6 +28,8 @@ use self::{
 
 /// Flats that are tried for one scene.
 const TRIES: usize = 60;
+/// How often the rooms of one flat that have faults are furnished anew.
+const REPAIRS: usize = 8;
 
 /// The scenes that come along: six to train in, and the last to be evaluated in.
 const BUILT_IN: [(&str, &str); 7] = [
@@ -94,9 +96,23 @@ pub fn generate(brief: &Brief, scene_id: &str, seed: u64) -> Result<Scene, Scene
     let scene = (0..TRIES).find_map(|index| {
         let mut stream = Stream::new(seed, "scene", index);
         let flat = flat::arrange(brief, &mut stream)?;
-        let pieces = furnish::furnish(&flat, &mut stream)?;
-        let scene = assemble(scene_id, &flat, &pieces, &mut stream)?;
-        check(&scene).is_empty().then_some(scene)
+        let rooms = 0..flat.plots.len();
+        let mut pieces: Vec<Vec<Piece>> = rooms.map(|room| furnish::furnish(&flat, room, &mut stream)).collect::<Option<_>>()?;
+        for _ in 0..REPAIRS {
+            let scene = assemble(scene_id, &flat, &pieces.concat(), &mut stream)?;
+            let findings = check(&scene);
+            if findings.is_empty() {
+                return Some(scene);
+            }
+            // Only rooms with a fault are furnished anew, so that a large house is not lost to one chair.
+            for (room, plot) in flat.plots.iter().enumerate() {
+                let inside = |at: &str| scene.receptacles.iter().any(|piece| piece.id.as_str() == at && piece.room == plot.name);
+                if findings.iter().any(|finding| finding.at == plot.name || inside(&finding.at)) {
+                    pieces[room] = furnish::furnish(&flat, room, &mut stream)?;
+                }
+            }
+        }
+        None
     });
     scene.ok_or(SceneError::NoFlat { tries: TRIES })
 }
