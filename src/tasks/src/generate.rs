@@ -138,11 +138,11 @@ impl<'a> Draft<'a> {
             return Err("no receptacle is like the one that must have its like");
         }
 
-        let target = stream.pick(library::objects()).expect("the library is not empty");
+        let target = stream.pick(library::small()).expect("the library is not empty");
         if !placement::fits(dest, target.size) {
             return Err("too large for the destination");
         }
-        let candidates: Vec<&LibraryObject> = library::objects().iter().filter(|other| confuses(family, target, other)).collect();
+        let candidates: Vec<&LibraryObject> = library::small().iter().filter(|other| confuses(family, target, other)).collect();
         let most_others = 1 + stream.below(2);
         let others = stream.pick_some(&candidates, most_others);
         let copies = if family == Family::SUL { Vec::new() } else { stream.pick_some(&src_distractors, MOST_COPIES) };

@@ -1,5 +1,5 @@
-//! The object library: 60 categories of 4 objects each, made from the tables of `data/objects.json` by an
-//! attribute grammar, so that objects of a category differ in colour and captions are unique.
+//! The object library: 154 categories of 5 objects each, made from the table of `data/objects.json` by an attribute grammar, so
+//! that objects of a category differ in colour and captions are unique.
 
 use std::sync::OnceLock;
 
@@ -25,10 +25,15 @@ pub struct LibraryObject {
     pub size: [f64; 3],
 }
 
-/// Sizes the objects of a category come in: the word in the caption, and the scale.
-const SIZES: [(&str, f64); 4] = [("", 1.0), ("large", 1.2), ("", 1.0), ("small", 0.8)];
-/// No object is lower, in metres: thinner ones are hard on any physics.
+/// Objects of a category.
+const VARIANTS: usize = 5;
+/// Sizes they come in: the word in the caption, and the scale.
+const SIZES: [(&str, f64); VARIANTS] = [("", 1.0), ("large", 1.2), ("", 1.0), ("small", 0.8), ("", 1.0)];
+/// No object is lower, in metres: thinner ones are hard on any physics. Nor made larger than this.
 const LOWEST_M: f64 = 0.02;
+const LARGEST_M: [f64; 3] = [0.39, 0.29, 0.29];
+/// Categories and objects of each in [`small`].
+const SMALL: [usize; 2] = [60, 4];
 
 /// One row of `data/objects.json`.
 #[derive(Deserialize)]
@@ -37,7 +42,7 @@ struct Category {
     purpose: String,
     size: [f64; 3],
     shape: String,
-    colours: [String; 4],
+    colours: [String; VARIANTS],
     materials: Vec<String>,
     details: Vec<String>,
 }
@@ -48,8 +53,15 @@ pub fn objects() -> &'static [LibraryObject] {
     OBJECTS.get_or_init(|| {
         let rows: Vec<Category> =
             serde_json::from_str(include_str!("data/objects.json")).expect("the committed table is well formed");
-        rows.iter().flat_map(|row| (0..4).map(move |number| row.object(number))).collect()
+        rows.iter().flat_map(|row| (0..VARIANTS).map(move |number| row.object(number))).collect()
     })
+}
+
+/// The 240 objects of 60 categories that [`crate::generate`] draws from: what its seeds mean depends on them.
+pub fn small() -> &'static [LibraryObject] {
+    static OBJECTS: OnceLock<Vec<LibraryObject>> = OnceLock::new();
+    let [categories, each] = SMALL;
+    OBJECTS.get_or_init(|| objects().chunks(VARIANTS).take(categories).flat_map(|row| row[..each].to_vec()).collect())
 }
 
 impl Category {
@@ -59,14 +71,15 @@ impl Category {
         let words = [size_word, &self.colours[number], &cycle(&self.materials), &self.shape, &self.category];
         let words: Vec<&str> = words.into_iter().filter(|word| !word.is_empty()).collect();
         let caption = capitalize(&format!("{} with {}.", words.join(" "), cycle(&self.details)));
-        let [width, depth, height] = self.size.map(|length| round_mm(length * scale));
+        let mut size = [0, 1, 2].map(|axis| round_mm((self.size[axis] * scale).min(LARGEST_M[axis].max(self.size[axis]))));
+        size[2] = size[2].max(LOWEST_M);
         LibraryObject {
             asset: format!("{}_{:02}", self.category.replace(' ', "_"), number + 1).into(),
             category: self.category.clone(),
             purpose: self.purpose.clone(),
             attributes: attributes::from_caption(&caption),
             caption,
-            size: [width, depth, height.max(LOWEST_M)],
+            size,
         }
     }
 }
@@ -87,37 +100,47 @@ mod tests {
     use super::*;
 
     #[test]
-    fn there_are_60_categories_of_4_objects_each_with_its_own_asset_and_caption() {
+    fn every_object_has_its_own_asset_and_caption() {
         let distinct = |of: fn(&LibraryObject) -> String| objects().iter().map(of).collect::<BTreeSet<_>>().len();
-        assert_eq!(objects().len(), 240);
-        assert_eq!(distinct(|object| object.category.clone()), 60);
-        assert_eq!(distinct(|object| object.asset.to_string()), 240);
-        assert_eq!(distinct(|object| object.caption.clone()), 240);
+        assert_eq!((objects().len(), distinct(|object| object.category.clone())), (770, 154));
+        assert_eq!(distinct(|object| object.asset.to_string()), 770);
+        assert_eq!(distinct(|object| object.caption.to_lowercase()), 770);
         assert_eq!(objects()[3].caption, "Small green ceramic cylindrical mug with a curved handle.");
+        assert_eq!(small().len(), 240);
+        assert!(small().iter().all(|object| objects().contains(object)));
     }
 
     #[test]
-    fn objects_of_a_category_differ_in_colour_and_the_caption_says_nothing_else_of_colour_or_size() {
+    fn a_caption_says_one_colour_no_other_of_the_category_has_and_a_size_that_is_true() {
         let mut seen = BTreeSet::new();
-        for (index, object) in objects().iter().enumerate() {
+        for object in objects() {
             let [colour] = object.attributes["colour"].as_slice() else { panic!("one colour: {}", object.caption) };
             assert!(seen.insert((object.category.clone(), colour.clone())), "{colour} twice: {}", object.caption);
             let size = object.attributes.get("size").map_or("", |words| words[0].as_str());
-            assert_eq!(size, SIZES[index % 4].0, "{}", object.caption);
+            let first = objects().iter().find(|other| other.category == object.category).unwrap();
+            let larger = object.size.iter().sum::<f64>() - first.size.iter().sum::<f64>();
+            let told = if larger > 1e-9 {
+                "large"
+            } else if larger < -1e-9 {
+                "small"
+            } else {
+                ""
+            };
+            assert_eq!(size, told, "{}", object.caption);
         }
     }
 
     #[test]
     fn every_purpose_has_several_categories_and_every_object_fits_a_surface() {
-        let mut categories: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
-        for object in objects() {
-            categories.entry(&object.purpose).or_default().insert(&object.category);
-            let [width, depth, height] = object.size;
-            assert!(
-                (0.01..0.4).contains(&width) && (0.01..0.3).contains(&depth) && (LOWEST_M..0.3).contains(&height),
-                "{object:?}"
-            );
+        for objects in [objects(), small()] {
+            let mut categories: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+            for object in objects {
+                categories.entry(&object.purpose).or_default().insert(&object.category);
+                let [width, depth, height] = object.size;
+                let fits = (0.01..0.4).contains(&width) && (0.01..0.3).contains(&depth) && (LOWEST_M..0.3).contains(&height);
+                assert!(fits, "{object:?}");
+            }
+            assert!(categories.len() >= 12 && categories.values().all(|of| of.len() >= 3), "{categories:?}");
         }
-        assert!(categories.len() >= 12 && categories.values().all(|of| of.len() >= 3), "{categories:?}");
     }
 }

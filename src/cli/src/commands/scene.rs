@@ -7,10 +7,10 @@ use std::{
 
 use anyhow::Context;
 use reel_generate::{
-    objects::{Object, objects, picture},
+    portrait,
     scene::{Brief, Finding, Plan, built_in, check, generate, names, views},
 };
-use reel_tasks::random::Stream;
+use reel_tasks::{library::{LibraryObject, objects}, random::Stream};
 use reel_world::Scene;
 use serde_json::json;
 
@@ -220,14 +220,14 @@ fn sheet(scene: &Scene) -> anyhow::Result<Vec<u8>> {
 }
 
 fn list_objects(sample: Option<usize>, seed: u64, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<Answer> {
-    let all: Vec<&Object> = objects().iter().collect();
+    let all: Vec<&LibraryObject> = objects().iter().collect();
     let listed = match sample {
         Some(count) => Stream::new(seed, "objects", 0).pick_some(&all, count),
         None => all,
     };
     if as_json {
-        let row = |object: &&Object| {
-            let Object { asset, category, purpose, caption, size, .. } = object;
+        let row = |object: &&LibraryObject| {
+            let LibraryObject { asset, category, purpose, caption, size, .. } = object;
             json!({ "asset": asset, "category": category, "purpose": purpose, "caption": caption, "size": size })
         };
         println!("{}", json!(listed.iter().map(row).collect::<Vec<_>>()));
@@ -235,8 +235,8 @@ fn list_objects(sample: Option<usize>, seed: u64, pictures: Option<&Path>, as_js
         listed.iter().for_each(|object| println!("{:24} {}", object.asset.as_str(), object.caption));
     }
     if let Some(file) = pictures {
-        let card = |object: &&Object| reel_view::Card {
-            picture: Some(picture(object).rgb),
+        let card = |object: &&LibraryObject| reel_view::Card {
+            picture: Some(portrait(object).rgb),
             title: object.asset.to_string(),
             text: object.caption.clone(),
         };

@@ -5,6 +5,5 @@ mod built_in;
 mod faults;
 mod generated;
 mod library;
-mod mint;
 mod placing;
 mod tasks;

@@ -3,7 +3,10 @@
 use std::{collections::BTreeSet, fs, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
-use reel_generate::task::{Made, Options, Rejection, Statistics, TaskType, make, real};
+use reel_generate::{
+    scene::{HELD_OUT, built_in, names},
+    task::{Made, Options, Rejection, Statistics, TaskType, make, real},
+};
 use reel_world::Scene;
 use serde_json::json;
 
@@ -16,12 +19,12 @@ use crate::{Answer, inputs, progress};
 ///
 /// Example:
 ///   reel tasks make --count 200 --seed 1 --out made
-///   reel tasks make --scene flat.json --scene house.json --families SUL --format real
+///   reel tasks make --scene S7 --scene flat.json --families SUL --format real
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// Scene file, may be given several times; without it the home that comes with Reel
-    #[arg(long, value_name = "FILE")]
+    /// Scene: S1 to S7, or a file; may be given several times. Without it the six scenes to train in, S1 to S6
+    #[arg(long, value_name = "SCENE")]
     scene: Vec<PathBuf>,
     /// Families, in turn
     #[arg(long, value_name = "FDP,FODP,FDO,SUL", value_delimiter = ',')]
@@ -52,7 +55,7 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let scenes = match arguments.scene.as_slice() {
-        [] => vec![inputs::scene(None)?],
+        [] => names().filter_map(built_in).filter(|scene| scene.scene_id != HELD_OUT).map(Arc::new).collect(),
         files => files.iter().map(|file| inputs::scene(Some(file))).collect::<anyhow::Result<_>>()?,
     };
     let in_real = arguments.format == "real";

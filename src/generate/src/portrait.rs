@@ -5,18 +5,17 @@ use reel_sim::{
     model::object_model,
     render::{Detail, Drawable, render},
 };
+use reel_tasks::library::LibraryObject;
 use reel_world::{Frame, InstanceId, ObjectInstance};
-
-use super::Object;
 
 const BOARD: [u8; 3] = [214, 206, 190];
 
 /// A picture of an object from above and before it, so near that it fills most of the picture.
-pub fn picture(object: &Object) -> Frame {
+pub fn portrait(object: &LibraryObject) -> Frame {
     let instance = ObjectInstance {
         instance: InstanceId::new(&object.asset, &"board".into(), "picture"),
         asset: object.asset.clone(),
-        category: object.category.to_owned(),
+        category: object.category.clone(),
         caption: Some(object.caption.clone()),
         attributes: object.attributes.clone(),
         size: object.size,
@@ -36,8 +35,8 @@ pub fn picture(object: &Object) -> Frame {
         solid: true,
     };
     let drawables = [
-        Drawable { parts: &[board], pose: Pose::IDENTITY, entity: 1 },
-        Drawable { parts: &model.parts, pose: Pose::at([0.0, 0.0, model.half[2]]), entity: 2 },
+        Drawable { parts: &[board], pose: Pose::IDENTITY, mesh: None, entity: 1 },
+        Drawable { parts: &model.parts, pose: Pose::at([0.0, 0.0, model.half[2]]), mesh: None, entity: 2 },
     ];
     let largest = model.half.into_iter().fold(0.0_f32, f32::max);
     let away = 0.08 + largest * 3.4;
