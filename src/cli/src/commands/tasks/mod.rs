@@ -1,6 +1,6 @@
-//! `reel tasks`: checks and makes task files (`make`, and `generate` of old), and says what they are like (`report`).
+//! `reel tasks`: checks task files, makes them (`generate`; `draw` for measurements), and says what they are like (`report`).
 
-mod make;
+mod generate;
 mod report;
 
 use std::{
@@ -41,12 +41,15 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Make tasks of all four families and write them as REAL-Bench YAML files
+    /// Draw plain tasks of one scene: what the published measurements of this project were made with
     #[command(verbatim_doc_comment)]
     ///
+    /// One object moves, out of the 240 of the small library; nothing is simulated before it is kept.
+    /// Use `reel tasks generate` for training and evaluation.
+    ///
     /// Example:
-    ///   reel tasks generate --count 40 --seed 1 --out tasks
-    Generate {
+    ///   reel tasks draw --count 40 --seed 1 --out tasks
+    Draw {
         /// Scene file; without it the home that comes with Reel
         #[arg(long, value_name = "FILE")]
         scene: Option<PathBuf>,
@@ -66,7 +69,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    Make(make::Arguments),
+    Generate(generate::Arguments),
     Report(report::Arguments),
 }
 
@@ -74,9 +77,9 @@ enum Command {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
         Command::Check { path, scene, json } => check(path, scene.clone(), *json),
-        Command::Make(arguments) => make::run(arguments),
+        Command::Generate(arguments) => generate::run(arguments),
         Command::Report(arguments) => report::run(arguments),
-        Command::Generate { scene, count, families, seed, out, json } => {
+        Command::Draw { scene, count, families, seed, out, json } => {
             let scene = inputs::scene(scene.as_deref())?;
             let families = parse_families(families)?;
             let made = generate(&GenerateOptions { scene: &scene, families: &families, count: *count, seed: *seed });
