@@ -4,6 +4,5 @@
 mod built_in;
 mod faults;
 mod generated;
-mod library;
 mod placing;
 mod tasks;
