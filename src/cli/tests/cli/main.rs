@@ -4,7 +4,7 @@
 mod agents;
 mod blame;
 mod branches;
-#[cfg(feature = "analytics")]
+#[cfg(feature = "service")]
 mod endpoint;
 mod films;
 mod gate;
@@ -15,6 +15,7 @@ mod pages;
 mod recovery;
 #[cfg(feature = "analytics")]
 mod service;
+mod social;
 mod symbols;
 #[cfg(feature = "analytics")]
 mod tables;
