@@ -14,7 +14,7 @@ work="${EVAL_DIR:-$(mktemp -d)}"
 count="${FAILURES:-2000}"
 if [[ ${SEEDS:-report} == tuning ]]; then task_seed=1001 seed=1000000; else task_seed=9001 seed=9000000; fi
 
-"$reel" tasks generate --count 200 --seed "$task_seed" --out "$work/tasks" >/dev/null
+"$reel" tasks draw --count 200 --seed "$task_seed" --out "$work/tasks" >/dev/null
 
 # what out count first-seed further arguments...
 evaluate() {

@@ -2,7 +2,7 @@
 for kind in full lean; do
   traces="$BENCH_DIR/traces-$kind"
   [[ -d $traces ]] && continue
-  "$REEL" tasks generate --count 100 --out "$BENCH_DIR/tasks"
+  "$REEL" tasks draw --count 100 --out "$BENCH_DIR/tasks"
   for policy in oracle planner wrong-object no-ask oscillating; do
     "$REEL" run --tasks "$BENCH_DIR/tasks" --policy "$policy" --out "$traces.part" $([[ $kind == lean ]] && echo --no-images)
   done

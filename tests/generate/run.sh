@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # `make eval-tasks`: makes tasks of every kind, checks them from outside, lets the oracle do them, and prints figures.
-# REEL: a binary that is built already. SCENES: scene files; without them the home that comes with Reel. COUNT: how many tasks.
+# REEL: a binary that is built already. SCENES: names or files of scenes; without them the seven that come along. COUNT: how many tasks.
 # REAL_BENCH: the published tasks; without them that part says that it is skipped.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/../.."
@@ -12,16 +12,16 @@ fi
 python="${REEL_PYTHON:-$(tests/python.sh)}"
 bench="${REAL_BENCH:-../shared/real-bench}"
 count="${COUNT:-2000}" seed="${SEED:-1}"
-read -ra scenes <<<"${SCENES:-}"
+read -ra scenes <<<"${SCENES:-S1 S2 S3 S4 S5 S6 S7}"
 scenes=("${scenes[@]/#/--scene=}")
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 echo "== $count tasks"
-time "$REEL" tasks make "${scenes[@]}" --count "$count" --seed "$seed" --out "$work/made"
+time "$REEL" tasks generate "${scenes[@]}" --count "$count" --seed "$seed" --out "$work/made"
 
 echo "== in the published schema"
-"$REEL" tasks make "${scenes[@]}" --count 200 --seed "$seed" --format real --out "$work/real"
+"$REEL" tasks generate "${scenes[@]}" --count 200 --seed "$seed" --format real --out "$work/real"
 if [[ -d $bench/tasks ]]; then
   "$python" tests/generate/real_schema.py "$bench/s7_scene.json" "$bench/tasks"
 else
@@ -43,7 +43,7 @@ for set in real made; do
 done
 
 echo "== with questions"
-"$REEL" tasks make "${scenes[@]}" --count "${SOCIAL_COUNT:-220}" --seed "$seed" --out "$work/told"
+"$REEL" tasks generate "${scenes[@]}" --count "${SOCIAL_COUNT:-220}" --seed "$seed" --out "$work/told"
 "$REEL" tasks annotate "$work/told" --seed "$seed" --out "$work/social"
 for scene in "$work/social"/*.json; do
   folder="${scene%.json}" traces="$work/traces/social/$(basename "${scene%.json}")"

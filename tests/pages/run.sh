@@ -57,7 +57,7 @@ trap 'exit 143' TERM
 if [[ ! -d $data/store ]]; then
   echo "recording episodes" >&2
   mkdir -p "$data"
-  "$reel" tasks generate --count 8 --seed 7 --out "$work/tasks" >/dev/null
+  "$reel" tasks draw --count 8 --seed 7 --out "$work/tasks" >/dev/null
   for policy in oracle planner; do
     "$reel" run --tasks "$work/tasks" --policy "$policy" --out "$data/traces" >/dev/null
   done

@@ -38,7 +38,7 @@ play() {
   [[ -d $traces ]] && return
   rm -rf "$traces.part" "$tasks"
   "$PYTHON" $here/scenes.py src/tasks/src/data/home.json "$data/scenes" "$1"
-  "$REEL" tasks generate --scene "$scene" --count "$2" --seed "$1" --out "$tasks" >/dev/null
+  "$REEL" tasks draw --scene "$scene" --count "$2" --seed "$1" --out "$tasks" >/dev/null
   "$REEL" run --scene "$scene" --tasks "$tasks" --policy oracle --no-images --out "$traces.part" >/dev/null
   mv "$traces.part" "$traces"
   rm -rf "$data/store" "$data/set" "$data/training.pickle"

@@ -10,7 +10,10 @@ use reel_generate::{
     portrait,
     scene::{Brief, Finding, Plan, built_in, check, generate, names, views},
 };
-use reel_tasks::{library::{LibraryObject, objects}, random::Stream};
+use reel_tasks::{
+    library::{LibraryObject, objects},
+    random::Stream,
+};
 use reel_world::Scene;
 use serde_json::json;
 
@@ -173,8 +176,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 fn list(as_json: bool) -> anyhow::Result<Answer> {
     let scenes: Vec<Scene> = names().filter_map(built_in).chain([reel_tasks::home()]).collect();
     if as_json {
-        let rows: Vec<_> = scenes.iter().map(|scene| {
-            json!({ "scene": scene.scene_id, "rooms": scene.rooms.len(), "receptacles": scene.receptacles.len(), "captions": captions(scene) })
+        let rows = scenes.iter().map(|scene| {
+            let Scene { scene_id, rooms, receptacles, .. } = scene;
+            json!({ "scene": scene_id, "rooms": rooms.len(), "receptacles": receptacles.len(), "captions": captions(scene) })
         });
         println!("{}", json!(rows.collect::<Vec<_>>()));
     } else {

@@ -49,7 +49,7 @@ impl Drop for Mock {
 
 /// Tasks, and what the oracle does in them.
 fn plans(folder: &Path, count: &str) {
-    expect(folder, 0, &["tasks", "generate", "--count", count, "--seed", "31", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", count, "--seed", "31", "--out", "tasks"]);
     expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oracle", "--out", "plans", "--no-images"]);
 }
 

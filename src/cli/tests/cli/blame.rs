@@ -91,7 +91,7 @@ fn failures_become_preferences_and_value_targets() {
 fn the_taxonomy_takes_the_measured_step() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "4", "--seed", "3", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks"]);
     expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oscillating", "--out", "traces", "--no-images"]);
     expect(folder, 0, &["ingest", "traces", "--store", "store"]);
     let others = || {
@@ -112,7 +112,7 @@ fn the_taxonomy_takes_the_measured_step() {
 fn the_evaluation_counts_what_began_where() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "4", "--seed", "5", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "4", "--seed", "5", "--out", "tasks"]);
     let kinds = "premature_finish,missing_pick";
     expect(
         folder,

@@ -52,7 +52,7 @@ fn a_branch_is_made_checked_compared_and_branched_again() {
 fn what_cannot_be_branched_or_compared_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "2", "--families", "FDP,FDO", "--seed", "4", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "2", "--families", "FDP,FDO", "--seed", "4", "--out", "tasks"]);
     expect(folder, 0, &["run", "--tasks", "tasks", "--out", "traces", "--no-images"]);
     let trace = first_trace(folder);
     let trace = trace.to_str().unwrap();

@@ -57,7 +57,7 @@ fn first_trace(folder: &Path) -> PathBuf {
 
 /// A lean trace in which the wrong object was brought.
 fn failed_episode(folder: &Path) -> PathBuf {
-    expect(folder, 0, &["tasks", "generate", "--count", "1", "--families", "FDP", "--seed", "4", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "1", "--families", "FDP", "--seed", "4", "--out", "tasks"]);
     expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "wrong-object", "--out", "traces", "--no-images"]);
     first_trace(folder)
 }
@@ -66,7 +66,7 @@ fn failed_episode(folder: &Path) -> PathBuf {
 fn the_loop_end_to_end() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "4", "--seed", "3", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks"]);
     assert!(expect(folder, 0, &["tasks", "check", "tasks"]).contains("4 of 4 tasks load"));
     let run = ["run", "--tasks", "tasks", "--out", "traces", "--jobs", "2", "--json"];
     let reports = expect(folder, 0, &run);
@@ -99,7 +99,7 @@ fn exit_codes_and_complaints() {
     let policy = complaint(folder, 2, &["run", "--tasks", "tasks", "--policy", "clever"]);
     assert!(policy.contains("no policy is called 'clever'") && policy.contains("oscillating"), "{policy}");
 
-    expect(folder, 0, &["tasks", "generate", "--count", "1", "--families", "FDP", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "1", "--families", "FDP", "--out", "tasks"]);
     fs::write(folder.join("tasks/broken.yaml"), "scene_id: home\nepisodes: 3\n").unwrap();
     expect(folder, 1, &["tasks", "check", "tasks"]);
     // One broken file is named, the rest is played: done, but with something left out.
@@ -120,7 +120,7 @@ fn exit_codes_and_complaints() {
 fn tables_questions_and_training_rows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "4", "--seed", "3", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks"]);
     for policy in ["oracle", "wrong-object"] {
         expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "traces"]);
     }

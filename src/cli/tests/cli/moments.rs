@@ -11,7 +11,7 @@ use crate::{complaint, expect, first_trace};
 fn any_moment_is_shown_with_the_same_bits_from_a_snapshot_and_from_the_start() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "1", "--families", "FDO", "--seed", "5", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "1", "--families", "FDO", "--seed", "5", "--out", "tasks"]);
     let played = expect(folder, 0, &["run", "--tasks", "tasks", "--out", "traces", "--paranoid"]);
     assert!(played.contains("1 episodes are the same under another heap layout"), "{played}");
     let trace = first_trace(folder);
@@ -63,7 +63,7 @@ fn nobody_reading_on_is_no_panic() {
 fn pictures_are_dropped_and_drawn_again() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "2", "--seed", "6", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "6", "--out", "tasks"]);
     expect(folder, 0, &["run", "--tasks", "tasks", "--out", "traces"]);
     let compacted = expect(folder, 0, &["compact", "traces", "--out", "lean"]);
     assert!(compacted.contains("2 of 2 traces") && compacted.contains("/camera/head"), "{compacted}");

@@ -6,7 +6,7 @@ use crate::{complaint, expect, first_trace};
 
 /// A trace, and the part of a recording of it that was killed after some steps.
 fn recorded(folder: &Path) -> (std::path::PathBuf, std::path::PathBuf) {
-    expect(folder, 0, &["tasks", "generate", "--count", "1", "--families", "FDP", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "1", "--families", "FDP", "--out", "tasks"]);
     expect(folder, 0, &["run", "--tasks", "tasks", "--out", "traces", "--durability", "fsync"]);
     let trace = first_trace(folder);
     let part = trace.with_extension("mcap.part");

@@ -32,7 +32,7 @@ fn files(folder: &Path) -> Vec<(String, String)> {
 fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "make", "--scene", "S3", "--count", "16", "--seed", "1", "--out", "made"]);
+    expect(folder, 0, &["tasks", "generate", "--scene", "S3", "--count", "16", "--seed", "1", "--out", "made"]);
     let first = annotated(folder, &[]);
     let count = first["annotated"].as_u64().unwrap();
     assert!(count >= 10 && first["kept"] == 0, "{first}");
@@ -59,7 +59,7 @@ fn a_models_proposal_stands_where_nothing_is_against_it() {
 
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "make", "--scene", "S3", "--count", "8", "--seed", "1", "--out", "made"]);
+    expect(folder, 0, &["tasks", "generate", "--scene", "S3", "--count", "8", "--seed", "1", "--out", "made"]);
     let scene = reel_generate::scene::built_in("S3").unwrap();
     let tasks = reel_tasks::load(&folder.join("made/S3"), &scene).tasks;
     let options = Options { strategies: &Strategy::ALL, seed: 77 };

@@ -8,7 +8,7 @@ use super::{complaint, endpoint::endpoint, expect};
 
 /// Plays faulty episodes, ingests and classifies them.
 fn classified(folder: &Path, count: &str) {
-    expect(folder, 0, &["tasks", "generate", "--count", "16", "--seed", "1001", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "16", "--seed", "1001", "--out", "tasks"]);
     expect(folder, 0, &["faults", "run", "--tasks", "tasks", "--count", count, "--seed", "1900000", "--out", "faulty"]);
     expect(folder, 0, &["ingest", "faulty", "--store", "store"]);
     let table = expect(folder, 0, &["taxonomy", "--store", "store", "--sankey", "why.svg", "--sankey", "why.png"]);

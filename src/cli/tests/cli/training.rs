@@ -14,7 +14,7 @@ fn lines(text: &str) -> Vec<Value> {
 fn a_models_notes_stand_where_nothing_is_against_them() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "2", "--seed", "3", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks"]);
     expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oracle", "--no-images", "--out", "traces"]);
     expect(folder, 0, &["ingest", "traces", "--store", "store"]);
     let bare =
@@ -62,7 +62,7 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
 fn rollout_groups_and_a_tokenizer() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "2", "--seed", "3", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks"]);
     for seed in ["1", "2"] {
         expect(
             folder,
@@ -112,7 +112,7 @@ fn python(variable: &str, packages: &str, script: &str, arguments: &[&str]) -> O
 fn the_benchmarks_script_makes_the_same_rows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "2", "--seed", "3", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks"]);
     for policy in ["oracle", "wrong-object"] {
         expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "full"]);
         expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--no-images", "--out", "lean"]);
@@ -131,7 +131,7 @@ fn the_benchmarks_script_makes_the_same_rows() {
 fn the_benchmarks_script_makes_the_same_tables() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--count", "2", "--seed", "5", "--out", "tasks"]);
+    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "5", "--out", "tasks"]);
     for policy in ["oracle", "wrong-object", "no-ask"] {
         expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "traces", "--no-images"]);
     }

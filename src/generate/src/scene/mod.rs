@@ -31,9 +31,7 @@ const TRIES: usize = 60;
 /// How often the rooms of one flat that have faults are furnished anew.
 const REPAIRS: usize = 8;
 
-/// The scene that is kept for evaluation: no training scene has its washing machine or electric cooker.
-pub const HELD_OUT: &str = "S7";
-/// The scenes that come along: six to train in, and [`HELD_OUT`].
+/// The scenes that come along: six to train in, and the last to be evaluated in.
 const BUILT_IN: [(&str, &str); 7] = [
     ("S1", include_str!("../../data/scenes/S1.json")),
     ("S2", include_str!("../../data/scenes/S2.json")),

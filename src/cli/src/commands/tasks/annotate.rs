@@ -30,11 +30,11 @@ const BATCH: usize = 10;
 /// least two possible, the answer one. Tasks in which nothing can be asked are left out and counted. `reel run` with the oracle then
 /// plays the conversation as part of the episode.
 ///
-/// PATH is what `reel tasks make` wrote, or any task file or folder. Files go to DIR/<scene>/<family>/, and the scene beside them.
+/// PATH is what `reel tasks generate` wrote, or any task file or folder. Files go to DIR/<scene>/<family>/, and the scene beside them.
 /// Broken off, the same command goes on where it stopped: files of the same task, scene and options are kept.
 ///
 /// Examples:
-///   reel tasks make --count 200 --out made && reel tasks annotate made --out social
+///   reel tasks generate --count 200 --out made && reel tasks annotate made --out social
 ///   reel tasks annotate made --strategies B --seed 3 --out social
 ///   reel run --tasks social/S1 --scene social/S1.json --out traces
 #[derive(clap::Args)]

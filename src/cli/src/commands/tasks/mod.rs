@@ -1,8 +1,8 @@
-//! `reel tasks`: checks and makes task files (`make`, and `generate` of old), puts questions into their plans (`annotate`), and says
-//! what they are like (`report`).
+//! `reel tasks`: checks task files, makes them (`generate`; `draw` for measurements), puts questions into their plans (`annotate`),
+//! and says what they are like (`report`).
 
 mod annotate;
-mod make;
+mod generate;
 mod report;
 
 use std::{
@@ -44,12 +44,15 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Make tasks of all four families and write them as REAL-Bench YAML files
+    /// Draw plain tasks of one scene: what the published measurements of this project were made with
     #[command(verbatim_doc_comment)]
     ///
+    /// One object moves, out of the 240 of the small library; nothing is simulated before it is kept.
+    /// Use `reel tasks generate` for training and evaluation.
+    ///
     /// Example:
-    ///   reel tasks generate --count 40 --seed 1 --out tasks
-    Generate {
+    ///   reel tasks draw --count 40 --seed 1 --out tasks
+    Draw {
         /// Scene file; without it the home that comes with Reel
         #[arg(long, value_name = "FILE")]
         scene: Option<PathBuf>,
@@ -69,7 +72,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    Make(make::Arguments),
+    Generate(generate::Arguments),
     Annotate(annotate::Arguments),
     Report(report::Arguments),
 }
@@ -78,10 +81,10 @@ enum Command {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
         Command::Check { path, scene, json } => check(path, scene.clone(), *json),
-        Command::Make(arguments) => make::run(arguments),
+        Command::Generate(arguments) => generate::run(arguments),
         Command::Annotate(arguments) => annotate::run(arguments),
         Command::Report(arguments) => report::run(arguments),
-        Command::Generate { scene, count, families, seed, out, json } => {
+        Command::Draw { scene, count, families, seed, out, json } => {
             let scene = inputs::scene(scene.as_deref())?;
             let families = parse_families(families)?;
             let made = generate(&GenerateOptions { scene: &scene, families: &families, count: *count, seed: *seed });
@@ -108,7 +111,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 /// A scene and tasks for it.
 type Set = (Arc<Scene>, Vec<Arc<Task>>);
 
-/// The tasks of a file or folder, in whatever scenes: a folder that `reel tasks make` wrote brings its scenes along; else the scene
+/// The tasks of a file or folder, in whatever scenes: a folder that `reel tasks generate` wrote brings its scenes along; else the scene
 /// is `s7_scene.json` beside the tasks, or the home. Also how many files are broken.
 fn sets(path: &Path) -> anyhow::Result<(Vec<Set>, usize)> {
     let mut scenes: Vec<PathBuf> = Vec::new();

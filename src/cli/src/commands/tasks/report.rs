@@ -13,7 +13,7 @@ use crate::Answer;
 
 /// Show how plan length, distractors, object sizes and instruction length are distributed in a set of tasks.
 ///
-/// A folder that `reel tasks make` wrote brings its scenes along; else the scene is `s7_scene.json` beside the folder, or the home
+/// A folder that `reel tasks generate` wrote brings its scenes along; else the scene is `s7_scene.json` beside the folder, or the home
 /// that comes with Reel.
 ///
 /// Example:

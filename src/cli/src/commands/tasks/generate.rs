@@ -1,12 +1,9 @@
-//! `reel tasks make`: tasks for any scenes, through both filters.
+//! `reel tasks generate`: tasks for any scenes, through both filters.
 
 use std::{collections::BTreeSet, fs, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
-use reel_generate::{
-    scene::{HELD_OUT, built_in, names},
-    task::{Made, Options, Rejection, Statistics, TaskType, make, real},
-};
+use reel_generate::task::{Made, Options, Rejection, Statistics, TaskType, make, real};
 use reel_world::Scene;
 use serde_json::json;
 
@@ -18,13 +15,13 @@ use crate::{Answer, inputs, progress};
 /// Tasks go to DIR/<scene>/<family>/, and the scene they are made for to DIR/<scene>.json.
 ///
 /// Example:
-///   reel tasks make --count 200 --seed 1 --out made
-///   reel tasks make --scene S7 --scene flat.json --families SUL --format real
+///   reel tasks generate --count 200 --seed 1 --out made
+///   reel tasks generate --scene S1,S2,S3,flat.json --families SUL --format real
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// Scene: S1 to S7, or a file; may be given several times. Without it the six scenes to train in, S1 to S6
-    #[arg(long, value_name = "SCENE")]
+    /// Scenes: S1 to S7, home, or files; without it the home
+    #[arg(long, value_name = "SCENES", value_delimiter = ',')]
     scene: Vec<PathBuf>,
     /// Families, in turn
     #[arg(long, value_name = "FDP,FODP,FDO,SUL", value_delimiter = ',')]
@@ -55,7 +52,7 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let scenes = match arguments.scene.as_slice() {
-        [] => names().filter_map(built_in).filter(|scene| scene.scene_id != HELD_OUT).map(Arc::new).collect(),
+        [] => vec![inputs::scene(None)?],
         files => files.iter().map(|file| inputs::scene(Some(file))).collect::<anyhow::Result<_>>()?,
     };
     let in_real = arguments.format == "real";
