@@ -55,7 +55,7 @@ eval-taxonomy: ## how often the failure taxonomy is right, on 3,000 episodes wit
 eval-skills: ## how reliable the skills of --skills real-v1 are, beside the paper's table, over 21 seeds (ten minutes)
 	REEL_SKILL_SEEDS=20 cargo test --locked --workspace --test skills -- --nocapture
 
-eval-tasks: ## make 2,000 tasks, check them from outside, let the oracle do them, lay them beside REAL-Bench (needs Python)
+eval-tasks: ## make 2,000 tasks, check them and annotated ones from outside, let the oracle do them, lay them beside REAL-Bench (needs Python)
 	tests/generate/run.sh
 
 eval-blame: ## how often the decisive step is right, on 600 episodes with injected faults (ten minutes)

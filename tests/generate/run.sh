@@ -42,6 +42,17 @@ for set in real made; do
   done
 done
 
+echo "== with questions"
+"$REEL" tasks generate "${scenes[@]}" --count "${SOCIAL_COUNT:-220}" --seed "$seed" --out "$work/told"
+"$REEL" tasks annotate "$work/told" --seed "$seed" --out "$work/social"
+for scene in "$work/social"/*.json; do
+  folder="${scene%.json}" traces="$work/traces/social/$(basename "${scene%.json}")"
+  "$REEL" run --tasks "$folder" --scene "$scene" --no-images --out "$traces" --json >"$work/episodes.jsonl" || true
+  "$python" tests/generate/oracle.py "$work/episodes.jsonl"
+  "$REEL" replay "$traces"
+  "$python" tests/generate/check_questions.py "$REEL" src/tasks/src/data/objects.json "$scene" "$folder" "$traces"
+done
+
 echo "== beside REAL-Bench"
 if [[ -d $bench/tasks ]]; then
   "$REEL" tasks report "$work/made" --against "$bench/tasks"

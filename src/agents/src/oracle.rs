@@ -11,9 +11,10 @@ use rand_chacha::ChaCha8Rng;
 use reel_episode::Privileged;
 use reel_plan::{Intent, Situation, calls, plan, published_plan};
 use reel_world::{
-    DoorState, ErrorCode, HORIZON, InstanceId, ReceptacleId, Task, Tool, WorldGraph,
+    DoorState, ErrorCode, HORIZON, InstanceId, PlanStep, ReceptacleId, Task, Tool, WorldGraph,
     record::{MarkerTarget, PolicyInfo, StepInput},
 };
+use serde_json::Value;
 
 use crate::{Context, NoAnswer, Policy, Seen, narration::Narration, policy, random};
 
@@ -55,6 +56,10 @@ pub struct Oracle {
     /// Whether it comes in when something was done already.
     resumed: bool,
     search: Search,
+    /// Whether its plan says itself when to ask; then it asks nothing else.
+    plan_asks: bool,
+    /// Whether it asks which object is meant, in words for what it sees.
+    asks_which: bool,
     asked: bool,
     failures: u32,
     last: Option<Tool>,
@@ -88,6 +93,9 @@ impl Oracle {
     /// An oracle that takes a task for another one or lacks a habit.
     pub fn faulty(name: &'static str, task: Arc<Task>, habits: Habits, seed: u64) -> Self {
         let task = if habits.minds_doors { task } else { Arc::new(without_doors(&task)) };
+        let mut asks = task.plan.iter().filter(|step| step.action == "ask").peekable();
+        let plan_asks = asks.peek().is_some();
+        let asks_which = habits.asks && task.fuzzy && (!plan_asks || asks.any(|step| !step.args.contains_key("question")));
         Self {
             name,
             seed,
@@ -98,6 +106,8 @@ impl Oracle {
             started: false,
             resumed: false,
             search: Search::Begin,
+            plan_asks,
+            asks_which,
             asked: false,
             failures: 0,
             last: None,
@@ -228,9 +238,12 @@ impl Oracle {
                     self.try_again(&format!("{receptacle} is not in view from its viewpoint"), truth);
                 }
             }
-            Intent::Ask { .. } => {
-                self.done();
-                return self.question(context);
+            Intent::Ask { question, .. } => {
+                self.intents.pop_front();
+                return match question {
+                    Some(question) => self.habits.asks.then(|| Tool::Ask { question: question.clone() }),
+                    None => self.question(context),
+                };
             }
             Intent::Finish if self.gave_up.is_some() || !self.habits.replans => return Some(Tool::Finish),
             Intent::Finish => {
@@ -253,8 +266,7 @@ impl Oracle {
             Search::Begin | Search::Walk => return Some(Tool::WalkAround),
             Search::Probed => {
                 let marker = object_marker(truth, target);
-                // Who has seen only one thing has nothing to ask about.
-                if marker.is_none() || (self.wants_to_ask() && objects_here(context, truth).count() < 2) {
+                if marker.is_none() || (self.wants_to_ask() && self.has_to_look_first(context, truth)) {
                     return Some(Tool::WalkAround);
                 }
                 self.search = Search::Probed;
@@ -300,7 +312,8 @@ impl Oracle {
         });
         let mut alike: Vec<InstanceId> = objects.filter(|id| category(id) == wanted).cloned().collect();
         let needed = calls(self.intents.make_contiguous()) + alike.len() as u32;
-        if context.step + needed > HORIZON || !alike.contains(target) {
+        // Who was just told which one is meant does not try the others.
+        if context.step + needed > HORIZON || !alike.contains(target) || (self.plan_asks && self.asked) {
             alike.retain(|id| id == target);
         }
         random::shuffle(&mut self.rng, &mut alike);
@@ -315,7 +328,14 @@ impl Oracle {
     }
 
     fn wants_to_ask(&self) -> bool {
-        self.task.fuzzy && self.habits.asks && !self.asked
+        self.asks_which && !self.asked
+    }
+
+    /// Who has seen only one thing has nothing to ask about. Where the plan wants the question, the answer shall settle it, and
+    /// so everything has to be seen first.
+    fn has_to_look_first(&self, context: &Context<'_>, truth: &Privileged<'_>) -> bool {
+        let there = truth.landmark.map_or(0, |here| truth.graph.objects_on(here).len());
+        objects_here(context, truth).count() < if self.plan_asks { there.max(2) } else { 2 }
     }
 
     /// The one question, in words for what was seen; none if it was asked or need not be.
@@ -357,6 +377,8 @@ impl Oracle {
     /// Plans from the truth; `anew` goes to the viewpoint again even if the robot stands there.
     fn replan(&mut self, truth: &Privileged<'_>, anew: bool) {
         self.search = Search::Begin;
+        // What the plan wants to ask is asked, whatever else becomes of the plan.
+        self.intents.retain(|intent| matches!(intent, Intent::Ask { question: Some(_), .. }));
         if !self.habits.replans {
             self.intents = [Intent::Finish].into();
             return;
@@ -370,7 +392,7 @@ impl Oracle {
             at: truth.landmark.filter(|_| !anew),
         };
         match plan(&situation) {
-            Ok(intents) => self.intents = intents.into(),
+            Ok(intents) => self.intents.extend(intents),
             Err(unreachable) => self.give_up(unreachable.to_string()),
         }
     }
@@ -412,7 +434,10 @@ impl Policy for Oracle {
     /// It comes in when something was done already, and plans from what it finds.
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
         self.narration.watch(&input.call, context.observation);
-        self.asked |= matches!(Tool::parse(&input.call), Ok(Tool::Ask { .. }));
+        if let Ok(Tool::Ask { question }) = Tool::parse(&input.call) {
+            let of_plan = |step: &PlanStep| step.args.get("question").and_then(Value::as_str) == Some(&question);
+            self.asked |= !self.task.plan.iter().any(of_plan);
+        }
         self.last = None;
         self.resumed = true;
         // Who cannot plan keeps to its script.

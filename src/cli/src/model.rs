@@ -1,15 +1,14 @@
 //! Models that commands ask, behind OpenAI-compatible endpoints.
 
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
-#[cfg(feature = "analytics")]
-use std::{path::Path, sync::Arc};
+use std::{
+    path::Path,
+    sync::Arc,
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
 
-use reel_model::Clock;
-#[cfg(feature = "analytics")]
-use reel_model::{ApiKey, Cache, CallLog, Client, Endpoint};
+use reel_model::{ApiKey, Cache, CallLog, Client, Clock, Endpoint};
 
 /// Whom to ask.
-#[cfg(feature = "analytics")]
 #[derive(clap::Args)]
 pub struct Model {
     /// Address up to `/v1`
@@ -23,7 +22,6 @@ pub struct Model {
     key_from: Option<String>,
 }
 
-#[cfg(feature = "analytics")]
 impl Model {
     /// A client that keeps replies in a folder and adds every call to a file; none where no model was named.
     pub fn client(&self, cache: &Path, log: &Path) -> anyhow::Result<Option<Client>> {

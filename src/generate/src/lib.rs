@@ -1,10 +1,11 @@
 //! What training needs more of than was published: scenes that come along or are made by seed, their check and their floor
-//! plans, and tasks for any scene from any library of objects.
+//! plans, tasks for any scene from any library of objects, and questions in their plans.
 //!
 //! Reads no file and knows no clock; whether a task can be done in a scene is found out by running it.
 
 mod portrait;
 pub mod scene;
+pub mod social;
 pub mod task;
 
 pub use portrait::portrait;

@@ -38,10 +38,12 @@ pub enum Intent {
     Open(ReceptacleId),
     /// Close its door.
     Close(ReceptacleId),
-    /// Ask the user which object is meant.
+    /// Ask the user what is meant.
     Ask {
-        /// The object the question is about.
+        /// The object to bring about which it is asked.
         about: InstanceId,
+        /// What to say, word for word; none where it depends on what is seen.
+        question: Option<String>,
     },
     /// End the episode.
     Finish,

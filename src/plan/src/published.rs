@@ -9,7 +9,8 @@ use crate::Intent;
 /// holds an action or argument that is not understood.
 ///
 /// A group of `find`, `gaze_at` and `pick` is about the task's target, whatever its category says, or about the `instance` that
-/// our own tasks name where several move.
+/// our own tasks name where several move. An `ask` is said as its `question` has it; without one, the words are left to the
+/// policy, which knows what it sees.
 pub fn published_plan(task: &Task) -> Option<Vec<Intent>> {
     let mut intents = Vec::new();
     for step in &task.plan {
@@ -24,7 +25,10 @@ pub fn published_plan(task: &Task) -> Option<Vec<Intent>> {
                 push_find(&mut intents, task, step);
                 intents.push(Intent::Pick(meant(task, step)));
             }
-            "ask" => intents.push(Intent::Ask { about: task.target.clone() }),
+            "ask" => {
+                let question = text(step, "question").map(str::to_owned);
+                intents.push(Intent::Ask { about: meant(task, step), question });
+            }
             "finish" => {}
             _ => return None,
         }
@@ -36,9 +40,10 @@ pub fn published_plan(task: &Task) -> Option<Vec<Intent>> {
     Some(intents)
 }
 
-/// One `Find` for a run of steps that look for the target.
+/// One `Find` for a run of steps that look for the target, questions in between included.
 fn push_find(intents: &mut Vec<Intent>, task: &Task, step: &PlanStep) {
-    if !matches!(intents.last(), Some(Intent::Find { .. })) {
+    let before = intents.iter().rev().find(|intent| !matches!(intent, Intent::Ask { .. }));
+    if !matches!(before, Some(Intent::Find { .. })) {
         let category = text(step, "target_category").unwrap_or(&task.target_object().category).to_owned();
         intents.push(Intent::Find { category, target: meant(task, step) });
     }

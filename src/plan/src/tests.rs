@@ -222,3 +222,35 @@ fn a_published_plan_becomes_intents() {
     task.plan.clear();
     assert_eq!(published_plan(&task), None);
 }
+
+#[test]
+fn questions_of_a_plan_are_kept_and_search_for_nothing_twice() {
+    let (_, mut task) = flat();
+    let step = |action: &str, args: &[(&str, &str)]| PlanStep {
+        action: action.into(),
+        args: args.iter().map(|(key, value)| ((*key).to_owned(), Value::from(*value))).collect(),
+    };
+    task.plan = vec![
+        step("ask", &[("strategy", "B"), ("about", "destination"), ("question", "Which desk?")]),
+        step("nav_to", &[("receptacle_name", "table_1")]),
+        step("find", &[("target_category", "apple")]),
+        step("ask", &[("strategy", "A"), ("about", "object")]),
+        step("gaze_at", &[("target_category", "apple")]),
+        step("pick", &[("target_category", "apple")]),
+        step("nav_to", &[("receptacle_name", "desk_1")]),
+        step("place", &[("receptacle_name", "desk_1")]),
+    ];
+    let about = task.target.clone();
+    let intents = published_plan(&task).unwrap();
+    let expected = [
+        Intent::Ask { about: about.clone(), question: Some("Which desk?".into()) },
+        Intent::NavTo("table_1".into()),
+        Intent::Find { category: "apple".into(), target: about.clone() },
+        Intent::Ask { about: about.clone(), question: None },
+        Intent::Pick(about),
+        Intent::NavTo("desk_1".into()),
+        Intent::Place("desk_1".into()),
+        Intent::Finish,
+    ];
+    assert_eq!(intents, expected);
+}

@@ -83,6 +83,8 @@ impl<'a> Reader<'a> {
         let (task_id, family) = self.identity()?;
         let scene_id = self.scene_id()?;
         let (instruction, precise_instruction) = self.instructions()?;
+        // Published files of other families have no fuzzy instruction; tasks that were annotated have.
+        let told_less = episode.find("fuzzy_task_description")?.is_some() && instruction != precise_instruction;
         let src = self.receptacle(&episode.get("src")?)?;
         let dest_field = episode.get("dest")?;
         let dest = self.receptacle(&dest_field)?;
@@ -114,7 +116,7 @@ impl<'a> Reader<'a> {
             scene_id,
             instruction,
             precise_instruction,
-            fuzzy: family == Family::SUL,
+            fuzzy: family == Family::SUL || told_less,
             purpose: text_of(episode, "purpose")?,
             objects,
             initial,

@@ -59,6 +59,59 @@ fn the_oracle_follows_the_published_plan_with_its_detours() {
     assert!(flat.success());
 }
 
+/// A plan from table to desk with these questions: before which step, and the words, if they are fixed.
+fn with_questions(mut task: Task, questions: &[(usize, Option<&str>)]) -> Task {
+    let step =
+        |action: &str, key: &str, value: &str| PlanStep { action: action.into(), args: [(key.to_owned(), value.into())].into() };
+    let seek = ["find", "gaze_at", "pick"].map(|action| step(action, "target_category", "apple"));
+    task.plan = vec![step("nav_to", "receptacle_name", "table_1")];
+    task.plan.extend(seek);
+    task.plan.extend(["nav_to", "place"].map(|action| step(action, "receptacle_name", "desk_1")));
+    for (index, question) in questions.iter().rev() {
+        let mut ask = step("ask", "about", "object");
+        ask.args.extend(question.map(|question| ("question".to_owned(), question.into())));
+        task.plan.insert(*index, ask);
+    }
+    task
+}
+
+fn asked(flat: &Flat) -> Vec<&str> {
+    flat.log.iter().filter_map(|(call, _)| call.arguments.get("question")?.as_str()).collect()
+}
+
+#[test]
+fn the_oracle_asks_what_the_plan_says_and_nothing_by_habit() {
+    let flat = played("oracle", with_questions(fuzzy(), &[(0, Some("Which desk?"))]), 1);
+    assert_eq!(flat.names().join(" "), "ask nav_to show_object_by_category gaze_at pick nav_to show_receptacles place finish");
+    assert_eq!(asked(&flat), ["Which desk?"]);
+    assert!(flat.success());
+}
+
+#[test]
+fn a_question_without_words_is_asked_once_after_all_was_seen() {
+    let flat = played("oracle", with_questions(fuzzy(), &[(0, Some("Which desk?")), (2, None)]), 1);
+    let names = flat.names();
+    let at = |name: &str| names.iter().rposition(|known| *known == name).unwrap();
+    assert!(at("show_object_by_category") < at("ask") && at("ask") < at("gaze_at") && at("gaze_at") < at("pick"), "{names:?}");
+    let asked = asked(&flat);
+    assert_eq!((asked.len(), asked[0]), (2, "Which desk?"));
+    assert!(asked[1].contains("green pear") && asked[1].contains("fruit"), "{asked:?}");
+    assert_eq!(names.iter().filter(|name| **name == "gaze_at").count(), 1, "who was told does not try the others: {names:?}");
+    assert!(flat.success());
+    assert!(!played("no-ask", with_questions(fuzzy(), &[(0, Some("Which desk?")), (2, None)]), 1).names().contains(&"ask"));
+}
+
+#[test]
+fn a_failed_call_loses_no_question_of_the_plan() {
+    let task = with_questions(tables(), &[(4, Some("Which desk?"))]);
+    let mut flat = Flat::new(task, scene());
+    flat.bad_grips = 2;
+    let mut policy = by_name("oracle", &flat, 1);
+    flat.play(policy.as_mut());
+    assert_eq!(asked(&flat), ["Which desk?"]);
+    assert!(flat.success());
+}
+
 #[test]
 fn a_hidden_target_is_searched_among_shuffled_candidates() {
     let search = |seed| {

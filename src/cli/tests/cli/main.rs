@@ -4,7 +4,7 @@
 mod agents;
 mod blame;
 mod branches;
-#[cfg(feature = "analytics")]
+#[cfg(feature = "service")]
 mod endpoint;
 mod films;
 mod gate;
@@ -16,6 +16,7 @@ mod pages;
 mod recovery;
 #[cfg(feature = "analytics")]
 mod service;
+mod social;
 mod symbols;
 #[cfg(feature = "analytics")]
 mod tables;

@@ -10,7 +10,8 @@ fn scenes_go_by_name_and_new_ones_are_as_good() {
     let folder = folder.path();
     let listed = expect(folder, 0, &["scene", "list", "--json"]);
     let listed: Vec<serde_json::Value> = serde_json::from_str(&listed).unwrap();
-    let trained = || listed.iter().filter(|scene| ["S1", "S2", "S3", "S4", "S5", "S6"].contains(&scene["scene"].as_str().unwrap()));
+    let trained =
+        || listed.iter().filter(|scene| ["S1", "S2", "S3", "S4", "S5", "S6"].contains(&scene["scene"].as_str().unwrap()));
     assert_eq!(trained().map(|scene| scene["receptacles"].as_u64().unwrap()).sum::<u64>(), 82);
     assert!(trained().map(|scene| scene["captions"].as_u64().unwrap()).sum::<u64>() >= 157);
     assert!(expect(folder, 0, &["scene", "check", "S1", "S7", "home"]).contains("S7: 0 findings"));

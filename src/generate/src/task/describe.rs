@@ -2,7 +2,6 @@
 
 use std::collections::BTreeSet;
 
-use reel_tasks::library::LibraryObject;
 use reel_world::{Attributes, ObjectInstance, Receptacle, Scene, language};
 
 /// Words that tell nothing apart.
@@ -39,11 +38,16 @@ pub fn receptacle(receptacle: &Receptacle, scene: &Scene) -> Vec<String> {
 }
 
 /// How an object can be called, the fullest description first, then by one or two attribute words, then by its category.
-pub fn object(object: &LibraryObject) -> Vec<String> {
-    let mut all = vec![definite(&object.caption)];
-    all.extend(phrases(&object.category, &object.attributes));
-    all.push(format!("the {}", object.category));
+pub fn object(category: &str, caption: &str, attributes: &Attributes) -> Vec<String> {
+    let mut all = vec![definite(caption)];
+    all.extend(phrases(category, attributes));
+    all.push(format!("the {category}"));
     all
+}
+
+/// Whether all words of a phrase are said of a receptacle.
+pub fn may_mean_receptacle(phrase: &str, receptacle: &Receptacle) -> bool {
+    content(phrase).is_subset(&said_of(receptacle))
 }
 
 /// Whether a phrase may mean an object: all words of it are said of it.

@@ -390,7 +390,7 @@ impl<'a> Draft<'a> {
         beside: &[&ObjectInstance],
         stream: &mut Stream,
     ) -> Option<String> {
-        let mut phrases = describe::object(object);
+        let mut phrases = describe::object(&object.category, &object.caption, &object.attributes);
         if self.wanted.family == Family::FDO {
             phrases.insert(0, indefinite(&object.category));
         } else if stream.below(3) == 0 {

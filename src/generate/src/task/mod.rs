@@ -6,7 +6,7 @@
 //! threads, and more tasks begin with the fewer. Whether somebody can do a task is found out by whoever plays it.
 
 mod compatibility;
-mod describe;
+pub(crate) mod describe;
 mod draft;
 mod ground;
 mod make;
@@ -15,7 +15,7 @@ pub mod real;
 pub mod report;
 mod settle;
 mod statistics;
-mod wording;
+pub(crate) mod wording;
 
 pub use compatibility::Compatibility;
 pub use draft::{Difficulty, TaskType, Unfit};

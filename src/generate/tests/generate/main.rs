@@ -1,8 +1,9 @@
 //! Scenes and objects: what comes along, what is made by seed, and what the check finds. Made tasks: the same on any number of
-//! threads, placed as SPEC section 3 says, settled where the graph says, written and read.
+//! threads, placed as SPEC section 3 says, settled where the graph says, written and read. Questions in their plans.
 
 mod built_in;
 mod faults;
 mod generated;
 mod placing;
+mod social;
 mod tasks;

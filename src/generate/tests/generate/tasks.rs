@@ -80,7 +80,8 @@ fn every_object_comes_to_rest_where_the_graph_says() {
 fn what_falls_flies_or_rests_elsewhere_is_rejected() {
     let scenes = scenes();
     let (_, task) = made(&scenes[..1], 1, 5, 1).tasks.remove(0);
-    let elsewhere = scenes[0].receptacles.iter().find(|one| one.category == "table" && one.id != task.objects[0].receptacle).unwrap();
+    let elsewhere =
+        scenes[0].receptacles.iter().find(|one| one.category == "table" && one.id != task.objects[0].receptacle).unwrap();
     let [x, y] = [0, 1].map(|axis| (elsewhere.surface_min[axis] + elsewhere.surface_max[axis]) / 2.0);
     let start = scenes[0].robot_start.unwrap();
     for (at, expected) in [

@@ -12,9 +12,9 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("trace", &["world"]),
     ("tasks", &["world"]),
     ("assets", &["world"]),
-    // sim: the physics filter.
-    ("generate", &["world", "sim", "tasks"]),
     ("episode", &["world", "sim", "reward"]),
+    // sim: the physics filter. episode: whether a question has to be asked, the simulated user's answer decides.
+    ("generate", &["world", "sim", "tasks", "episode"]),
     ("agents", &["world", "plan", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
     ("replay", &["world", "sim", "reward", "plan", "episode", "trace"]),

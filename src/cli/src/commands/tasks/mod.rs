@@ -1,5 +1,7 @@
-//! `reel tasks`: checks task files, makes them (`generate`; `draw` for measurements), and says what they are like (`report`).
+//! `reel tasks`: checks task files, makes them (`generate`; `draw` for measurements), puts questions into their plans (`annotate`),
+//! and says what they are like (`report`).
 
+mod annotate;
 mod generate;
 mod report;
 
@@ -7,11 +9,12 @@ use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use anyhow::{Context, bail};
-use reel_tasks::{GenerateOptions, generate};
-use reel_world::Family;
+use reel_tasks::{GenerateOptions, Listed, generate};
+use reel_world::{Family, Scene, Task};
 use serde_json::json;
 
 use crate::{Answer, inputs};
@@ -70,6 +73,7 @@ enum Command {
         json: bool,
     },
     Generate(generate::Arguments),
+    Annotate(annotate::Arguments),
     Report(report::Arguments),
 }
 
@@ -78,6 +82,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
         Command::Check { path, scene, json } => check(path, scene.clone(), *json),
         Command::Generate(arguments) => generate::run(arguments),
+        Command::Annotate(arguments) => annotate::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Draw { scene, count, families, seed, out, json } => {
             let scene = inputs::scene(scene.as_deref())?;
@@ -101,6 +106,38 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             Ok(if made.tasks.len() == *count { Answer::Yes } else { Answer::No })
         }
     }
+}
+
+/// A scene and tasks for it.
+type Set = (Arc<Scene>, Vec<Arc<Task>>);
+
+/// The tasks of a file or folder, in whatever scenes: a folder that `reel tasks generate` wrote brings its scenes along; else the scene
+/// is `s7_scene.json` beside the tasks, or the home. Also how many files are broken.
+fn sets(path: &Path) -> anyhow::Result<(Vec<Set>, usize)> {
+    let mut scenes: Vec<PathBuf> = Vec::new();
+    if path.is_dir() {
+        let entries = fs::read_dir(path).with_context(|| format!("cannot list {}", path.display()))?;
+        for entry in entries {
+            let path = entry.with_context(|| format!("cannot list {}", path.display()))?.path();
+            if path.extension().is_some_and(|extension| extension == "json") && path.with_extension("").is_dir() {
+                scenes.push(path);
+            }
+        }
+    }
+    scenes.sort();
+    let mut broken = 0;
+    let mut load = |tasks: &Path, scene: Option<&Path>| -> anyhow::Result<Set> {
+        let scene = inputs::scene(scene)?;
+        let (tasks, unread) = inputs::tasks(tasks, &scene, Listed::AsWritten)?;
+        broken += unread;
+        Ok((scene, tasks))
+    };
+    let sets = if scenes.is_empty() {
+        vec![load(path, scene_beside(path).as_deref())?]
+    } else {
+        scenes.iter().map(|scene| load(&scene.with_extension(""), Some(scene))).collect::<anyhow::Result<_>>()?
+    };
+    Ok((sets, broken))
 }
 
 /// The scene that lies beside published tasks.

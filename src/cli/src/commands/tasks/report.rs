@@ -1,17 +1,15 @@
 //! `reel tasks report`: what a set of tasks is like, beside another one.
 
 use std::{
-    fs,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
-use anyhow::Context;
 use reel_generate::task::report::{Row, report};
-use reel_tasks::Listed;
 use reel_world::Task;
 use serde_json::json;
 
-use crate::{Answer, inputs};
+use crate::Answer;
 
 /// Show how plan length, distractors, object sizes and instruction length are distributed in a set of tasks.
 ///
@@ -69,22 +67,6 @@ fn numbers(row: &Row) -> String {
 
 /// The tasks of a folder, in whatever scenes.
 fn tasks(folder: &Path) -> anyhow::Result<Vec<Task>> {
-    let entries = fs::read_dir(folder).with_context(|| format!("cannot list {}", folder.display()))?;
-    let mut scenes: Vec<PathBuf> = Vec::new();
-    for entry in entries {
-        let path = entry.with_context(|| format!("cannot list {}", folder.display()))?.path();
-        if path.extension().is_some_and(|extension| extension == "json") && path.with_extension("").is_dir() {
-            scenes.push(path);
-        }
-    }
-    scenes.sort();
-    let load = |folder: &Path, scene: Option<&Path>| -> anyhow::Result<Vec<Task>> {
-        let (tasks, _) = inputs::tasks(folder, inputs::scene(scene)?.as_ref(), Listed::AsWritten)?;
-        Ok(tasks.into_iter().map(std::sync::Arc::unwrap_or_clone).collect())
-    };
-    if scenes.is_empty() {
-        return load(folder, super::scene_beside(folder).as_deref());
-    }
-    let sets = scenes.iter().map(|scene| load(&scene.with_extension(""), Some(scene)));
-    Ok(sets.collect::<anyhow::Result<Vec<_>>>()?.into_iter().flatten().collect())
+    let (sets, _) = super::sets(folder)?;
+    Ok(sets.into_iter().flat_map(|(_, tasks)| tasks).map(Arc::unwrap_or_clone).collect())
 }

@@ -1,0 +1,306 @@
+//! `reel tasks annotate`: questions in the plans of tasks, so that the expert has to speak.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, bail};
+use rayon::prelude::*;
+#[cfg(feature = "service")]
+use reel_generate::social::proposal;
+use reel_generate::social::{Annotated, Annotation, FIELD, Options, Skipped, Strategy, annotate};
+#[cfg(feature = "service")]
+use reel_model::{Client, Message, Request, Role};
+use reel_world::{Digest, Scene, Task};
+use serde_json::{Value, json};
+
+#[cfg(feature = "service")]
+use crate::model::Model;
+use crate::{Answer, inputs, progress};
+
+/// Tasks that are worked on before their files are written.
+const BATCH: usize = 10;
+
+/// Put questions into the plans of tasks, and make the instructions so vague that they have to be asked.
+///
+/// Strategy A leaves open which object is meant ("a mug"), strategy B which of several receptacles of a kind ("a table"). One or two
+/// questions a task, drawn by seed from those that apply; each is tried with the simulated user first: what was said before leaves at
+/// least two possible, the answer one. Tasks in which nothing can be asked are left out and counted. `reel run` with the oracle then
+/// plays the conversation as part of the episode.
+///
+/// PATH is what `reel tasks generate` wrote, or any task file or folder. Files go to DIR/<scene>/<family>/, and the scene beside them.
+/// Broken off, the same command goes on where it stopped: files of the same task, scene and options are kept.
+///
+/// Examples:
+///   reel tasks generate --count 200 --out made && reel tasks annotate made --out social
+///   reel tasks annotate made --strategies B --seed 3 --out social
+///   reel run --tasks social/S1 --scene social/S1.json --out traces
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Task file or folder
+    #[arg(value_name = "PATH")]
+    tasks: PathBuf,
+    /// Scene: a name like S1, or a file; without it what lies beside the tasks, else the home that comes with Reel
+    #[arg(long, value_name = "SCENE")]
+    scene: Option<PathBuf>,
+    /// Strategies that may be used
+    #[arg(long, value_name = "A,B", value_delimiter = ',', default_value = "A,B")]
+    strategies: Vec<String>,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Folder for the files
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    #[cfg(feature = "service")]
+    #[command(flatten)]
+    model: Model,
+    /// Threads, and requests at a time; without it one for each core
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// What came of a task.
+enum Done {
+    /// Its file is there from an earlier run.
+    Kept(Vec<Annotation>),
+    /// Annotated anew; if a model was asked and its proposal not taken, why.
+    Annotated(Annotated, Option<String>),
+    Skipped(Skipped),
+}
+
+/// What came of all.
+#[derive(Default)]
+struct Counts {
+    annotated: usize,
+    kept: usize,
+    questions: BTreeMap<String, usize>,
+    skipped: BTreeMap<Skipped, usize>,
+    /// Why the rules stand in a model's place.
+    fallbacks: BTreeMap<String, usize>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    let strategies = parse_strategies(&arguments.strategies)?;
+    let (sets, broken) = match &arguments.scene {
+        Some(scene) => {
+            let scene = inputs::scene(Some(scene))?;
+            let (tasks, broken) = inputs::tasks(&arguments.tasks, &scene, reel_tasks::Listed::AsWritten)?;
+            (vec![(scene, tasks)], broken)
+        }
+        None => super::sets(&arguments.tasks)?,
+    };
+    let author = Author::new(arguments, &strategies)?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(arguments.jobs)).build()?;
+    let all: usize = sets.iter().map(|(_, tasks)| tasks.len()).sum();
+    let bar = progress::bar(all, "tasks");
+    let mut counts = Counts::default();
+    for (scene, tasks) in &sets {
+        let text = serde_json::to_string_pretty(scene.as_ref()).context("a scene is plain data")?;
+        save(&arguments.out.join(format!("{}.json", scene.scene_id)), &(text + "\n"))?;
+        let file = |task: &Task| arguments.out.join(&scene.scene_id).join(format!("{}.yaml", task.task_id));
+        for batch in tasks.chunks(BATCH) {
+            let done: Vec<anyhow::Result<Done>> =
+                pool.install(|| batch.par_iter().map(|task| author.write(task, scene, &file(task))).collect());
+            // What was done before something failed is there for the next run.
+            for (task, done) in batch.iter().zip(done) {
+                let done = done.with_context(|| format!("task {}; what is done is kept, run the command again", task.task_id))?;
+                if let Done::Annotated(annotated, _) = &done {
+                    save(&file(task), &reel_tasks::yaml::write(&annotated.task, scene))?;
+                }
+                counts.add(&done);
+                bar.inc(1);
+            }
+        }
+    }
+    bar.finish_and_clear();
+    if arguments.json {
+        println!("{}", counts.json(arguments));
+    } else {
+        counts.print(arguments, author.asks_model());
+    }
+    Ok(if broken == 0 && counts.annotated > 0 { Answer::Yes } else { Answer::No })
+}
+
+impl Counts {
+    fn add(&mut self, done: &Done) {
+        let annotations = match done {
+            Done::Skipped(why) => {
+                *self.skipped.entry(*why).or_default() += 1;
+                return;
+            }
+            Done::Kept(annotations) => {
+                self.kept += 1;
+                annotations
+            }
+            Done::Annotated(annotated, fallback) => {
+                if let Some(why) = fallback {
+                    *self.fallbacks.entry(why.clone()).or_default() += 1;
+                }
+                &annotated.annotations
+            }
+        };
+        self.annotated += 1;
+        for annotation in annotations {
+            let name = format!("{} {}", annotation.strategy.as_str(), annotation.about.as_str());
+            *self.questions.entry(name).or_default() += 1;
+        }
+    }
+
+    fn json(&self, arguments: &Arguments) -> Value {
+        let reasons = |(why, count): (&Skipped, &usize)| (why.to_string(), json!(count));
+        let skipped: serde_json::Map<String, Value> = self.skipped.iter().map(reasons).collect();
+        json!({
+            "annotated": self.annotated, "kept": self.kept, "questions": self.questions, "skipped": skipped,
+            "fallbacks": self.fallbacks, "out": arguments.out,
+        })
+    }
+
+    fn print(&self, arguments: &Arguments, with_model: bool) {
+        println!("{} tasks with questions in {}", self.annotated, arguments.out.display());
+        if self.kept > 0 {
+            println!("  {:5} of them were there already", self.kept);
+        }
+        for (name, count) in &self.questions {
+            println!("  {count:5} questions by strategy {name}");
+        }
+        if with_model {
+            let fallbacks: usize = self.fallbacks.values().sum();
+            println!("  {fallbacks:5} tasks annotated by the rules in the model's place");
+            for (why, count) in &self.fallbacks {
+                println!("        {count:5} {why}");
+            }
+        }
+        let skipped: usize = self.skipped.values().sum();
+        println!("{skipped} tasks left out");
+        for (why, count) in &self.skipped {
+            println!("  {count:5} {why}");
+        }
+    }
+}
+
+/// Who annotates: the rules, and a model, if one was named.
+struct Author<'a> {
+    options: Options<'a>,
+    #[cfg(feature = "service")]
+    model: Option<Client>,
+}
+
+impl<'a> Author<'a> {
+    fn new(arguments: &Arguments, strategies: &'a [Strategy]) -> anyhow::Result<Self> {
+        let options = Options { strategies, seed: arguments.seed };
+        #[cfg(feature = "service")]
+        let model = {
+            fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
+            arguments.model.client(&arguments.out.join("model-replies"), &arguments.out.join("model-calls.jsonl"))?
+        };
+        Ok(Self {
+            options,
+            #[cfg(feature = "service")]
+            model,
+        })
+    }
+
+    fn write(&self, task: &Task, scene: &Scene, file: &Path) -> anyhow::Result<Done> {
+        let made_from = self.made_from(task, scene);
+        if let Some(annotations) = kept(file, scene, &made_from) {
+            return Ok(Done::Kept(annotations));
+        }
+        // Where the rules find nothing to ask, nobody is asked for more.
+        let by_rules = match annotate(task, scene, &self.options) {
+            Ok(annotated) => annotated,
+            Err(why) => return Ok(Done::Skipped(why)),
+        };
+        let (mut annotated, author, fallback) = self.improved(task, scene, by_rules)?;
+        if let Some(Value::Object(social)) = annotated.task.extra.get_mut(FIELD) {
+            social.insert("author".to_owned(), json!(author));
+            social.insert("made_from".to_owned(), json!(made_from));
+        }
+        Ok(Done::Annotated(annotated, fallback))
+    }
+
+    /// Stands in a file for all that it was made from.
+    fn made_from(&self, task: &Task, scene: &Scene) -> String {
+        let Options { strategies, seed } = self.options;
+        let inputs = json!([Digest::of_json(task), Digest::of_json(scene), strategies, seed, self.name()]);
+        Digest::of_json(&inputs).short()
+    }
+}
+
+#[cfg(not(feature = "service"))]
+impl Author<'_> {
+    fn asks_model(&self) -> bool {
+        false
+    }
+
+    fn name(&self) -> String {
+        "rules".to_owned()
+    }
+
+    fn improved(&self, _: &Task, _: &Scene, by_rules: Annotated) -> anyhow::Result<(Annotated, String, Option<String>)> {
+        Ok((by_rules, self.name(), None))
+    }
+}
+
+#[cfg(feature = "service")]
+impl Author<'_> {
+    fn asks_model(&self) -> bool {
+        self.model.is_some()
+    }
+
+    fn name(&self) -> String {
+        let of_model = |client: &Client| format!("{} by prompt {}", client.endpoint().model, proposal::prompt_version().short());
+        self.model.as_ref().map_or_else(|| "rules".to_owned(), of_model)
+    }
+
+    /// The model's proposal, if there is a model and nothing speaks against it.
+    fn improved(&self, task: &Task, scene: &Scene, by_rules: Annotated) -> anyhow::Result<(Annotated, String, Option<String>)> {
+        let Some(client) = &self.model else { return Ok((by_rules, self.name(), None)) };
+        let summary = proposal::summary(task, scene, self.options.strategies);
+        let messages = vec![Message::text(Role::System, proposal::PROMPT), Message::text(Role::User, summary)];
+        let reply = client.complete(&Request { messages, ..Request::default() })?;
+        Ok(match proposal::judge(task, scene, self.options.strategies, &reply.text) {
+            Ok(annotated) => (annotated, self.name(), None),
+            Err(why) => (by_rules, "rules".to_owned(), Some(why.kind().to_owned())),
+        })
+    }
+}
+
+/// The questions of a file that is there already, if it was made from the same.
+fn kept(file: &Path, scene: &Scene, made_from: &str) -> Option<Vec<Annotation>> {
+    let text = fs::read_to_string(file).ok()?;
+    let (task, _) = reel_tasks::parse(&text, &file.display().to_string(), scene).ok()?;
+    let social = task.extra.get(FIELD)?;
+    if social.get("made_from")?.as_str()? != made_from {
+        return None;
+    }
+    serde_json::from_value(social.get("annotations")?.clone()).ok()
+}
+
+/// Writes a file as a whole or not at all.
+fn save(path: &Path, text: &str) -> anyhow::Result<()> {
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let part = path.with_extension("part");
+    fs::write(&part, text).with_context(|| format!("cannot write {}", part.display()))?;
+    fs::rename(&part, path).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn parse_strategies(names: &[String]) -> anyhow::Result<Vec<Strategy>> {
+    let mut strategies = Vec::new();
+    for name in names {
+        let Some(strategy) = Strategy::parse(name) else { bail!("no strategy is called '{name}'; there are A and B") };
+        if !strategies.contains(&strategy) {
+            strategies.push(strategy);
+        }
+    }
+    strategies.sort();
+    Ok(strategies)
+}

@@ -1,0 +1,235 @@
+//! The conversation of a plan, played with the simulated user: whether every question has to be asked, and is settled by its
+//! answer. Pure predicates; what the robot sees when it asks is taken to be all that stands where it looks.
+
+use std::collections::BTreeMap;
+
+use reel_episode::user::RuleUser;
+use reel_world::{InstanceId, ObjectInstance, PlanStep, Scene, Task};
+use serde_json::Value;
+
+use super::{
+    About, Annotation,
+    words::{self, place_of_step},
+};
+
+/// What speaks against questions in a plan.
+#[derive(Clone, PartialEq, Eq, Debug, thiserror::Error)]
+pub enum Objection {
+    /// Nothing is asked.
+    #[error("there is no question")]
+    Nothing,
+    /// The strategy does not ask about that.
+    #[error("strategy {strategy} does not ask about the {about}")]
+    Strategy {
+        /// The strategy.
+        strategy: &'static str,
+        /// What is asked about.
+        about: &'static str,
+    },
+    /// It comes at the wrong time.
+    #[error("the question about the {about} cannot come before step {index}")]
+    Place {
+        /// What is asked about.
+        about: &'static str,
+        /// The index.
+        index: usize,
+    },
+    /// Not a question, or of more than one line, or far too long.
+    #[error("the text {text:?} cannot be said")]
+    Unspeakable {
+        /// The text.
+        text: String,
+    },
+    /// It speaks an identifier.
+    #[error("the text {text:?} speaks the identifier {id}")]
+    Identifier {
+        /// The text.
+        text: String,
+        /// The identifier.
+        id: String,
+    },
+    /// What was told before leaves fewer than two possible, or not the right one.
+    #[error("before the question about the {about} {possible:?} are possible")]
+    Unneeded {
+        /// What is asked about.
+        about: &'static str,
+        /// What is possible.
+        possible: Vec<String>,
+    },
+    /// The answer does not leave the right one alone.
+    #[error("after {reply:?} about the {about} {possible:?} are possible")]
+    Unsettled {
+        /// What was asked about.
+        about: &'static str,
+        /// The answer.
+        reply: String,
+        /// What is possible.
+        possible: Vec<String>,
+    },
+    /// It was left open before, and nothing asks about it.
+    #[error("the instruction leaves the {about} open, and nothing asks about it")]
+    LeftVague {
+        /// What.
+        about: &'static str,
+    },
+    /// What nobody asks about is told otherwise than before.
+    #[error("the instruction tells the {about} otherwise than before, and nothing asks about it")]
+    Rest {
+        /// What.
+        about: &'static str,
+    },
+}
+
+impl Objection {
+    /// The kind of it, for counting.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Objection::Nothing => "there is no question",
+            Objection::Strategy { .. } => "a strategy does not ask about that",
+            Objection::Place { .. } => "a question is at a step where it cannot be asked",
+            Objection::Unspeakable { .. } => "a text cannot be said",
+            Objection::Identifier { .. } => "a text speaks an identifier",
+            Objection::Unneeded { .. } => "a question does not have to be asked",
+            Objection::Unsettled { .. } => "the answer does not settle a question",
+            Objection::LeftVague { .. } => "something is left open that nothing asks about",
+            Objection::Rest { .. } => "something is told otherwise that nothing asks about",
+        }
+    }
+}
+
+/// Longest text in bytes that is said.
+const TEXT_MAX: usize = 600;
+
+/// Whether questions may come where they shall: about the object once it was looked for and before it is picked, about a
+/// receptacle before anything is done there or at one like it.
+pub(super) fn admits(task: &Task, annotations: &[Annotation]) -> Result<(), Objection> {
+    if annotations.is_empty() {
+        return Err(Objection::Nothing);
+    }
+    for annotation in annotations {
+        let (about, index) = (annotation.about, annotation.insert_before);
+        if annotation.strategy != about.strategy() {
+            return Err(Objection::Strategy { strategy: annotation.strategy.as_str(), about: about.as_str() });
+        }
+        let twice = annotations.iter().filter(|other| other.about == about).count() > 1;
+        let before = task.plan.get(..index);
+        let is = |step: &PlanStep, actions: &[&str]| actions.contains(&step.action.as_str());
+        let at = |step: &PlanStep, id: &str| place_of_step(step) == Some(id);
+        let fits = before.is_some_and(|before| match about {
+            About::Object => {
+                before.iter().any(|step| is(step, &["find"])) && !before.iter().any(|step| is(step, &["pick", "gaze_at"]))
+            }
+            About::Source => before.is_empty(),
+            About::Destination => !before.iter().any(|step| at(step, task.dest.as_str())),
+        });
+        if twice || !fits {
+            return Err(Objection::Place { about: about.as_str(), index });
+        }
+    }
+    Ok(())
+}
+
+/// Whether every question of a plan has to be asked, and its answer settles it: what was told before (the instruction and the
+/// answers) leaves at least two possible, among them the right one, and with the answer only that one. No text holds an
+/// identifier.
+///
+/// # Errors
+/// The first question that is not so.
+pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
+    speakable(task, scene, &task.instruction)?;
+    let mut user = RuleUser::new(task, scene);
+    let mut answers: BTreeMap<About, Vec<String>> = BTreeMap::new();
+    for step in &task.plan {
+        match step.action.as_str() {
+            "find" => {
+                let place = &meant(task, step).receptacle;
+                let seen: Vec<InstanceId> = on(task, place).map(|object| object.instance.clone()).collect();
+                user.observe("find", &seen);
+            }
+            "pick" => user.observe_held(Some(&meant(task, step).instance)),
+            "place" => user.observe_held(None),
+            "ask" => {
+                let told = |argument: &str| step.args.get(argument).and_then(Value::as_str);
+                let about = About::ALL.into_iter().find(|about| told("about") == Some(about.as_str())).unwrap_or(About::Object);
+                let question = told("question").map_or_else(|| question(task), str::to_owned);
+                speakable(task, scene, &question)?;
+                let said = answers.entry(about).or_default();
+                let possible = possible(task, scene, about, said);
+                let right = right(task, about);
+                if possible.len() < 2 || !possible.contains(&right) {
+                    return Err(Objection::Unneeded { about: about.as_str(), possible });
+                }
+                let reply = user.answer(&question).text;
+                said.push(reply.clone());
+                let possible = self::possible(task, scene, about, said);
+                if possible != [right] {
+                    return Err(Objection::Unsettled { about: about.as_str(), reply, possible });
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Whether an instruction leaves what nobody asks about as it was.
+pub(super) fn leaves_the_rest(before: &Task, after: &Task, scene: &Scene, annotations: &[Annotation]) -> Result<(), Objection> {
+    let unasked = |about: &About| !annotations.iter().any(|annotation| annotation.about == *about);
+    for about in About::ALL.into_iter().filter(unasked) {
+        if words::is_vague(before, scene, about) {
+            return Err(Objection::LeftVague { about: about.as_str() });
+        }
+        if possible(before, scene, about, &[]) != possible(after, scene, about, &[]) {
+            return Err(Objection::Rest { about: about.as_str() });
+        }
+    }
+    Ok(())
+}
+
+/// What instruction and answers leave possible, by identifier.
+fn possible(task: &Task, scene: &Scene, about: About, answers: &[String]) -> Vec<String> {
+    let mut texts = vec![task.instruction.as_str()];
+    texts.extend(answers.iter().map(String::as_str));
+    match about {
+        About::Object => words::objects(task, &texts).iter().map(|object| object.instance.to_string()).collect(),
+        _ => words::places(task, scene, about, &texts).iter().map(|place| place.id.to_string()).collect(),
+    }
+}
+
+fn right(task: &Task, about: About) -> String {
+    match about {
+        About::Object => task.target.to_string(),
+        About::Source => task.src.to_string(),
+        About::Destination => task.dest.to_string(),
+    }
+}
+
+/// The question in words for what is seen, as one asks who sees all that stands there.
+fn question(task: &Task) -> String {
+    let wanted = task.purpose.as_deref().unwrap_or("one");
+    let seen: Vec<&str> = on(task, &task.src).map(|object| object.caption.as_deref().unwrap_or(&object.category)).collect();
+    format!("I see: {}. Which {wanted} do you mean?", seen.join("; ").to_lowercase())
+}
+
+fn speakable(task: &Task, scene: &Scene, text: &str) -> Result<(), Objection> {
+    if text.trim().is_empty() || text.len() > TEXT_MAX || text.chars().any(char::is_control) {
+        return Err(Objection::Unspeakable { text: text.to_owned() });
+    }
+    let objects = task.objects.iter().flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
+    let ids = objects.chain(scene.receptacles.iter().map(|receptacle| receptacle.id.as_str()));
+    let is_raw = |id: &&str| id.contains('_') || id.chars().any(|letter| letter.is_ascii_digit());
+    let lower = text.to_lowercase();
+    match ids.filter(is_raw).find(|id| lower.contains(&id.to_lowercase())) {
+        Some(id) => Err(Objection::Identifier { text: text.to_owned(), id: id.to_owned() }),
+        None => Ok(()),
+    }
+}
+
+fn meant<'a>(task: &'a Task, step: &PlanStep) -> &'a ObjectInstance {
+    let named = step.args.get("instance").and_then(Value::as_str).and_then(|instance| task.object(&instance.into()));
+    named.unwrap_or_else(|| task.target_object())
+}
+
+fn on<'a>(task: &'a Task, place: &reel_world::ReceptacleId) -> impl Iterator<Item = &'a ObjectInstance> {
+    task.objects.iter().filter(move |object| object.receptacle == *place)
+}
