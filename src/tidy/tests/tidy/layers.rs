@@ -79,7 +79,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("toml", &["import", "proxy", "reward", "server"]),
     ("ureq", &["model"]),
     ("gltf*", &["assets"]),
-    ("zune*", &["assets"]),
+    ("zune*", &["assets", "import"]),
     ("rand", &[]),
 ];
 
