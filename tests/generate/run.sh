@@ -21,7 +21,7 @@ echo "== $count tasks"
 time "$REEL" tasks generate "${scenes[@]}" --count "$count" --seed "$seed" --out "$work/made"
 
 echo "== in the published schema"
-"$REEL" tasks generate "${scenes[@]}" --count 200 --seed "$seed" --format real --out "$work/real"
+"$REEL" tasks generate "${scenes[@]}" --count "$((count / 10))" --seed "$seed" --format real --out "$work/real"
 if [[ -d $bench/tasks ]]; then
   "$python" tests/generate/real_schema.py "$bench/s7_scene.json" "$bench/tasks"
 else

@@ -61,7 +61,8 @@ fn the_oracle_follows_the_published_plan_with_its_detours() {
 
 /// A plan from table to desk with these questions: before which step, and the words, if they are fixed.
 fn with_questions(mut task: Task, questions: &[(usize, Option<&str>)]) -> Task {
-    let step = |action: &str, key: &str, value: &str| PlanStep { action: action.into(), args: [(key.to_owned(), value.into())].into() };
+    let step =
+        |action: &str, key: &str, value: &str| PlanStep { action: action.into(), args: [(key.to_owned(), value.into())].into() };
     let seek = ["find", "gaze_at", "pick"].map(|action| step(action, "target_category", "apple"));
     task.plan = vec![step("nav_to", "receptacle_name", "table_1")];
     task.plan.extend(seek);

@@ -32,6 +32,10 @@ pub struct Arguments {
 #[derive(clap::Subcommand)]
 enum Command {
     /// Say which scenes come along, and what they have
+    #[command(verbatim_doc_comment)]
+    ///
+    /// Example:
+    ///   reel scene list
     List {
         /// Print JSON
         #[arg(long)]

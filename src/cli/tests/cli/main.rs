@@ -9,6 +9,7 @@ mod endpoint;
 mod films;
 mod gate;
 mod import;
+mod making;
 mod moments;
 #[cfg(feature = "analytics")]
 mod pages;

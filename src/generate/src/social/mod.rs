@@ -190,7 +190,8 @@ pub fn annotate(task: &Task, scene: &Scene, options: &Options<'_>) -> Result<Ann
     }
     for choice in choices {
         let chosen: Vec<&Proposal> = needed.iter().chain(choice.iter().map(|index| &possible[*index])).collect();
-        let both_ends = [About::Source, About::Destination].iter().all(|end| chosen.iter().any(|one| one.annotation.about == *end));
+        let both_ends =
+            [About::Source, About::Destination].iter().all(|end| chosen.iter().any(|one| one.annotation.about == *end));
         // "From a table to a table" is nothing that people say.
         if both_ends && [(&task.src, &task.dest), (&task.dest, &task.src)].iter().any(|(one, other)| alike(scene, one, other)) {
             continue;
@@ -222,8 +223,10 @@ pub fn apply(task: &Task, scene: &Scene, instruction: String, mut annotations: V
     talk::settles(&next, scene)?;
     talk::leaves_the_rest(task, &next, scene, &annotations)?;
     // One more question that can pay (SPEC section 5, `B_ask`), if receptacles were told apart before.
-    let vaguer = About::ALL[1..].iter().any(|about| places(task, scene, *about, &[&task.instruction]).len() < 2
-        && places(&next, scene, *about, &[&next.instruction]).len() > 1);
+    let vaguer = About::ALL[1..].iter().any(|about| {
+        places(task, scene, *about, &[&task.instruction]).len() < 2
+            && places(&next, scene, *about, &[&next.instruction]).len() > 1
+    });
     if let (true, Some(budget)) = (vaguer, next.extra.get_mut("episodes[0].ask_budget")) {
         *budget = json!(budget.as_u64().map_or(1, |asks| (asks + 1).min(3)));
     }

@@ -53,11 +53,6 @@ impl Compatibility {
         self.holds.iter().any(|row| row.what.iter().any(|what| self.means(what, object)))
     }
 
-    /// Whether the table speaks of a receptacle at all.
-    pub fn knows_receptacle(&self, receptacle: &Receptacle) -> bool {
-        self.row(receptacle).is_some()
-    }
-
     fn means(&self, what: &str, object: &LibraryObject) -> bool {
         let is = |name: &str| name == object.purpose || name == object.category;
         is(what) || self.groups.get(what).is_some_and(|names| names.iter().any(|name| is(name)))

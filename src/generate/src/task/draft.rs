@@ -109,6 +109,8 @@ pub enum Unfit {
     NoCompanion,
     /// No description means the target alone.
     Ambiguous,
+    /// The words happen to name furniture that has no part in it.
+    SpeaksOfOthers,
     /// The fuzzy instruction means fewer than two objects.
     NotAmbiguous,
 }
@@ -120,6 +122,7 @@ impl Unfit {
             Unfit::NoDistractor => "too few objects are like the target",
             Unfit::NoCompanion => "nothing else belongs to the destination",
             Unfit::Ambiguous => "no description means the target alone",
+            Unfit::SpeaksOfOthers => "the words happen to name other furniture",
             Unfit::NotAmbiguous => "the fuzzy instruction means fewer than two objects",
         }
     }
@@ -291,6 +294,9 @@ impl<'a> Draft<'a> {
         let mut objects: Vec<ObjectInstance> =
             placed.iter().map(|placed| standing(placed, instance(placed), id(placed.site))).collect();
         let (precise, instruction) = self.instructions(&objects, stream)?;
+        if self.speaks_of_others(&precise) || self.speaks_of_others(&instruction) {
+            return Err(Unfit::SpeaksOfOthers);
+        }
         objects.sort_by(|a, b| a.instance.cmp(&b.instance));
 
         let initial = Task::initial_graph(scene, &objects);
@@ -364,6 +370,16 @@ impl<'a> Draft<'a> {
         let told = wording.say(&indefinite(purpose), src, if vague { &vaguely } else { dest }, into);
         let meant = beside().filter(|object| language::fits(&told, object, Some(purpose))).count();
         if meant < 2 { Err(Unfit::NotAmbiguous) } else { Ok((precise, told)) }
+    }
+
+    /// Whether a text says, even by chance (`the brown desk clock`), what a receptacle is called that has no part in the task.
+    fn speaks_of_others(&self, text: &str) -> bool {
+        let sites = || self.source.ground.sites.iter().enumerate();
+        let is_ours = |index: usize| index == self.wanted.dest || self.moved.iter().any(|moved| moved.site == index);
+        let ours: Vec<&String> = sites().filter(|(index, _)| is_ours(*index)).flat_map(|(_, site)| &site.captions).collect();
+        let foreign = |caption: &String| !ours.iter().any(|own| language::quotes(own, caption));
+        let mut others = sites().filter(|(index, _)| !is_ours(*index)).flat_map(|(_, site)| site.receptacle.captions.keys());
+        others.any(|caption| foreign(caption) && language::quotes(text, caption))
     }
 
     /// A description that means an object and nothing beside it: mostly the full one; in FDO, as published, the category.

@@ -222,7 +222,12 @@ impl<'a> Cell<'a> {
         let mut task = draft::draw(self.source, wanted, &name, &mut stream).map_err(Rejection::Draft)?;
         place(&mut task, ground, &mut stream).map_err(Rejection::Static)?;
         let task = Arc::new(task);
-        let rests = settle::settle(&ground.scene, &task).map_err(Rejection::Physics)?;
+        let spawned = settle::spawn(&ground.scene, &task);
+        let rests = settle::settle(&spawned).map_err(Rejection::Physics)?;
+        if !settle::can_be_approached(&spawned) {
+            return Err(Rejection::Approach);
+        }
+        drop(spawned);
         let mut task = Arc::unwrap_or_clone(task);
         for (object, rest) in task.objects.iter_mut().zip(rests) {
             object.reference_rest = Some(rest);

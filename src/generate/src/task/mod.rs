@@ -1,6 +1,6 @@
 //! Tasks of the four families, for any scenes: drawn from what belongs where (`compatibility`), worded so that exactly what is
 //! meant is meant (`describe`, `wording`), placed (`ground`, `placement`) and kept only where both filters of the paper let them
-//! pass (`placement`, `settle`).
+//! pass (`placement`, `settle`) and the robot can get near.
 //!
 //! Every draft is a function of seed, scene, family, type and its number alone, so that nothing depends on the number of
 //! threads, and more tasks begin with the fewer. Whether somebody can do a task is found out by whoever plays it.
@@ -21,5 +21,5 @@ pub use compatibility::Compatibility;
 pub use draft::{Difficulty, TaskType, Unfit};
 pub use ground::{Ground, Side, Site};
 pub use make::{Made, MakeError, Options, make};
-pub use settle::{FALL_MAX_M, FARTHEST_M, Unsettled, settle};
+pub use settle::{FALL_MAX_M, FARTHEST_M, Unsettled, can_be_approached, settle, spawn};
 pub use statistics::{Rejection, Statistics};

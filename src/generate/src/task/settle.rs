@@ -1,10 +1,11 @@
 //! The physics filter: every object is spawned above its place and has to come to rest there (paper, Two-Stage Task Filtering;
-//! SPEC section 3). The simulator does what it does at the start of every episode; here is only what must come of it.
+//! SPEC section 3). The simulator does what it does at the start of every episode; here is only what must come of it, and
+//! whether the robot can get near then.
 
 use std::sync::Arc;
 
 use reel_sim::{Simulator, Stage, physics::SPAWN_OFFSET_M};
-use reel_world::{Profile, Scene, Task};
+use reel_world::{ObjectInstance, Profile, Scene, Task};
 use serde::Serialize;
 
 /// An object may end so far below where it was spawned, in metres.
@@ -35,23 +36,39 @@ impl Unsettled {
     }
 }
 
-/// Spawns the task's objects 0.1 m above their places and runs 500 steps of 1/240 s. Gives the final rest positions, in the
-/// order of the objects.
-pub fn settle(scene: &Arc<Scene>, task: &Arc<Task>) -> Result<Vec<[f64; 3]>, Unsettled> {
-    let simulator = Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0);
-    let bodies = simulator.bodies();
-    let rest = |(index, object): (usize, &reel_world::ObjectInstance)| {
+/// Spawns the task's objects 0.1 m above their places and runs 500 steps of 1/240 s.
+pub fn spawn(scene: &Arc<Scene>, task: &Arc<Task>) -> Simulator {
+    Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0)
+}
+
+/// The final rest positions, in the order of the objects, if every object came to rest on its receptacle.
+pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, Unsettled> {
+    let bodies = spawned.bodies();
+    let rest = |(index, object): (usize, &ObjectInstance)| {
         let body = &bodies[index];
         assert_eq!(body.body, object.instance.as_str(), "objects come first, in the order of the task");
         let position = body.position.map(f64::from);
-        if simulator.fault() || !position.iter().all(|value| value.abs() <= FARTHEST_M) {
+        if spawned.fault() || !position.iter().all(|value| value.abs() <= FARTHEST_M) {
             return Err(Unsettled::FlewAway);
         }
         if position[2] < object.position[2] + f64::from(SPAWN_OFFSET_M) - FALL_MAX_M {
             return Err(Unsettled::Fell);
         }
-        let place = simulator.place_of(index).flatten().map(|furniture| &simulator.model().furniture[furniture].id);
+        let place = spawned.place_of(index).flatten().map(|furniture| &spawned.model().furniture[furniture].id);
         if place == Some(&object.receptacle) { Ok(position) } else { Err(Unsettled::RestsElsewhere) }
     };
-    task.objects.iter().enumerate().map(rest).collect()
+    spawned.task().objects.iter().enumerate().map(rest).collect()
+}
+
+/// Whether the robot finds somewhere to stand from which each object that shall move is near enough and in plain sight.
+///
+/// The static filter knows no robot: beside a bed there may be room for the 5 cm that it asks for, and none for a base.
+pub fn can_be_approached(spawned: &Simulator) -> bool {
+    let (task, nav, bodies) = (spawned.task(), spawned.nav(), spawned.bodies());
+    let moves = |object: &ObjectInstance| task.goal.place_of(&object.instance) != Some(&object.receptacle);
+    task.objects.iter().enumerate().filter(|(_, object)| moves(object)).all(|(index, _)| {
+        let position = bodies[index].position;
+        let viewpoint = nav.approach(spawned.robot().base, position, spawned.place_of(index).flatten());
+        viewpoint.is_some_and(|viewpoint| nav.line_of_sight(viewpoint.camera.position, position, None))
+    })
 }

@@ -15,11 +15,13 @@ pub enum Rejection {
     Static(Misfit),
     /// The physics filter.
     Physics(Unsettled),
+    /// The robot cannot get near enough to an object that shall move, or does not see it from there.
+    Approach,
 }
 
 impl Rejection {
     /// The filters, in their order.
-    pub const FILTERS: [&str; 3] = ["words", "static", "physics"];
+    pub const FILTERS: [&str; 4] = ["words", "static", "physics", "approach"];
 
     /// Which filter stopped it: index into [`Rejection::FILTERS`].
     pub fn filter(self) -> usize {
@@ -27,6 +29,7 @@ impl Rejection {
             Rejection::Draft(_) => 0,
             Rejection::Static(_) => 1,
             Rejection::Physics(_) => 2,
+            Rejection::Approach => 3,
         }
     }
 
@@ -36,6 +39,7 @@ impl Rejection {
             Rejection::Draft(why) => why.as_str(),
             Rejection::Static(why) => why.as_str(),
             Rejection::Physics(why) => why.as_str(),
+            Rejection::Approach => "the robot cannot stand where it reaches and sees an object",
         }
     }
 }
@@ -68,7 +72,7 @@ pub struct Passed {
 
 impl Statistics {
     /// Pass rates, filter by filter.
-    pub fn filters(&self) -> [Passed; 3] {
+    pub fn filters(&self) -> [Passed; 4] {
         let mut seen = self.drafts;
         let stopped =
             |filter| self.rejected.iter().filter(|(why, _)| why.filter() == filter).map(|(_, count)| count).sum::<usize>();

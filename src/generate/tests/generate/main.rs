@@ -4,7 +4,6 @@
 mod built_in;
 mod faults;
 mod generated;
-mod library;
 mod placing;
 mod social;
 mod tasks;

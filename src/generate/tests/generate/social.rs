@@ -8,7 +8,9 @@ use std::{
 use reel_episode::user::{RuleUser, violations};
 use reel_generate::{
     scene::built_in,
-    social::{About, Annotated, Annotation, FIELD, Objection, Options, Skipped, Strategy, annotate, apply, insert, proposal, settles},
+    social::{
+        About, Annotated, Annotation, FIELD, Objection, Options, Skipped, Strategy, annotate, apply, insert, proposal, settles,
+    },
     task::{TaskType, make},
 };
 use reel_tasks::library::objects;
@@ -231,7 +233,10 @@ fn rules_are_kept_whoever_annotates() {
     let destination = scene.receptacle(&task.dest).unwrap();
     let vaguer = format!("Bring it to a {}.", destination.category);
     let vaguer = objection(&vaguer, good.annotations.clone());
-    assert!(["something is told otherwise that nothing asks about", "the answer does not settle a question"].contains(&vaguer), "{vaguer}");
+    assert!(
+        ["something is told otherwise that nothing asks about", "the answer does not settle a question"].contains(&vaguer),
+        "{vaguer}"
+    );
 }
 
 #[test]

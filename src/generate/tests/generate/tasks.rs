@@ -2,7 +2,10 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use reel_generate::task::{Compatibility, Ground, Made, Options, TaskType, make, real, settle};
+use reel_generate::{
+    scene::{built_in, names},
+    task::{Compatibility, Ground, Made, Options, Rejection, TaskType, Unsettled, can_be_approached, make, real, settle, spawn},
+};
 use reel_tasks::{home, library::objects};
 use reel_world::{Family, Scene, Task};
 
@@ -55,14 +58,14 @@ fn families_scenes_and_types_take_turns() {
     let statistics = &made.statistics;
     let rejected: usize = statistics.rejected.values().sum();
     assert_eq!((statistics.tasks, statistics.drafts), (240, 240 + rejected));
-    assert_eq!(statistics.filters()[2].passed, 240);
+    assert_eq!(statistics.filters()[3].passed, 240);
 }
 
 #[test]
 fn every_object_comes_to_rest_where_the_graph_says() {
     let scenes = scenes();
     for (scene, task) in made(&scenes, 80, 5, 2).tasks {
-        let rests = settle(&scenes[scene], &Arc::new(task.clone())).unwrap();
+        let rests = settle(&spawn(&scenes[scene], &Arc::new(task.clone()))).unwrap();
         for (object, rest) in task.objects.iter().zip(rests) {
             assert_eq!(object.reference_rest, Some(rest));
             let surface = scenes[scene].receptacle(&object.receptacle).unwrap();
@@ -71,6 +74,34 @@ fn every_object_comes_to_rest_where_the_graph_says() {
             assert!(surface.surface_rect().contains([rest[0], rest[1]]), "{}", object.instance);
         }
     }
+}
+
+#[test]
+fn what_falls_flies_or_rests_elsewhere_is_rejected() {
+    let scenes = scenes();
+    let (_, task) = made(&scenes[..1], 1, 5, 1).tasks.remove(0);
+    let elsewhere =
+        scenes[0].receptacles.iter().find(|one| one.category == "table" && one.id != task.objects[0].receptacle).unwrap();
+    let [x, y] = [0, 1].map(|axis| (elsewhere.surface_min[axis] + elsewhere.surface_max[axis]) / 2.0);
+    let start = scenes[0].robot_start.unwrap();
+    for (at, expected) in [
+        ([x, y, elsewhere.surface_height() + 0.1], Unsettled::RestsElsewhere),
+        ([start[0] + 0.5, start[1], 1.2], Unsettled::Fell),
+        ([500.0, 500.0, 1.0], Unsettled::FlewAway),
+    ] {
+        let mut moved = task.clone();
+        moved.objects[0].position = at;
+        assert_eq!(settle(&spawn(&scenes[0], &Arc::new(moved))), Err(expected), "{at:?}");
+    }
+}
+
+#[test]
+fn what_shall_be_moved_can_be_approached() {
+    // In S3 there are beds with a gap to the wall in which no robot stands.
+    let scenes = [Arc::new(built_in("S3").unwrap())];
+    let made = made(&scenes, 160, 1, 2);
+    assert!(made.tasks.iter().all(|(_, task)| can_be_approached(&spawn(&scenes[0], &Arc::new(task.clone())))));
+    assert!(made.statistics.rejected.contains_key(&Rejection::Approach), "{:?}", made.statistics);
 }
 
 #[test]
@@ -111,8 +142,11 @@ fn the_table_speaks_of_every_object_and_receptacle() {
     for object in objects() {
         assert!(table.knows_object(object), "nothing holds a {} ({})", object.category, object.purpose);
     }
-    for receptacle in &home().receptacles {
-        assert!(table.knows_receptacle(receptacle), "{} in {}", receptacle.category, receptacle.room);
+    for scene in names().filter_map(built_in).chain([home()]) {
+        for receptacle in &scene.receptacles {
+            let held = objects().iter().filter(|object| table.holds(receptacle, object)).count();
+            assert!(held >= 50, "{}: {} holds {held} objects", scene.scene_id, receptacle.id);
+        }
     }
     let pairs = Ground::survey(Arc::new(home())).triplets(objects()).len();
     assert!(pairs >= 200, "{pairs} pairs in one scene");

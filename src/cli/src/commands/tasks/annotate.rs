@@ -8,9 +8,9 @@ use std::{
 
 use anyhow::{Context, bail};
 use rayon::prelude::*;
-use reel_generate::social::{Annotated, Annotation, FIELD, Options, Skipped, Strategy, annotate};
 #[cfg(feature = "service")]
 use reel_generate::social::proposal;
+use reel_generate::social::{Annotated, Annotation, FIELD, Options, Skipped, Strategy, annotate};
 #[cfg(feature = "service")]
 use reel_model::{Client, Message, Request, Role};
 use reel_world::{Digest, Scene, Task};
@@ -261,12 +261,7 @@ impl Author<'_> {
     }
 
     /// The model's proposal, if there is a model and nothing speaks against it.
-    fn improved(
-        &self,
-        task: &Task,
-        scene: &Scene,
-        by_rules: Annotated,
-    ) -> anyhow::Result<(Annotated, String, Option<String>)> {
+    fn improved(&self, task: &Task, scene: &Scene, by_rules: Annotated) -> anyhow::Result<(Annotated, String, Option<String>)> {
         let Some(client) = &self.model else { return Ok((by_rules, self.name(), None)) };
         let summary = proposal::summary(task, scene, self.options.strategies);
         let messages = vec![Message::text(Role::System, proposal::PROMPT), Message::text(Role::User, summary)];

@@ -1,0 +1,53 @@
+//! Scenes and tasks made by the command, looked at from outside.
+
+use std::{fs, path::Path, process::Command};
+
+use crate::{complaint, expect};
+
+#[test]
+fn scenes_go_by_name_and_new_ones_are_as_good() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let listed = expect(folder, 0, &["scene", "list", "--json"]);
+    let listed: Vec<serde_json::Value> = serde_json::from_str(&listed).unwrap();
+    let trained =
+        || listed.iter().filter(|scene| ["S1", "S2", "S3", "S4", "S5", "S6"].contains(&scene["scene"].as_str().unwrap()));
+    assert_eq!(trained().map(|scene| scene["receptacles"].as_u64().unwrap()).sum::<u64>(), 82);
+    assert!(trained().map(|scene| scene["captions"].as_u64().unwrap()).sum::<u64>() >= 157);
+    assert!(expect(folder, 0, &["scene", "check", "S1", "S7", "home"]).contains("S7: 0 findings"));
+
+    expect(folder, 0, &["scene", "generate", "--seed", "7", "--rooms", "5", "--receptacles", "9", "--out", "flat.json"]);
+    expect(folder, 0, &["scene", "check", "flat.json"]);
+    expect(folder, 0, &["scene", "plan", "flat.json", "--out", "flat.svg"]);
+    expect(folder, 0, &["scene", "plan", "flat.json", "--out", "flat.png"]);
+    let plan = fs::read_to_string(folder.join("flat.svg")).unwrap();
+    assert!(plan.starts_with("<svg") && plan.contains("robot start"), "{plan}");
+    assert!(fs::read(folder.join("flat.png")).unwrap().starts_with(b"\x89PNG"));
+
+    // A table in the way of another one.
+    let mut scene: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("flat.json")).unwrap()).unwrap();
+    let twice = scene["receptacles"][0].clone();
+    for corner in ["surface_min", "surface_max"] {
+        scene["receptacles"][1][corner] = twice[corner].clone();
+    }
+    fs::write(folder.join("flat.json"), scene.to_string()).unwrap();
+    assert!(expect(folder, 1, &["scene", "check", "flat.json"]).contains("overlap"));
+    assert!(complaint(folder, 2, &["scene", "check", "S8"]).contains("home, S1"));
+}
+
+/// The short form of `make eval-tasks`.
+#[test]
+fn made_tasks_mean_what_they_say_and_can_be_done() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let python = std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    if !Command::new(&python).args(["-c", "import yaml"]).output().is_ok_and(|output| output.status.success()) {
+        eprintln!("skipped: {python} has no `yaml` (REEL_PYTHON names another one)");
+        return;
+    }
+    let mut script = Command::new("bash");
+    script.arg(root.join("tests/generate/run.sh")).env("REEL", env!("CARGO_BIN_EXE_reel")).env("REEL_PYTHON", python);
+    let output = script.env("SCENES", "S3 S7").env("COUNT", "48").output().unwrap();
+    let (said, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{said}\n{err}");
+    assert_eq!(said.matches("fuzzy instructions, 0 findings").count(), 2, "{said}");
+}
