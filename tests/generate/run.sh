@@ -43,15 +43,15 @@ for set in real made; do
 done
 
 echo "== with questions"
-"$REEL" tasks generate "${scenes[@]}" --count "${SOCIAL_COUNT:-220}" --seed "$seed" --out "$work/told"
+"$REEL" tasks generate "${scenes[@]}" --count "${SOCIAL_COUNT:-270}" --seed "$seed" --out "$work/told"
 "$REEL" tasks annotate "$work/told" --seed "$seed" --out "$work/social"
 for scene in "$work/social"/*.json; do
   folder="${scene%.json}" traces="$work/traces/social/$(basename "${scene%.json}")"
-  "$REEL" run --tasks "$folder" --scene "$scene" --no-images --out "$traces" --json >"$work/episodes.jsonl" || true
-  "$python" tests/generate/oracle.py "$work/episodes.jsonl"
+  "$REEL" run --tasks "$folder" --scene "$scene" --no-images --out "$traces" --json >>"$work/social.jsonl" || true
   "$REEL" replay "$traces"
   "$python" tests/generate/check_questions.py "$REEL" src/tasks/src/data/objects.json "$scene" "$folder" "$traces"
 done
+"$python" tests/generate/oracle.py "$work/social.jsonl"
 
 echo "== beside REAL-Bench"
 if [[ -d $bench/tasks ]]; then

@@ -13,7 +13,7 @@ mod words;
 use std::fmt;
 
 use reel_tasks::Stream;
-use reel_world::{PlanStep, ReceptacleId, Scene, Task, language};
+use reel_world::{PlanStep, ReceptacleId, Scene, Task};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -348,7 +348,7 @@ fn reworded(instruction: &str, proposals: &[&Proposal]) -> String {
 
 fn alike(scene: &Scene, one: &ReceptacleId, other: &ReceptacleId) -> bool {
     let category = |id| scene.receptacle(id).map_or("", |receptacle| receptacle.category.as_str());
-    language::is_a(category(one), category(other))
+    words::is_called(category(one), category(other))
 }
 
 fn or(names: &[String]) -> String {

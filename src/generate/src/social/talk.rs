@@ -1,10 +1,11 @@
 //! The conversation of a plan, played with the simulated user: whether every question has to be asked, and is settled by its
 //! answer. Pure predicates; what the robot sees when it asks is taken to be all that stands where it looks.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 use reel_episode::user::RuleUser;
-use reel_world::{InstanceId, ObjectInstance, PlanStep, Scene, Task};
+use reel_sim::{Simulator, Stage, render::Detail};
+use reel_world::{InstanceId, ObjectInstance, PlanStep, Profile, Scene, Task};
 use serde_json::Value;
 
 use super::{
@@ -138,6 +139,10 @@ pub(super) fn admits(task: &Task, annotations: &[Annotation]) -> Result<(), Obje
 pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
     speakable(task, scene, &task.instruction)?;
     let mut user = RuleUser::new(task, scene);
+    // Whoever has seen the target is told no more where it is.
+    if task.plan.iter().any(|step| asks_about(step) == Some(About::Source)) {
+        user.observe("", &seen_at_start(task, scene));
+    }
     let mut answers: BTreeMap<About, Vec<String>> = BTreeMap::new();
     for step in &task.plan {
         match step.action.as_str() {
@@ -149,9 +154,9 @@ pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
             "pick" => user.observe_held(Some(&meant(task, step).instance)),
             "place" => user.observe_held(None),
             "ask" => {
-                let told = |argument: &str| step.args.get(argument).and_then(Value::as_str);
-                let about = About::ALL.into_iter().find(|about| told("about") == Some(about.as_str())).unwrap_or(About::Object);
-                let question = told("question").map_or_else(|| question(task), str::to_owned);
+                let about = asks_about(step).unwrap_or(About::Object);
+                let words = step.args.get("question").and_then(Value::as_str);
+                let question = words.map_or_else(|| question(task), str::to_owned);
                 speakable(task, scene, &question)?;
                 let said = answers.entry(about).or_default();
                 let possible = possible(task, scene, about, said);
@@ -202,6 +207,20 @@ fn right(task: &Task, about: About) -> String {
         About::Source => task.src.to_string(),
         About::Destination => task.dest.to_string(),
     }
+}
+
+fn asks_about(step: &PlanStep) -> Option<About> {
+    let about = step.args.get("about").filter(|_| step.action == "ask")?.as_str()?;
+    About::ALL.into_iter().find(|known| known.as_str() == about)
+}
+
+/// What is in the first picture of an episode.
+fn seen_at_start(task: &Task, scene: &Scene) -> Vec<InstanceId> {
+    let stage = Stage::new(Arc::new(scene.clone()), Arc::new(task.clone()));
+    let mut simulator = Simulator::new(stage, Profile::Paper, 0);
+    simulator.set_detail(Detail::Geometry);
+    simulator.take_picture();
+    simulator.visible().into_iter().map(|seen| seen.object).collect()
 }
 
 /// The question in words for what is seen, as one asks who sees all that stands there.

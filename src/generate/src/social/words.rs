@@ -22,10 +22,16 @@ pub(super) fn pool<'a>(task: &Task, scene: &'a Scene, about: About) -> Vec<&'a R
     let covered = |one: &Receptacle| scene.receptacles.iter().any(|other| other.covers.as_ref() == Some(&one.id));
     let usable = |one: &Receptacle| one.placeable && one.covers.is_none() && !covered(one);
     let ends = other_ends(task, scene, about);
-    let of_kind = |one: &&Receptacle| {
-        language::is_a(&one.category, &right.category) && usable(one) && !ends.iter().any(|end| end.id == one.id)
+    let may_be = |one: &&Receptacle| {
+        is_called(&one.category, &right.category) && usable(one) && !ends.iter().any(|end| end.id == one.id)
     };
-    scene.receptacles.iter().filter(of_kind).collect()
+    scene.receptacles.iter().filter(may_be).collect()
+}
+
+/// Whether people who say "a table" may mean a thing of this category: a table, a coffee table. Not the other way round.
+pub(super) fn is_called(category: &str, kind: &str) -> bool {
+    let (category, kind) = (language::words(category), language::words(kind));
+    category.ends_with(&kind)
 }
 
 /// The receptacles that the texts leave possible. A text that calls some by a name means those that all of its words are said of;
