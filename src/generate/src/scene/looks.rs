@@ -12,9 +12,12 @@ pub(super) fn noun(category: &str) -> &str {
 
 /// What is said of two features of pieces of one noun: words of the first differ first, then those of the second.
 struct Palette {
-    first: (&'static str, &'static [&'static str]),
-    second: (&'static str, &'static [&'static str]),
+    first: Feature,
+    second: Feature,
 }
+
+/// A feature and the words that are said of it.
+type Feature = (&'static str, &'static [&'static str]);
 
 const BODIES: &[&str] = &["white", "black", "gray", "brown", "oak", "green", "blue", "red"];
 const APPLIANCES: &[&str] = &["white", "silver", "black"];
@@ -22,7 +25,7 @@ const APPLIANCES: &[&str] = &["white", "silver", "black"];
 const USUAL: usize = 5;
 
 fn palette(noun: &str) -> Palette {
-    let (first, second): ((&str, &[&str]), (&str, &[&str])) = match noun {
+    let (first, second): (Feature, Feature) = match noun {
         "bed" => (
             ("bedding", &["blue", "white", "green", "red", "gray", "yellow", "purple", "pink"]),
             ("pillows", &["white", "gray", "beige", "navy"]),

@@ -53,8 +53,8 @@ pub(super) fn places<'a>(task: &Task, scene: &'a Scene, about: About, texts: &[&
         let in_room = |one: &&Receptacle| said(&format!("in the {}", room(one)));
         if let Some(name) = told {
             left.retain(|one| describe::may_mean_receptacle(&name, one));
-        } else if left.iter().any(|one| in_room(one)) {
-            left.retain(|one| in_room(one));
+        } else if left.iter().any(in_room) {
+            left.retain(in_room);
         }
     }
     left

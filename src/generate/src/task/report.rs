@@ -44,8 +44,11 @@ pub struct Row {
     pub distribution: Distribution,
 }
 
+/// The values of a quantity in a task.
+type Values = fn(&Task) -> Vec<f64>;
+
 /// What is counted in a task, by name.
-const QUANTITIES: [(&str, fn(&Task) -> Vec<f64>); 8] = [
+const QUANTITIES: [(&str, Values); 8] = [
     ("plan length (steps)", |task| vec![task.plan.len() as f64]),
     ("instruction length (words)", |task| vec![task.instruction.split_whitespace().count() as f64]),
     ("objects placed", |task| vec![task.objects.len() as f64]),

@@ -71,7 +71,7 @@ enum Done {
     /// Its file is there from an earlier run.
     Kept(Vec<Annotation>),
     /// Annotated anew; if a model was asked and its proposal not taken, why.
-    Annotated(Annotated, Option<String>),
+    Annotated(Box<Annotated>, Option<String>),
     Skipped(Skipped),
 }
 
@@ -223,7 +223,7 @@ impl<'a> Author<'a> {
             social.insert("author".to_owned(), json!(author));
             social.insert("made_from".to_owned(), json!(made_from));
         }
-        Ok(Done::Annotated(annotated, fallback))
+        Ok(Done::Annotated(Box::new(annotated), fallback))
     }
 
     /// Stands in a file for all that it was made from.
