@@ -77,7 +77,7 @@ fn what_was_said_before_leaves_two_and_the_answer_one() {
             let reply = user.answer(question.as_str().unwrap()).text;
             assert_eq!(violations(next, scene, &reply, false), Vec::<&str>::new(), "{reply}");
         }
-        user.observe("", &[next.target.clone()]);
+        user.observe("", std::slice::from_ref(&next.target));
     }
 }
 
