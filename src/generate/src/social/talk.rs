@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use reel_episode::user::RuleUser;
 use reel_sim::{Simulator, Stage, render::Detail};
-use reel_world::{InstanceId, ObjectInstance, PlanStep, Profile, Scene, Task};
+use reel_world::{InstanceId, ObjectInstance, PlanStep, Profile, Scene, Task, language};
 use serde_json::Value;
 
 use super::{
@@ -73,6 +73,12 @@ pub enum Objection {
         /// What.
         about: &'static str,
     },
+    /// The instruction does not even say what kind of thing it is.
+    #[error("the instruction does not say what the {about} is")]
+    Unnamed {
+        /// What.
+        about: &'static str,
+    },
     /// What nobody asks about is told otherwise than before.
     #[error("the instruction tells the {about} otherwise than before, and nothing asks about it")]
     Rest {
@@ -93,6 +99,7 @@ impl Objection {
             Objection::Unneeded { .. } => "a question does not have to be asked",
             Objection::Unsettled { .. } => "the answer does not settle a question",
             Objection::LeftVague { .. } => "something is left open that nothing asks about",
+            Objection::Unnamed { .. } => "the instruction does not say what is asked about",
             Objection::Rest { .. } => "something is told otherwise that nothing asks about",
         }
     }
@@ -177,15 +184,28 @@ pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
     Ok(())
 }
 
-/// Whether an instruction leaves what nobody asks about as it was.
+/// Whether an instruction leaves what nobody asks about as it was, and says of the rest what it is.
 pub(super) fn leaves_the_rest(before: &Task, after: &Task, scene: &Scene, annotations: &[Annotation]) -> Result<(), Objection> {
     let unasked = |about: &About| !annotations.iter().any(|annotation| annotation.about == *about);
     for about in About::ALL.into_iter().filter(unasked) {
         if words::is_vague(before, scene, about) {
             return Err(Objection::LeftVague { about: about.as_str() });
         }
-        if possible(before, scene, about, &[]) != possible(after, scene, about, &[]) {
+        let kept = |name: &String| language::quotes(&after.instruction, name);
+        let is_told = words::told(before, scene, about).iter().all(kept);
+        if !is_told || possible(before, scene, about, &[]) != possible(after, scene, about, &[]) {
             return Err(Objection::Rest { about: about.as_str() });
+        }
+    }
+    for annotation in annotations {
+        let category = |id| scene.receptacle(id).map_or("", |receptacle| receptacle.category.as_str());
+        let kind = match annotation.about {
+            About::Object => after.purpose.as_deref().unwrap_or_default(),
+            About::Source => category(&after.src),
+            About::Destination => category(&after.dest),
+        };
+        if !language::quotes(&after.instruction, kind) {
+            return Err(Objection::Unnamed { about: annotation.about.as_str() });
         }
     }
     Ok(())

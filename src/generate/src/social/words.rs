@@ -33,8 +33,8 @@ pub(super) fn is_called(category: &str, kind: &str) -> bool {
     category.ends_with(&kind)
 }
 
-/// The receptacles that the texts leave possible. A text that calls some by a name means those that all of its words are said of;
-/// one that only says a room means those in it; any other text means all.
+/// The receptacles that the texts leave possible. A text that calls some by a name means these, and those of their category that
+/// all of its words are said of; one that only says a room means those in it; any other text means all.
 pub(super) fn places<'a>(task: &Task, scene: &'a Scene, about: About, texts: &[&str]) -> Vec<&'a Receptacle> {
     let mut left = pool(task, scene, about);
     let ends = other_ends(task, scene, about);
@@ -52,7 +52,11 @@ pub(super) fn places<'a>(task: &Task, scene: &'a Scene, about: About, texts: &[&
         let told = left.iter().flat_map(|one| names(one, scene)).filter(said).max_by_key(|name| language::words(name).len());
         let in_room = |one: &&Receptacle| said(&format!("in the {}", room(one)));
         if let Some(name) = told {
-            left.retain(|one| describe::may_mean_receptacle(&name, one));
+            let is_its = |one: &Receptacle| names(one, scene).iter().any(|its| its.eq_ignore_ascii_case(&name));
+            let kinds: Vec<&str> = left.iter().filter(|one| is_its(one)).map(|one| one.category.as_str()).collect();
+            left.retain(|one| {
+                is_its(one) || (kinds.contains(&one.category.as_str()) && describe::may_mean_receptacle(&name, one))
+            });
         } else if left.iter().any(in_room) {
             left.retain(in_room);
         }
@@ -70,6 +74,32 @@ pub(super) fn is_vague(task: &Task, scene: &Scene, about: About) -> bool {
             let is_said = right.is_some_and(|right| language::quotes(&task.instruction, &indefinite(&right.category)));
             is_said && places(task, scene, about, &told).len() > 1
         }
+    }
+}
+
+/// The words by which an instruction tells what is meant: for the object, of each that moves.
+pub(super) fn told(task: &Task, scene: &Scene, about: About) -> Vec<String> {
+    let longest = |names: Vec<String>| {
+        let said = names.into_iter().filter(|name| language::quotes(&task.instruction, name));
+        said.max_by_key(|name| language::words(name).len())
+    };
+    match about {
+        About::Object => {
+            let moved = task.objects.iter().filter(|object| task.goal.place_of(&object.instance) != Some(&object.receptacle));
+            let names = moved.map(|object| {
+                let mut names =
+                    describe::object(&object.category, object.caption.as_deref().unwrap_or_default(), &object.attributes);
+                names.push(indefinite(&object.category));
+                names.extend(task.purpose.clone());
+                names
+            });
+            names.filter_map(longest).collect()
+        }
+        About::Source => {
+            let moved = task.objects.iter().filter(|object| task.goal.place_of(&object.instance) != Some(&object.receptacle));
+            moved.filter_map(|object| longest(names(scene.receptacle(&object.receptacle)?, scene))).collect()
+        }
+        About::Destination => scene.receptacle(&task.dest).and_then(|one| longest(names(one, scene))).into_iter().collect(),
     }
 }
 

@@ -49,7 +49,7 @@ fn of(family: Family, options: &Options<'_>) -> (&'static Scene, &'static Task, 
 #[test]
 fn every_kind_of_question_occurs_in_most_tasks() {
     let all = annotated(&BOTH);
-    assert!(all.len() * 4 >= made().len() * 3, "{} of {}", all.len(), made().len());
+    assert!(all.len() * 3 >= made().len() * 2, "{} of {}", all.len(), made().len());
     let mut counts: BTreeMap<About, usize> = BTreeMap::new();
     for (_, task, annotated) in &all {
         assert!((1..=3).contains(&annotated.annotations.len()), "{}", task.task_id);
@@ -71,13 +71,12 @@ fn what_was_said_before_leaves_two_and_the_answer_one() {
             assert!(matches!(settles(&told, scene), Err(Objection::Unneeded { .. })), "{}: {}", task.task_id, task.instruction);
         }
         // The user keeps to its rules.
-        let mut user = RuleUser::new(next, scene);
+        let user = RuleUser::new(next, scene);
         for step in asks(next) {
             let Some(question) = step.args.get("question") else { continue };
             let reply = user.answer(question.as_str().unwrap()).text;
             assert_eq!(violations(next, scene, &reply, false), Vec::<&str>::new(), "{reply}");
         }
-        user.observe("", std::slice::from_ref(&next.target));
     }
 }
 
@@ -230,13 +229,11 @@ fn rules_are_kept_whoever_annotates() {
     };
     assert_eq!(objection(&task.instruction, good.annotations.clone()), "a question does not have to be asked");
     assert_eq!(objection(&told, Vec::new()), "there is no question");
-    let destination = scene.receptacle(&task.dest).unwrap();
-    let vaguer = format!("Bring it to a {}.", destination.category);
-    let vaguer = objection(&vaguer, good.annotations.clone());
-    assert!(
-        ["something is told otherwise that nothing asks about", "the answer does not settle a question"].contains(&vaguer),
-        "{vaguer}"
-    );
+    let category = &scene.receptacle(&task.dest).unwrap().category;
+    let vaguer = format!("Bring it to a {category}.");
+    assert_eq!(objection(&vaguer, good.annotations.clone()), "something is told otherwise that nothing asks about");
+    let thing = told.replace(&format!(" {category}"), " thing");
+    assert_eq!(objection(&thing, good.annotations.clone()), "the instruction does not say what is asked about");
 }
 
 #[test]
@@ -252,5 +249,5 @@ fn a_models_proposal_is_read_leniently_and_judged_strictly() {
     let refused = proposal::judge(task, scene, &[Strategy::A], &answer.to_string()).unwrap_err();
     assert_eq!(refused.kind(), "a strategy was not asked for");
     let summary = proposal::summary(task, scene, &[Strategy::B]);
-    assert!(summary.contains(&task.instruction) && summary.contains(r#"{"action":"find""#), "{summary}");
+    assert!(summary.contains(&task.instruction) && summary.contains(r#""action":"find""#), "{summary}");
 }
