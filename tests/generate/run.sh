@@ -37,9 +37,9 @@ for set in real made; do
     else
       "$python" tests/generate/check_words.py src/tasks/src/data/objects.json "$scene" "$folder"
     fi
-    "$REEL" run --tasks "$folder" --scene "$scene" --no-images --out "$work/traces/$set" --json >"$work/episodes.jsonl" || true
-    "$python" tests/generate/oracle.py "$work/episodes.jsonl"
+    "$REEL" run --tasks "$folder" --scene "$scene" --no-images --out "$work/traces/$set" --json >>"$work/$set.jsonl" || true
   done
+  "$python" tests/generate/oracle.py "$work/$set.jsonl"
 done
 
 echo "== with questions"
