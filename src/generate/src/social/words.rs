@@ -22,9 +22,8 @@ pub(super) fn pool<'a>(task: &Task, scene: &'a Scene, about: About) -> Vec<&'a R
     let covered = |one: &Receptacle| scene.receptacles.iter().any(|other| other.covers.as_ref() == Some(&one.id));
     let usable = |one: &Receptacle| one.placeable && one.covers.is_none() && !covered(one);
     let ends = other_ends(task, scene, about);
-    let may_be = |one: &&Receptacle| {
-        is_called(&one.category, &right.category) && usable(one) && !ends.iter().any(|end| end.id == one.id)
-    };
+    let may_be =
+        |one: &&Receptacle| is_called(&one.category, &right.category) && usable(one) && !ends.iter().any(|end| end.id == one.id);
     scene.receptacles.iter().filter(may_be).collect()
 }
 
@@ -88,7 +87,8 @@ pub(super) fn told(task: &Task, scene: &Scene, about: About) -> Vec<String> {
         About::Object => {
             let moved = task.objects.iter().filter(|object| task.goal.place_of(&object.instance) != Some(&object.receptacle));
             let names = moved.map(|object| {
-                let mut names = describe::object(&object.category, object.caption.as_deref().unwrap_or_default(), &object.attributes);
+                let mut names =
+                    describe::object(&object.category, object.caption.as_deref().unwrap_or_default(), &object.attributes);
                 names.push(indefinite(&object.category));
                 names.extend(task.purpose.clone());
                 names
