@@ -31,7 +31,7 @@ fn scenes_go_by_name_and_new_ones_are_as_good() {
         scene["receptacles"][1][corner] = twice[corner].clone();
     }
     fs::write(folder.join("flat.json"), scene.to_string()).unwrap();
-    assert!(expect(folder, 1, &["scene", "check", "flat.json"]).contains("overlap"));
+    assert!(expect(folder, 1, &["scene", "check", "flat.json"]).contains("stands in"));
     assert!(complaint(folder, 2, &["scene", "check", "S8"]).contains("home, S1"));
 }
 
