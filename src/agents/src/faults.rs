@@ -26,7 +26,7 @@ pub fn wrong_object(task: &Arc<Task>, seed: u64) -> Oracle {
     let others: Vec<&ObjectInstance> = task
         .objects
         .iter()
-        .filter(|object| object.instance != task.target && Some(&object.receptacle) != dest && moves_nowhere(task, object))
+        .filter(|object| object.instance != task.target && Some(&object.receptacle) != dest && !task.moves(object))
         .collect();
     let similar = |object: &&&ObjectInstance| is_similar(task, object);
     let on_source = |object: &&&ObjectInstance| object.receptacle == task.target_object().receptacle;
@@ -123,11 +123,6 @@ fn is_similar(task: &Task, object: &ObjectInstance) -> bool {
     let target = task.target_object();
     let distractor = |asset: &AssetId| *asset == object.asset;
     object.category == target.category || task.object_distractors.iter().any(distractor)
-}
-
-/// Whether the goal leaves the object where it is.
-fn moves_nowhere(task: &Task, object: &ObjectInstance) -> bool {
-    task.goal.place_of(&object.instance) == task.initial.place_of(&object.instance)
 }
 
 /// The oracle up to the pick; then it drives to and fro between two receptacles until the horizon.

@@ -8,7 +8,7 @@ use std::{
 };
 
 use rand_chacha::ChaCha8Rng;
-use reel_episode::Privileged;
+use reel_episode::{Privileged, user::which};
 use reel_plan::{Intent, Situation, calls, plan, published_plan};
 use reel_world::{
     DoorState, ErrorCode, HORIZON, InstanceId, PlanStep, ReceptacleId, Task, Tool, WorldGraph,
@@ -451,17 +451,8 @@ impl Policy for Oracle {
 
 /// A question that names what was seen, in the words one sees it by.
 pub(crate) fn question(seen: &[Seen], purpose: Option<&str>) -> String {
-    let describe = |thing: &Seen| {
-        let caption = thing.caption.as_deref().unwrap_or(&thing.category);
-        caption.trim_end_matches('.').to_lowercase()
-    };
-    let mut things: Vec<String> = seen.iter().filter(|thing| !thing.furniture).map(describe).collect();
-    things.dedup();
-    let wanted = purpose.unwrap_or("one");
-    if things.is_empty() {
-        return format!("Which {wanted} do you mean?");
-    }
-    format!("I see: {}. Which {wanted} do you mean?", things.join("; "))
+    let things = seen.iter().filter(|thing| !thing.furniture);
+    which(things.map(|thing| thing.caption.as_deref().unwrap_or(&thing.category)), purpose)
 }
 
 fn objects_here<'a>(context: &'a Context<'_>, truth: &'a Privileged<'_>) -> impl Iterator<Item = &'a Seen> {

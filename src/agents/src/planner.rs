@@ -36,11 +36,7 @@ impl GoalHint {
             let all: BTreeSet<ReceptacleId> = others.iter().chain([one]).cloned().collect();
             all.into_iter().collect::<Vec<_>>()
         };
-        let mut moved: Vec<_> = task
-            .objects
-            .iter()
-            .filter(|object| task.initial.place_of(&object.instance) != task.goal.place_of(&object.instance))
-            .collect();
+        let mut moved: Vec<_> = task.moved().collect();
         moved.sort_by_key(|object| object.instance != task.target);
         let hint = |object: &&ObjectInstance| {
             let is_target = object.instance == task.target;

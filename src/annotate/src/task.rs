@@ -62,7 +62,7 @@ impl PublicTask {
         let places = scene.receptacles.iter().map(|receptacle| Place {
             id: receptacle.id.to_string(),
             category: receptacle.category.clone(),
-            room: receptacle.room.split('/').next().unwrap_or_default().to_owned(),
+            room: receptacle.room_name().to_owned(),
             names: receptacle.captions.keys().cloned().collect(),
         });
         let places: Vec<Place> = places.collect();

@@ -24,7 +24,7 @@ pub fn skills(name: &str) -> Result<Skills, String> {
 pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
     let Some(path) = path else { return Ok(Arc::new(reel_tasks::home())) };
     let name = path.to_str().unwrap_or_default();
-    if let Some(scene) = reel_generate::scene::built_in(name).or_else(|| (name == "home").then(reel_tasks::home)) {
+    if let Some(scene) = reel_generate::scene::built_in(name) {
         return Ok(Arc::new(scene));
     }
     if !path.exists() {

@@ -19,7 +19,8 @@ use reel_world::{
 };
 
 use question::Topic;
-pub use rules::violations;
+pub use question::which;
+pub use rules::{spoken_id, violations};
 
 /// What the user knows: the task, how people call the furniture, and what the robot saw and holds.
 #[derive(Clone, Debug)]
@@ -112,7 +113,7 @@ impl RuleUser {
         match quoted_caption(source, &self.task.instruction) {
             Some(caption) if source.door != Door::None => format!("Please check what is inside {}.", with_the(caption)),
             Some(caption) => format!("Please check what is on {}.", with_the(caption)),
-            None => format!("Please have a look around in the {}.", room_name(source)),
+            None => format!("Please have a look around in the {}.", source.room_name()),
         }
     }
 
@@ -145,7 +146,7 @@ impl RuleUser {
         let any = || receptacle.captions.keys().map(String::as_str).find(|caption| unique(caption));
         match quoted_caption(receptacle, &self.task.instruction).filter(|caption| unique(caption)).or(main).or_else(any) {
             Some(caption) => with_the(caption),
-            None => format!("the {} in the {}", receptacle.category, room_name(receptacle)),
+            None => format!("the {} in the {}", receptacle.category, receptacle.room_name()),
         }
     }
 
@@ -198,10 +199,6 @@ fn telling_words(object: &ObjectInstance) -> Vec<String> {
 fn quoted_caption<'a>(receptacle: &'a Receptacle, text: &str) -> Option<&'a str> {
     let quoted = receptacle.captions.keys().filter(|caption| language::quotes(text, caption));
     quoted.max_by_key(|caption| caption.len()).map(String::as_str)
-}
-
-fn room_name(receptacle: &Receptacle) -> &str {
-    receptacle.room.split('/').next().unwrap_or_default()
 }
 
 fn with_the(caption: &str) -> String {

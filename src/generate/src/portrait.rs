@@ -6,24 +6,13 @@ use reel_sim::{
     render::{Detail, Drawable, render},
 };
 use reel_tasks::library::LibraryObject;
-use reel_world::{Frame, InstanceId, ObjectInstance};
+use reel_world::Frame;
 
 const BOARD: [u8; 3] = [214, 206, 190];
 
 /// A picture of an object from above and before it, so near that it fills most of the picture.
 pub fn portrait(object: &LibraryObject) -> Frame {
-    let instance = ObjectInstance {
-        instance: InstanceId::new(&object.asset, &"board".into(), "picture"),
-        asset: object.asset.clone(),
-        category: object.category.clone(),
-        caption: Some(object.caption.clone()),
-        attributes: object.attributes.clone(),
-        size: object.size,
-        position: [0.0; 3],
-        yaw: 0.0,
-        receptacle: "board".into(),
-        reference_rest: None,
-    };
+    let instance = object.standing(&"board".into(), "picture", [0.0; 3]);
     let model = object_model(&instance);
     let half = Shape::Cuboid { half: [2.0, 2.0, 0.05] };
     let board = Part {

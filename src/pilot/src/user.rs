@@ -86,9 +86,8 @@ fn described(task: &Task, object: &InstanceId) -> String {
 
 /// A receptacle in a person's words.
 fn called(receptacle: &Receptacle) -> String {
-    let room = receptacle.room.split('/').next().unwrap_or_default();
     let caption = receptacle.main_caption().unwrap_or(&receptacle.category);
-    format!("{caption} in the {room}")
+    format!("{caption} in the {}", receptacle.room_name())
 }
 
 /// A call in which furniture goes by the words of people.

@@ -77,7 +77,6 @@ pub fn generate(options: &GenerateOptions<'_>) -> Generated {
 
 /// Receptacles a task may use, each with its captions that no other receptacle of the scene has.
 fn usable_receptacles(scene: &Scene) -> Vec<(&Receptacle, Vec<&str>)> {
-    let is_covered = |id: &ReceptacleId| scene.receptacles.iter().any(|other| other.covers.as_ref() == Some(id));
     let owners = |caption: &str| {
         scene
             .receptacles
@@ -89,10 +88,7 @@ fn usable_receptacles(scene: &Scene) -> Vec<(&Receptacle, Vec<&str>)> {
         let captions = receptacle.captions.keys().enumerate();
         captions.filter(|(_, caption)| owners(caption) == 1).map(|(index, _)| index).collect()
     };
-    let open = scene
-        .receptacles
-        .iter()
-        .filter(|receptacle| receptacle.placeable && receptacle.covers.is_none() && !is_covered(&receptacle.id));
+    let open = scene.receptacles.iter().filter(|receptacle| scene.is_usable(receptacle));
     open.map(|receptacle| {
         let wanted = unique(receptacle);
         let captions = receptacle.captions.keys().enumerate().filter(|(index, _)| wanted.contains(index));
@@ -205,18 +201,7 @@ impl<'a> Draft<'a> {
                 Misfit::TooLarge => "too large for its receptacle",
                 Misfit::TriesExceeded => "no free place on its receptacle",
             })?;
-            Ok(ObjectInstance {
-                instance: InstanceId::new(&object.asset, place, name),
-                asset: object.asset.clone(),
-                category: object.category.clone(),
-                caption: Some(object.caption.clone()),
-                attributes: object.attributes.clone(),
-                size: object.size,
-                position,
-                yaw: 0.0,
-                receptacle: place.clone(),
-                reference_rest: None,
-            })
+            Ok(object.standing(place, name, position))
         };
         let on_src = [self.target].into_iter().chain(self.others.iter().copied()).map(|object| (object, &self.src.id));
         let copies = self.copies.iter().map(|place| (self.target, place));

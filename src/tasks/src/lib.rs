@@ -17,7 +17,7 @@ mod oddity;
 mod placement;
 pub mod random;
 mod real_schema;
-mod wording;
+pub mod wording;
 
 pub use error::TaskError;
 pub use generate::{GenerateOptions, Generated, generate};

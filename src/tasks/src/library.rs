@@ -3,7 +3,7 @@
 
 use std::sync::OnceLock;
 
-use reel_world::{AssetId, Attributes};
+use reel_world::{AssetId, Attributes, InstanceId, ObjectInstance, ReceptacleId};
 use serde::Deserialize;
 
 use crate::attributes;
@@ -62,6 +62,24 @@ pub fn small() -> &'static [LibraryObject] {
     static OBJECTS: OnceLock<Vec<LibraryObject>> = OnceLock::new();
     let [categories, each] = SMALL;
     OBJECTS.get_or_init(|| objects().chunks(VARIANTS).take(categories).flat_map(|row| row[..each].to_vec()).collect())
+}
+
+impl LibraryObject {
+    /// The object at the start of a task of this name: on a receptacle, the centre of its box at `position`.
+    pub fn standing(&self, receptacle: &ReceptacleId, task_name: &str, position: [f64; 3]) -> ObjectInstance {
+        ObjectInstance {
+            instance: InstanceId::new(&self.asset, receptacle, task_name),
+            asset: self.asset.clone(),
+            category: self.category.clone(),
+            caption: Some(self.caption.clone()),
+            attributes: self.attributes.clone(),
+            size: self.size,
+            position,
+            yaw: 0.0,
+            receptacle: receptacle.clone(),
+            reference_rest: None,
+        }
+    }
 }
 
 impl Category {

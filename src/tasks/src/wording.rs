@@ -3,7 +3,7 @@
 use crate::random::Stream;
 
 /// `{src}`, `{dest}` and `{object}` stand for phrases, `{at}` for "on" or "in".
-const TEMPLATES: &[&str] = &[
+pub const TEMPLATES: &[&str] = &[
     "Navigate to {src}, grasp {object}, and carry it to {dest}.",
     "First, drive to {src} to find {object}, then deliver it to {dest}.",
     "Go to {src}, pick up {object}, then travel to {dest} to place it.",
@@ -39,7 +39,7 @@ impl Phrases<'_> {
 }
 
 /// `Small red mug with a rim.` as `the small red mug with a rim`.
-pub(crate) fn definite(caption: &str) -> String {
+pub fn definite(caption: &str) -> String {
     let caption = caption.trim_end_matches('.');
     let mut letters = caption.chars();
     let first = letters.next().map(|first| first.to_lowercase().collect::<String>()).unwrap_or_default();
@@ -47,7 +47,7 @@ pub(crate) fn definite(caption: &str) -> String {
 }
 
 /// `egg` as `an egg`.
-pub(crate) fn indefinite(noun: &str) -> String {
+pub fn indefinite(noun: &str) -> String {
     let article = if noun.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
     format!("{article} {noun}")
 }

@@ -173,6 +173,12 @@ impl Scene {
         self.receptacles.iter().find(|receptacle| receptacle.id == *id)
     }
 
+    /// Whether things can be put on a receptacle at all: lids, and what they cover, are not for that.
+    pub fn is_usable(&self, receptacle: &Receptacle) -> bool {
+        let covered = || self.receptacles.iter().any(|other| other.covers.as_ref() == Some(&receptacle.id));
+        receptacle.placeable && receptacle.covers.is_none() && !covered()
+    }
+
     /// Rooms and furniture as the published `list_receptacles` prints them (SPEC section 9).
     pub fn room_listing(&self) -> String {
         let mut text = String::new();
@@ -210,6 +216,11 @@ impl Receptacle {
     /// The surface seen from above.
     pub fn surface_rect(&self) -> Rect {
         Rect { min: [self.surface_min[0], self.surface_min[1]], max: [self.surface_max[0], self.surface_max[1]] }
+    }
+
+    /// What people call its room: `bedroom` for `bedroom/1`.
+    pub fn room_name(&self) -> &str {
+        self.room.split('/').next().unwrap_or_default()
     }
 
     /// The caption people use most (the first in alphabet of equals).

@@ -158,6 +158,16 @@ impl Task {
         self.objects.iter().find(|object| object.instance == *instance)
     }
 
+    /// Whether the goal wants an object elsewhere than it is at the start.
+    pub fn moves(&self, object: &ObjectInstance) -> bool {
+        self.goal.place_of(&object.instance) != self.initial.place_of(&object.instance)
+    }
+
+    /// The objects that the goal wants elsewhere.
+    pub fn moved(&self) -> impl Iterator<Item = &ObjectInstance> {
+        self.objects.iter().filter(|object| self.moves(object))
+    }
+
     /// The target object.
     ///
     /// # Panics

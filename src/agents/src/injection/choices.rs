@@ -22,7 +22,7 @@ pub(super) fn wrong_objects(kind: FaultKind, task: &Task) -> Result<Vec<&ObjectI
         }
     };
     let at_destination = |object: &ObjectInstance| task.goal.place_of(&task.target) == Some(&object.receptacle);
-    let stays = |object: &ObjectInstance| task.goal.place_of(&object.instance) == task.initial.place_of(&object.instance);
+    let stays = |object: &ObjectInstance| !task.moves(object);
     let others = task.objects.iter().filter(|object| object.instance != task.target && !at_destination(object) && stays(object));
     let found: Vec<&ObjectInstance> = others.filter(fits).collect();
     if found.is_empty() { Err(Unfit::NoObject { kind }) } else { Ok(found) }
@@ -57,8 +57,7 @@ pub(super) fn wrong_receptacles(kind: FaultKind, task: &Task, scene: &Scene) -> 
 
 /// The receptacles that one can stand at and put things on.
 pub(super) fn usable(scene: &Scene) -> impl Iterator<Item = &Receptacle> {
-    let covered = |id: &ReceptacleId| scene.receptacles.iter().any(|other| other.covers.as_ref() == Some(id));
-    scene.receptacles.iter().filter(move |other| other.placeable && other.covers.is_none() && !covered(&other.id))
+    scene.receptacles.iter().filter(|other| scene.is_usable(other))
 }
 
 /// Where the target has to go.

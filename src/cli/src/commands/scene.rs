@@ -282,7 +282,8 @@ fn summary(scene: &Scene) -> String {
     format!("{} rooms, {} receptacles, {} captions", scene.rooms.len(), scene.receptacles.len(), captions(scene))
 }
 
-fn scene_file(scene: &Scene) -> anyhow::Result<String> {
+/// A scene as it stands in files.
+pub fn scene_file(scene: &Scene) -> anyhow::Result<String> {
     Ok(serde_json::to_string_pretty(scene)? + "\n")
 }
 

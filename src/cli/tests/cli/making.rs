@@ -51,3 +51,52 @@ fn made_tasks_mean_what_they_say_and_can_be_done() {
     assert!(output.status.success(), "{said}\n{err}");
     assert_eq!(said.matches("fuzzy instructions, 0 findings").count(), 2, "{said}");
 }
+
+#[test]
+fn tasks_come_from_a_table_that_people_change() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    expect(folder, 0, &["tasks", "compatibility", "--out", "table.json"]);
+    let generate = ["tasks", "generate", "--count", "4", "--seed", "1"];
+    let made = |more: &[&str]| expect(folder, 0, &[&generate, more].concat()).lines().skip(1).collect::<Vec<_>>().join("\n");
+    assert_eq!(made(&["--out", "a"]), made(&["--out", "b", "--compatibility", "table.json"]));
+
+    let mut table: serde_json::Value = serde_json::from_slice(&fs::read(folder.join("table.json")).unwrap()).unwrap();
+    table["holds"] = serde_json::json!([{ "receptacles": ["table", "desk", "couch", "cabinet"], "what": ["toy"] }]);
+    fs::write(folder.join("table.json"), table.to_string()).unwrap();
+    let said = made(&["--out", "toys", "--compatibility", "table.json", "--json", "--families", "FODP"]);
+    assert_eq!(said, "", "one line of JSON");
+    let home = reel_tasks::home();
+    let toys = reel_tasks::load(&folder.join("toys"), &home).tasks;
+    let is_toy = |asset: &reel_world::AssetId| {
+        reel_tasks::library::objects().iter().any(|object| object.asset == *asset && object.purpose == "toy")
+    };
+    assert!(toys.len() == 4 && toys.iter().all(|task| is_toy(&task.target_object().asset)));
+
+    fs::write(folder.join("table.json"), r#"{"holds": [{"receptacle": ["table"]}]}"#).unwrap();
+    let broken = complaint(folder, 2, &[&generate[..], &["--compatibility", "table.json"]].concat());
+    assert!(
+        broken.contains("table.json") && broken.contains("receptacle") && broken.contains("reel tasks compatibility"),
+        "{broken}"
+    );
+}
+
+#[cfg(feature = "service")]
+#[test]
+fn a_model_writes_the_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let url = super::endpoint::endpoint("Toys, I say: [\"toy\", \"unicorn\"]");
+    let asked = ["tasks", "compatibility", "--scene", "S3", "--out", "table.json", "--model", "scripted", "--endpoint"];
+    let said = expect(folder, 0, &[&asked[..], &[&url]].concat());
+    assert!(said.contains("places by scripted, 0 as they were"), "{said}");
+    // Nobody is asked a second time, and nobody has to be there.
+    let table = fs::read(folder.join("table.json")).unwrap();
+    expect(folder, 0, &[&asked[..], &["http://127.0.0.1:9/v1"]].concat());
+    assert_eq!(table, fs::read(folder.join("table.json")).unwrap());
+    expect(folder, 0, &["tasks", "generate", "--scene", "S3", "--count", "2", "--compatibility", "table.json", "--out", "made"]);
+
+    let url = super::endpoint::endpoint("I would rather not.");
+    let asked = ["tasks", "compatibility", "--scene", "S4", "--out", "other.json", "--model", "scripted", "--endpoint", &url];
+    assert!(complaint(folder, 2, &asked).contains("none of the"));
+}

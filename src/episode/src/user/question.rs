@@ -1,4 +1,4 @@
-//! What a question is about. Rules over its words; never looks at a task.
+//! What a question is about, and how one asks which object is meant. Rules over words; never looks at a task.
 
 use reel_world::language::{is_a, names_object, words};
 
@@ -11,6 +11,17 @@ pub(super) enum Topic {
     Source,
     /// Where it shall go.
     Destination,
+}
+
+/// The question which object is meant, by what was seen (captions or categories) and what it is wanted for.
+pub fn which<'a>(seen: impl Iterator<Item = &'a str>, purpose: Option<&str>) -> String {
+    let mut things: Vec<String> = seen.map(|thing| thing.trim_end_matches('.').to_lowercase()).collect();
+    things.dedup();
+    let wanted = purpose.unwrap_or("one");
+    if things.is_empty() {
+        return format!("Which {wanted} do you mean?");
+    }
+    format!("I see: {}. Which {wanted} do you mean?", things.join("; "))
 }
 
 const BRINGING: [&str; 17] = [

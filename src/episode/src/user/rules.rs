@@ -18,13 +18,13 @@ pub fn violations(task: &Task, scene: &Scene, reply: &str, seen_target: bool) ->
         ("not_goal_driven", leads_astray(task, scene, reply, &bare, seen_target)),
         ("exact_position", tells_position(task, scene, reply, &bare)),
         ("target_named_too_early", !seen_target && names_target(task, &bare)),
-        ("raw_id", speaks_id(task, scene, reply)),
+        ("raw_id", spoken_id(task, scene, reply).is_some()),
     ];
     checks.into_iter().filter(|(_, broken)| *broken).map(|(name, _)| name).collect()
 }
 
 fn leads_astray(task: &Task, scene: &Scene, reply: &str, bare: &str, seen_target: bool) -> bool {
-    let about_places = without(reply, bare) || scene.receptacles.iter().any(|receptacle| says(reply, room(receptacle)));
+    let about_places = without(reply, bare) || scene.receptacles.iter().any(|receptacle| says(reply, receptacle.room_name()));
     let about_objects = language::names_object(bare) || says(reply, "what I asked for");
     let ours = |receptacle: &&Receptacle| receptacle.id == task.src || receptacle.id == task.dest;
     let own: Vec<&String> = scene.receptacles.iter().filter(ours).flat_map(|receptacle| receptacle.captions.keys()).collect();
@@ -60,20 +60,17 @@ fn names_target(task: &Task, bare: &str) -> bool {
     telling || named || (!caption.is_empty() && says(bare, caption) && !says(&task.instruction, caption))
 }
 
-fn speaks_id(task: &Task, scene: &Scene, reply: &str) -> bool {
-    let reply = reply.to_lowercase();
+/// The first identifier of an object, an asset or a receptacle that a text speaks. What is a word, too (`sink`), is none.
+pub fn spoken_id<'a>(task: &'a Task, scene: &'a Scene, text: &str) -> Option<&'a str> {
+    let text = text.to_lowercase();
     let objects = task.objects.iter().flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
     let ids = objects.chain(scene.receptacles.iter().map(|receptacle| receptacle.id.as_str()));
     let raw = |id: &&str| id.contains('_') || id.chars().any(|letter| letter.is_ascii_digit());
-    ids.filter(raw).any(|id| reply.contains(&id.to_lowercase()))
+    ids.filter(raw).find(|id| text.contains(&id.to_lowercase()))
 }
 
 fn says(text: &str, words: &str) -> bool {
     language::quotes(text, words)
-}
-
-fn room(receptacle: &Receptacle) -> &str {
-    receptacle.room.split('/').next().unwrap_or_default()
 }
 
 /// The reply in lower case without the captions and categories of receptacles, the longest first.
@@ -82,7 +79,7 @@ fn without_places(scene: &Scene, reply: &str) -> String {
         .receptacles
         .iter()
         .flat_map(|receptacle| {
-            receptacle.captions.keys().map(String::as_str).chain([receptacle.category.as_str(), room(receptacle)])
+            receptacle.captions.keys().map(String::as_str).chain([receptacle.category.as_str(), receptacle.room_name()])
         })
         .filter(|name| !name.is_empty())
         .collect();

@@ -82,7 +82,7 @@ fn facts(pieces: &[Receptacle], index: usize) -> Vec<Fact> {
     facts.extend(word("colour").or(material).cloned().map(Fact::Body));
     let parts = ["bedding", "top", "basin", "handles", "pillows", "legs"];
     facts.extend(parts.iter().filter_map(|part| Some(Fact::Part(part, word(part)?.clone()))));
-    facts.push(Fact::Room(piece.room.split('/').next().unwrap_or_default().to_owned()));
+    facts.push(Fact::Room(piece.room_name().to_owned()));
     facts.extend(neighbours(pieces, index).into_iter().map(Fact::At));
     if piece.category == "bed" {
         let width = (0..2).map(|axis| piece.surface_max[axis] - piece.surface_min[axis]).fold(f64::MAX, f64::min);

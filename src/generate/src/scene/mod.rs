@@ -82,8 +82,11 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
 
-/// A scene that comes along, by name.
+/// A scene that comes along, by name: one of [`names`], or the home of old.
 pub fn built_in(name: &str) -> Option<Scene> {
+    if name == "home" {
+        return Some(reel_tasks::home());
+    }
     let (name, text) = BUILT_IN.iter().find(|(known, _)| *known == name)?;
     Some(reel_tasks::scene::parse(text, name).expect("the committed scenes are well formed").scene)
 }

@@ -12,12 +12,12 @@ mod words;
 
 use std::fmt;
 
-use reel_tasks::Stream;
+use reel_tasks::{Stream, wording::indefinite};
 use reel_world::{PlanStep, ReceptacleId, Scene, Task};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::task::{describe, wording::indefinite};
+use crate::task::describe;
 pub use talk::{Objection, settles};
 use words::{is_vague, moves_one, phrase_in, place_of_step, places, pool};
 
@@ -311,7 +311,7 @@ fn place(task: &Task, scene: &Scene, about: About, stream: &mut Stream) -> Resul
         let ways = if inside { ["look in", "check"] } else { ["look on", "check"] };
         let mut rooms: Vec<String> = Vec::new();
         for like in &likes {
-            let room = format!("the one in the {}", words::room(like));
+            let room = format!("the one in the {}", like.room_name());
             if !rooms.contains(&room) {
                 rooms.push(room);
             }

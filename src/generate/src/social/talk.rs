@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use reel_episode::user::RuleUser;
+use reel_episode::user::{RuleUser, spoken_id, which};
 use reel_sim::{Simulator, Stage, render::Detail};
 use reel_world::{InstanceId, ObjectInstance, PlanStep, Profile, Scene, Task, language};
 use serde_json::Value;
@@ -245,20 +245,14 @@ fn seen_at_start(task: &Task, scene: &Scene) -> Vec<InstanceId> {
 
 /// The question in words for what is seen, as one asks who sees all that stands there.
 fn question(task: &Task) -> String {
-    let wanted = task.purpose.as_deref().unwrap_or("one");
-    let seen: Vec<&str> = on(task, &task.src).map(|object| object.caption.as_deref().unwrap_or(&object.category)).collect();
-    format!("I see: {}. Which {wanted} do you mean?", seen.join("; ").to_lowercase())
+    which(on(task, &task.src).map(|object| object.caption.as_deref().unwrap_or(&object.category)), task.purpose.as_deref())
 }
 
 fn speakable(task: &Task, scene: &Scene, text: &str) -> Result<(), Objection> {
     if text.trim().is_empty() || text.len() > TEXT_MAX || text.chars().any(char::is_control) {
         return Err(Objection::Unspeakable { text: text.to_owned() });
     }
-    let objects = task.objects.iter().flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
-    let ids = objects.chain(scene.receptacles.iter().map(|receptacle| receptacle.id.as_str()));
-    let is_raw = |id: &&str| id.contains('_') || id.chars().any(|letter| letter.is_ascii_digit());
-    let lower = text.to_lowercase();
-    match ids.filter(is_raw).find(|id| lower.contains(&id.to_lowercase())) {
+    match spoken_id(task, scene, text) {
         Some(id) => Err(Objection::Identifier { text: text.to_owned(), id: id.to_owned() }),
         None => Ok(()),
     }

@@ -3,10 +3,11 @@
 
 use std::ops::Range;
 
+use reel_tasks::wording::indefinite;
 use reel_world::{ObjectInstance, PlanStep, Receptacle, Scene, Task, language};
 
 use super::About;
-use crate::task::{describe, wording::indefinite};
+use crate::task::describe;
 
 /// The objects on the source that every one of the texts may mean.
 pub(super) fn objects<'a>(task: &'a Task, texts: &[&str]) -> Vec<&'a ObjectInstance> {
@@ -19,11 +20,10 @@ pub(super) fn objects<'a>(task: &'a Task, texts: &[&str]) -> Vec<&'a ObjectInsta
 pub(super) fn pool<'a>(task: &Task, scene: &'a Scene, about: About) -> Vec<&'a Receptacle> {
     let right = if about == About::Source { &task.src } else { &task.dest };
     let Some(right) = scene.receptacle(right) else { return Vec::new() };
-    let covered = |one: &Receptacle| scene.receptacles.iter().any(|other| other.covers.as_ref() == Some(&one.id));
-    let usable = |one: &Receptacle| one.placeable && one.covers.is_none() && !covered(one);
     let ends = other_ends(task, scene, about);
-    let may_be =
-        |one: &&Receptacle| is_called(&one.category, &right.category) && usable(one) && !ends.iter().any(|end| end.id == one.id);
+    let may_be = |one: &&Receptacle| {
+        is_called(&one.category, &right.category) && scene.is_usable(one) && !ends.iter().any(|end| end.id == one.id)
+    };
     scene.receptacles.iter().filter(may_be).collect()
 }
 
@@ -50,7 +50,7 @@ pub(super) fn places<'a>(task: &Task, scene: &'a Scene, about: About, texts: &[&
         }
         let said = |name: &String| at(&bare, &language::words(name)).is_some();
         let told = left.iter().flat_map(|one| names(one, scene)).filter(said).max_by_key(|name| language::words(name).len());
-        let in_room = |one: &&Receptacle| said(&format!("in the {}", room(one)));
+        let in_room = |one: &&Receptacle| said(&format!("in the {}", one.room_name()));
         if let Some(name) = told {
             let is_its = |one: &Receptacle| names(one, scene).iter().any(|its| its.eq_ignore_ascii_case(&name));
             let kinds: Vec<&str> = left.iter().filter(|one| is_its(one)).map(|one| one.category.as_str()).collect();
@@ -85,8 +85,7 @@ pub(super) fn told(task: &Task, scene: &Scene, about: About) -> Vec<String> {
     };
     match about {
         About::Object => {
-            let moved = task.objects.iter().filter(|object| task.goal.place_of(&object.instance) != Some(&object.receptacle));
-            let names = moved.map(|object| {
+            let names = task.moved().map(|object| {
                 let mut names =
                     describe::object(&object.category, object.caption.as_deref().unwrap_or_default(), &object.attributes);
                 names.push(indefinite(&object.category));
@@ -95,10 +94,7 @@ pub(super) fn told(task: &Task, scene: &Scene, about: About) -> Vec<String> {
             });
             names.filter_map(longest).collect()
         }
-        About::Source => {
-            let moved = task.objects.iter().filter(|object| task.goal.place_of(&object.instance) != Some(&object.receptacle));
-            moved.filter_map(|object| longest(names(scene.receptacle(&object.receptacle)?, scene))).collect()
-        }
+        About::Source => task.moved().filter_map(|object| longest(names(scene.receptacle(&object.receptacle)?, scene))).collect(),
         About::Destination => scene.receptacle(&task.dest).and_then(|one| longest(names(one, scene))).into_iter().collect(),
     }
 }
@@ -140,14 +136,9 @@ pub(super) fn phrase_in(text: &str, phrases: &[String]) -> Option<Range<usize>> 
     None
 }
 
-/// The name of its room.
-pub(super) fn room(receptacle: &Receptacle) -> &str {
-    receptacle.room.split('/').next().unwrap_or_default()
-}
-
 /// Whether a task moves its target and nothing else.
 pub(super) fn moves_one(task: &Task) -> bool {
-    task.goal_changes().iter().filter(|event| event.object().is_some()).count() == 2
+    task.moved().count() == 1
 }
 
 /// The receptacle a step of a plan is at, if it says one.
@@ -160,8 +151,7 @@ fn other_ends<'a>(task: &Task, scene: &'a Scene, about: About) -> Vec<&'a Recept
     if about == About::Source {
         return scene.receptacle(&task.dest).into_iter().collect();
     }
-    let moved = task.objects.iter().filter(|object| task.goal.place_of(&object.instance) != Some(&object.receptacle));
-    let mut ids: Vec<_> = moved.map(|object| &object.receptacle).collect();
+    let mut ids: Vec<_> = task.moved().map(|object| &object.receptacle).collect();
     ids.sort();
     ids.dedup();
     ids.into_iter().filter_map(|id| scene.receptacle(id)).collect()

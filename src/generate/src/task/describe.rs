@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use reel_tasks::wording::definite;
 use reel_world::{Attributes, ObjectInstance, Receptacle, Scene, language};
 
 /// Words that tell nothing apart.
@@ -30,7 +31,7 @@ pub fn receptacle(receptacle: &Receptacle, scene: &Scene) -> Vec<String> {
     if !captions.is_empty() {
         return captions;
     }
-    let room = receptacle.room.split('/').next().unwrap_or_default();
+    let room = receptacle.room_name();
     let plain = [format!("the {}", receptacle.category), format!("the {} in the {room}", receptacle.category)];
     let attributed = phrases(&receptacle.category, &receptacle.attributes);
     let in_room = attributed.iter().map(|phrase| format!("{phrase} in the {room}"));
@@ -55,14 +56,6 @@ pub fn may_mean(phrase: &str, object: &ObjectInstance) -> bool {
     let attributes = object.attributes.values().flatten().map(String::as_str);
     let texts = attributes.chain(object.caption.as_deref()).chain([object.category.as_str()]);
     content(phrase).is_subset(&texts.flat_map(content).collect())
-}
-
-/// `Small red mug with a rim.` as `the small red mug with a rim`.
-fn definite(caption: &str) -> String {
-    let caption = caption.trim_end_matches('.');
-    let mut letters = caption.chars();
-    let first: String = letters.next().into_iter().flat_map(char::to_lowercase).collect();
-    format!("the {first}{}", letters.as_str())
 }
 
 /// `the red mug`, `the small red mug`, ...: one attribute word, then two.

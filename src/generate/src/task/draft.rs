@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reel_tasks::{Stream, library::LibraryObject, yaml};
+use reel_tasks::{Stream, library::LibraryObject, wording::indefinite, yaml};
 use reel_world::{AssetId, Family, InstanceId, ObjectInstance, PlanStep, ReceptacleId, Task, language};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::{
     describe,
     ground::{Ground, Site},
-    wording::{Wording, indefinite},
+    wording::Wording,
 };
 
 /// What kind of task it is.
@@ -292,7 +292,7 @@ impl<'a> Draft<'a> {
         let copies = self.copies.iter().map(|site| Placed { object: self.target(), site: *site });
         let placed: Vec<Placed<'_>> = self.moved.iter().copied().chain(others).chain(copies).collect();
         let mut objects: Vec<ObjectInstance> =
-            placed.iter().map(|placed| standing(placed, instance(placed), id(placed.site))).collect();
+            placed.iter().map(|placed| placed.object.standing(&id(placed.site), name, [0.0; 3])).collect();
         let (precise, instruction) = self.instructions(&objects, stream)?;
         if self.speaks_of_others(&precise) || self.speaks_of_others(&instruction) {
             return Err(Unfit::SpeaksOfOthers);
@@ -478,23 +478,6 @@ impl<'a> Draft<'a> {
         let asks = if task.fuzzy || !self.others.is_empty() { (fitting.len() + usize::from(vague)).min(3) } else { 0 };
         let fields = [("difficulty", json!(self.difficulty)), ("ask_budget", json!(asks)), ("distractor_grades", json!(grades))];
         task.extra.extend(fields.map(|(key, value)| (format!("episodes[0].{key}"), value)));
-    }
-}
-
-/// An object as it stands at the start, without a position.
-fn standing(placed: &Placed<'_>, instance: InstanceId, receptacle: ReceptacleId) -> ObjectInstance {
-    let object = placed.object;
-    ObjectInstance {
-        instance,
-        asset: object.asset.clone(),
-        category: object.category.clone(),
-        caption: Some(object.caption.clone()),
-        attributes: object.attributes.clone(),
-        size: object.size,
-        position: [0.0; 3],
-        yaw: 0.0,
-        receptacle,
-        reference_rest: None,
     }
 }
 

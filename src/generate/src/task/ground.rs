@@ -84,13 +84,11 @@ impl Ground {
     /// Surveys a scene. Lids, and what they cover, are no sites, nor is what cannot be named.
     pub fn survey(scene: Arc<Scene>) -> Self {
         let model = scene_model(&scene, &BTreeSet::new());
-        let covered = |one: &Receptacle| scene.receptacles.iter().any(|other| other.covers.as_ref() == Some(&one.id));
-        let usable = |one: &Receptacle| one.placeable && one.covers.is_none() && !covered(one);
         let mut sites: Vec<Site> = scene
             .receptacles
             .iter()
             .enumerate()
-            .filter(|(_, receptacle)| usable(receptacle))
+            .filter(|(_, receptacle)| scene.is_usable(receptacle))
             .map(|(index, receptacle)| Site::survey(&scene, &model, index, receptacle))
             .filter(|site| !site.captions.is_empty())
             .collect();
@@ -103,8 +101,7 @@ impl Ground {
     }
 
     /// The pairs of sites between which at least one object plausibly moves: source, destination, objects by index.
-    pub fn triplets(&self, library: &[LibraryObject]) -> Vec<(usize, usize, Vec<usize>)> {
-        let table = Compatibility::committed();
+    pub fn triplets(&self, library: &[LibraryObject], table: &Compatibility) -> Vec<(usize, usize, Vec<usize>)> {
         let holds: Vec<Vec<bool>> =
             self.sites.iter().map(|site| library.iter().map(|object| table.holds(&site.receptacle, object)).collect()).collect();
         let pairs = (0..self.sites.len()).flat_map(|src| (0..self.sites.len()).map(move |dest| (src, dest)));

@@ -7,6 +7,7 @@ use reel_tasks::{Stream, library::LibraryObject};
 use reel_world::{Family, Scene, Task};
 
 use super::{
+    compatibility::Compatibility,
     draft::{self, Source, TaskType, Wanted},
     ground::{Ground, Site},
     placement::{self, Placement},
@@ -24,6 +25,8 @@ pub struct Options<'a> {
     pub scenes: &'a [Arc<Scene>],
     /// What can stand in them.
     pub library: &'a [LibraryObject],
+    /// What belongs where.
+    pub table: &'a Compatibility,
     /// The families, in turn.
     pub families: &'a [Family],
     /// The types, in turn within a family as [`TaskType::of_family`] has them.
@@ -85,7 +88,7 @@ fn make_here(options: &Options<'_>, on_task: &(impl Fn() + Sync)) -> Result<Made
     let grounds: Vec<Ground> = options.scenes.par_iter().map(|scene| Ground::survey(scene.clone())).collect();
     let sources: Vec<Source<'_>> = grounds
         .par_iter()
-        .map(|ground| Source { ground, library: options.library, triplets: ground.triplets(options.library) })
+        .map(|ground| Source { ground, library: options.library, triplets: ground.triplets(options.library, options.table) })
         .collect();
     let mut cells: Vec<Cell<'_>> = Vec::new();
     let mut turns: Vec<Vec<usize>> = Vec::new();

@@ -5,7 +5,7 @@
 //! Every draft is a function of seed, scene, family, type and its number alone, so that nothing depends on the number of
 //! threads, and more tasks begin with the fewer. Whether somebody can do a task is found out by whoever plays it.
 
-mod compatibility;
+pub mod compatibility;
 pub(crate) mod describe;
 mod draft;
 mod ground;
@@ -15,7 +15,7 @@ pub mod real;
 pub mod report;
 mod settle;
 mod statistics;
-pub(crate) mod wording;
+mod wording;
 
 pub use compatibility::Compatibility;
 pub use draft::{Difficulty, TaskType, Unfit};

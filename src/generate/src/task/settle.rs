@@ -65,8 +65,7 @@ pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, Unsettled> {
 /// The static filter knows no robot: beside a bed there may be room for the 5 cm that it asks for, and none for a base.
 pub fn can_be_approached(spawned: &Simulator) -> bool {
     let (task, nav, bodies) = (spawned.task(), spawned.nav(), spawned.bodies());
-    let moves = |object: &ObjectInstance| task.goal.place_of(&object.instance) != Some(&object.receptacle);
-    task.objects.iter().enumerate().filter(|(_, object)| moves(object)).all(|(index, _)| {
+    task.objects.iter().enumerate().filter(|(_, object)| task.moves(object)).all(|(index, _)| {
         let position = bodies[index].position;
         let viewpoint = nav.approach(spawned.robot().base, position, spawned.place_of(index).flatten());
         viewpoint.is_some_and(|viewpoint| nav.line_of_sight(viewpoint.camera.position, position, None))

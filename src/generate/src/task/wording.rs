@@ -1,23 +1,9 @@
 //! Instructions in varied words. Takes phrases, never decides what they have to tell apart.
 
-use reel_tasks::Stream;
+use reel_tasks::{Stream, wording::TEMPLATES};
 
-/// `{src}`, `{dest}` and `{object}` stand for phrases, `{at}` for "on" or "in".
-const TEMPLATES: &[&str] = &[
-    "Navigate to {src}, grasp {object}, and carry it to {dest}.",
-    "First, drive to {src} to find {object}, then deliver it to {dest}.",
-    "Go to {src}, pick up {object}, then travel to {dest} to place it.",
-    "Move {object} located at {src} to {dest}.",
-    "Retrieve {object} from {src} and deposit it at {dest}.",
-    "Pick up {object} from {src} and place it {at} {dest}.",
-    "Head over to {src}, fetch {object}, and bring it to {dest}.",
-    "Transport {object} at {src} to {dest}.",
-    "Take {object} from {src} and put it {at} {dest}.",
-    "Bring {object} from {src} to {dest}.",
-    "Get {object} from {src} and move it to {dest}.",
-    "Please carry {object} from {src} to {dest}.",
-    "Fetch {object} from {src} and leave it {at} {dest}.",
-];
+/// Beside those of plain tasks.
+const MORE: &[&str] = &["Please carry {object} from {src} to {dest}.", "Fetch {object} from {src} and leave it {at} {dest}."];
 
 /// For fuzzy instructions also these.
 const CASUAL: &[&str] = &[
@@ -43,9 +29,11 @@ pub(crate) struct Wording {
 impl Wording {
     /// For one object.
     pub(crate) fn moving(fuzzy: bool, stream: &mut Stream) -> Self {
-        let casual = fuzzy && stream.below(3) == 0;
-        let templates = if casual { CASUAL } else { TEMPLATES };
-        Self { template: templates[stream.below(templates.len())] }
+        if fuzzy && stream.below(3) == 0 {
+            return Self { template: CASUAL[stream.below(CASUAL.len())] };
+        }
+        let index = stream.below(TEMPLATES.len() + MORE.len());
+        Self { template: TEMPLATES.get(index).unwrap_or_else(|| &MORE[index - TEMPLATES.len()]) }
     }
 
     /// For several objects.
@@ -77,12 +65,6 @@ impl Wording {
     }
 }
 
-/// `egg` as `an egg`.
-pub(crate) fn indefinite(noun: &str) -> String {
-    let article = if noun.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
-    format!("{article} {noun}")
-}
-
 fn and(phrases: &[&str]) -> String {
     match phrases {
         [] => String::new(),
@@ -93,6 +75,8 @@ fn and(phrases: &[&str]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use reel_tasks::wording::indefinite;
+
     use super::*;
 
     #[test]

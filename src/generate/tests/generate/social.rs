@@ -11,7 +11,7 @@ use reel_generate::{
     social::{
         About, Annotated, Annotation, FIELD, Objection, Options, Skipped, Strategy, annotate, apply, insert, proposal, settles,
     },
-    task::{TaskType, make},
+    task::{Compatibility, TaskType, make},
 };
 use reel_tasks::library::objects;
 use reel_world::{Family, PlanStep, Scene, Task};
@@ -25,8 +25,9 @@ fn made() -> &'static [(Arc<Scene>, Task)] {
     MADE.get_or_init(|| {
         let scenes = ["S1", "S3"].map(|name| Arc::new(built_in(name).unwrap()));
         let (families, types) = (&Family::ALL, &TaskType::ALL);
+        let (library, table) = (objects(), Compatibility::committed());
         let options =
-            reel_generate::task::Options { scenes: &scenes, library: objects(), families, types, count: 64, seed: 1, jobs: 2 };
+            reel_generate::task::Options { scenes: &scenes, library, table, families, types, count: 64, seed: 1, jobs: 2 };
         let made = make(&options, || {}).unwrap().tasks;
         made.into_iter().map(|(scene, task)| (scenes[scene].clone(), task)).collect()
     })

@@ -4,14 +4,18 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use reel_generate::{
     scene::{built_in, names},
-    task::{Compatibility, Ground, Made, Options, Rejection, TaskType, Unsettled, can_be_approached, make, real, settle, spawn},
+    task::{
+        Compatibility, Ground, Made, Options, Rejection, TaskType, Unfit, Unsettled, can_be_approached, compatibility, make,
+        real, settle, spawn,
+    },
 };
 use reel_tasks::{home, library::objects};
-use reel_world::{Family, Scene, Task};
+use reel_world::{Family, ReceptacleId, Scene, Task};
 
 fn made(scenes: &[Arc<Scene>], count: usize, seed: u64, jobs: usize) -> Made {
     let (families, types) = (&Family::ALL, &TaskType::ALL);
-    make(&Options { scenes, library: objects(), families, types, count, seed, jobs }, || {}).unwrap()
+    let (library, table) = (objects(), Compatibility::committed());
+    make(&Options { scenes, library, table, families, types, count, seed, jobs }, || {}).unwrap()
 }
 
 /// The home, and the same seen in a mirror: two scenes.
@@ -105,6 +109,23 @@ fn what_shall_be_moved_can_be_approached() {
 }
 
 #[test]
+fn no_word_happens_to_name_furniture_that_has_no_part_in_it() {
+    // S5 has "the brown desk", and the library a brown desk clock.
+    let scenes = [Arc::new(built_in("S5").unwrap())];
+    let (library, table, families, types) = (objects(), Compatibility::committed(), &[Family::FDP], &[TaskType::Gather]);
+    let options = Options { scenes: &scenes, library, table, families, types, count: 40, seed: 1, jobs: 2 };
+    let made = make(&options, || {}).unwrap();
+    for (_, task) in &made.tasks {
+        let is_ours = |id: &ReceptacleId| *id == task.dest || task.moved().any(|object| object.receptacle == *id);
+        for other in scenes[0].receptacles.iter().filter(|one| !is_ours(&one.id)) {
+            let named = other.captions.keys().find(|caption| task.precise_instruction.contains(caption.as_str()));
+            assert_eq!(named, None, "{}: {}", task.task_id, task.precise_instruction);
+        }
+    }
+    assert!(made.statistics.rejected.contains_key(&Rejection::Draft(Unfit::SpeaksOfOthers)), "{:?}", made.statistics);
+}
+
+#[test]
 fn tasks_survive_writing() {
     let scenes = scenes();
     for (scene, task) in made(&scenes, 80, 6, 2).tasks {
@@ -148,7 +169,7 @@ fn the_table_speaks_of_every_object_and_receptacle() {
             assert!(held >= 50, "{}: {} holds {held} objects", scene.scene_id, receptacle.id);
         }
     }
-    let pairs = Ground::survey(Arc::new(home())).triplets(objects()).len();
+    let pairs = Ground::survey(Arc::new(home())).triplets(objects(), table).len();
     assert!(pairs >= 200, "{pairs} pairs in one scene");
 }
 
@@ -158,6 +179,7 @@ fn two_scenes_of_one_name_and_families_without_the_type_are_refused() {
     let options = Options {
         scenes: &twice,
         library: objects(),
+        table: Compatibility::committed(),
         families: &[Family::SUL],
         types: &[TaskType::Gather],
         count: 1,
@@ -177,4 +199,38 @@ fn a_goal_of_several_moves_is_checked_when_it_is_read() {
     let broken = text.replace("moves:\n", "moves:\n      ghost_on_table_1_at_x: table_1\n");
     let error = reel_tasks::parse(&broken, "made.yaml", &scenes[gathering.0]).unwrap_err().to_string();
     assert!(error.contains("ghost_on_table_1_at_x is no object of the task"), "{error}");
+}
+
+#[test]
+fn a_table_by_a_model_says_where_things_go() {
+    let table = Compatibility::committed();
+    let scenes = [Arc::new(built_in("S7").unwrap())];
+    let places = table.places(scenes.iter().map(Arc::as_ref));
+    let couch = places.iter().find(|place| place.kind == "couch").unwrap();
+    assert!(compatibility::question(couch, objects()).starts_with("Place: couch in the living room\nThings"));
+    let judge = |answer: &str| compatibility::judge(answer, objects());
+    let held = judge("[no]</think>I say\n```json\n[\"Toy\", \"mug\", \"elephant\"]\n```").unwrap();
+    assert_eq!((held.known, held.unknown), (vec!["mug".to_owned(), "toy".to_owned()], vec!["elephant".to_owned()]));
+    for nothing in ["", "[", "fruit", "[1, 2]", "[\"elephant\"]", "{\"a\": []}"] {
+        assert_eq!(judge(nothing), None, "{nothing}");
+    }
+
+    // Only mugs, and only on couch and desks: so they are all that moves.
+    let only = |kind: &str| if kind == "couch" || kind == "desk" { vec!["mug".to_owned()] } else { vec!["nothing".to_owned()] };
+    let mugs = table.with(places.iter().map(|place| (place.clone(), only(&place.kind))).collect());
+    let mugs: Compatibility = serde_json::from_str(&serde_json::to_string(&mugs).unwrap()).unwrap();
+    let (families, types) = ([Family::FDP], [TaskType::Basic]);
+    let (scenes, families, types) = (&scenes[..], &families[..], &types[..]);
+    let options = Options { scenes, library: objects(), table: &mugs, families, types, count: 6, seed: 1, jobs: 2 };
+    let made = make(&options, || {}).unwrap();
+    assert_eq!(made.tasks.len(), 6, "{:?}", made.statistics);
+    for (_, task) in &made.tasks {
+        let kind = |id: &ReceptacleId| scenes[0].receptacle(id).unwrap().category.clone();
+        assert_eq!(task.target_object().category, "mug");
+        assert!(
+            [&task.src, &task.dest].into_iter().all(|end| ["couch", "desk"].contains(&kind(end).as_str())),
+            "{}",
+            task.task_id
+        );
+    }
 }

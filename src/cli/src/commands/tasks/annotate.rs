@@ -16,6 +16,7 @@ use reel_model::{Client, Message, Request, Role};
 use reel_world::{Digest, Scene, Task};
 use serde_json::{Value, json};
 
+use super::{save, save_scene};
 #[cfg(feature = "service")]
 use crate::model::Model;
 use crate::{Answer, inputs, progress};
@@ -103,8 +104,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let bar = progress::bar(all, "tasks");
     let mut counts = Counts::default();
     for (scene, tasks) in &sets {
-        let text = serde_json::to_string_pretty(scene.as_ref()).context("a scene is plain data")?;
-        save(&arguments.out.join(format!("{}.json", scene.scene_id)), &(text + "\n"))?;
+        save_scene(&arguments.out, scene)?;
         let file = |task: &Task| arguments.out.join(&scene.scene_id).join(format!("{}.yaml", task.task_id));
         for batch in tasks.chunks(BATCH) {
             let done: Vec<anyhow::Result<Done>> =
@@ -282,15 +282,6 @@ fn kept(file: &Path, scene: &Scene, made_from: &str) -> Option<Vec<Annotation>> 
         return None;
     }
     serde_json::from_value(social.get("annotations")?.clone()).ok()
-}
-
-/// Writes a file as a whole or not at all.
-fn save(path: &Path, text: &str) -> anyhow::Result<()> {
-    let folder = path.parent().unwrap_or(path);
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let part = path.with_extension("part");
-    fs::write(&part, text).with_context(|| format!("cannot write {}", part.display()))?;
-    fs::rename(&part, path).with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn parse_strategies(names: &[String]) -> anyhow::Result<Vec<Strategy>> {

@@ -1,13 +1,13 @@
 //! `reel tasks generate`: tasks for any scenes, through both filters.
 
-use std::{collections::BTreeSet, fs, path::PathBuf, sync::Arc};
+use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
-use reel_generate::task::{Made, Options, Rejection, Statistics, TaskType, make, real};
+use reel_generate::task::{Compatibility, Made, Options, Rejection, Statistics, TaskType, make, real};
 use reel_world::Scene;
 use serde_json::json;
 
-use super::parse_families;
+use super::{parse_families, save, save_scene};
 use crate::{Answer, inputs, progress};
 
 /// Make tasks for any scenes, and keep those whose objects stay where they are put.
@@ -29,6 +29,9 @@ pub struct Arguments {
     /// Types: basic, distractor, articulation (or store, retrieve), interactive, gather
     #[arg(long, value_name = "TYPES", value_delimiter = ',')]
     types: Vec<String>,
+    /// Table of what belongs where, as `reel tasks compatibility` writes it; without it the one that comes with Reel
+    #[arg(long, value_name = "FILE")]
+    compatibility: Option<PathBuf>,
     /// How many tasks
     #[arg(long, value_name = "N", default_value_t = 40)]
     count: usize,
@@ -51,14 +54,13 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let scenes = match arguments.scene.as_slice() {
-        [] => vec![inputs::scene(None)?],
-        files => files.iter().map(|file| inputs::scene(Some(file))).collect::<anyhow::Result<_>>()?,
-    };
+    let scenes = super::scenes(&arguments.scene)?;
+    let table = arguments.compatibility.as_ref().map(super::compatibility::read).transpose()?;
     let in_real = arguments.format == "real";
     let options = Options {
         scenes: &scenes,
         library: reel_tasks::library::objects(),
+        table: table.as_ref().unwrap_or(Compatibility::committed()),
         families: &parse_families(&arguments.families)?,
         types: &parse_types(&arguments.types, in_real)?,
         count: arguments.count,
@@ -103,14 +105,8 @@ fn print(statistics: &Statistics, arguments: &Arguments) {
 
 fn write(made: &Made, scenes: &[Arc<Scene>], arguments: &Arguments) -> anyhow::Result<()> {
     let out = &arguments.out;
-    let save = |path: PathBuf, text: String| -> anyhow::Result<()> {
-        let folder = path.parent().unwrap_or(out);
-        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
-    };
     for scene in made.tasks.iter().map(|(scene, _)| *scene).collect::<BTreeSet<_>>() {
-        let text = serde_json::to_string_pretty(scenes[scene].as_ref()).context("a scene is plain data")?;
-        save(out.join(format!("{}.json", scenes[scene].scene_id)), text + "\n")?;
+        save_scene(out, &scenes[scene])?;
     }
     for (index, (scene, task)) in made.tasks.iter().enumerate() {
         let scene = &scenes[*scene];
@@ -118,7 +114,7 @@ fn write(made: &Made, scenes: &[Arc<Scene>], arguments: &Arguments) -> anyhow::R
             "real" => real::write(task, scene, index).context("a task that moves several objects has no published form")?,
             _ => reel_tasks::yaml::write(task, scene),
         };
-        save(out.join(&scene.scene_id).join(format!("{}.yaml", task.task_id)), text)?;
+        save(&out.join(&scene.scene_id).join(format!("{}.yaml", task.task_id)), &text)?;
     }
     Ok(())
 }

@@ -1,7 +1,8 @@
-//! `reel tasks`: checks task files, makes them (`generate`; `draw` for measurements), puts questions into their plans (`annotate`),
-//! and says what they are like (`report`).
+//! `reel tasks`: checks task files, makes them (`generate` from a table of what belongs where, `compatibility`; `draw` for
+//! measurements), puts questions into their plans (`annotate`), and says what they are like (`report`).
 
 mod annotate;
+mod compatibility;
 mod generate;
 mod report;
 
@@ -17,6 +18,7 @@ use reel_tasks::{GenerateOptions, Listed, generate};
 use reel_world::{Family, Scene, Task};
 use serde_json::json;
 
+use super::scene::scene_file;
 use crate::{Answer, inputs};
 
 /// Check or make task files.
@@ -74,6 +76,7 @@ enum Command {
     },
     Generate(generate::Arguments),
     Annotate(annotate::Arguments),
+    Compatibility(compatibility::Arguments),
     Report(report::Arguments),
 }
 
@@ -83,17 +86,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         Command::Check { path, scene, json } => check(path, scene.clone(), *json),
         Command::Generate(arguments) => generate::run(arguments),
         Command::Annotate(arguments) => annotate::run(arguments),
+        Command::Compatibility(arguments) => compatibility::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Draw { scene, count, families, seed, out, json } => {
             let scene = inputs::scene(scene.as_deref())?;
             let families = parse_families(families)?;
             let made = generate(&GenerateOptions { scene: &scene, families: &families, count: *count, seed: *seed });
             for task in &made.tasks {
-                let path = out.join(format!("{}.yaml", task.task_id));
-                let folder = path.parent().unwrap_or(out);
-                fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-                fs::write(&path, reel_tasks::yaml::write(task, &scene))
-                    .with_context(|| format!("cannot write {}", path.display()))?;
+                save(&out.join(format!("{}.yaml", task.task_id)), &reel_tasks::yaml::write(task, &scene))?;
             }
             if *json {
                 println!("{}", json!({ "tasks": made.tasks.len(), "rejected": made.rejected, "out": out }));
@@ -106,6 +106,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             Ok(if made.tasks.len() == *count { Answer::Yes } else { Answer::No })
         }
     }
+}
+
+/// Writes a file as a whole or not at all.
+fn save(path: &Path, text: &str) -> anyhow::Result<()> {
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let part = path.with_extension("part");
+    fs::write(&part, text).with_context(|| format!("cannot write {}", part.display()))?;
+    fs::rename(&part, path).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes the scene of tasks beside them.
+fn save_scene(folder: &Path, scene: &Scene) -> anyhow::Result<()> {
+    save(&folder.join(format!("{}.json", scene.scene_id)), &scene_file(scene)?)
 }
 
 /// A scene and tasks for it.
@@ -172,6 +186,14 @@ fn check(path: &Path, scene: Option<PathBuf>, as_json: bool) -> anyhow::Result<A
         }
     }
     Ok(if report.broken.is_empty() { Answer::Yes } else { Answer::No })
+}
+
+/// The scenes that were named; without a name the home.
+fn scenes(named: &[PathBuf]) -> anyhow::Result<Vec<Arc<Scene>>> {
+    match named {
+        [] => Ok(vec![inputs::scene(None)?]),
+        files => files.iter().map(|file| inputs::scene(Some(file))).collect(),
+    }
 }
 
 fn parse_families(names: &[String]) -> anyhow::Result<Vec<Family>> {
