@@ -14,6 +14,7 @@ import time
 
 import numpy
 
+import augment
 import classes
 import data
 import evaluate
@@ -98,12 +99,13 @@ def main():
         sys.exit(f"{' '.join(options.held_out)}: {len(held)} examples held out, {len(learnt)} to train on; both are needed")
     tokenizer = Tokenizer([f"{example.given}\n{example.answer}" for example in learnt])
     sequences = list(train.sequences(tokenizer, learnt))
+    told = lambda draw: list(train.sequences(tokenizer, augment.retold(learnt, draw)))
     config = model.Config(len(tokenizer))
     count = lambda some, what: len({what(example) for example in some})
     for name, some in (("train", learnt), ("held out", held)):
         print(f"{name}: {len(some)} steps, {count(some, lambda one: one.episode)} episodes, {count(some, lambda one: one.scene)} scenes")
     print(f"{len(tokenizer)} pieces, {sum(map(len, sequences)) / len(sequences):.0f} tokens an episode, seed {options.seed}", flush=True)
-    parameters, losses = train.train(config, sequences, options.updates, options.seed, checkpoint=options.checkpoint)
+    parameters, losses = train.train(config, told, options.updates, options.seed, checkpoint=options.checkpoint)
     answers = answer_all(parameters, config, tokenizer, held)
 
     learned = classes.known(learnt)

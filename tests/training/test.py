@@ -20,6 +20,7 @@ if importlib.util.find_spec("jax") is None:
 import jax
 import numpy
 
+import augment
 import classes
 import data
 import evaluate
@@ -118,6 +119,27 @@ class Pieces(unittest.TestCase):
         situation.visited.append("table_11")
         self.assertEqual(classes.choice(open_, "nav_to", situation, learned).decides, classes.TEXT)
 
+    def test_other_names_tell_the_same(self):
+        some, draw = examples(), numpy.random.default_rng(3)
+        words, learned = augment.kinds(some), classes.Known({"mug"}, set())
+        decide = lambda steps: [
+            (one.action["tool_name"], choice.decides, len(choice.candidates), *(one.action["args"].get("receptacle_name") == place for place in choice.candidates))
+            for one, situation in zip(steps, classes.situations(steps).values())
+            for choice in [classes.choice(one, one.action["tool_name"], situation, learned)]
+        ]
+        tasks = set()
+        for _ in range(50):
+            told = list(augment.renamed(some[:4], words, draw))
+            tasks.add(told[0].task)
+            # Which of the candidates is meant may come first or second: the list is in another order.
+            self.assertEqual([sorted(map(str, one)) for one in decide(told)], [sorted(map(str, one)) for one in decide(some[:4])])
+            self.assertEqual({one.receptacles.count("\n") for one in told}, {3})
+            self.assertEqual([one.last for one in told], [None, *(one.action for one in told[:-1])])
+        self.assertGreater(len(tasks), 40)
+        several = list(augment.retold(some, draw))
+        self.assertEqual([(one.episode, one.call) for one in several], [(one.episode, one.call) for one in some])
+        self.assertTrue(0 < sum(one == other for one, other in zip(several, some)) < len(some))
+
     def test_chance_and_intervals(self):
         self.assertAlmostEqual(evaluate.at_least(2, [0.5, 0.5, 0.5]), 0.5)
         self.assertAlmostEqual(evaluate.at_least(1, [0.5, 0.25]), 1 - 0.5 * 0.75)
@@ -160,7 +182,7 @@ class Model(unittest.TestCase):
     def test_it_learns(self):
         some = examples()
         tokenizer, sequences, config = trained_on(some, 32)
-        parameters, losses = train.train(config, sequences, 100, 0, say=lambda _: None)
+        parameters, losses = train.train(config, lambda _: sequences, 100, 0, say=lambda _: None)
         self.assertLess(losses[-1], 0.5 * losses[0])
         answers = prove.answer_all(parameters, config, tokenizer, some)
         scores = evaluate.score(some, answers, classes.known(some))
@@ -175,10 +197,10 @@ class Model(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(train, "REPORT", 4):
             path = pathlib.Path(folder) / "training.pickle"
             with self.assertRaises(KeyboardInterrupt):
-                train.train(config, sequences, 8, 7, checkpoint=path, say=stop)
+                train.train(config, lambda _: sequences, 8, 7, checkpoint=path, say=stop)
             self.assertIsNone(train.kept(path, dataclasses.replace(config, width=16)))
-            broken = train.train(config, sequences, 8, 7, checkpoint=path, say=lambda _: None)
-            whole = train.train(config, sequences, 8, 7, say=lambda _: None)
+            broken = train.train(config, lambda _: sequences, 8, 7, checkpoint=path, say=lambda _: None)
+            whole = train.train(config, lambda _: sequences, 8, 7, say=lambda _: None)
         self.assertEqual(broken[1], whole[1])
         self.assertTrue(numpy.array_equal(broken[0]["embedding"], whole[0]["embedding"]))
 

@@ -81,8 +81,11 @@ def keep(path, config, *state):
         part.rename(path)
 
 
-def train(config, some, updates, seed, rate=3e-3, checkpoint=None, say=print):
-    """The trained parameters and the mean loss of each REPORT updates; goes on from the checkpoint, if there is one."""
+def train(config, told, updates, seed, rate=3e-3, checkpoint=None, say=print):
+    """The trained parameters and the mean loss of each REPORT updates; goes on from the checkpoint, if there is one.
+
+    `told` gives the sequences of one epoch, by a random generator.
+    """
     parameters = model.initialise(config, seed)
     moments = (jax.tree.map(jnp.zeros_like, parameters), jax.tree.map(jnp.zeros_like, parameters))
     began, done, losses = time.perf_counter(), 0, []
@@ -92,7 +95,7 @@ def train(config, some, updates, seed, rate=3e-3, checkpoint=None, say=print):
         done, losses = int(done), [float(loss) for loss in losses]
         say(f"  goes on after update {done}: {checkpoint}")
     values = []
-    for step, tokens in enumerate(itertools.islice(endless(some, seed), updates), 1):
+    for step, tokens in enumerate(itertools.islice(endless(told, seed), updates), 1):
         if step <= done:
             continue
         now = rate * min(1, step / WARM, (updates - step) / (0.4 * updates) + 0.02)
@@ -106,8 +109,8 @@ def train(config, some, updates, seed, rate=3e-3, checkpoint=None, say=print):
     return parameters, losses
 
 
-def endless(some, seed):
+def endless(told, seed):
     """Batches, epoch after epoch."""
     draw = numpy.random.default_rng(seed)
     while True:
-        yield from batches(some, draw)
+        yield from batches(told(draw), draw)
