@@ -21,8 +21,8 @@ CHUNK = 256
 class Config:
     vocabulary: int
     width: int = 128
-    layers: int = 3
-    heads: int = 2
+    layers: int = 4
+    heads: int = 4
 
 
 def initialise(config, seed):

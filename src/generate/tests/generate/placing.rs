@@ -4,7 +4,7 @@ use std::{collections::BTreeSet, sync::Arc};
 
 use reel_generate::task::{
     Ground, Side, Site,
-    placement::{BAND_M, MARGIN_M, Misfit, Placement, STAND_RADIUS_M, static_filter},
+    placement::{Misfit, Placement, nearest_side, static_filter},
 };
 use reel_sim::{
     geometry::{Part, Shape},
@@ -12,6 +12,10 @@ use reel_sim::{
 };
 use reel_tasks::{Stream, home, library::objects};
 
+/// SPEC section 3, in metres.
+const MARGIN_M: f64 = 0.05;
+const BAND_M: f64 = 0.5;
+const STAND_RADIUS_M: f64 = 0.05;
 /// Placements to check.
 const PLACEMENTS: usize = 10_000;
 /// For sums of rounded numbers, in metres.
@@ -97,6 +101,20 @@ fn ten_thousand_placements_keep_margin_band_stand_radius_and_free_footprint() {
         }
     }
     assert!(misfits.contains(&Misfit::OutOfReach), "{misfits:?}");
+}
+
+#[test]
+fn what_stands_behind_a_door_is_reached_through_it() {
+    let ground = Ground::survey(Arc::new(home()));
+    let (behind, free): (Vec<&Site>, Vec<&Site>) = ground.sites.iter().partition(|site| site.receptacle.door.exists());
+    assert!(behind.len() >= 3 && free.iter().all(|site| site.front.is_none()));
+    for site in behind {
+        let (front, surface) = (site.front.unwrap(), site.surface());
+        let corners = [surface.min, [surface.min[0], surface.max[1]], [surface.max[0], surface.min[1]], surface.max];
+        assert!(corners.iter().all(|corner| nearest_side(site, *corner).0 == front), "{}", site.receptacle.id);
+        let mut stream = Stream::new(1, "behind a door", 0);
+        assert!(Placement::default().place(site, [0.08, 0.08, 0.1], &mut stream).is_ok(), "{}", site.receptacle.id);
+    }
 }
 
 #[test]

@@ -211,7 +211,7 @@ fn a_table_by_a_model_says_where_things_go() {
     let judge = |answer: &str| compatibility::judge(answer, objects());
     let held = judge("[no]</think>I say\n```json\n[\"Toy\", \"mug\", \"elephant\"]\n```").unwrap();
     assert_eq!((held.known, held.unknown), (vec!["mug".to_owned(), "toy".to_owned()], vec!["elephant".to_owned()]));
-    for nothing in ["", "[", "fruit", "[1, 2]", "[\"elephant\"]", "{\"a\": []}"] {
+    for nothing in ["", "[", "fruit", "[1, 2]", "[\"elephant\"]", "{\"a\": []}", "[\"mug\"]</think>I cannot tell."] {
         assert_eq!(judge(nothing), None, "{nothing}");
     }
 
