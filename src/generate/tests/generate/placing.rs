@@ -4,7 +4,7 @@ use std::{collections::BTreeSet, sync::Arc};
 
 use reel_generate::task::{
     Ground, Side, Site,
-    placement::{Misfit, Placement, nearest_side, static_filter},
+    placement::{Misfit, Placement, is_valid, nearest_side, static_filter},
 };
 use reel_sim::{
     geometry::{Part, Shape},
@@ -101,6 +101,27 @@ fn ten_thousand_placements_keep_margin_band_stand_radius_and_free_footprint() {
         }
     }
     assert!(misfits.contains(&Misfit::OutOfReach), "{misfits:?}");
+}
+
+#[test]
+fn nobody_reaches_over_an_edge_that_something_stands_at() {
+    let reached = |gap: f64| {
+        let mut scene = home();
+        let at = |id: &str| scene.receptacles.iter().position(|one| one.id.as_str() == id).unwrap();
+        let (table, other) = (at("table_1"), at("table_2"));
+        // Beside the line between two cells of the map, so that the other piece lies in the next one.
+        let edge = 5.98;
+        scene.receptacles[table].surface_max[0] = edge;
+        let moved = &mut scene.receptacles[other];
+        let width = moved.surface_max[0] - moved.surface_min[0];
+        (moved.surface_min[0], moved.surface_max[0]) = (edge + gap, edge + gap + width);
+        let ys = [scene.receptacles[table].surface_min[1], scene.receptacles[table].surface_max[1]];
+        (scene.receptacles[other].surface_min[1], scene.receptacles[other].surface_max[1]) = (ys[0], ys[1]);
+        let ground = Ground::survey(Arc::new(scene));
+        let site = ground.sites.iter().find(|site| site.receptacle.id.as_str() == "table_1").unwrap();
+        is_valid(site, [edge - 0.1, (ys[0] + ys[1]) / 2.0], [0.1, 0.1, 0.1])
+    };
+    assert_eq!([0.01, 0.03, 0.12].map(reached), [false, false, true]);
 }
 
 #[test]
