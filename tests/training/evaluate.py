@@ -39,7 +39,7 @@ def histories(examples):
 
 
 def baseline(train, held, longest):
-    """Actions guessed from the calls before: the tool by itself, then the commonest arguments of that tool."""
+    """Actions guessed from the calls before: the tool by itself, then the commonest arguments of the tool that was called."""
     tools, arguments = BackOff(longest), BackOff(longest)
     for example, history in histories(train):
         tool = example.action["tool_name"]
@@ -47,10 +47,10 @@ def baseline(train, held, longest):
         arguments.learn([*history, tool], json.dumps(example.action["args"], sort_keys=True))
     guesses = {}
     for example, history in histories(held):
-        tool = tools.guess(history)
         # The last word of an argument's context is its tool; at context zero that would be lost.
         arguments.longest = max(1, longest)
-        guesses[example.episode, example.call] = {"tool_name": tool, "args": json.loads(arguments.guess([*history, tool]))}
+        guess = json.loads(arguments.guess([*history, example.action["tool_name"]]))
+        guesses[example.episode, example.call] = {"tool_name": tools.guess(history), "args": guess}
     return guesses
 
 
@@ -91,19 +91,22 @@ def arrived_at_one_of_several(example, situation, learned):
 
 
 def score(held, answers, learned):
-    """All figures of one set of answers: {(episode, call): action or None}."""
+    """All figures of one set of answers: {(episode, call): action or None}.
+
+    Arguments are those written after the tool that was called: which tool it is, is asked of the text by itself.
+    """
     before = situations(held)
     tools, by_tool = {"all": [], TEXT: [], IMAGE: []}, collections.defaultdict(list)
     arguments = {TEXT: [], NEITHER: []}
-    details, exact, chances, guessed, outside = collections.defaultdict(list), [], [], [], 0
+    details, exact, both, chances, guessed, outside = collections.defaultdict(list), [], [], [], [], 0
     for example in held:
         key = example.episode, example.call
         answer, tool = answers.get(key), example.action["tool_name"]
-        same_tool, same = bool(answer) and answer["tool_name"] == tool, answer == example.action
+        same_tool, same = bool(answer) and answer["tool_name"] == tool, bool(answer) and answer["args"] == example.action["args"]
         tools["all"].append(same_tool)
         tools[IMAGE if arrived_at_one_of_several(example, before[key], learned) else TEXT].append(same_tool)
         by_tool[tool].append(same_tool)
-        exact.append(same)
+        exact.append(same_tool and same)
         if not example.action["args"]:
             continue
         open_ = choice(example, tool, before[key], learned)
@@ -112,13 +115,15 @@ def score(held, answers, learned):
         outside += bool(open_.candidates) and label not in open_.candidates
         if open_.decides != IMAGE:
             arguments[open_.decides].append(same)
-        elif same_tool:
+            both += [same_tool and same] if open_.decides == TEXT else []
+        else:
             guessed.append(same)
             chances.append((label in open_.candidates) / len(open_.candidates))
     return {
         "tool": {name: share(rights) for name, rights in tools.items()},
         "tool_by_label": {name: share(rights) for name, rights in sorted(by_tool.items())},
         "arguments": {name: share(rights) for name, rights in arguments.items()},
+        "arguments_and_tool": share(both),
         "arguments_by_tool": {name: share(rights) for name, rights in sorted(details.items())},
         "image_arguments": {
             **share(guessed),

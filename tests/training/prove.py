@@ -29,8 +29,8 @@ ROWS = 4
 def answer_all(parameters, config, tokenizer, examples):
     """Greedy answers, parsed: {(episode, call): action or None}. What came before each step is as it was recorded.
 
-    Each token is the likeliest after the recorded ones. That gives the recorded answer exactly where writing token by token
-    gives it, and the same first token that differs; all steps of an episode take one pass.
+    Each token is the likeliest after the recorded ones, so arguments are those of the tool that was called. An action as a whole is the
+    recorded one exactly where writing token by token gives it; all steps of an episode take one pass.
     """
     answers, ids = {}, list(train.sequences(tokenizer, examples))
     keys = iter([(one.episode, one.call) for one in examples])
@@ -63,6 +63,7 @@ def tell(scores):
     for name in scores["model"]["arguments_by_tool"]:
         if name.startswith(classes.TEXT):
             line(f"  {name.split()[1]}", lambda one, name=name: one["arguments_by_tool"][name])
+    line("  and the tool before them, too", lambda one: one["arguments_and_tool"])
     line("arguments that neither tells", lambda one: one["arguments"][classes.NEITHER])
     line("whole actions", lambda one: one["exact_actions"])
     image = scores["model"]["image_arguments"]
