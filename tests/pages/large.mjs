@@ -86,10 +86,18 @@ const session = await context.newCDPSession(page);
 await session.send("HeapProfiler.enable");
 await session.send("Performance.enable");
 async function kept() {
-  await session.send("HeapProfiler.collectGarbage");
-  const { metrics } = await session.send("Performance.getMetrics");
-  const of = (name) => metrics.find((one) => one.name === name).value;
-  return { heap: of("JSHeapUsedSize"), nodes: of("Nodes"), listeners: of("JSEventListeners") };
+  const least = { heap: Infinity, nodes: Infinity, listeners: Infinity };
+  // What the page before left goes with one of the next collections.
+  for (let turn = 0; turn < 5; turn += 1) {
+    await session.send("HeapProfiler.collectGarbage");
+    const { metrics } = await session.send("Performance.getMetrics");
+    const of = (name) => metrics.find((one) => one.name === name).value;
+    least.heap = Math.min(least.heap, of("JSHeapUsedSize"));
+    least.nodes = Math.min(least.nodes, of("Nodes"));
+    least.listeners = Math.min(least.listeners, of("JSEventListeners"));
+    await page.waitForTimeout(100);
+  }
+  return least;
 }
 await visit(page, "/");
 const around = ["/", "/episodes", "/failures", "/compare", "/sql", "/panels", "/datasets", "/live", `/episodes/${long}?step=3`, "/failures?tab=confusions"];

@@ -263,6 +263,11 @@ impl Config {
         self.data.join("traces")
     }
 
+    /// Where snapshots of moments are kept that people looked at.
+    pub(crate) fn moments(&self) -> PathBuf {
+        self.data.join("moments")
+    }
+
     /// Where training sets are written.
     pub fn exports(&self) -> PathBuf {
         self.data.join("exports")

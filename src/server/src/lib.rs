@@ -14,6 +14,7 @@ mod gate;
 mod jobs;
 mod metrics;
 mod mock_llm;
+mod moments;
 #[cfg(feature = "tables")]
 mod pages;
 mod rest;

@@ -26,6 +26,7 @@ use crate::{
     connections,
     gate::{self, Rates},
     metrics::Metrics,
+    moments::Moments,
     rest,
 };
 #[cfg(feature = "tables")]
@@ -43,6 +44,7 @@ pub(crate) struct App {
     pub pool: Arc<Pool>,
     pub questions: Arc<Questions>,
     pub archive: Archive,
+    pub moments: Moments,
     #[cfg(feature = "tables")]
     pub jobs: Jobs,
     #[cfg(feature = "tables")]
@@ -123,6 +125,7 @@ impl Service {
         let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
         let archive = Archive::open(config.traces()).map_err(ServeError::Data)?;
         archive.sweep();
+        let moments = Moments::at(config.moments());
         restore_all(&archive);
         let address = config.listen;
         let listener = TcpListener::bind(address).await.map_err(|source| ServeError::Listen { address, source })?;
@@ -144,6 +147,7 @@ impl Service {
             #[cfg(feature = "tables")]
             tables: Tables::new(config.store()),
             archive,
+            moments,
             tokens,
             guard: Guard { hosts: config.hosts.clone(), origins: config.origins.clone() },
             rates: Rates::new(&config),

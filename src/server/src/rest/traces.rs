@@ -301,7 +301,7 @@ pub(super) async fn frame(
         let recorded = (viewpoint == Viewpoint::Head).then(|| trace.frame_rgb(step).ok().flatten()).flatten();
         let rgb = match recorded {
             Some(rgb) => rgb,
-            None => view_at(&trace, step, &viewpoint, None).map_err(|verdict| not_executed(&verdict))?,
+            None => view_at(&trace, step, &viewpoint, Some(app.moments.cache())).map_err(|verdict| not_executed(&verdict))?,
         };
         Ok(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
     })
