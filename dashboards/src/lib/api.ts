@@ -44,7 +44,7 @@ export async function send(method: string, path: string, body?: unknown, signal?
 }
 
 export async function get<T>(path: string, signal?: AbortSignal): Promise<T> {
-  return (await send("GET", path, undefined, signal)).json();
+  return (await fetched(path, signal)).json();
 }
 
 export async function post<T>(path: string, body: unknown, signal?: AbortSignal): Promise<T> {
@@ -61,25 +61,30 @@ export async function remove(path: string): Promise<void> {
   await send("DELETE", path);
 }
 
-let foreseen: { path: string; blob: Promise<Blob> } | null = null;
+/** Answers that were asked for before somebody wanted them. */
+const foreseen = new Map<string, Promise<Response>>();
 
-async function blob(path: string, signal?: AbortSignal): Promise<Blob> {
-  return (await send("GET", path, undefined, signal)).blob();
+/** Asks for what will be wanted in a moment, once each. What was foreseen before and wanted by nobody is forgotten. */
+export function foresee(paths: string[]) {
+  for (const path of [...foreseen.keys()]) if (!paths.includes(path)) foreseen.delete(path);
+  for (const path of paths) {
+    if (foreseen.has(path)) continue;
+    const answer = send("GET", path);
+    // Whoever wants it is told what went wrong.
+    answer.catch(() => null);
+    foreseen.set(path, answer);
+  }
 }
 
-/** Asks for a picture that will be wanted in a moment. */
-export function foresee(path: string) {
-  if (foreseen?.path === path) return;
-  foreseen = { path, blob: blob(path) };
-  // Whoever wants it is told what went wrong.
-  foreseen.blob.catch(() => null);
+function fetched(path: string, signal?: AbortSignal): Promise<Response> {
+  const known = foreseen.get(path);
+  foreseen.delete(path);
+  return known ?? send("GET", path, undefined, signal);
 }
 
 /** A picture, as an address for <img>; to be given back to URL.revokeObjectURL. */
 export async function picture(path: string, signal?: AbortSignal): Promise<string> {
-  const known = foreseen?.path === path ? foreseen.blob : null;
-  if (known) foreseen = null;
-  return URL.createObjectURL(await (known ?? blob(path, signal)));
+  return URL.createObjectURL(await (await fetched(path, signal)).blob());
 }
 
 /** Asks the tables. Values go as `$parameters`, never into the text. */

@@ -1,7 +1,6 @@
 /** The cameras of an episode, how the free one moves, and the picture that an address asks for. */
-import { foresee } from "../../lib/api";
 import { link } from "../../lib/route.svelte";
-import { START, framePath, type Point, type Robot } from "../../lib/trace";
+import { START, type Point, type Robot } from "../../lib/trace";
 
 export type View = { camera: string; eye: string; lookAt: string };
 
@@ -13,11 +12,6 @@ export function viewOf(query: URLSearchParams): View {
 export function momentOf(query: URLSearchParams): number {
   const step = Number.parseInt(query.get("step") ?? "", 10);
   return Number.isNaN(step) ? START : Math.max(START, step);
-}
-
-/** The picture takes longest: it is drawn while the page and all the rest are loaded. */
-export function foreseePicture(trace: string, query: URLSearchParams) {
-  foresee(framePath(trace, momentOf(query), queryOf(viewOf(query))));
 }
 
 export function queryOf({ camera, eye, lookAt }: View): string {

@@ -1,0 +1,14 @@
+/** What the page of an episode asks for first: asked while the page itself is still on its way. */
+import { foresee } from "../../lib/api";
+import { framePath } from "../../lib/trace";
+import { momentOf, queryOf, viewOf } from "./camera";
+
+export function pathsOf(trace: string) {
+  const trunk = `/api/traces/${encodeURIComponent(trace)}`;
+  return { episode: `${trunk}/episode`, steps: `${trunk}/steps?limit=1000`, scene: `${trunk}/scene`, blame: `${trunk}/blame` };
+}
+
+/** The picture comes first: it takes longest. */
+export function foreseeEpisode(trace: string, query: URLSearchParams) {
+  foresee([framePath(trace, momentOf(query), queryOf(viewOf(query))), ...Object.values(pathsOf(trace))]);
+}
