@@ -45,9 +45,14 @@ export async function sankey_to_decisive_step(browser) {
 /** The keyboard moves one clock, and everything with it. */
 export async function stepping(browser, { trace, step }) {
   await onPage(browser, async (page) => {
+    const asked = [];
+    page.on("request", (request) => asked.push(request.url().slice(url.length)));
     await visit(page, `/episodes/${trace}`);
     const picture = page.locator(".view img").first();
     await picture.waitFor();
+    // What was asked while the page came is not asked again.
+    const ofTrace = asked.filter((path) => path.startsWith(`/api/traces/${trace}/`));
+    assert(ofTrace.length >= 5 && new Set(ofTrace).size === ofTrace.length, ofTrace.join(" "));
     const shown = () => picture.getAttribute("src");
     const first = await shown();
     assert((await moment(page)).startsWith("start"), await moment(page));
