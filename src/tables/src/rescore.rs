@@ -96,6 +96,19 @@ impl Store {
     pub fn score(
         &self,
         presets: &[Preset],
+        visit: impl FnMut(&ScoredEpisode<'_>, &[EpisodeReward]) -> bool,
+    ) -> Result<(), StoreError> {
+        self.score_in(&self.file_names(Table::Episodes), presets, visit)
+    }
+
+    /// [`Store::score`] of the episodes in some files ([`Store::file_names`]).
+    ///
+    /// # Errors
+    /// As [`Store::score`].
+    pub fn score_in(
+        &self,
+        files: &[String],
+        presets: &[Preset],
         mut visit: impl FnMut(&ScoredEpisode<'_>, &[EpisodeReward]) -> bool,
     ) -> Result<(), StoreError> {
         let mut columns = COLUMNS.to_vec();
@@ -109,7 +122,7 @@ impl Store {
         let mut rewards: Vec<EpisodeReward> = vec![EpisodeReward::default(); presets.len()];
         let mut facts = EpisodeFacts::default();
         let mut going = true;
-        self.read(Table::Episodes, &columns, |batch| {
+        self.read_in(Table::Episodes, files, &columns, |batch| {
             let columns = Columns::new(&batch, markers);
             for row in 0..batch.num_rows() {
                 if !going {

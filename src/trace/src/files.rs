@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{TraceError, limits::Limits};
+use crate::{TraceError, limits::Limits, remote};
 
 /// What the name of an unfinished recording ends with.
 pub(crate) const PART: &str = ".part";
@@ -30,7 +30,7 @@ pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Vec<u8>, TraceError> 
         TraceError::Io { action: "read", path: path.to_owned(), source }
     };
     let limit = limits.file_bytes;
-    let file = File::open(path).map_err(failed)?;
+    let file = remote::local(path).and_then(File::open).map_err(failed)?;
     let found = file.metadata().map_err(failed)?.len();
     let mut bytes = Vec::new();
     if found <= limit {

@@ -4,11 +4,9 @@ use std::{
     collections::{BTreeMap, BTreeSet, HashMap, HashSet},
     path::{Path, PathBuf},
     sync::{
-        Mutex,
         atomic::{AtomicUsize, Ordering},
         mpsc,
     },
-    time::UNIX_EPOCH,
 };
 
 use arrow::{
@@ -18,14 +16,14 @@ use arrow::{
 };
 use deltalake::kernel::Action;
 use rayon::prelude::*;
-use reel_trace::RecordsReader;
-use reel_world::Digest;
+use reel_trace::{RecordsReader, file_facts};
 use serde::Serialize;
 
 use super::{
     Refused, SIDE, Store, StoreError, TRIES_MAX,
     location::absolute,
     parts::{Merge, parts},
+    reading::{Key, Read, Seen, TraceRows, key},
 };
 use crate::{Table, rows::Rows};
 
@@ -54,9 +52,6 @@ pub struct IngestReport {
     pub version: u64,
 }
 
-/// Short digest of a text or of a file's identity, so that much is known in little memory.
-type Key = u128;
-
 /// What the store holds.
 struct Known {
     /// Trace digest by episode id.
@@ -69,26 +64,10 @@ struct Known {
     scenes: HashSet<Key>,
 }
 
-/// A row of a batch of episodes.
-struct Read {
-    path: String,
-    episode_id: String,
-    digest: String,
-}
-
-/// Some traces as rows.
-struct Batch {
-    episodes: RecordBatch,
-    read: Vec<Read>,
-    bad: Vec<(PathBuf, String)>,
-    tasks: Vec<(Key, RecordBatch)>,
-    scenes: Vec<(Key, RecordBatch)>,
-}
-
 /// What waits to be committed.
 #[derive(Default)]
 struct Portion {
-    batches: Vec<Batch>,
+    batches: Vec<TraceRows>,
     bytes: usize,
 }
 
@@ -101,43 +80,62 @@ impl Store {
     /// # Errors
     /// When the store cannot be read or written.
     pub fn ingest(&mut self, paths: &[PathBuf], progress: Progress<'_>) -> Result<IngestReport, StoreError> {
+        self.ingest_by(paths, TRACES_PER_BATCH, progress, |groups, seen, done, take| {
+            let reader = RecordsReader::default();
+            let read = |group: &Vec<PathBuf>| {
+                let rows = TraceRows::read(&reader, group, &seen);
+                done(group.len());
+                rows
+            };
+            std::thread::scope(|scope| {
+                let (sender, receiver) = mpsc::sync_channel::<Vec<Result<TraceRows, StoreError>>>(1);
+                let read = &read;
+                scope.spawn(move || {
+                    for ahead in groups.chunks(BATCHES_AHEAD) {
+                        if sender.send(ahead.par_iter().map(read).collect()).is_err() {
+                            return;
+                        }
+                    }
+                });
+                receiver.iter().flatten().try_for_each(|rows| take(rows?))
+            })
+        })
+    }
+
+    /// [`Store::ingest`], where somebody else reads the traces: `read` gets them in groups of so many, hands the rows of each
+    /// group on in the order of the groups, and says how many traces are done. Of the tasks and scenes in the set no rows are
+    /// needed.
+    ///
+    /// # Errors
+    /// As [`Store::ingest`], and what `read` says; what was committed before stays.
+    pub fn ingest_by<E: From<StoreError>>(
+        &mut self,
+        paths: &[PathBuf],
+        group: usize,
+        progress: Progress<'_>,
+        read: impl FnOnce(&[Vec<PathBuf>], Seen, &(dyn Fn(usize) + Sync), &mut dyn FnMut(TraceRows) -> Result<(), E>) -> Result<(), E>,
+    ) -> Result<IngestReport, E> {
         self.reload()?;
         let paths: BTreeSet<PathBuf> = paths.iter().map(|path| absolute(path).unwrap_or_else(|_| path.clone())).collect();
         let mut known = self.known()?;
         let mut report = IngestReport::default();
-        let fresh: Vec<&PathBuf> = paths.iter().filter(|path| !known.files.contains(&file_key(path))).collect();
+        let fresh: Vec<PathBuf> = paths.iter().filter(|path| !known.files.contains(&file_key(path))).cloned().collect();
+        let groups: Vec<Vec<PathBuf>> = fresh.chunks(group).map(<[PathBuf]>::to_vec).collect();
         report.unchanged = paths.len() - fresh.len();
         let done = AtomicUsize::new(report.unchanged);
         progress(report.unchanged, paths.len());
-        // tasks and scenes of which somebody builds the rows already
-        let seen = Mutex::new(known.tasks.union(&known.scenes).copied().collect::<HashSet<Key>>());
-        let reader = RecordsReader::default();
-        let read = |chunk: &[&PathBuf]| {
-            let batch = read_batch(&reader, chunk, &seen);
-            progress(done.fetch_add(chunk.len(), Ordering::Relaxed) + chunk.len(), paths.len());
-            batch
-        };
-        std::thread::scope(|scope| {
-            let (sender, receiver) = mpsc::sync_channel::<Vec<Result<Batch, StoreError>>>(1);
-            let (fresh, read) = (&fresh, &read);
-            scope.spawn(move || {
-                for ahead in fresh.chunks(TRACES_PER_BATCH * BATCHES_AHEAD) {
-                    let batches = ahead.par_chunks(TRACES_PER_BATCH).map(read).collect();
-                    if sender.send(batches).is_err() {
-                        return;
-                    }
-                }
-            });
-            let mut portion = Portion::default();
-            for batch in receiver.iter().flatten() {
-                portion.push(batch?);
-                if portion.bytes >= PORTION_BYTES {
-                    self.take(std::mem::take(&mut portion), &paths, &mut known, &mut report)?;
-                    self.merge_small_files(Merge::INGESTED)?;
-                }
+        let seen = Seen::new(known.tasks.union(&known.scenes).copied());
+        let more = |count: usize| progress(done.fetch_add(count, Ordering::Relaxed) + count, paths.len());
+        let mut portion = Portion::default();
+        read(&groups, seen, &more, &mut |rows| {
+            portion.push(rows);
+            if portion.bytes >= PORTION_BYTES {
+                self.take(std::mem::take(&mut portion), &paths, &mut known, &mut report)?;
+                self.merge_small_files(Merge::INGESTED)?;
             }
-            self.take(portion, &paths, &mut known, &mut report)
+            Ok(())
         })?;
+        self.take(portion, &paths, &mut known, &mut report)?;
         self.merge_small_files(Merge::INGESTED)?;
         report.version = self.version();
         Ok(report)
@@ -305,7 +303,7 @@ impl Store {
 
     /// Adds the tasks or scenes of a portion that are not there yet; the new version where there were any.
     fn add_missing(&self, table: Table, portion: &Portion, known: &HashSet<Key>) -> Result<Option<u64>, Refused> {
-        let of = |batch: &'_ Batch| if table == Table::Tasks { &batch.tasks } else { &batch.scenes }.clone();
+        let of = |batch: &'_ TraceRows| if table == Table::Tasks { &batch.tasks } else { &batch.scenes }.clone();
         let rows = portion.batches.iter().flat_map(of).filter(|(digest, _)| !known.contains(digest));
         let rows: BTreeMap<Key, RecordBatch> = rows.collect();
         if rows.is_empty() {
@@ -452,62 +450,11 @@ impl Portion {
         reads.map(|read| read.episode_id.clone()).collect()
     }
 
-    fn push(&mut self, batch: Batch) {
+    fn push(&mut self, batch: TraceRows) {
         let rows = batch.tasks.iter().chain(&batch.scenes).map(|(_, rows)| rows).chain([&batch.episodes]);
         self.bytes += rows.map(RecordBatch::get_array_memory_size).sum::<usize>();
         self.batches.push(batch);
     }
-}
-
-/// Reads some traces. `seen` holds the tasks and scenes whose rows are there or being built.
-fn read_batch(reader: &RecordsReader, paths: &[&PathBuf], seen: &Mutex<HashSet<Key>>) -> Result<Batch, StoreError> {
-    let mut episodes = Rows::new(Table::Episodes)?;
-    let mut batch = Batch {
-        episodes: RecordBatch::new_empty(Table::Episodes.schema()),
-        read: vec![],
-        bad: vec![],
-        tasks: vec![],
-        scenes: vec![],
-    };
-    let is_new = |digest: Key| seen.lock().unwrap_or_else(std::sync::PoisonError::into_inner).insert(digest);
-    for path in paths {
-        let modified_ns = modified_ns(path);
-        if path.to_str().is_none() {
-            batch.bad.push(((*path).clone(), "its name is no UTF-8: rename it".to_owned()));
-            continue;
-        }
-        let trace = match reader.read(path) {
-            Ok(trace) => trace,
-            Err(error) => {
-                batch.bad.push(((*path).clone(), error.to_string()));
-                continue;
-            }
-        };
-        if let Err(error) = episodes.push_episode(&trace, modified_ns) {
-            // a row that fails may have filled some of its columns: the rows before it are read again without it
-            batch.bad.push(((*path).clone(), format!("does not fit the tables: {error}")));
-            let sound: Vec<&PathBuf> = paths.iter().copied().filter(|other| other != path).collect();
-            let mut rest = read_batch(reader, &sound, seen)?;
-            rest.bad.extend(batch.bad.drain(..).filter(|(bad, _)| bad == *path));
-            rest.tasks.append(&mut batch.tasks);
-            rest.scenes.append(&mut batch.scenes);
-            return Ok(rest);
-        }
-        batch.read.push(Read {
-            path: path.display().to_string(),
-            episode_id: trace.header.episode_id.clone(),
-            digest: trace.chain().to_string(),
-        });
-        let (task, scene) = (key(&trace.header.task_digest.to_string()), key(&trace.header.scene_digest.to_string()));
-        if is_new(task) {
-            batch.tasks.push((task, Rows::task(&trace.task)?));
-        }
-        if is_new(scene) {
-            batch.scenes.push((scene, Rows::scene(&trace.scene)?));
-        }
-    }
-    batch.episodes = episodes.finish()?;
-    Ok(batch)
 }
 
 fn column_of(table: Table) -> &'static str {
@@ -515,23 +462,12 @@ fn column_of(table: Table) -> &'static str {
     if table == Table::Tasks { "task_digest" } else { "scene_digest" }
 }
 
-/// When a file was last written, nanoseconds since 1970; 0 where the system does not tell.
-fn modified_ns(path: &Path) -> i64 {
-    let modified = std::fs::metadata(path).and_then(|data| data.modified()).ok();
-    modified.and_then(|time| i64::try_from(time.duration_since(UNIX_EPOCH).ok()?.as_nanos()).ok()).unwrap_or(0)
-}
-
 fn file_key(path: &Path) -> Key {
-    let bytes = std::fs::metadata(path).map_or(0, |data| data.len());
-    identity(&path.display().to_string(), bytes, modified_ns(path))
+    let (bytes, modified_ns) = file_facts(path).map_or((0, 0), |facts| (facts.bytes, facts.modified_ns));
+    identity(&path.display().to_string(), bytes, modified_ns)
 }
 
 /// Of a file as it is.
 fn identity(path: &str, bytes: u64, modified_ns: i64) -> Key {
     key(&format!("{path}\n{bytes}\n{modified_ns}"))
-}
-
-fn key(text: &str) -> Key {
-    let Digest(bytes) = Digest::of(text.as_bytes());
-    Key::from_le_bytes(bytes[..16].try_into().expect("16 of 32 bytes"))
 }

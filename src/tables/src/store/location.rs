@@ -3,13 +3,9 @@
 use std::{path::PathBuf, sync::Arc};
 
 use deltalake::logstore::{LogStoreRef, StorageConfig, default_logstore};
-use object_store::{
-    ObjectMeta, ObjectStore, ObjectStoreExt as _,
-    aws::{AmazonS3Builder, AmazonS3ConfigKey},
-    local::LocalFileSystem,
-    path::Path,
-    prefix::PrefixStore,
-};
+use object_store::{ObjectMeta, ObjectStore, ObjectStoreExt as _, local::LocalFileSystem, path::Path, prefix::PrefixStore};
+use reel_buckets::bucket;
+use reel_trace::is_remote;
 use url::Url;
 
 use super::StoreError;
@@ -45,16 +41,8 @@ impl Location {
             Some(("s3", rest)) => {
                 let url =
                     Url::parse(&format!("s3://{}/", rest.trim_end_matches('/'))).map_err(|error| wrong(error.to_string()))?;
-                let mut builder = AmazonS3Builder::from_env().with_url(url.as_str());
-                for (name, value) in options {
-                    let key: AmazonS3ConfigKey =
-                        name.to_ascii_lowercase().parse().map_err(|_| wrong(format!("'{name}' is no option of S3")))?;
-                    builder = builder.with_config(key, value);
-                }
-                if builder.get_config_value(&AmazonS3ConfigKey::Region).is_none() {
-                    builder = builder.with_region("us-east-1");
-                }
-                (url, Arc::new(builder.build().map_err(|error| wrong(error.to_string()))?))
+                let objects = bucket(&url, options).map_err(|error| wrong(error.to_string()))?;
+                (url, objects)
             }
             Some((kind, _)) if kind != "file" => {
                 return Err(wrong(format!("'{kind}://' is not served; give a folder or s3://bucket/folder")));
@@ -112,8 +100,11 @@ impl Location {
     }
 }
 
-/// The path from the root, without `.` and `..`. Links are not followed.
+/// The path from the root, without `.` and `..`. Links are not followed. A name in a bucket is one.
 pub(super) fn absolute(path: &std::path::Path) -> std::io::Result<PathBuf> {
+    if is_remote(path) {
+        return Ok(path.to_owned());
+    }
     let mut plain = PathBuf::new();
     for part in std::path::absolute(path)?.components() {
         match part {

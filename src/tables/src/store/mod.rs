@@ -11,6 +11,7 @@ mod location;
 mod maintenance;
 mod opinions;
 mod parts;
+mod reading;
 mod rescored;
 mod verdicts;
 
@@ -34,7 +35,8 @@ pub use ingest::{IngestReport, Progress};
 pub use location::Location;
 pub use maintenance::{CompactReport, VacuumReport};
 pub use opinions::{Blamed, Class, Finding, Label};
-pub use rescored::RescoreReport;
+pub use reading::{Seen, TraceRows};
+pub use rescored::{RescoreReport, Rescored};
 pub use verdicts::TraceVerdict;
 
 use crate::Table;
@@ -161,6 +163,12 @@ pub enum StoreError {
         what: &'static str,
         /// Its digest.
         digest: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// Rows that came from another machine are none.
+    #[error("rows that another machine read cannot be used: {reason}; both have to be the same build of reel")]
+    Wire {
         /// What is wrong.
         reason: String,
     },

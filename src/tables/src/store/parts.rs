@@ -10,8 +10,9 @@ use deltalake::{
     writer::{DeltaWriter as _, RecordBatchWriter},
 };
 use futures_util::StreamExt as _;
+use object_store::ObjectStoreExt as _;
 use parquet::{
-    arrow::{ParquetRecordBatchStreamBuilder, ProjectionMask},
+    arrow::{ParquetRecordBatchStreamBuilder, ProjectionMask, arrow_reader::ParquetRecordBatchReaderBuilder},
     basic::{Compression, ZstdLevel},
     file::properties::WriterProperties,
 };
@@ -25,6 +26,9 @@ const ROWS_PER_GROUP: usize = 65_536;
 const ROWS_PER_INGESTED_GROUP: usize = 4_096;
 /// Rows that are read at a time.
 const ROWS_AT_A_TIME: usize = 256;
+
+/// Files up to this size are read at once, in bytes.
+const WHOLE_BYTES_MAX: u64 = 16 << 20;
 
 /// No file of a table grows beyond this, in bytes.
 const FILE_BYTES_MAX: u64 = 256 << 20;
@@ -69,9 +73,27 @@ impl Store {
         &self,
         table: Table,
         columns: &[&str],
+        take: impl FnMut(RecordBatch) -> Result<(), StoreError>,
+    ) -> Result<(), StoreError> {
+        self.read_in(table, &self.file_names(table), columns, take)
+    }
+
+    /// [`Store::read`] of some files.
+    pub(crate) fn read_in(
+        &self,
+        table: Table,
+        files: &[String],
+        columns: &[&str],
         mut take: impl FnMut(RecordBatch) -> Result<(), StoreError>,
     ) -> Result<(), StoreError> {
-        self.read_parts(&self.tables[&table], &self.parts(table), Some(columns), |_, batch| take(batch))
+        let mut parts = self.parts(table);
+        parts.retain(|part| files.contains(&part.path));
+        self.read_parts(&self.tables[&table], &parts, Some(columns), |_, batch| take(batch))
+    }
+
+    /// The names of a table's files at this version, in the order in which they are read: for who reads part of them.
+    pub fn file_names(&self, table: Table) -> Vec<String> {
+        self.parts(table).into_iter().map(|part| part.path).collect()
     }
 
     /// Reads some columns of some files; `take` gets each batch with the index of its file.
@@ -87,6 +109,20 @@ impl Store {
             let failed = |source| StoreError::Parquet { source, path: part.path.clone() };
             let path = object_store::path::Path::parse(&part.path)
                 .map_err(|error| StoreError::Location { reason: error.to_string(), location: part.path.clone() })?;
+            // few requests for small files, and for those that are wanted whole
+            if part.size <= WHOLE_BYTES_MAX {
+                let bytes = self.runtime.block_on(async { objects.get(&path).await?.bytes().await });
+                let bytes = bytes.map_err(|error| self.delta(error.into()))?;
+                let mut builder = ParquetRecordBatchReaderBuilder::try_new(bytes).map_err(failed)?;
+                if let Some(columns) = columns {
+                    let mask = ProjectionMask::columns(builder.parquet_schema(), columns.iter().copied());
+                    builder = builder.with_projection(mask);
+                }
+                for batch in builder.with_batch_size(ROWS_AT_A_TIME).build().map_err(failed)? {
+                    take(index, batch?)?;
+                }
+                continue;
+            }
             let reader = ParquetObjectReader::new(Arc::clone(&objects), path).with_file_size(part.size);
             let mut builder = self.runtime.block_on(ParquetRecordBatchStreamBuilder::new(reader)).map_err(failed)?;
             if let Some(columns) = columns {

@@ -10,7 +10,8 @@ use arrow::{
         ArrayBuilder as _, ArrayRef, AsArray, Float64Builder, Int32Builder, ListBuilder, RecordBatch, StringBuilder,
         StructBuilder,
     },
-    datatypes::DataType,
+    datatypes::{DataType, Float64Type},
+    ipc::{reader::StreamReader, writer::StreamWriter},
 };
 use reel_reward::{EpisodeReward, Preset};
 use serde::Serialize;
@@ -34,45 +35,105 @@ pub struct RescoreReport {
     pub version: u64,
 }
 
+/// Episodes scored under a preset, on their way into the store.
+#[derive(Default)]
+pub struct Rescored {
+    portions: Vec<RecordBatch>,
+    /// Episodes that had the version already.
+    unchanged: usize,
+}
+
+impl Rescored {
+    /// Adds what was scored elsewhere.
+    pub fn append(&mut self, other: Self) {
+        self.portions.extend(other.portions);
+        self.unchanged += other.unchanged;
+    }
+
+    /// For another machine: a number (8 bytes), then an Arrow IPC stream.
+    ///
+    /// # Errors
+    /// When Arrow refuses.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, StoreError> {
+        let mut bytes = (self.unchanged as u64).to_le_bytes().to_vec();
+        let mut writer = StreamWriter::try_new(&mut bytes, &Table::Rescored.schema())?;
+        self.portions.iter().try_for_each(|batch| writer.write(batch))?;
+        writer.finish()?;
+        drop(writer);
+        Ok(bytes)
+    }
+
+    /// What [`Rescored::to_bytes`] gave.
+    ///
+    /// # Errors
+    /// When it is something else.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, StoreError> {
+        let wrong = |reason: &str| StoreError::Wire { reason: reason.to_owned() };
+        let (unchanged, rest) = bytes.split_first_chunk::<8>().ok_or_else(|| wrong("they end early"))?;
+        let reader = StreamReader::try_new(rest, None)?;
+        if reader.schema().fields() != Table::Rescored.schema().fields() {
+            return Err(wrong("the columns are other ones"));
+        }
+        let portions = reader.collect::<Result<Vec<RecordBatch>, _>>()?;
+        Ok(Self { portions, unchanged: u64::from_le_bytes(*unchanged) as usize })
+    }
+}
+
 impl Store {
     /// Scores all episodes under a preset and keeps the result under the preset's version; what is there already stays.
     /// `progress` gets the number of episodes scored.
     ///
     /// # Errors
     /// When the store cannot be read or written.
-    pub fn rescore(&mut self, preset: &Preset, mut progress: impl FnMut(usize)) -> Result<RescoreReport, StoreError> {
+    pub fn rescore(&mut self, preset: &Preset, progress: impl FnMut(usize)) -> Result<RescoreReport, StoreError> {
         self.reload()?;
+        let scored = self.rescore_in(&self.file_names(Table::Episodes), preset, progress)?;
+        self.keep_rescored(scored, preset)
+    }
+
+    /// Scores the episodes in some files that are not scored under a preset yet, and keeps nothing.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn rescore_in(&self, files: &[String], preset: &Preset, mut progress: impl FnMut(usize)) -> Result<Rescored, StoreError> {
         let version = preset.version().to_string();
-        let known = self.rescored(&version)?;
-        let mut report = RescoreReport::default();
-        let mut portions: Vec<RecordBatch> = Vec::new();
-        let mut rows = Rows::new(preset.name(), &version);
-        let mut sum = 0.0;
-        self.score(std::slice::from_ref(preset), |episode, rewards| {
+        let known = self.versions_in(&self.tables[&Table::Rescored], &version)?;
+        let mut scored = Rescored::default();
+        let (mut rows, mut count) = (Rows::new(preset.name(), &version), 0_usize);
+        self.score_in(files, std::slice::from_ref(preset), |episode, rewards| {
             if known.contains(episode.trace_digest) {
-                report.unchanged += 1;
+                scored.unchanged += 1;
                 return true;
             }
             rows.push(episode, &rewards[0]);
-            sum += rewards[0].total();
-            report.scored += 1;
-            if report.scored % 1024 == 0 {
-                progress(report.scored);
+            count += 1;
+            if count % 1024 == 0 {
+                progress(count);
             }
-            if report.scored % ROWS_PER_PORTION == 0 {
-                portions.push(rows.take());
+            if count % ROWS_PER_PORTION == 0 {
+                scored.portions.push(rows.take());
             }
             true
         })?;
-        progress(report.scored);
-        portions.push(rows.take());
-        portions.retain(|batch| batch.num_rows() > 0);
-        report.mean_total = (report.scored > 0).then(|| sum / report.scored as f64);
+        progress(count);
+        scored.portions.push(rows.take());
+        scored.portions.retain(|batch| batch.num_rows() > 0);
+        Ok(scored)
+    }
+
+    /// Keeps what was scored under the preset's version; what is there already stays.
+    ///
+    /// # Errors
+    /// When the store cannot be written.
+    pub fn keep_rescored(&mut self, scored: Rescored, preset: &Preset) -> Result<RescoreReport, StoreError> {
+        let Rescored { portions, unchanged } = scored;
+        let count = portions.iter().map(RecordBatch::num_rows).sum();
+        let totals = portions.iter().flat_map(|batch| batch["total_reward"].as_primitive::<Float64Type>().values());
+        let mean_total = (count > 0).then(|| totals.sum::<f64>() / count as f64);
         if !portions.is_empty() {
-            self.keep(&portions, &version)?;
+            self.keep(&portions, &preset.version().to_string())?;
         }
-        report.version = self.version();
-        Ok(report)
+        Ok(RescoreReport { scored: count, unchanged, mean_total, version: self.version() })
     }
 
     fn keep(&mut self, portions: &[RecordBatch], version: &str) -> Result<(), StoreError> {
@@ -107,10 +168,6 @@ impl Store {
     }
 
     /// Digests of the traces that were scored under a version.
-    fn rescored(&self, version: &str) -> Result<HashSet<String>, StoreError> {
-        self.versions_in(&self.tables[&Table::Rescored], version)
-    }
-
     fn versions_in(&self, table: &deltalake::DeltaTable, version: &str) -> Result<HashSet<String>, StoreError> {
         let mut known = HashSet::new();
         self.read_parts(table, &super::parts::parts(table), Some(&["trace_digest", "version"]), |_, batch| {

@@ -12,7 +12,7 @@ use arrow::{
 };
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use play::{DISTRACTOR, Play, TARGET, success};
-use reel_tables::{Label, Store, StoreError, Table, TraceVerdict, episode_batch};
+use reel_tables::{Label, Rescored, Seen, Store, StoreError, Table, TraceRows, TraceVerdict, episode_batch};
 use reel_trace::Images;
 use reel_world::{ErrorCode, Family, record::EndReason};
 use tempfile::TempDir;
@@ -351,4 +351,52 @@ fn verdicts_belong_to_no_version() {
     let report = store.compact().unwrap();
     assert_eq!((report.files_before, report.files_after, report.version), (12, 1, version));
     assert_eq!(store.verdicts().unwrap().len(), 12);
+}
+
+/// What another machine reads goes in as if it had been read here.
+#[test]
+fn rows_survive_the_way_from_another_machine() {
+    let dir = TempDir::new().unwrap();
+    let record = |seed: u64| {
+        let path = dir.path().join(format!("{seed}.mcap"));
+        success("oracle", Family::SUL, seed).record_as(&path, Images::None)
+    };
+    let mut paths: Vec<PathBuf> = (0..5).map(record).collect();
+    paths.push(dir.path().join("bad.mcap"));
+    fs::write(&paths[5], "no trace").unwrap();
+    let (here, there) = (dir.path().join("here"), dir.path().join("there"));
+    let report = Store::open_or_create(&here).unwrap().ingest(&paths, &|_, _| ()).unwrap();
+    let reader = reel_trace::RecordsReader::default();
+    let away = |groups: &[Vec<PathBuf>],
+                _: Seen,
+                done: &(dyn Fn(usize) + Sync),
+                take: &mut dyn FnMut(TraceRows) -> Result<(), StoreError>| {
+        for group in groups {
+            let bytes = TraceRows::read(&reader, group, &Seen::default())?.to_bytes()?;
+            for cut in (0..bytes.len()).step_by(bytes.len() / 97 + 1) {
+                assert!(TraceRows::from_bytes(&bytes[..cut]).is_err(), "cut after {cut} bytes");
+            }
+            take(TraceRows::from_bytes(&bytes)?)?;
+            done(group.len());
+        }
+        Ok(())
+    };
+    let mut store = Store::open_or_create(&there).unwrap();
+    assert_eq!(store.ingest_by(&paths, 2, &|_, _| (), away).unwrap(), report);
+    let here = Store::open(&here).unwrap();
+    for table in [Table::Episodes, Table::Tasks, Table::Scenes, Table::Quarantine] {
+        let of = |store: &Store| arrow::compute::concat_batches(&table.schema(), &batches(store, table)).unwrap();
+        assert_eq!(of(&store), of(&here), "{table:?}");
+    }
+
+    let preset = reel_reward::Preset::parse("real-repo").unwrap();
+    let files = store.file_names(Table::Episodes);
+    let mut scored = Rescored::default();
+    for file in files {
+        let bytes = store.rescore_in(&[file], &preset, |_| ()).unwrap().to_bytes().unwrap();
+        assert!(Rescored::from_bytes(&bytes[..bytes.len() / 2]).is_err());
+        scored.append(Rescored::from_bytes(&bytes).unwrap());
+    }
+    assert_eq!(store.keep_rescored(scored, &preset).unwrap().scored, 5);
+    assert_eq!(store.rescore(&preset, |_| ()).unwrap().unchanged, 5);
 }
