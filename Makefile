@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -61,6 +61,12 @@ eval-tasks: ## make 2,000 tasks, check them and annotated ones from outside, let
 eval-blame: ## how often the decisive step is right, on 600 episodes with injected faults (ten minutes)
 	tests/eval-blame.sh
 
+scale: ## ten million made-up episodes: made, compacted, asked; and read by engines of others (needs Python; 20 GB; an hour)
+	tests/bench/scale.sh
+
+cluster: ## scheduler and executors on machines of their own, with a bucket: same answers, dying machines, growth (needs Python; half an hour)
+	tests/cluster/run.sh
+
 load: ## a thousand sessions in one server, 200 acting, beside a server that does nothing (ten minutes)
 	tests/load.sh
 
@@ -88,6 +94,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	tests/proxy/run.sh proxy.py
 	tests/viewers.sh
 	tests/pages/large.sh
+	tests/cluster/run.sh
 
 determinism: ## execute the golden traces in every build and condition of this machine: one table
 	tests/determinism.sh

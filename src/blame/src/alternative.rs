@@ -8,7 +8,7 @@ use reel_branch::{Branch, BranchError, fork};
 use reel_replay::{Fork, verify_branch};
 use reel_trace::{Images, RecordOptions, Trace};
 use reel_world::ToolCall;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::Decisive;
 
@@ -16,7 +16,7 @@ use crate::Decisive;
 const HEIRS: [&str; 2] = ["planner", "oracle"];
 
 /// What would have been better.
-#[derive(Clone, PartialEq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Alternative {
     /// The policy that takes over at the decisive step: `planner` knows what the agent knew, `oracle` knows the truth.
     pub policy: String,

@@ -10,7 +10,7 @@ use reel_world::{
     DoorState, FLOOR, HORIZON, InstanceId, Profile, ReceptacleId, Task, Tool, ToolCall, WorldGraph,
     record::{EndReason, StepRecord},
 };
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// A moment of an episode: before a call, or after the last.
 #[derive(Clone, PartialEq, Debug)]
@@ -41,7 +41,7 @@ pub(crate) enum Item {
 }
 
 /// What one step cost. The costs are of what its agent knew, at worst, in decisions.
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct StepCost {
     /// From 0.
     pub step: u32,

@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 use reel_trace::Trace;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{Alternative, Blame, alternative, blame};
 
 /// A measured trace.
-#[derive(Clone, PartialEq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Measured {
     /// The trace.
     pub trace: PathBuf,

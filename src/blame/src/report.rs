@@ -64,7 +64,7 @@ impl Shares {
 }
 
 /// The step that decided.
-#[derive(Clone, PartialEq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Decisive {
     /// From 0.
     pub step: u32,
@@ -85,7 +85,7 @@ pub struct Decisive {
 }
 
 /// What a measured episode shows.
-#[derive(Clone, PartialEq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Blame {
     /// The episode.
     pub episode_id: String,

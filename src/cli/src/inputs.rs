@@ -12,7 +12,7 @@ use anyhow::{Context, bail};
 use reel_assets::Folder;
 use reel_replay::SnapshotCache;
 use reel_tasks::Listed;
-use reel_trace::Trace;
+use reel_trace::{Trace, is_remote, list_remote};
 use reel_world::{AssetId, Meshes, Scene, Skills, Task};
 
 /// The skills of a name, for arguments.
@@ -50,11 +50,14 @@ pub fn tasks(path: &Path, scene: &Scene, listed: Listed) -> anyhow::Result<(Vec<
     Ok((report.tasks.into_iter().map(Arc::new).collect(), report.broken.len()))
 }
 
-/// The trace files among the paths: files as given, folders searched for `.mcap`, sorted.
+/// The trace files among the paths: files as given, folders, also those in buckets, searched for `.mcap`, sorted.
 pub fn traces(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
-        if path.is_dir() {
+        if is_remote(path) {
+            let below = list_remote(path).with_context(|| format!("cannot list {}", path.display()))?;
+            found.extend(below.into_iter().filter(|path| is_trace(path)));
+        } else if path.is_dir() {
             collect(path, &is_trace, &mut found).with_context(|| format!("cannot list {}", path.display()))?;
         } else if path.exists() {
             found.push(path.clone());
@@ -167,7 +170,8 @@ pub fn workers(jobs: Option<usize>) -> usize {
     jobs.unwrap_or_else(|| available_parallelism().map_or(1, usize::from)).max(1)
 }
 
-fn collect(folder: &Path, wanted: &dyn Fn(&Path) -> bool, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
+/// The files below a folder that somebody wants.
+pub fn collect(folder: &Path, wanted: &dyn Fn(&Path) -> bool, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if path.is_dir() {

@@ -5,6 +5,7 @@ mod camera;
 mod commands;
 #[cfg(feature = "analytics")]
 mod cost;
+mod elsewhere;
 mod inputs;
 #[cfg(feature = "service")]
 mod model;
@@ -79,6 +80,12 @@ enum Command {
     #[command(about = "Ask a store in SQL, by text or by a named query")]
     #[cfg(feature = "analytics")]
     Query(commands::query::Arguments),
+    #[command(about = "Copy traces to buckets, and back")]
+    #[cfg(feature = "analytics")]
+    Copy(commands::copy::Arguments),
+    #[command(about = "Answer questions with many machines")]
+    #[cfg(feature = "cluster")]
+    Cluster(commands::cluster::Arguments),
     #[command(about = "Score the episodes of a store again, under any reward preset")]
     #[cfg(feature = "analytics")]
     Reward(commands::reward::Arguments),
@@ -139,6 +146,8 @@ enum Command {
 
 fn main() -> ExitCode {
     end_with_the_reader();
+    #[cfg(feature = "analytics")]
+    reel_trace::reach(Box::new(reel_buckets::Buckets::new(reel_buckets::Cache::of_user())));
     let result = match Arguments::parse().command {
         Command::Run(arguments) => commands::run::run(&arguments),
         #[cfg(feature = "service")]
@@ -163,6 +172,8 @@ fn main() -> ExitCode {
         Command::Ingest(arguments) => commands::ingest::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Query(arguments) => commands::query::run(&arguments),
+        #[cfg(feature = "cluster")]
+        Command::Cluster(arguments) => commands::cluster::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Reward(arguments) => commands::reward::run(&arguments),
         #[cfg(feature = "analytics")]
@@ -177,6 +188,8 @@ fn main() -> ExitCode {
         Command::Report(arguments) => commands::report::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Tables(arguments) => commands::tables::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Copy(arguments) => commands::copy::run(&arguments),
         Command::Compact(arguments) => commands::repack::compact(&arguments),
         Command::Expand(arguments) => commands::repack::expand(&arguments),
         Command::Export(arguments) => commands::export::run(&arguments),

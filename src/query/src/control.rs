@@ -2,7 +2,7 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    path::Path,
+    path::{Path, PathBuf},
     sync::{
         Mutex, OnceLock,
         atomic::{AtomicBool, AtomicU64, Ordering},
@@ -10,6 +10,7 @@ use std::{
 };
 
 use datafusion::error::DataFusionError;
+use reel_trace::is_remote;
 use reel_world::Digest;
 
 use crate::functions::simulator::Row;
@@ -50,13 +51,44 @@ pub enum Stopped {
     },
 }
 
+/// Which traces functions may open.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Opens {
+    /// None at all: the plans of this process run elsewhere.
+    Nothing,
+    /// Those that a store names, as it names them.
+    These(BTreeSet<String>),
+    /// Those in folders, and those at places in buckets. Links and `..` do not lead out of them.
+    Below(Vec<PathBuf>),
+}
+
+impl Opens {
+    /// Whether a trace may be opened.
+    pub fn allows(&self, trace: &Path) -> bool {
+        match self {
+            Opens::Nothing => false,
+            Opens::These(traces) => traces.contains(&*trace.to_string_lossy()),
+            Opens::Below(folders) if is_remote(trace) => {
+                let (name, inside) = (trace.to_string_lossy(), |folder: &PathBuf| trace.starts_with(folder) && is_remote(folder));
+                !name.contains("/..") && folders.iter().any(inside)
+            }
+            Opens::Below(folders) => {
+                let real = |path: &Path| path.canonicalize().ok();
+                real(trace).is_some_and(|trace| {
+                    folders.iter().any(|folder| real(folder).is_some_and(|folder| trace.starts_with(folder)))
+                })
+            }
+        }
+    }
+}
+
 /// Shared between a session, its functions and whoever wants to stop it.
 #[derive(Debug, Default)]
 pub struct Control {
     cancelled: AtomicBool,
     simulated: AtomicU64,
     /// Traces that functions may open.
-    traces: OnceLock<BTreeSet<String>>,
+    traces: OnceLock<Opens>,
     /// What `replay` said, by the trace's digest.
     pub(crate) verdicts: Mutex<BTreeMap<Digest, Row>>,
 }
@@ -90,7 +122,7 @@ impl Control {
         self.simulated.fetch_add(1, Ordering::Relaxed);
     }
 
-    pub(crate) fn allow(&self, traces: BTreeSet<String>) {
+    pub(crate) fn allow(&self, traces: Opens) {
         self.traces.get_or_init(|| traces);
     }
 
@@ -98,8 +130,38 @@ impl Control {
         self.traces.get().is_some()
     }
 
-    /// Only files that the store names are opened.
     pub(crate) fn allowed(&self, path: &Path) -> bool {
-        self.traces.get().is_some_and(|traces| traces.contains(&*path.to_string_lossy()))
+        self.traces.get().is_some_and(|opens| opens.allows(path))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn executors_open_what_lies_below_their_folders_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let (inside, outside) = (folder.path().join("traces"), folder.path().join("secrets"));
+        for folder in [&inside, &outside] {
+            std::fs::create_dir(folder).unwrap();
+            std::fs::write(folder.join("a.mcap"), "").unwrap();
+        }
+        std::os::unix::fs::symlink(&outside, inside.join("out")).unwrap();
+        let opens = Opens::Below(vec![inside.clone(), "s3://lab/traces".into()]);
+        assert!(opens.allows(&inside.join("a.mcap")) && opens.allows(Path::new("s3://lab/traces/one/a.mcap")));
+        let refused = [
+            outside.join("a.mcap"),
+            inside.join("../secrets/a.mcap"),
+            inside.join("out/a.mcap"),
+            inside.join("absent.mcap"),
+            "s3://lab/traces-of-others/a.mcap".into(),
+            "s3://lab/traces/../secrets/a.mcap".into(),
+            "s3://other/traces/a.mcap".into(),
+        ];
+        for path in refused {
+            assert!(!opens.allows(&path), "{}", path.display());
+        }
+        assert!(!Opens::Nothing.allows(&inside.join("a.mcap")));
     }
 }

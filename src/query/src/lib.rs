@@ -16,12 +16,13 @@ mod tables;
 use arrow::array::RecordBatch;
 use reel_tables::Store;
 
-pub use control::{Control, Stopped};
+pub use control::{Control, Opens, Stopped};
 pub use format::{Format, arrow_file, format, parquet_file};
 pub use functions::{FunctionHelp, help as functions};
 pub use fusion::{RowQuestion, fuse};
 pub use limits::Limits;
-pub use session::{Lasting, Parameters, QueryError, Session};
+pub use reel_tables::STACK_BYTES;
+pub use session::{Engine, Lasting, Parameters, QueryError, Session, every_function};
 
 /// Runs one query over a store.
 ///

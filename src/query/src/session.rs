@@ -17,16 +17,17 @@ use arrow::{
 use datafusion::{
     catalog::TableProvider,
     common::{
-        ParamValues,
-        tree_node::{TreeNode as _, TreeNodeRecursion},
+        Column, ParamValues,
+        tree_node::{Transformed, TreeNode as _, TreeNodeRecursion},
     },
     error::DataFusionError,
     execution::{
+        SessionState,
         context::SQLOptions,
         runtime_env::{RuntimeEnv, RuntimeEnvBuilder},
     },
-    logical_expr::{Expr, LogicalPlan, Volatility, expr::ScalarFunction},
-    prelude::{DataFrame, SessionConfig, SessionContext},
+    logical_expr::{Expr, LogicalPlan, LogicalPlanBuilder, Union, Volatility, expr::ScalarFunction, when},
+    prelude::{DataFrame, SessionConfig, SessionContext, col, lit},
     scalar::ScalarValue,
     sql::{
         parser::{DFParser, Statement},
@@ -38,7 +39,7 @@ use reel_tables::{Store, Table, View, views};
 use tokio::runtime::Runtime;
 
 use crate::{
-    control::{Control, Stopped},
+    control::{Control, Opens, Stopped},
     functions,
     limits::{self, Limits, OPERATORS_MAX, SQL_BYTES_MAX},
     named,
@@ -49,11 +50,18 @@ use crate::{
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// How long a query that was told to stop may take to do so before it is left alone.
 const GRACE: Duration = Duration::from_secs(1);
+/// The column of `episodes` by which functions open traces.
+const TRACE: &str = "trace";
+/// Parts into which a question that opens traces is cut for other machines: enough for the slow ones not to be waited for long.
+const PARTS: usize = 64;
 /// Batches of an answer that wait for who takes them.
 const AHEAD: usize = 4;
 
 /// Parameters of a query, by name without `$`.
 pub type Parameters = BTreeMap<String, String>;
+
+/// Makes of a session's state one whose plans run elsewhere.
+pub type Engine = dyn Fn(SessionState) -> Result<SessionState, DataFusionError> + Send + Sync;
 
 /// A session over one store, for one question at a time. Sees the store as it was when the session was made.
 pub struct Session(Arc<Inner>);
@@ -65,6 +73,7 @@ struct Inner {
     environment: Arc<RuntimeEnv>,
     runtime: Arc<Runtime>,
     views: Vec<View>,
+    elsewhere: Option<Box<Engine>>,
 }
 
 /// What a running query hands on.
@@ -145,6 +154,19 @@ impl Session {
     /// # Errors
     /// When the engine cannot be set up.
     pub fn with_limits(store: Store, limits: Limits) -> Result<Self, QueryError> {
+        Self::on(store, limits, None)
+    }
+
+    /// A session whose plans run on another engine, which has our functions ([`crate::every_function`]) and reads the store's files
+    /// where they lie. The limits on memory and time are those of this process then.
+    ///
+    /// # Errors
+    /// When the engine cannot be set up.
+    pub fn elsewhere(store: Store, limits: Limits, engine: Box<Engine>) -> Result<Self, QueryError> {
+        Self::on(store, limits, Some(engine))
+    }
+
+    fn on(store: Store, limits: Limits, elsewhere: Option<Box<Engine>>) -> Result<Self, QueryError> {
         let runtime = store.runtime();
         let environment = RuntimeEnvBuilder::new()
             .with_memory_limit(limits.memory_bytes, 1.0)
@@ -154,7 +176,7 @@ impl Session {
         environment.register_object_store(&root, objects);
         let views = all_views(&StepFields::All);
         store.check_files()?;
-        Ok(Self(Arc::new(Inner { store, limits, control: Arc::default(), environment, runtime, views })))
+        Ok(Self(Arc::new(Inner { store, limits, control: Arc::default(), environment, runtime, views, elsewhere })))
     }
 
     /// Stops the session's queries, and tells how far its simulator functions are.
@@ -290,6 +312,7 @@ impl Inner {
     async fn answer(&self, sql: &str, parameters: &Parameters, to: mpsc::SyncSender<Part>) -> Result<Lasting, QueryError> {
         let (context, plan) = self.plan(sql, parameters).await?;
         let lasting = lasting(&plan)?;
+        let plan = if self.elsewhere.is_some() && opens_traces(&plan)? { dealt(plan)? } else { plan };
         self.hand_on(&context, plan, to).await?;
         Ok(lasting)
     }
@@ -331,8 +354,11 @@ impl Inner {
     async fn context(&self, sql: &str, fields: &StepFields) -> Result<SessionContext, QueryError> {
         let config = SessionConfig::new().with_information_schema(true).with_target_partitions(threads());
         let context = SessionContext::new_with_config_rt(config, self.environment.clone());
-        limits::guard(&context);
-        functions::all(&self.control).into_iter().for_each(|function| context.register_udf(function));
+        let context = match &self.elsewhere {
+            Some(engine) => SessionContext::new_with_state(engine(context.state())?),
+            None => context,
+        };
+        equip(&context, &self.control);
         let named = self.named(&context, sql)?;
         let flat = views(|_| true).iter().any(|view| named.contains(view.name));
         let fields = if flat { &fields.with_number() } else { fields };
@@ -349,6 +375,8 @@ impl Inner {
     }
 
     fn provider(&self, table: Table, fields: &StepFields) -> Result<Arc<dyn TableProvider>, QueryError> {
+        // other engines know no table that reads codes
+        let fields = if self.elsewhere.is_some() { &fields.as_values() } else { fields };
         Ok(provider(&self.store, table, fields)?)
     }
 
@@ -385,17 +413,18 @@ impl Inner {
 
     /// Lets the functions open the traces of the store, and no other files.
     async fn allow_traces(&self, context: &SessionContext) -> Result<(), QueryError> {
-        if self.control.knows_traces() {
+        // elsewhere, whoever runs the functions decides which files they open
+        if self.control.knows_traces() || self.elsewhere.is_some() {
             return Ok(());
         }
         let table = self.provider(Table::Episodes, &StepFields::Some(BTreeMap::new()))?;
-        let batches = context.read_table(table)?.select_columns(&["trace"])?.collect().await?;
+        let batches = context.read_table(table)?.select_columns(&[TRACE])?.collect().await?;
         let mut traces = BTreeSet::new();
         for batch in &batches {
             let column = cast(batch.column(0), &DataType::Utf8)?;
             traces.extend(column.as_string::<i32>().iter().flatten().map(str::to_owned));
         }
-        self.control.allow(traces);
+        self.control.allow(Opens::These(traces));
         Ok(())
     }
 
@@ -403,7 +432,7 @@ impl Inner {
         let rows_max = self.limits.rows;
         let frame = context.execute_logical_plan(plan).await?;
         let columns = Arc::new(frame.schema().as_arrow().clone());
-        let answer = tokio::spawn(async move {
+        let mut answer = tokio::spawn(async move {
             let mut stream = frame.execute_stream().await?;
             let (mut rows, mut empty) = (0, true);
             while let Some(batch) = stream.next().await {
@@ -422,16 +451,17 @@ impl Inner {
             }
             Ok::<_, DataFusionError>(())
         });
-        let abort = answer.abort_handle();
         let cancelled = async {
             while !self.control.is_cancelled() {
                 tokio::time::sleep(LOOK_EVERY).await;
             }
         };
         tokio::select! {
-            answer = answer => Ok(answer.map_err(|error| DataFusionError::ExecutionJoin(Box::new(error)))??),
+            answer = &mut answer => Ok(answer.map_err(|error| DataFusionError::ExecutionJoin(Box::new(error)))??),
             () = cancelled => {
-                abort.abort();
+                answer.abort();
+                // another engine is told when the answer is let go of
+                let _ = tokio::time::timeout(GRACE, answer).await;
                 Err(QueryError::Stopped(Stopped::Cancelled))
             }
         }
@@ -476,6 +506,52 @@ impl std::fmt::Debug for Session {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Session").field("store", &self.0.store).field("limits", &self.0.limits).finish_non_exhaustive()
     }
+}
+
+/// The state of an engine that has every function a session has, for who runs the plans of sessions that are
+/// [elsewhere](Session::elsewhere).
+pub fn every_function(config: SessionConfig, environment: Arc<RuntimeEnv>, opens: Opens) -> SessionState {
+    let context = SessionContext::new_with_config_rt(config, environment);
+    let control = Arc::new(Control::default());
+    control.allow(opens);
+    equip(&context, &control);
+    context.state()
+}
+
+/// Our functions, and a guard before those that make much of little.
+fn equip(context: &SessionContext, control: &Arc<Control>) {
+    limits::guard(context);
+    functions::all(control).into_iter().for_each(|function| context.register_udf(function));
+}
+
+/// Deals the rows that name traces out into parts, so that many machines can work on the functions that open them: a table of
+/// many episodes may well be one file. Every part reads the file and keeps what is its own. An optimiser may still
+/// have functions look at rows before they are left out, so those have no trace there; the limit, which is none, keeps conditions above it.
+fn dealt(plan: LogicalPlan) -> Result<LogicalPlan, DataFusionError> {
+    let deal = |node: LogicalPlan| {
+        let LogicalPlan::TableScan(scan) = &node else { return Ok(Transformed::no(node)) };
+        if !scan.projected_schema.has_column_with_unqualified_name(TRACE) {
+            return Ok(Transformed::no(node));
+        }
+        let names: Vec<_> =
+            scan.projected_schema.iter().map(|(relation, field)| (relation.cloned(), field.name().clone())).collect();
+        let part = |part: usize| {
+            let trace = Column::new(Some(scan.table_name.clone()), TRACE);
+            let mine = functions::part_of(col(trace.clone()), PARTS as i64).eq(lit(part as i64));
+            let own = when(mine.clone(), col(trace.clone())).end()?.alias_qualified(trace.relation.clone(), TRACE);
+            let column = |column: Column| if column == trace { own.clone() } else { Expr::Column(column) };
+            let columns: Vec<Expr> = scan.projected_schema.columns().into_iter().map(column).collect();
+            let rows = LogicalPlanBuilder::from(node.clone()).filter(mine)?.limit(0, Some(i64::MAX as usize))?;
+            Ok(Arc::new(rows.project(columns)?.build()?))
+        };
+        let parts = (0..PARTS).map(part).collect::<Result<Vec<_>, DataFusionError>>()?;
+        let all = LogicalPlanBuilder::from(LogicalPlan::Union(Union::try_new_with_loose_types(parts)?));
+        let columns = all.schema().columns().into_iter().zip(names);
+        let named = columns
+            .map(|(column, (relation, name))| Expr::Column(Column::from_name(column.name)).alias_qualified(relation, name));
+        Ok(Transformed::yes(all.project(named.collect::<Vec<_>>())?.build()?))
+    };
+    Ok(plan.transform_up_with_subqueries(deal)?.data)
 }
 
 /// The flat views and the named queries as views.

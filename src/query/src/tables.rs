@@ -77,6 +77,14 @@ impl StepFields {
         }
     }
 
+    /// These, all as the table says.
+    pub(crate) fn as_values(&self) -> StepFields {
+        match self {
+            StepFields::All => StepFields::All,
+            StepFields::Some(names) => StepFields::Some(names.keys().map(|name| (name.clone(), ReadAs::Values)).collect()),
+        }
+    }
+
     /// A field in the form in which it is read.
     fn form(&self, field: &Arc<Field>) -> Arc<Field> {
         match (self, field.data_type()) {

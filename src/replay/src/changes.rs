@@ -74,7 +74,7 @@ pub struct Ending {
 }
 
 /// A trace file's verdict, and what changed where it is not exact.
-#[derive(Clone, PartialEq, Debug, Serialize)]
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Judgement {
     /// The file.
     pub trace: PathBuf,

@@ -3,11 +3,11 @@
 use std::fmt;
 
 use reel_world::record::{BodyState, EndRecord, EpisodeHeader, StartRecord, StateDigests, StepRecord};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// Where in an episode a difference lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Moment {
     /// The header.
@@ -21,7 +21,7 @@ pub enum Moment {
 }
 
 /// The first difference found.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Divergence {
     /// Where.
     pub moment: Moment,

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use reel_sim::render::Detail;
 use reel_trace::{Trace, TraceError};
 use reel_world::{Assets, Frame, NoAssets};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 pub use changes::{ChangedEnd, ChangedOutcome, Changes, Ending, Judgement, changes, judge_all};
 pub use difference::{Divergence, Moment};
@@ -38,7 +38,7 @@ pub use seek::{SnapshotCache, picture_at, pictures_at, seek, verify_restored};
 pub use viewpoint::{NoViewpoint, Viewpoint, view_at, views};
 
 /// What a replay found.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "verdict", rename_all = "snake_case")]
 pub enum Verdict {
     /// Every digest, picture and text is identical.

@@ -16,6 +16,7 @@ use reel_world::{Family, Profile, Skills, Task};
 use crate::{
     Answer,
     commands::{blame, ingest, query, run, taxonomy},
+    elsewhere::Elsewhere,
     inputs, progress,
 };
 
@@ -90,7 +91,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
 
     let store = store.to_string_lossy();
-    let report = ingest::ingest(&recorded, &store)?;
+    let report = ingest::ingest(&recorded, &store, &Elsewhere::default())?;
     println!("4. {} episodes in tables\n", report.added);
     let name = "main_results";
     let named = named::by_name(name).with_context(|| format!("no query is called '{name}'"))?;

@@ -2,25 +2,30 @@
 
 use std::path::PathBuf;
 
-use reel_tables::{IngestReport, Store};
+#[cfg(feature = "cluster")]
+use reel_tables::TraceRows;
+use reel_tables::{IngestReport, Progress, Store};
 use serde_json::json;
 
-use crate::{Answer, inputs, progress};
+use crate::{Answer, elsewhere::Elsewhere, inputs, progress};
 
 /// Read traces into a store of tables. Known traces are left as they are; a changed trace replaces what it was;
 /// a bad file is put in quarantine with its reason, and the rest goes on.
 ///
-/// Example:
+/// Examples:
 ///   reel ingest traces-out --store store
+///   reel ingest s3://lab/traces --store s3://lab/store --cluster 10.0.0.1:50050
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// Trace files, or folders of them
+    /// Trace files, or folders of them, also s3://bucket/folder
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// The store: a folder, made if it is not there, or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -29,7 +34,7 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let paths = inputs::traces(&arguments.paths)?;
-    let report = ingest(&paths, &arguments.store)?;
+    let report = ingest(&paths, &arguments.store, &arguments.elsewhere)?;
     for (path, reason) in &report.quarantined {
         eprintln!("reel: quarantined {}: {reason}", path.display());
     }
@@ -52,10 +57,52 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 /// Ingests with a progress bar.
 ///
 /// # Errors
-/// When the store cannot be opened or written.
-pub fn ingest(paths: &[PathBuf], store: &str) -> anyhow::Result<IngestReport> {
+/// When the store cannot be opened or written, or the cluster does not answer.
+pub fn ingest(paths: &[PathBuf], store: &str, elsewhere: &Elsewhere) -> anyhow::Result<IngestReport> {
     let bar = progress::bar(paths.len(), "ingest");
-    let report = Store::open_or_create(store)?.ingest(paths, &|done, _| bar.set_position(done as u64));
+    let progress = |done: usize, _: usize| bar.set_position(done as u64);
+    let store = Store::open_or_create(store)?;
+    let report = read_elsewhere(store, paths, elsewhere, &progress);
     bar.finish_and_clear();
-    Ok(report?)
+    report
+}
+
+/// Traces that an executor turns into rows at a time.
+#[cfg(feature = "cluster")]
+const TRACES_PER_GROUP: usize = 16;
+
+/// The cluster reads, if one is named; who calls this decides what goes in, and commits it.
+#[cfg(feature = "cluster")]
+fn read_elsewhere(
+    mut store: Store,
+    paths: &[PathBuf],
+    elsewhere: &Elsewhere,
+    progress: Progress<'_>,
+) -> anyhow::Result<IngestReport> {
+    let Some(cluster) = elsewhere.open()? else { return Ok(store.ingest(paths, progress)?) };
+    store.ingest_by(paths, TRACES_PER_GROUP, progress, |groups, _, done, take| {
+        let mut sizes = groups.iter().map(Vec::len);
+        cluster.work("ingest", "", groups, |rows| {
+            take(TraceRows::from_bytes(&rows)?)?;
+            done(sizes.next().unwrap_or(0));
+            Ok(())
+        })
+    })
+}
+
+#[cfg(not(feature = "cluster"))]
+fn read_elsewhere(mut store: Store, paths: &[PathBuf], _: &Elsewhere, progress: Progress<'_>) -> anyhow::Result<IngestReport> {
+    Ok(store.ingest(paths, progress)?)
+}
+
+/// What executors do for this command.
+#[cfg(feature = "cluster")]
+pub fn work() -> reel_cluster::Work {
+    // parses tasks and scenes once
+    let reader = reel_trace::RecordsReader::default();
+    let run = move |traces: &[PathBuf], _: &str| {
+        let rows = TraceRows::read(&reader, traces, &reel_tables::Seen::default());
+        rows.and_then(|rows| rows.to_bytes()).map_err(|error| error.to_string())
+    };
+    reel_cluster::Work { name: "ingest", traces: true, run: std::sync::Arc::new(run) }
 }

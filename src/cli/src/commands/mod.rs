@@ -7,8 +7,12 @@ pub mod assets;
 pub mod bench;
 pub mod blame;
 pub mod branch;
+#[cfg(feature = "cluster")]
+pub mod cluster;
 #[cfg(feature = "service")]
 pub mod config;
+#[cfg(feature = "analytics")]
+pub mod copy;
 #[cfg(feature = "analytics")]
 pub mod dataset;
 #[cfg(feature = "analytics")]

@@ -13,7 +13,7 @@ use anyhow::{Context, bail};
 use reel_query::{Format, Limits, Parameters, QueryError, Session, Stopped, arrow_file, format, named, parquet_file};
 use reel_tables::Store;
 
-use crate::{Answer, cost::Cost, progress};
+use crate::{Answer, cost::Cost, elsewhere::Elsewhere, progress};
 
 /// Ask a store in SQL, by text or by a named query. Every named query is a view too. Functions of Reel's own work on the
 /// steps of an episode and call the simulator: `reel query --functions`.
@@ -46,6 +46,8 @@ pub struct Arguments {
     /// The store as it was at this version (`reel tables history`)
     #[arg(long, value_name = "N")]
     at: Option<u64>,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     /// table, csv, json, arrow (IPC file) or parquet
     #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json", "arrow", "parquet"])]
     format: String,
@@ -115,7 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         time: Duration::from_secs(arguments.timeout),
         rows: arguments.max_rows,
     };
-    let session = Session::with_limits(store, limits)?;
+    let session = arguments.elsewhere.session(store, limits)?;
     let ask = || match watched(&session, || session.run_with(&sql, &parameters)) {
         Err(QueryError::Stopped(Stopped::Cancelled)) => {
             eprintln!("reel: {}", Stopped::Cancelled);

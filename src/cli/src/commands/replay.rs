@@ -3,10 +3,12 @@
 use std::{collections::BTreeMap, path::PathBuf};
 
 use reel_replay::{Judgement, Verdict, judge_all, verify_all, verify_all_restored};
+use reel_world::Assets;
 
 use crate::{
     Answer,
     commands::{explain, gate},
+    elsewhere::Elsewhere,
     inputs, progress,
 };
 
@@ -21,16 +23,19 @@ use crate::{
 ///   reel replay traces-out --restored 5                 # also from snapshots after 5 calls of each episode
 ///   reel replay traces/golden/v1 --outcomes
 ///   reel replay traces-out --assets meshes              # recorded with these meshes
+///   reel replay s3://lab/traces --cluster 10.0.0.1:50050 # by many machines (`reel cluster`)
 ///
 /// Exit code 0: all identical; 1: something differs, a trace was refused, or cannot be executed again (robots, imports).
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// Trace files, or folders of them
+    /// Trace files, or folders of them, also s3://bucket/folder
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
     #[command(flatten)]
     assets: inputs::Assets,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
@@ -69,16 +74,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         let other = arguments.against.as_deref().map(|build| explain::Build { path: build, assets: arguments.assets.path() });
         return explain::run(&paths, &assets, other.as_ref(), arguments.pictures.as_deref(), arguments.json);
     }
+    if arguments.elsewhere.is_some() && arguments.assets.path().is_some() {
+        eprintln!("reel: the meshes are those of the executors (`reel cluster executor --assets`), not those named here");
+    }
     let bar = progress::bar(paths.len(), "replay");
     let workers = inputs::workers(arguments.jobs);
     if arguments.outcomes {
-        let judgements = judge_all(&paths, &assets, workers, |_, _| bar.inc(1));
+        let judgements = match arguments.elsewhere.each("outcomes", &(), &paths, |more| bar.inc(more))? {
+            // with the traces called as here
+            Some(judged) => paths.iter().zip(judged).map(|(path, one)| Judgement { trace: path.clone(), ..one }).collect(),
+            None => judge_all(&paths, &assets, workers, |_, _| bar.inc(1)),
+        };
         bar.finish_and_clear();
         return tell_outcomes(&judgements, arguments.json);
     }
-    let verdicts = match arguments.restored {
-        None => verify_all(&paths, &assets, workers, |_, _| bar.inc(1)),
-        Some(count) => verify_all_restored(&paths, &assets, workers, count, |_, _| bar.inc(1)),
+    let verdicts = match arguments.elsewhere.each("replay", &arguments.restored, &paths, |more| bar.inc(more))? {
+        Some(verdicts) => verdicts,
+        None => verify(&paths, &assets, workers, arguments.restored, || bar.inc(1)),
     };
     bar.finish_and_clear();
     let mut totals = [0u64; 3];
@@ -113,6 +125,31 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         }
     }
     Ok(if exact == paths.len() { Answer::Yes } else { Answer::No })
+}
+
+fn verify(
+    paths: &[PathBuf],
+    assets: &dyn Assets,
+    workers: usize,
+    restored: Option<usize>,
+    done: impl Fn() + Sync,
+) -> Vec<Verdict> {
+    match restored {
+        None => verify_all(paths, assets, workers, |_, _| done()),
+        Some(count) => verify_all_restored(paths, assets, workers, count, |_, _| done()),
+    }
+}
+
+/// What executors do for this command.
+#[cfg(feature = "cluster")]
+pub fn works(assets: &std::sync::Arc<Option<reel_assets::Folder>>) -> [reel_cluster::Work; 2] {
+    use crate::elsewhere::work;
+
+    let (of_replay, of_outcomes) = (assets.clone(), assets.clone());
+    [
+        work("replay", move |traces, restored| Ok(verify(traces, &*of_replay, 1, restored, || ()))),
+        work("outcomes", move |traces, ()| Ok(judge_all(traces, &*of_outcomes, 1, |_, _| ()))),
+    ]
 }
 
 /// Verdicts with what changed beside them.

@@ -3,11 +3,17 @@
 use std::{fs, path::PathBuf};
 
 use anyhow::{Context, bail};
+use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
 use reel_reward::{Preset, RewardDifference, difference};
-use reel_tables::Store;
+use reel_tables::{Rescored, Store, StoreError, Table};
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::{Answer, progress};
+use crate::{
+    Answer,
+    elsewhere::{self, Elsewhere},
+    progress,
+};
 
 /// Score the episodes of a store again, from its tables, under any preset: `paper`, `real-repo`, or a TOML file of your own
 /// (schemas/reward_preset.example.toml). The result is kept beside the recorded rewards under the preset's version, and the
@@ -24,6 +30,8 @@ pub struct Arguments {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     /// Score under this preset and keep the result
     #[arg(long, value_name = "PRESET")]
     preset: Option<String>,
@@ -48,8 +56,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         return Ok(Answer::Yes);
     }
     match (&arguments.preset, &arguments.diff) {
-        (Some(name), _) => keep(arguments, &preset(name)?),
-        (None, Some(names)) => compare(arguments, &preset(&names[0])?, &preset(&names[1])?),
+        (Some(name), _) => keep(arguments, &Named::find(name)?),
+        (None, Some(names)) => compare(arguments, &Named::find(&names[0])?, &Named::find(&names[1])?),
         (None, None) if arguments.check => check(arguments),
         (None, None) => bail!("say what to do: --preset PRESET, --diff A B, --check or --list"),
     }
@@ -71,12 +79,22 @@ fn list(as_json: bool) {
     }
 }
 
-fn keep(arguments: &Arguments, preset: &Preset) -> anyhow::Result<Answer> {
+fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result<Answer> {
     let spinner = progress::spinner();
-    let report = Store::open(&arguments.store)?.rescore(preset, |done| {
+    let mut store = Store::open(&arguments.store)?;
+    let told = |done: usize| {
         spinner.set_message(format!("{done} episodes scored"));
         spinner.tick();
-    });
+    };
+    let mut scored = Rescored::default();
+    let elsewhere = score_elsewhere(arguments, &store, &Asked::Keep(text.clone()), |part| match part {
+        Part::Kept(rows) => {
+            scored.append(Rescored::from_bytes(&BASE64.decode(rows)?)?);
+            Ok(())
+        }
+        _ => bail!("an executor answered something else"),
+    })?;
+    let report = if elsewhere { store.keep_rescored(scored, preset) } else { store.rescore(preset, told) };
     spinner.finish_and_clear();
     let report = report?;
     if arguments.json {
@@ -94,24 +112,49 @@ fn keep(arguments: &Arguments, preset: &Preset) -> anyhow::Result<Answer> {
     Ok(Answer::Yes)
 }
 
-fn compare(arguments: &Arguments, a: &Preset, b: &Preset) -> anyhow::Result<Answer> {
+fn compare(arguments: &Arguments, a: &Named, b: &Named) -> anyhow::Result<Answer> {
     let store = Store::open(&arguments.store)?;
     let (mut changed, mut episodes) = (0_usize, 0_usize);
-    store.score(&[a.clone(), b.clone()], |episode, rewards| {
-        episodes += 1;
-        if let Some(found) = difference(&rewards[0], &rewards[1]) {
-            changed += 1;
-            print_difference(arguments.json, episode, &found);
+    let asked = Asked::Compare(a.text.clone(), b.text.clone(), arguments.json);
+    let elsewhere = score_elsewhere(arguments, &store, &asked, |part| match part {
+        Part::Compared { episodes: more, lines } => {
+            episodes += more;
+            changed += lines.len();
+            lines.iter().for_each(|line| println!("{line}"));
+            Ok(())
         }
-        true
+        _ => bail!("an executor answered something else"),
     })?;
+    if !elsewhere {
+        differences(&store, &store.file_names(Table::Episodes), &[a.preset.clone(), b.preset.clone()], arguments.json, |line| {
+            episodes += 1;
+            if let Some(line) = line {
+                changed += 1;
+                println!("{line}");
+            }
+        })?;
+    }
     if !arguments.json {
-        println!("{changed} of {episodes} episodes change from '{}' to '{}'", a.name(), b.name());
+        println!("{changed} of {episodes} episodes change from '{}' to '{}'", a.preset.name(), b.preset.name());
     }
     Ok(Answer::Yes)
 }
 
-fn print_difference(as_json: bool, episode: &reel_tables::ScoredEpisode<'_>, found: &RewardDifference) {
+/// Tells of every episode in some files how its rewards under two presets differ, if they do.
+fn differences(
+    store: &Store,
+    files: &[String],
+    presets: &[Preset; 2],
+    as_json: bool,
+    mut tell: impl FnMut(Option<String>),
+) -> Result<(), StoreError> {
+    store.score_in(files, presets, |episode, rewards| {
+        tell(difference(&rewards[0], &rewards[1]).map(|found| line(as_json, episode, &found)));
+        true
+    })
+}
+
+fn line(as_json: bool, episode: &reel_tables::ScoredEpisode<'_>, found: &RewardDifference) -> String {
     let RewardDifference { before, after, components, steps } = found;
     if as_json {
         let components: serde_json::Map<String, serde_json::Value> = components
@@ -122,33 +165,59 @@ fn print_difference(as_json: bool, episode: &reel_tables::ScoredEpisode<'_>, fou
             "episode_id": episode.episode_id, "policy": episode.policy, "task_id": episode.task_id, "trace": episode.trace,
             "before": before, "after": after, "components": components, "steps": steps,
         });
-        println!("{line}");
-        return;
+        return line.to_string();
     }
     let parts: Vec<String> =
         components.iter().map(|(name, change)| format!("{name} {:+.3}", change.after - change.before)).collect();
-    println!(
+    format!(
         "{}  {} {}  {before:.3} -> {after:.3} ({:+.3}): {}; steps {steps:?}",
         episode.episode_id,
         episode.policy,
         episode.task_id,
         after - before,
         parts.join(", ")
-    );
+    )
+}
+
+/// How the recorded terms stand to what their presets give now.
+#[derive(Serialize, Deserialize, Default)]
+struct Checked {
+    equal: usize,
+    /// Episode and trace.
+    differing: Vec<(String, String)>,
+    unknown: usize,
+}
+
+fn checked(store: &Store, files: &[String]) -> Result<Checked, StoreError> {
+    let presets = Preset::built_in();
+    let mut found = Checked::default();
+    store.score_in(files, &presets, |episode, rewards| {
+        match presets.iter().position(|preset| preset.name() == episode.preset) {
+            None => found.unknown += 1,
+            Some(index) if episode.was_recorded_as(&rewards[index]) => found.equal += 1,
+            Some(_) => found.differing.push((episode.episode_id.to_owned(), episode.trace.to_owned())),
+        }
+        true
+    })?;
+    Ok(found)
 }
 
 fn check(arguments: &Arguments) -> anyhow::Result<Answer> {
     let store = Store::open(&arguments.store)?;
-    let presets = Preset::built_in();
-    let (mut equal, mut differing, mut unknown) = (0_usize, Vec::new(), 0_usize);
-    store.score(&presets, |episode, rewards| {
-        match presets.iter().position(|preset| preset.name() == episode.preset) {
-            None => unknown += 1,
-            Some(index) if episode.was_recorded_as(&rewards[index]) => equal += 1,
-            Some(_) => differing.push((episode.episode_id.to_owned(), episode.trace.to_owned())),
+    let mut found = Checked::default();
+    let elsewhere = score_elsewhere(arguments, &store, &Asked::Check, |part| match part {
+        Part::Checked(more) => {
+            found.equal += more.equal;
+            found.unknown += more.unknown;
+            found.differing.extend(more.differing);
+            Ok(())
         }
-        true
+        _ => bail!("an executor answered something else"),
     })?;
+    if !elsewhere {
+        found = checked(&store, &store.file_names(Table::Episodes))?;
+    }
+    let Checked { equal, differing, unknown } = found;
     if arguments.json {
         println!("{}", json!({ "equal": equal, "differing": differing, "other_presets": unknown }));
     } else {
@@ -161,16 +230,109 @@ fn check(arguments: &Arguments) -> anyhow::Result<Answer> {
     Ok(if differing.is_empty() { Answer::Yes } else { Answer::No })
 }
 
-/// A built-in preset, or one in a file.
-fn preset(name: &str) -> anyhow::Result<Preset> {
-    if let Some(preset) = Preset::parse(name) {
-        return Ok(preset);
+/// What executors are asked to do with the files of a store; presets as TOML.
+#[derive(Serialize, Deserialize)]
+enum Asked {
+    Keep(String),
+    /// Whether lines are wanted as JSON.
+    Compare(String, String, bool),
+    Check,
+}
+
+/// What came of some files.
+#[derive(Serialize, Deserialize)]
+enum Part {
+    /// Rows as [`Rescored::to_bytes`] gives them, in base64.
+    Kept(String),
+    Compared {
+        episodes: usize,
+        lines: Vec<String>,
+    },
+    Checked(Checked),
+}
+
+/// Lets the cluster score the files of a store, if one is named: `take` gets what came of each, in their order.
+#[cfg(feature = "cluster")]
+fn score_elsewhere(
+    arguments: &Arguments,
+    store: &Store,
+    asked: &Asked,
+    mut take: impl FnMut(Part) -> anyhow::Result<()>,
+) -> anyhow::Result<bool> {
+    let Some(cluster) = arguments.elsewhere.open()? else { return Ok(false) };
+    let place = elsewhere::named_from_root(&[PathBuf::from(&arguments.store)])?;
+    let options = serde_json::to_string(&(&place[0], store.version(), asked))?;
+    let files: Vec<Vec<PathBuf>> = store.file_names(Table::Episodes).into_iter().map(|file| vec![file.into()]).collect();
+    let bar = progress::bar(files.len(), "reward");
+    cluster.work("reward", &options, &files, |part| {
+        bar.inc(1);
+        take(serde_json::from_slice(&part)?)
+    })?;
+    bar.finish_and_clear();
+    Ok(true)
+}
+
+#[cfg(not(feature = "cluster"))]
+fn score_elsewhere(_: &Arguments, _: &Store, _: &Asked, _: impl FnMut(Part) -> anyhow::Result<()>) -> anyhow::Result<bool> {
+    Ok(false)
+}
+
+/// What executors do for this command: with files of a store, at one version.
+#[cfg(feature = "cluster")]
+pub fn work() -> reel_cluster::Work {
+    let scored = |files: &[PathBuf], options: &str| -> anyhow::Result<Vec<u8>> {
+        let (place, version, asked): (PathBuf, u64, Asked) = serde_json::from_str(options)?;
+        let store = Store::open_at(&place, version)?;
+        let files: Vec<String> = files.iter().map(|file| file.to_string_lossy().into_owned()).collect();
+        let part = match asked {
+            Asked::Keep(preset) => {
+                let rows = store.rescore_in(&files, &said(&preset)?, |_| ())?;
+                Part::Kept(BASE64.encode(rows.to_bytes()?))
+            }
+            Asked::Compare(a, b, as_json) => {
+                let (mut episodes, mut lines) = (0, Vec::new());
+                differences(&store, &files, &[said(&a)?, said(&b)?], as_json, |line| {
+                    episodes += 1;
+                    lines.extend(line);
+                })?;
+                Part::Compared { episodes, lines }
+            }
+            Asked::Check => Part::Checked(checked(&store, &files)?),
+        };
+        Ok(serde_json::to_vec(&part)?)
+    };
+    let run = move |files: &[PathBuf], options: &str| scored(files, options).map_err(|error| format!("{error:#}"));
+    reel_cluster::Work { name: "reward", traces: false, run: std::sync::Arc::new(run) }
+}
+
+/// A preset with the text that says it: the name of a built-in one, or TOML.
+struct Named {
+    preset: Preset,
+    text: String,
+}
+
+impl Named {
+    /// A built-in preset, or one in a file.
+    fn find(name: &str) -> anyhow::Result<Self> {
+        if let Some(preset) = Preset::parse(name) {
+            return Ok(Self { preset, text: name.to_owned() });
+        }
+        let path = PathBuf::from(name);
+        if !path.exists() {
+            let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
+            bail!("no preset is called '{name}' and there is no such file; built in are '{known}'");
+        }
+        let text = fs::read_to_string(&path).with_context(|| format!("cannot read {name}"))?;
+        let preset = Preset::from_toml(&text).with_context(|| format!("the preset in {name} is wrong"))?;
+        Ok(Self { preset, text })
     }
-    let path = PathBuf::from(name);
-    if !path.exists() {
-        let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
-        bail!("no preset is called '{name}' and there is no such file; built in are '{known}'");
-    }
-    let text = fs::read_to_string(&path).with_context(|| format!("cannot read {name}"))?;
-    Preset::from_toml(&text).with_context(|| format!("the preset in {name} is wrong"))
+}
+
+/// The preset that a text says.
+#[cfg(feature = "cluster")]
+fn said(text: &str) -> anyhow::Result<Preset> {
+    Ok(match Preset::parse(text) {
+        Some(preset) => preset,
+        None => Preset::from_toml(text)?,
+    })
 }

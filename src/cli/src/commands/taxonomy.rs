@@ -7,7 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_query::{Format, Session, format};
+use reel_query::{Format, Limits, Session, format};
 use reel_tables::{Label, Store};
 use reel_taxonomy::{
     Agreement, CLASSES, RuleSet, Stored, agreement, baseline, classify, disputed, drift, label_set,
@@ -16,7 +16,7 @@ use reel_taxonomy::{
 };
 use serde_json::json;
 
-use crate::{Answer, commands::judge, progress};
+use crate::{Answer, commands::judge, elsewhere::Elsewhere, progress};
 
 /// Say why every failed episode of a store failed: its class (paper, Failure Mode Taxonomy), what within it, the decisive
 /// step and the evidence. The rules are SQL, one file each (`reel taxonomy rules`), and see the recorded episodes only,
@@ -55,6 +55,8 @@ struct Classify {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     /// Folder with rule files of your own, beside those that come with Reel
     #[arg(long, value_name = "DIR")]
     rules: Option<PathBuf>,
@@ -137,7 +139,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 /// When the store cannot be read or written, or the picture cannot be written.
 pub fn tell(store: &str, sankey: PathBuf) -> anyhow::Result<()> {
     let sankey = vec![sankey];
-    let classify = Classify { store: store.to_owned(), rules: None, condition: None, dry_run: false, sankey, json: false };
+    let elsewhere = Elsewhere::default();
+    let classify =
+        Classify { store: store.to_owned(), elsewhere, rules: None, condition: None, dry_run: false, sankey, json: false };
     run_classify(&classify).map(drop)
 }
 
@@ -169,7 +173,7 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<Answer> {
     let spinner = progress::spinner();
     spinner.enable_steady_tick(std::time::Duration::from_millis(100));
     spinner.set_message("asking the rules");
-    let session = Session::new(Store::open(&arguments.store)?)?;
+    let session = arguments.elsewhere.session(Store::open(&arguments.store)?, Limits::default())?;
     let verdicts = classify(&session, &set, arguments.condition.as_deref())?;
     if !arguments.dry_run && arguments.condition.is_none() {
         spinner.set_message(format!("keeping {} classes", verdicts.len()));

@@ -4,6 +4,8 @@
 mod agents;
 mod blame;
 mod branches;
+#[cfg(feature = "cluster")]
+mod cluster;
 #[cfg(feature = "service")]
 mod endpoint;
 mod films;

@@ -3,11 +3,14 @@
 
 pub mod blame;
 mod conditions;
+mod parts;
 pub mod sequence;
 pub mod simulator;
 pub mod statistics;
 
 use datafusion::logical_expr::ScalarUDF;
+
+pub(crate) use parts::part_of;
 
 use crate::control::Control;
 
@@ -38,6 +41,6 @@ pub(crate) fn all(control: &std::sync::Arc<Control>) -> Vec<ScalarUDF> {
         .into_iter()
         .chain(statistics::functions())
         .chain(simulator::functions(control))
-        .chain([blame::function(control)])
+        .chain([blame::function(control), parts::function()])
         .collect()
 }

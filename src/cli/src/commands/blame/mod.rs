@@ -2,14 +2,16 @@
 
 mod evaluation;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context;
+use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
 use reel_blame::{Blame, Cause, Measured, Options, blame_all};
 #[cfg(feature = "analytics")]
 use reel_tables::{Blamed, Store};
 use reel_trace::Trace;
 
-use crate::{Answer, inputs, progress};
+use crate::{Answer, elsewhere::Elsewhere, inputs, progress};
 
 /// What stands for paths.
 #[cfg(feature = "analytics")]
@@ -38,6 +40,8 @@ pub struct Arguments {
     /// Trace files, or folders of them
     #[arg(value_name = "PATH", required_unless_present_any = STORE)]
     paths: Vec<PathBuf>,
+    #[command(flatten)]
+    elsewhere: Elsewhere,
     /// Print what every step cost
     #[arg(long)]
     steps: bool,
@@ -78,7 +82,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
     let bar = progress::bar(paths.len(), "blame");
     let options = Options { alternatives: !arguments.no_alternatives, branches: arguments.branches.clone() };
-    let measured = blame_all(&paths, inputs::workers(arguments.jobs), &options, || bar.inc(1));
+    let measured = match arguments.elsewhere.each("blame", &asked(&options), &paths, |more| bar.inc(more))? {
+        Some(answers) => {
+            answers.into_iter().zip(&paths).map(|(answer, path)| received(answer, path, &options)).collect::<Result<_, _>>()?
+        }
+        None => blame_all(&paths, inputs::workers(arguments.jobs), &options, || bar.inc(1)),
+    };
     bar.finish_and_clear();
     let mut unreadable = false;
     for (path, measured) in paths.iter().zip(&measured) {
@@ -112,12 +121,65 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     Ok(if unreadable { Answer::No } else { Answer::Yes })
 }
 
+/// What an executor says of a trace: what was measured, and the branch that was to be kept.
+#[derive(serde::Serialize, serde::Deserialize)]
+struct Answered {
+    measured: Result<Measured, String>,
+    /// The file of the branch, in base64.
+    branch: Option<String>,
+}
+
+/// What an executor is asked: whether alternatives are played, and whether their branches are wanted.
+fn asked(options: &Options) -> (bool, bool) {
+    (options.alternatives, options.branches.is_some())
+}
+
+/// What an executor said, with trace and branch where they are here.
+fn received(answer: Answered, trace: &Path, options: &Options) -> anyhow::Result<Result<Measured, String>> {
+    let mut measured = match answer.measured {
+        Ok(measured) => measured,
+        Err(reason) => return Ok(Err(reason)),
+    };
+    measured.trace = trace.to_owned();
+    let there = measured.alternative.as_mut().and_then(|found| found.trace.as_mut());
+    if let (Some(folder), Some(path), Some(bytes)) = (&options.branches, there, answer.branch) {
+        *path = folder.join(path.file_name().context("the branch of an executor has no name")?);
+        std::fs::write(&*path, BASE64.decode(bytes)?).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(Ok(measured))
+}
+
+/// What executors do for this command.
+#[cfg(feature = "cluster")]
+pub fn work() -> reel_cluster::Work {
+    crate::elsewhere::work("blame", |traces, (alternatives, branches): (bool, bool)| {
+        let folder = branches.then(tempfile::tempdir).transpose().map_err(|error| error.to_string())?;
+        let options = Options { alternatives, branches: folder.as_ref().map(|folder| folder.path().to_owned()) };
+        let answered = |measured: Result<Measured, String>| {
+            let kept = measured.as_ref().ok().and_then(|one| one.alternative.as_ref()?.trace.as_ref());
+            let branch =
+                kept.map(std::fs::read).transpose().map_err(|error| error.to_string())?.map(|bytes| BASE64.encode(bytes));
+            Ok(Answered { measured, branch })
+        };
+        blame_all(traces, 1, &options, || ()).into_iter().map(answered).collect()
+    })
+}
+
 /// Measures the failed episodes of a store, and says what came of it.
 #[cfg(feature = "analytics")]
 pub fn tell(store: &str, jobs: Option<usize>) -> anyhow::Result<()> {
-    let (paths, store) = (Vec::new(), Some(store.to_owned()));
-    let arguments =
-        Arguments { paths, store, jobs, steps: false, branches: None, no_alternatives: false, labels: false, json: false };
+    let (paths, store, elsewhere) = (Vec::new(), Some(store.to_owned()), Elsewhere::default());
+    let arguments = Arguments {
+        paths,
+        elsewhere,
+        store,
+        jobs,
+        steps: false,
+        branches: None,
+        no_alternatives: false,
+        labels: false,
+        json: false,
+    };
     run(&arguments).map(drop)
 }
 

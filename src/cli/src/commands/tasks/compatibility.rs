@@ -1,8 +1,12 @@
 //! `reel tasks compatibility`: the table of what belongs where, to be changed by people or written by a model.
 
-use std::{collections::BTreeMap, fs, path::PathBuf, sync::Arc};
+#[cfg(feature = "service")]
+use std::collections::BTreeMap;
+use std::{fs, path::PathBuf, sync::Arc};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
+#[cfg(feature = "service")]
+use anyhow::bail;
 use reel_generate::task::Compatibility;
 use reel_world::Scene;
 

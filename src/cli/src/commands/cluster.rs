@@ -1,0 +1,119 @@
+//! `reel cluster`: the processes of a cluster, and sessions that ask it.
+
+use std::{
+    net::{IpAddr, SocketAddr},
+    path::PathBuf,
+    sync::Arc,
+};
+
+use reel_cluster::{Address, Executor, Scheduler, run_executor, run_scheduler};
+
+use crate::{
+    Answer,
+    commands::{blame, ingest, replay, reward},
+    elsewhere, inputs,
+};
+
+/// Work with many machines: one runs the scheduler, each of the others an executor, and `--cluster` of `reel query`, `replay`,
+/// `blame`, `taxonomy`, `reward` and `ingest` lets them do the work, with the same results and exit codes as here.
+///
+/// All machines have to see a store's files and traces under the same name: in a bucket (s3://, as AWS_ACCESS_KEY_ID,
+/// AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT_URL describe it to each of them) or in a shared folder. All have to be the
+/// same build of reel. There are no passwords: whoever reaches the scheduler may ask anything of these files, so keep the ports
+/// within a network of your own.
+///
+/// Examples:
+///   reel cluster scheduler --listen 10.0.0.1:50050
+///   reel cluster executor --scheduler 10.0.0.1:50050 --listen 10.0.0.2:50051 --traces /data/traces
+///   reel query --cluster 10.0.0.1:50050 --store s3://lab/store --named benchmark
+#[derive(clap::Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Plan questions and hand out their parts
+    Scheduler {
+        /// Where to listen
+        #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50050")]
+        listen: SocketAddr,
+        /// Name or address by which executors reach it; without it the one it listens at
+        #[arg(long, value_name = "HOST")]
+        advertise: Option<String>,
+        /// An executor that was not heard of for so many seconds is dead: its parts are done again by others
+        #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(2..))]
+        patience: u64,
+    },
+    /// Work off parts of questions
+    Executor {
+        /// Where the scheduler listens
+        #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:50050")]
+        scheduler: String,
+        /// Where answers are fetched from
+        #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1:50051")]
+        listen: SocketAddr,
+        /// Name or address by which others fetch them; without it the one it listens at
+        #[arg(long, value_name = "HOST")]
+        advertise: Option<String>,
+        /// Parts at a time; without it one for each core
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+        threads: Option<u32>,
+        /// Memory for sorts, joins and aggregations before they spill, in MiB; without it 70% of what there is
+        #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..))]
+        memory: Option<u64>,
+        /// Folder for parts of answers until they are fetched; without it one that goes with the process
+        #[arg(long, value_name = "DIR")]
+        work: Option<PathBuf>,
+        /// Folders, also s3://bucket/folder, whose traces may be opened: by replay, blame and ingest, and by the functions of SQL
+        /// that do; without it, none
+        #[arg(long, value_name = "DIR", value_delimiter = ',')]
+        traces: Vec<PathBuf>,
+        #[command(flatten)]
+        assets: inputs::Assets,
+    },
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
+    match &arguments.what {
+        What::Scheduler { listen, advertise, patience } => {
+            eprintln!("reel: scheduler at {listen}; Ctrl-C ends it");
+            run_scheduler(&Scheduler {
+                listen: *listen,
+                advertise: reached(advertise.as_deref(), listen.ip()),
+                patience_s: *patience,
+            })?;
+        }
+        What::Executor { scheduler, listen, advertise, threads, memory, work, traces, assets } => {
+            let assets = Arc::new(assets.open()?);
+            let works = replay::works(&assets).into_iter().chain([blame::work(), ingest::work(), reward::work()]).collect();
+            let cores = std::thread::available_parallelism().map_or(1, usize::from);
+            let executor = Executor {
+                scheduler: Address::parse(scheduler)?,
+                listen: *listen,
+                advertise: reached(advertise.as_deref(), listen.ip()),
+                threads: threads.map_or(cores, |threads| threads as usize),
+                memory_bytes: memory.map(|mib| mib << 20),
+                work: work.clone(),
+                traces: traces.clone(),
+                build: elsewhere::build(),
+                works,
+            };
+            eprintln!(
+                "reel: executor of {} at {listen}, {} parts at a time; Ctrl-C ends it",
+                executor.scheduler, executor.threads
+            );
+            run_executor(&executor)?;
+        }
+    }
+    Ok(Answer::Yes)
+}
+
+/// Where a process that listens at an address is reached.
+fn reached(advertise: Option<&str>, listen: IpAddr) -> String {
+    advertise.map_or_else(|| listen.to_string(), str::to_owned)
+}

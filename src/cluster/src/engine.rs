@@ -1,0 +1,192 @@
+//! The engine of who asks: plans run on the cluster, and are called off there where nobody waits for their end any more, on
+//! Ctrl-C, at a limit, or when enough was read.
+
+use std::{
+    pin::Pin,
+    sync::Arc,
+    task::{Context, Poll},
+    thread,
+    time::Duration,
+};
+
+use async_trait::async_trait;
+use ballista_core::{
+    config::BALLISTA_CLIENT_PULL,
+    execution_plans::DistributedQueryExec,
+    extension::{SessionConfigExt as _, SessionStateExt as _},
+    planner::BallistaQueryPlanner,
+    serde::protobuf::{CancelJobParams, scheduler_grpc_client::SchedulerGrpcClient},
+};
+use datafusion::{
+    arrow::{
+        array::RecordBatch,
+        datatypes::{FieldRef, SchemaRef},
+    },
+    catalog::Session,
+    common::{
+        ScalarValue,
+        tree_node::{Transformed, TreeNodeRecursion},
+    },
+    error::Result,
+    execution::{
+        RecordBatchStream, SendableRecordBatchStream, SessionState, SessionStateBuilder, TaskContext, context::QueryPlanner,
+    },
+    logical_expr::{Expr, LogicalPlan, LogicalPlanBuilder},
+    physical_expr::PhysicalExpr,
+    physical_plan::{DisplayAs, DisplayFormatType, ExecutionPlan, PlanProperties},
+    physical_planner::{DefaultPhysicalPlanner, PhysicalPlanner as _},
+};
+use datafusion_proto::protobuf::LogicalPlanNode;
+use futures_util::Stream;
+
+use crate::client::MESSAGE_BYTES;
+
+/// How long the scheduler may take to hear that a job is called off.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+type OnCluster = DistributedQueryExec<LogicalPlanNode>;
+
+/// Makes of a session's state one whose plans run on the cluster. Functions of ours are to be added afterwards.
+pub(crate) fn engine(state: SessionState, url: &str) -> Result<SessionState> {
+    let config = state
+        .config()
+        .clone()
+        .upgrade_for_ballista()
+        .with_ballista_grpc_client_max_message_size(MESSAGE_BYTES)
+        // small parts are no reason to do with one thread what costs seconds a row
+        .with_ballista_coalesce_enabled(false)
+        // of the two planners of Ballista, the one that gets every job to its end
+        .with_ballista_adaptive_query_planner(false)
+        // who is told of a job when it ends knows no name to call it off by
+        .set_bool(BALLISTA_CLIENT_PULL, true);
+    let ballista = BallistaQueryPlanner::new(url.to_owned(), config.ballista_config());
+    let planner = Planner { ballista, url: url.to_owned() };
+    let config = config.with_ballista_query_planner(Arc::new(planner));
+    SessionStateBuilder::new_from_existing(state).with_config(config).build().upgrade_for_ballista(url.to_owned())
+}
+
+#[derive(Debug)]
+struct Planner {
+    ballista: BallistaQueryPlanner<LogicalPlanNode>,
+    url: String,
+}
+
+#[async_trait]
+impl QueryPlanner for Planner {
+    async fn create_physical_plan(&self, plan: &LogicalPlan, session: &dyn Session) -> Result<Arc<dyn ExecutionPlan>> {
+        if let LogicalPlan::EmptyRelation(_) = plan {
+            return DefaultPhysicalPlanner::default().create_physical_plan(plan, session).await;
+        }
+        let planned = self.ballista.create_physical_plan(&sent(plan)?, session).await?;
+        Ok(match planned.downcast_ref::<OnCluster>() {
+            Some(_) => Arc::new(Watched { planned, url: self.url.clone() }),
+            None => planned,
+        })
+    }
+}
+
+/// A plan as it survives being sent: of a relation without rows the columns would not arrive, nor would its job ever end. A row of
+/// nulls, that nobody may know to be filtered out before it is, stands for it.
+fn sent(plan: &LogicalPlan) -> Result<LogicalPlan> {
+    let told = |node: LogicalPlan| {
+        let LogicalPlan::EmptyRelation(empty) = &node else { return Ok(Transformed::no(node)) };
+        if empty.produce_one_row || empty.schema.fields().is_empty() {
+            return Ok(Transformed::no(node));
+        }
+        let nothing = |field: &FieldRef| Ok(Expr::Literal(ScalarValue::try_from(field.data_type())?, None));
+        let row = empty.schema.fields().iter().map(nothing).collect::<Result<Vec<Expr>>>()?;
+        let values = LogicalPlanBuilder::values(vec![row])?;
+        let columns = values.schema().columns();
+        let values = values.filter(Expr::Column(columns[0].clone()).is_not_null())?;
+        let names = columns.into_iter().zip(empty.schema.iter());
+        let named =
+            names.map(|(column, (relation, field))| Expr::Column(column).alias_qualified(relation.cloned(), field.name()));
+        Ok(Transformed::yes(values.project(named.collect::<Vec<Expr>>())?.build()?))
+    };
+    Ok(plan.clone().transform_down_with_subqueries(told)?.data)
+}
+
+/// A plan on the cluster whose job ends with the last who waits for it.
+#[derive(Debug)]
+struct Watched {
+    planned: Arc<dyn ExecutionPlan>,
+    url: String,
+}
+
+impl DisplayAs for Watched {
+    fn fmt_as(&self, form: DisplayFormatType, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.planned.fmt_as(form, f)
+    }
+}
+
+impl ExecutionPlan for Watched {
+    fn name(&self) -> &str {
+        self.planned.name()
+    }
+
+    fn properties(&self) -> &Arc<PlanProperties> {
+        self.planned.properties()
+    }
+
+    fn children(&self) -> Vec<&Arc<dyn ExecutionPlan>> {
+        Vec::new()
+    }
+
+    fn apply_expressions(
+        &self,
+        _: &mut dyn FnMut(&Arc<dyn PhysicalExpr>) -> Result<TreeNodeRecursion>,
+    ) -> Result<TreeNodeRecursion> {
+        Ok(TreeNodeRecursion::Continue)
+    }
+
+    fn with_new_children(self: Arc<Self>, _: Vec<Arc<dyn ExecutionPlan>>) -> Result<Arc<dyn ExecutionPlan>> {
+        Ok(self)
+    }
+
+    fn execute(&self, partition: usize, context: Arc<TaskContext>) -> Result<SendableRecordBatchStream> {
+        let answer = self.planned.execute(partition, context)?;
+        Ok(Box::pin(Answer { answer, planned: self.planned.clone(), url: self.url.clone(), ended: false }))
+    }
+}
+
+/// What comes of a plan, until somebody has had enough.
+struct Answer {
+    answer: SendableRecordBatchStream,
+    planned: Arc<dyn ExecutionPlan>,
+    url: String,
+    ended: bool,
+}
+
+impl Stream for Answer {
+    type Item = Result<RecordBatch>;
+
+    fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
+        let next = self.answer.as_mut().poll_next(context);
+        self.ended |= matches!(next, Poll::Ready(None | Some(Err(_))));
+        next
+    }
+}
+
+impl RecordBatchStream for Answer {
+    fn schema(&self) -> SchemaRef {
+        self.answer.schema()
+    }
+}
+
+impl Drop for Answer {
+    fn drop(&mut self) {
+        let job = self.planned.downcast_ref::<OnCluster>().and_then(OnCluster::job_id);
+        let Some(job) = job.filter(|_| !self.ended) else { return };
+        let (url, job_id) = (self.url.clone(), job.to_string());
+        // a thread of its own: whoever drops this may be about to end, and need not be where one can wait
+        let call_off = thread::spawn(move || {
+            let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
+            let called_off = async {
+                let mut scheduler = SchedulerGrpcClient::connect(url).await.ok()?;
+                scheduler.cancel_job(CancelJobParams { job_id }).await.ok()
+            };
+            let _ = runtime.block_on(async { tokio::time::timeout(PATIENCE, called_off).await });
+        });
+        let _ = call_off.join();
+    }
+}

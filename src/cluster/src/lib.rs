@@ -1,0 +1,72 @@
+//! Questions answered by many machines: a scheduler, executors and the engine of sessions that ask them, all of Ballista.
+//!
+//! A store's files have to be where every machine sees them under the same name: in a bucket, or in a folder that all share. What
+//! an executor may open besides, for functions that call the simulator, it is told when it starts.
+//!
+//! Knows no SQL and no table: sessions plan as they do alone, and plans name files.
+
+mod client;
+mod engine;
+mod executor;
+mod files;
+mod scheduler;
+mod work;
+
+use reel_query::STACK_BYTES;
+use tokio::runtime::{Builder, Runtime};
+
+pub use client::{Address, Cluster};
+pub use executor::{Executor, run as run_executor};
+pub use scheduler::{Scheduler, run as run_scheduler};
+pub use work::Work;
+
+/// What scheduler and executors run in: plans are walked by recursion.
+fn runtime() -> std::io::Result<Runtime> {
+    Builder::new_multi_thread().thread_stack_size(STACK_BYTES).enable_all().build()
+}
+
+/// Why there is no cluster.
+#[derive(Debug, thiserror::Error)]
+pub enum ClusterError {
+    /// An address is none.
+    #[error("'{text}' is no address of a scheduler: {reason}; give host:port or df://host:port")]
+    Address {
+        /// What was given.
+        text: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// Nobody listens there.
+    #[error("no scheduler answers at {address}: {reason}; `reel cluster scheduler` starts one")]
+    Silent {
+        /// Where.
+        address: String,
+        /// What the connection said.
+        reason: String,
+    },
+    /// An executor will not do what it is asked for.
+    #[error("the cluster refuses: {reason}")]
+    Refused {
+        /// Why.
+        reason: String,
+    },
+    /// Work failed for so long that it is given up.
+    #[error("the cluster of {address} does not get this done: {reason}; what was done before is kept, ask again when it is well")]
+    Lost {
+        /// Of the scheduler.
+        address: String,
+        /// What came of it last.
+        reason: String,
+    },
+    /// Somebody pressed Ctrl-C.
+    #[error("stopped; the cluster was told")]
+    Stopped,
+    /// A scheduler or an executor cannot run.
+    #[error("{what}: {reason}")]
+    Run {
+        /// What was tried.
+        what: &'static str,
+        /// What came of it.
+        reason: String,
+    },
+}

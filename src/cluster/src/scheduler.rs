@@ -1,0 +1,58 @@
+//! The process that plans questions and hands their parts to executors.
+
+use std::{net::SocketAddr, sync::Arc};
+
+use ballista_core::{config::TaskSchedulingPolicy, extension::SessionConfigExt as _};
+use ballista_scheduler::{cluster::BallistaCluster, config::SchedulerConfig, scheduler_process::start_server};
+use datafusion::prelude::SessionConfig;
+use reel_query::{Opens, every_function};
+
+use crate::{ClusterError, client::MESSAGE_BYTES, files, runtime, work::Worker};
+
+/// A scheduler to be.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Scheduler {
+    /// Where it listens.
+    pub listen: SocketAddr,
+    /// The name or address by which executors reach it.
+    pub advertise: String,
+    /// An executor that was not heard of for so long counts as dead, in seconds.
+    pub patience_s: u64,
+}
+
+/// Runs a scheduler until the process is told to end.
+///
+/// # Errors
+/// When it cannot listen.
+pub fn run(scheduler: &Scheduler) -> Result<(), ClusterError> {
+    let failed = |reason: String| ClusterError::Run { what: "the scheduler ended", reason };
+    let config = SchedulerConfig {
+        bind_host: scheduler.listen.ip().to_string(),
+        bind_port: scheduler.listen.port(),
+        external_host: scheduler.advertise.clone(),
+        // executors fetch their work, so nobody has to reach them but who fetches answers
+        scheduling_policy: TaskSchedulingPolicy::PullStaged,
+        executor_timeout_seconds: scheduler.patience_s,
+        expire_dead_executor_interval_seconds: (scheduler.patience_s / 4).max(1),
+        no_executors_grace_period_seconds: scheduler.patience_s,
+        // plans name every file of a table
+        grpc_server_max_decoding_message_size: MESSAGE_BYTES as u32,
+        grpc_server_max_encoding_message_size: MESSAGE_BYTES as u32,
+        grpc_client_max_message_size: MESSAGE_BYTES as u32,
+        override_config_producer: Some(Arc::new(SessionConfig::new_with_ballista)),
+        override_session_builder: Some(Arc::new(|config| {
+            let mut state = every_function(config, files::environment()?, Opens::Nothing);
+            Worker::nobody().equip(&mut state)?;
+            Ok(state)
+        })),
+        ..SchedulerConfig::default()
+    };
+    let runtime = runtime().map_err(|error| failed(error.to_string()))?;
+    runtime.block_on(async {
+        let cluster = BallistaCluster::new_from_config(&config).await.map_err(|error| failed(error.to_string()))?;
+        tokio::select! {
+            end = start_server(cluster, scheduler.listen, Arc::new(config)) => end.map_err(|error| failed(error.to_string())),
+            _ = tokio::signal::ctrl_c() => Ok(()),
+        }
+    })
+}
