@@ -73,9 +73,9 @@ def duckdb_table(files, sql):
 def spark_table(files, sql):
     from pyspark.sql import SparkSession
 
-    builder = SparkSession.builder.master("local[2]").config("spark.driver.memory", "3g").config("spark.ui.enabled", "false")
+    builder = SparkSession.builder.master("local[2]").config("spark.driver.memory", "3g").config("spark.ui.enabled", "false").config("spark.ui.showConsoleProgress", "false")
     spark = builder.config("spark.driver.host", "127.0.0.1").getOrCreate()
-    spark.sparkContext.setLogLevel("ERROR")
+    spark.sparkContext.setLogLevel("OFF")
     spark.read.parquet(*files).createOrReplaceTempView("episodes")
     rows = [tuple(row) for row in spark.sql(sql).collect()]
     spark.stop()

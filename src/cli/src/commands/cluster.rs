@@ -14,13 +14,15 @@ use crate::{
     elsewhere, inputs,
 };
 
-/// Work with many machines: one runs the scheduler, each of the others an executor, and `--cluster` of `reel query`, `replay`,
-/// `blame`, `taxonomy`, `reward` and `ingest` lets them do the work, with the same results and exit codes as here.
+/// Work with many machines: one runs the scheduler, each of the others an executor, and
+/// `--cluster` of `reel query`, `replay`, `blame`, `taxonomy`, `reward` and `ingest` lets them do
+/// the work, with the same results and exit codes as here.
 ///
-/// All machines have to see a store's files and traces under the same name: in a bucket (s3://, as AWS_ACCESS_KEY_ID,
-/// AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT_URL describe it to each of them) or in a shared folder. All have to be the
-/// same build of reel. There are no passwords: whoever reaches the scheduler may ask anything of these files, so keep the ports
-/// within a network of your own.
+/// All machines have to see a store's files and traces under the same name: in a bucket (s3://,
+/// as AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT_URL describe it to
+/// each of them) or in a shared folder. All have to be the same build of reel. There are no
+/// passwords: whoever reaches the scheduler may ask anything of these files, so keep the ports
+/// within a network of your own. What goes wrong is said on standard error; RUST_LOG=info says more.
 ///
 /// Examples:
 ///   reel cluster scheduler --listen 10.0.0.1:50050
