@@ -1,7 +1,7 @@
 //! Copies of files of buckets on this machine, kept by the digest of their content. The folder may be deleted at any time.
 
 use std::{
-    env, fs, io,
+    fs, io,
     io::Write as _,
     path::{Path, PathBuf},
     sync::atomic::{AtomicU64, Ordering},
@@ -12,8 +12,6 @@ use reel_world::Digest;
 use serde::{Deserialize, Serialize};
 use tempfile::NamedTempFile;
 
-/// Bytes that are kept where nobody says otherwise.
-const BYTES_MAX: u64 = 10 << 30;
 /// Bytes that may come until somebody looks whether it is too much.
 const LOOK_AFTER: u64 = 256 << 20;
 /// Part of the limit down to which old files are deleted.
@@ -42,17 +40,6 @@ impl Cache {
     pub fn at(folder: impl Into<PathBuf>, bytes_max: u64) -> Self {
         // looked through at the first file that comes: another process may have left it full
         Self { folder: folder.into(), bytes_max, since_looked: AtomicU64::new(LOOK_AFTER) }
-    }
-
-    /// The cache of this user: `REEL_BUCKET_CACHE`, or `reel-buckets` in the user's cache folder; up to
-    /// `REEL_BUCKET_CACHE_GIB` (10).
-    pub fn of_user() -> Self {
-        let home = || Some(PathBuf::from(env::var_os("HOME")?).join(".cache"));
-        let folder = || Some(env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home)?.join("reel-buckets"));
-        let folder = env::var_os("REEL_BUCKET_CACHE").map(PathBuf::from).or_else(folder);
-        let gib = env::var("REEL_BUCKET_CACHE_GIB").ok().and_then(|text| text.parse::<f64>().ok()).filter(|gib| *gib > 0.0);
-        let bytes_max = gib.map_or(BYTES_MAX, |gib| (gib * f64::from(1 << 30)) as u64);
-        Self::at(folder.unwrap_or_else(|| env::temp_dir().join("reel-buckets")), bytes_max)
     }
 
     /// What a name stood for when it was fetched last, if its copy is still there and whole.

@@ -8,7 +8,12 @@ mod cache;
 mod patient;
 mod remote;
 
-use std::{io, path::PathBuf, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    io,
+    path::PathBuf,
+    sync::{Arc, Mutex, PoisonError},
+};
 
 use object_store::{
     ObjectStore,
@@ -88,4 +93,26 @@ pub fn bucket(url: &Url, options: impl IntoIterator<Item = (String, String)>) ->
         builder = builder.with_region("us-east-1");
     }
     Ok(Arc::new(Patient(builder.build().map_err(|error| settings(error.to_string()))?)))
+}
+
+/// The buckets that the environment gives access to, each opened when it is first named.
+#[derive(Debug, Default)]
+pub struct Opened(Mutex<BTreeMap<Url, Arc<dyn ObjectStore>>>);
+
+impl Opened {
+    /// The bucket of a URL.
+    ///
+    /// # Errors
+    /// As [`bucket`].
+    pub fn bucket(&self, url: &Url) -> Result<Arc<dyn ObjectStore>, BucketError> {
+        let mut root = url.clone();
+        root.set_path("/");
+        let mut opened = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(objects) = opened.get(&root) {
+            return Ok(objects.clone());
+        }
+        let objects = bucket(&root, [])?;
+        opened.insert(root, objects.clone());
+        Ok(objects)
+    }
 }

@@ -1,7 +1,7 @@
 //! Buckets as a place of traces: names are URLs, and whoever asks waits, on whatever thread.
 
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::HashMap,
     fs, io,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, mpsc},
@@ -14,7 +14,7 @@ use reel_trace::{FileFacts, Limits, Remote};
 use tokio::runtime::{Builder, Runtime};
 use url::Url;
 
-use crate::{BucketError, Cache, bucket};
+use crate::{BucketError, Cache, Opened};
 
 /// Bytes from which on a file is sent in parts, and bytes of a part.
 const PART_BYTES: usize = 8 << 20;
@@ -26,8 +26,7 @@ pub struct Buckets {
     /// Started when somebody names a bucket.
     runtime: OnceLock<Runtime>,
     cache: Arc<Cache>,
-    /// By the URL of the bucket.
-    open: Mutex<BTreeMap<String, Arc<dyn ObjectStore>>>,
+    opened: Opened,
     /// Of files that were listed or brought here: who goes through a folder asks for each of them once.
     seen: Mutex<HashMap<String, FileFacts>>,
 }
@@ -47,7 +46,7 @@ pub enum Sent {
 impl Buckets {
     /// Buckets whose files are kept in a cache.
     pub fn new(cache: Cache) -> Self {
-        Self { runtime: OnceLock::new(), cache: Arc::new(cache), open: Mutex::default(), seen: Mutex::default() }
+        Self { runtime: OnceLock::new(), cache: Arc::new(cache), opened: Opened::default(), seen: Mutex::default() }
     }
 
     /// Sends a file, in parts where it is large; one that is there already is left alone.
@@ -88,19 +87,8 @@ impl Buckets {
 
     /// The bucket of a name, and the place in it.
     fn place(&self, name: &str) -> Result<(Arc<dyn ObjectStore>, path::Path), BucketError> {
-        let wrong = |reason: String| BucketError::Name { name: name.to_owned(), reason };
-        let url = Url::parse(name).map_err(|error| wrong(error.to_string()))?;
-        if url.host_str().is_none_or(str::is_empty) {
-            return Err(wrong("the name of the bucket is missing".to_owned()));
-        }
-        let key = format!("{}://{}", url.scheme(), url.host_str().unwrap_or_default());
-        let place = path::Path::from_url_path(url.path()).map_err(|error| wrong(error.to_string()))?;
-        let mut open = lock(&self.open);
-        let objects = match open.get(&key) {
-            Some(objects) => objects.clone(),
-            None => open.entry(key).or_insert(bucket(&url, [])?).clone(),
-        };
-        Ok((objects, place))
+        let (url, place) = split(name)?;
+        Ok((self.opened.bucket(&url)?, place))
     }
 
     /// Waits for the store, on any thread.
@@ -182,8 +170,7 @@ impl Buckets {
                 Err(error) => Err(refused("look at", &name, &error)),
             }
         })?;
-        let url = Url::parse(folder).expect("it was parsed before");
-        let root = format!("{}://{}/", url.scheme(), url.host_str().unwrap_or_default());
+        let (root, _) = split(folder)?;
         let mut seen = lock(&self.seen);
         let named = files.iter().map(|file| {
             let name = format!("{root}{}", file.location);
@@ -226,6 +213,19 @@ impl std::fmt::Debug for Buckets {
     }
 }
 
+/// The URL of a name's bucket, and the place in it. Places are taken as they are written: nothing is decoded, and no `..` leads out
+/// of a folder.
+fn split(name: &str) -> Result<(Url, path::Path), BucketError> {
+    let wrong = |reason: &str| BucketError::Name { name: name.to_owned(), reason: reason.to_owned() };
+    let rest = name.strip_prefix("s3://").ok_or_else(|| wrong("only s3:// is served"))?;
+    let (bucket, place) = rest.split_once('/').unwrap_or((rest, ""));
+    let url = Url::parse(&format!("s3://{bucket}/")).map_err(|error| wrong(&error.to_string()))?;
+    if bucket.is_empty() || url.host_str() != Some(bucket) {
+        return Err(wrong("the name of the bucket is missing or is none"));
+    }
+    Ok((url, path::Path::parse(place).map_err(|error| wrong(&error.to_string()))?))
+}
+
 fn refused(action: &'static str, name: &str, error: &object_store::Error) -> BucketError {
     match error {
         object_store::Error::NotFound { .. } => BucketError::NotFound { name: name.to_owned() },
@@ -254,4 +254,24 @@ fn facts(file: &ObjectMeta) -> FileFacts {
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_taken_as_they_are_written() {
+        let place = |name: &str| split(name).map(|(url, place)| format!("{url}{place}"));
+        for name in ["s3://lab/traces/a.mcap", "s3://lab/50%/a b.mcap", "s3://lab/traces/%2e%2e/a.mcap", "s3://lab/a#b?c.mcap"] {
+            assert_eq!(place(name).unwrap(), name);
+        }
+        assert_eq!(place("s3://lab/traces/").unwrap(), "s3://lab/traces");
+        assert_eq!(place("s3://lab").unwrap(), "s3://lab/");
+        for wrong in
+            ["s3:///a.mcap", "s3://", "gs://lab/a.mcap", "s3://lab/traces/../secrets/a.mcap", "s3://la b/a", "s3://lab:9/a"]
+        {
+            assert!(place(wrong).is_err(), "{wrong}");
+        }
+    }
 }

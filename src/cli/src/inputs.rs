@@ -10,6 +10,8 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_assets::Folder;
+#[cfg(feature = "analytics")]
+use reel_buckets::Buckets;
 use reel_replay::SnapshotCache;
 use reel_tasks::Listed;
 use reel_trace::{Trace, is_remote, list_remote};
@@ -90,10 +92,27 @@ impl Cache {
         if self.no_cache {
             return None;
         }
-        let home = || Some(PathBuf::from(env::var_os("HOME")?).join(".cache"));
-        let default = || env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home).map(|cache| cache.join("reel-snapshots"));
-        self.cache.clone().or_else(default).map(|folder| SnapshotCache::at(&folder))
+        self.cache.clone().or_else(|| user_cache("reel-snapshots")).map(|folder| SnapshotCache::at(&folder))
     }
+}
+
+/// A folder in the user's cache folder.
+fn user_cache(name: &str) -> Option<PathBuf> {
+    let home = || Some(PathBuf::from(env::var_os("HOME")?).join(".cache"));
+    env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home).map(|cache| cache.join(name))
+}
+
+/// GiB of buckets' files that are kept where nobody says otherwise.
+#[cfg(feature = "analytics")]
+const BUCKET_CACHE_GIB: f64 = 10.0;
+
+/// The buckets that the environment gives access to, with the cache that `REEL_BUCKET_CACHE` and `REEL_BUCKET_CACHE_GIB` say.
+#[cfg(feature = "analytics")]
+pub fn buckets() -> Buckets {
+    let folder = env::var_os("REEL_BUCKET_CACHE").map(PathBuf::from).or_else(|| user_cache("reel-buckets"));
+    let gib = env::var("REEL_BUCKET_CACHE_GIB").ok().and_then(|text| text.parse::<f64>().ok()).filter(|gib| *gib > 0.0);
+    let bytes_max = (gib.unwrap_or(BUCKET_CACHE_GIB) * f64::from(1 << 30)) as u64;
+    Buckets::new(reel_buckets::Cache::at(folder.unwrap_or_else(|| env::temp_dir().join("reel-buckets")), bytes_max))
 }
 
 /// Where the meshes of objects are.

@@ -147,7 +147,7 @@ enum Command {
 fn main() -> ExitCode {
     end_with_the_reader();
     #[cfg(feature = "analytics")]
-    reel_trace::reach(Box::new(reel_buckets::Buckets::new(reel_buckets::Cache::of_user())));
+    reel_trace::reach(Box::new(inputs::buckets()));
     let result = match Arguments::parse().command {
         Command::Run(arguments) => commands::run::run(&arguments),
         #[cfg(feature = "service")]
@@ -214,6 +214,12 @@ fn main() -> ExitCode {
     };
     match result {
         Ok(answer) => answer.into(),
+        #[cfg(feature = "cluster")]
+        Err(error) if matches!(error.downcast_ref(), Some(reel_cluster::ClusterError::Stopped)) => {
+            eprintln!("reel: {error:#}");
+            // 128 + SIGINT, as the shell has it
+            ExitCode::from(130)
+        }
         Err(error) => {
             eprintln!("reel: {error:#}");
             Answer::BadInput.into()

@@ -27,7 +27,7 @@ use datafusion::{
         ScalarValue,
         tree_node::{Transformed, TreeNodeRecursion},
     },
-    error::Result,
+    error::{DataFusionError, Result},
     execution::{
         RecordBatchStream, SendableRecordBatchStream, SessionState, SessionStateBuilder, TaskContext, context::QueryPlanner,
     },
@@ -163,7 +163,10 @@ impl Stream for Answer {
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         let next = self.answer.as_mut().poll_next(context);
         self.ended |= matches!(next, Poll::Ready(None | Some(Err(_))));
-        next
+        next.map_err(|error| {
+            let reason = error.strip_backtrace();
+            DataFusionError::Execution(format!("the cluster gave no answer: {reason}; if a machine went away, ask again"))
+        })
     }
 }
 

@@ -1,9 +1,6 @@
 //! The files of plans: local ones, and buckets as the environment describes them. Opens nothing before it is asked for.
 
-use std::{
-    collections::BTreeMap,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::sync::Arc;
 
 use datafusion::{
     error::{DataFusionError, Result},
@@ -13,7 +10,7 @@ use datafusion::{
     },
 };
 use object_store::{ObjectStore, local::LocalFileSystem};
-use reel_buckets::bucket;
+use reel_buckets::Opened;
 use url::Url;
 
 /// What plans run in.
@@ -21,32 +18,20 @@ pub(crate) fn environment() -> Result<Arc<RuntimeEnv>> {
     RuntimeEnvBuilder::new().with_object_store_registry(Arc::new(Places::default())).build_arc()
 }
 
-/// Stores of files by URL, made when they are first named.
+/// Every place that a plan may name.
 #[derive(Debug, Default)]
-struct Places {
-    known: Mutex<BTreeMap<String, Arc<dyn ObjectStore>>>,
-}
+struct Places(Opened);
 
 impl ObjectStoreRegistry for Places {
-    fn register_store(&self, url: &Url, store: Arc<dyn ObjectStore>) -> Option<Arc<dyn ObjectStore>> {
-        self.known.lock().unwrap_or_else(PoisonError::into_inner).insert(root(url), store)
+    /// Nobody brings stores along: each machine reaches them by itself.
+    fn register_store(&self, _: &Url, _: Arc<dyn ObjectStore>) -> Option<Arc<dyn ObjectStore>> {
+        None
     }
 
     fn get_store(&self, url: &Url) -> Result<Arc<dyn ObjectStore>> {
-        if url.scheme() == "file" {
-            return Ok(Arc::new(LocalFileSystem::new()));
+        match url.scheme() {
+            "file" => Ok(Arc::new(LocalFileSystem::new())),
+            _ => self.0.bucket(url).map_err(|error| DataFusionError::External(Box::new(error))),
         }
-        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(store) = known.get(&root(url)) {
-            return Ok(store.clone());
-        }
-        let store = bucket(url, []).map_err(|error| DataFusionError::External(Box::new(error)))?;
-        known.insert(root(url), store.clone());
-        Ok(store)
     }
-}
-
-/// A bucket's name, without what lies in it.
-fn root(url: &Url) -> String {
-    format!("{}://{}", url.scheme(), url.host_str().unwrap_or_default())
 }

@@ -70,7 +70,7 @@ impl Opens {
             Opens::These(traces) => traces.contains(&*trace.to_string_lossy()),
             Opens::Below(folders) if is_remote(trace) => {
                 let (name, inside) = (trace.to_string_lossy(), |folder: &PathBuf| trace.starts_with(folder) && is_remote(folder));
-                !name.contains("/..") && folders.iter().any(inside)
+                name.split('/').all(|part| part != "..") && folders.iter().any(inside)
             }
             Opens::Below(folders) => {
                 let real = |path: &Path| path.canonicalize().ok();

@@ -525,8 +525,8 @@ fn equip(context: &SessionContext, control: &Arc<Control>) {
 }
 
 /// Deals the rows that name traces out into parts, so that many machines can work on the functions that open them: a table of
-/// many episodes may well be one file. Every part reads the file and keeps what is its own. An optimiser may still
-/// have functions look at rows before they are left out, so those have no trace there; the limit, which is none, keeps conditions above it.
+/// many episodes may well be one file. Every part reads the file and keeps what is its own. A condition may be looked at for
+/// rows that another one beside it leaves out, so those have no trace.
 fn dealt(plan: LogicalPlan) -> Result<LogicalPlan, DataFusionError> {
     let deal = |node: LogicalPlan| {
         let LogicalPlan::TableScan(scan) = &node else { return Ok(Transformed::no(node)) };
@@ -541,7 +541,7 @@ fn dealt(plan: LogicalPlan) -> Result<LogicalPlan, DataFusionError> {
             let own = when(mine.clone(), col(trace.clone())).end()?.alias_qualified(trace.relation.clone(), TRACE);
             let column = |column: Column| if column == trace { own.clone() } else { Expr::Column(column) };
             let columns: Vec<Expr> = scan.projected_schema.columns().into_iter().map(column).collect();
-            let rows = LogicalPlanBuilder::from(node.clone()).filter(mine)?.limit(0, Some(i64::MAX as usize))?;
+            let rows = LogicalPlanBuilder::from(node.clone()).filter(mine)?;
             Ok(Arc::new(rows.project(columns)?.build()?))
         };
         let parts = (0..PARTS).map(part).collect::<Result<Vec<_>, DataFusionError>>()?;
@@ -652,4 +652,63 @@ fn bind(plan: LogicalPlan, parameters: &Parameters) -> Result<LogicalPlan, Query
 /// The engine's own words, without its wrappers and its names for where the tables are.
 fn message(error: &DataFusionError) -> String {
     error.find_root().strip_backtrace().replace("datafusion.public.", "")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use arrow::{
+        array::{ArrayRef, Int64Array, StringArray},
+        util::pretty::pretty_format_batches,
+    };
+    use datafusion::logical_expr::{ColumnarValue, create_udf};
+
+    use super::*;
+
+    /// Every row is in one part, and a function that opens traces is given each of them once, wherever the optimiser puts it.
+    #[tokio::test]
+    async fn dealt_rows_are_the_same_rows_and_no_trace_is_opened_twice() {
+        // of few rows most are in the same batch as those that a part leaves out
+        for count in [3, 500] {
+            let names: ArrayRef =
+                Arc::new((0..count).map(|number| Some(format!("trace-{number}.mcap"))).collect::<StringArray>());
+            let table = RecordBatch::try_from_iter([("episode", names.clone()), (TRACE, names)]).unwrap();
+            for sql in [
+                "SELECT episode, opened(trace) AS length FROM episodes ORDER BY episode",
+                "SELECT e.episode, opened(e.trace) AS length, opened(e.trace) + 1 AS more FROM episodes AS e ORDER BY e.episode",
+                "SELECT episode FROM episodes WHERE opened(trace) > 12 ORDER BY episode",
+                "SELECT opened(trace) AS length, count(*) AS n FROM episodes GROUP BY 1 ORDER BY 1",
+            ] {
+                let [(here, _, opened_here), (dealt, scans, opened)] =
+                    [answer(&table, sql, false).await, answer(&table, sql, true).await];
+                assert_eq!(dealt, here, "{sql}");
+                assert_eq!([opened_here, opened], [count; 2], "{sql}");
+                assert_eq!(scans, PARTS, "{sql}");
+            }
+        }
+    }
+
+    /// What a question gives, how often its plan reads the table, and how many traces it opens.
+    async fn answer(table: &RecordBatch, sql: &str, deals: bool) -> (String, usize, usize) {
+        let opened = Arc::new(AtomicUsize::new(0));
+        let counted = opened.clone();
+        let open = move |arguments: &[ColumnarValue]| {
+            let traces = ColumnarValue::values_to_arrays(arguments)?;
+            let traces = traces[0].as_string::<i32>();
+            counted.fetch_add(traces.iter().flatten().count(), Ordering::Relaxed);
+            let lengths: Int64Array = traces.iter().map(|trace| Some(trace?.len() as i64)).collect();
+            Ok(ColumnarValue::Array(Arc::new(lengths)))
+        };
+        let context = SessionContext::new();
+        equip(&context, &Arc::default());
+        let (text, number) = (DataType::Utf8, DataType::Int64);
+        context.register_udf(create_udf("opened", vec![text], number, Volatility::Stable, Arc::new(open)));
+        context.register_batch("episodes", table.clone()).unwrap();
+        let plan = context.sql(sql).await.unwrap().into_unoptimized_plan();
+        let plan = if deals { dealt(plan).unwrap() } else { plan };
+        let scans = plan.display_indent().to_string().matches("TableScan").count();
+        let rows = context.execute_logical_plan(plan).await.unwrap().collect().await.unwrap();
+        (pretty_format_batches(&rows).unwrap().to_string(), scans, opened.load(Ordering::Relaxed))
+    }
 }

@@ -1,4 +1,4 @@
-//! `reel cluster`: the processes of a cluster, and sessions that ask it.
+//! `reel cluster`: the processes of a cluster. Who asks it is `elsewhere.rs`.
 
 use std::{
     net::{IpAddr, SocketAddr},

@@ -8,7 +8,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use rayon::prelude::*;
-use reel_buckets::{Buckets, Cache, Sent};
+use reel_buckets::Sent;
 use reel_trace::{is_remote, list_remote, local};
 use serde_json::json;
 
@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         };
         bail!("{sides}: {} to {}", file.display(), arguments.to.display());
     }
-    let buckets = Buckets::new(Cache::of_user());
+    let buckets = inputs::buckets();
     let bar = progress::bar(files.len(), "copy");
     let (copied, bytes) = (AtomicUsize::new(0), AtomicU64::new(0));
     let copy = |(from, name): &(PathBuf, String)| -> anyhow::Result<()> {

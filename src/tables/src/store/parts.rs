@@ -1,6 +1,6 @@
 //! Reading and writing the Parquet files of a table: the mechanics of [`super::Store`]. Decides nothing.
 
-use std::sync::Arc;
+use std::{io::Cursor, sync::Arc};
 
 use arrow::array::RecordBatch;
 use deltalake::{
@@ -12,7 +12,7 @@ use deltalake::{
 use futures_util::StreamExt as _;
 use object_store::ObjectStoreExt as _;
 use parquet::{
-    arrow::{ParquetRecordBatchStreamBuilder, ProjectionMask, arrow_reader::ParquetRecordBatchReaderBuilder},
+    arrow::{ParquetRecordBatchStreamBuilder, ProjectionMask, async_reader::AsyncFileReader},
     basic::{Compression, ZstdLevel},
     file::properties::WriterProperties,
 };
@@ -109,21 +109,13 @@ impl Store {
             let failed = |source| StoreError::Parquet { source, path: part.path.clone() };
             let path = object_store::path::Path::parse(&part.path)
                 .map_err(|error| StoreError::Location { reason: error.to_string(), location: part.path.clone() })?;
-            // few requests for small files, and for those that are wanted whole
-            if part.size <= WHOLE_BYTES_MAX {
+            let reader: Box<dyn AsyncFileReader> = if part.size <= WHOLE_BYTES_MAX {
+                // one request, where each column would be one
                 let bytes = self.runtime.block_on(async { objects.get(&path).await?.bytes().await });
-                let bytes = bytes.map_err(|error| self.delta(error.into()))?;
-                let mut builder = ParquetRecordBatchReaderBuilder::try_new(bytes).map_err(failed)?;
-                if let Some(columns) = columns {
-                    let mask = ProjectionMask::columns(builder.parquet_schema(), columns.iter().copied());
-                    builder = builder.with_projection(mask);
-                }
-                for batch in builder.with_batch_size(ROWS_AT_A_TIME).build().map_err(failed)? {
-                    take(index, batch?)?;
-                }
-                continue;
-            }
-            let reader = ParquetObjectReader::new(Arc::clone(&objects), path).with_file_size(part.size);
+                Box::new(Cursor::new(bytes.map_err(|error| self.delta(error.into()))?))
+            } else {
+                Box::new(ParquetObjectReader::new(Arc::clone(&objects), path).with_file_size(part.size))
+            };
             let mut builder = self.runtime.block_on(ParquetRecordBatchStreamBuilder::new(reader)).map_err(failed)?;
             if let Some(columns) = columns {
                 let mask = ProjectionMask::columns(builder.parquet_schema(), columns.iter().copied());
