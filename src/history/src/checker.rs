@@ -45,6 +45,15 @@ impl Checker {
         Self { facts: Facts::new(&names), names, read: BTreeMap::new() }
     }
 
+    /// Before the first decision of another episode. What was learned of names and sentences stays where they mean the same.
+    pub fn begin(&mut self, setting: Setting) {
+        if *self.setting() == setting {
+            self.facts = Facts::new(&self.names);
+        } else {
+            *self = Self::new(setting);
+        }
+    }
+
     /// What was there.
     pub fn setting(&self) -> &Setting {
         self.names.setting()

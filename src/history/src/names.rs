@@ -1,7 +1,7 @@
 //! The episode's own names: which receptacles and which objects a phrase may mean. Never looks at a sentence's grammar.
 
 use std::{
-    cell::RefCell,
+    cell::{OnceCell, RefCell},
     collections::{BTreeMap, BTreeSet},
 };
 
@@ -112,7 +112,8 @@ pub(crate) struct Names {
     ids: BTreeMap<String, usize>,
     /// By first word.
     captions: BTreeMap<String, Vec<Caption>>,
-    descriptions: Vec<Description>,
+    /// Of the receptacles, then of the objects: made when a phrase asks for it.
+    descriptions: Vec<OnceCell<Description>>,
     /// Lemmas of the instruction.
     instruction: BTreeSet<String>,
     known: RefCell<BTreeMap<String, Referent>>,
@@ -120,8 +121,8 @@ pub(crate) struct Names {
 }
 
 /// The words of one receptacle or object.
+#[derive(Clone)]
 struct Description {
-    category: String,
     words: BTreeSet<String>,
     attributes: reel_world::Attributes,
 }
@@ -154,12 +155,7 @@ impl Names {
         for list in captions.values_mut() {
             list.sort_by_key(|caption| std::cmp::Reverse(caption.words.len()));
         }
-        let places = setting
-            .places
-            .iter()
-            .map(|place| Description::new(&place.category, &format!("{} {}", place.captions.join(" "), place.room)));
-        let things = setting.things.iter().map(|thing| Description::new(&thing.category, thing.caption.as_deref().unwrap_or("")));
-        let descriptions = places.chain(things).collect();
+        let descriptions = vec![OnceCell::new(); setting.places.len() + setting.things.len()];
         let instruction = lemmas(&setting.instruction);
         Self { ids, captions, descriptions, instruction, known: RefCell::default(), same: RefCell::default(), setting }
     }
@@ -240,15 +236,34 @@ impl Names {
             let head = category.rsplit(' ').next().unwrap_or(category);
             language::is_a(category, name) || compact(category) == name_compact || compact(head) == name_compact
         };
-        let categories: BTreeSet<&str> = self.descriptions.iter().map(|description| description.category.as_str()).collect();
-        let hits: BTreeSet<&str> = categories.into_iter().filter(|category| is(category)).collect();
-        let of_these = |(_, description): &(usize, &Description)| hits.contains(description.category.as_str());
-        self.descriptions.iter().enumerate().filter(of_these).map(|(index, _)| index).collect()
+        let hits: BTreeSet<&str> =
+            self.categories().collect::<BTreeSet<_>>().into_iter().filter(|category| is(category)).collect();
+        self.categories().enumerate().filter(|(_, category)| hits.contains(category)).map(|(index, _)| index).collect()
+    }
+
+    /// Of the receptacles, then of the objects.
+    fn categories(&self) -> impl Iterator<Item = &str> {
+        let places = self.setting.places.iter().map(|place| place.category.as_str());
+        places.chain(self.setting.things.iter().map(|thing| thing.category.as_str()))
+    }
+
+    /// By the index that [`Names::named`] gives.
+    fn description(&self, index: usize) -> &Description {
+        self.descriptions[index].get_or_init(|| match index.checked_sub(self.setting.places.len()) {
+            None => {
+                let place = &self.setting.places[index];
+                Description::new(&place.category, &format!("{} {}", place.captions.join(" "), place.room))
+            }
+            Some(thing) => {
+                let thing = &self.setting.things[thing];
+                Description::new(&thing.category, thing.caption.as_deref().unwrap_or(""))
+            }
+        })
     }
 
     /// Of what goes by a name, what the words before it leave.
     fn narrowed(&self, hits: &[usize], adjectives: &[&str]) -> Referent {
-        let grade = |index: &usize| (*index, self.descriptions[*index].fits(adjectives));
+        let grade = |index: &usize| (*index, self.description(*index).fits(adjectives));
         let graded: Vec<(usize, Fit)> = hits.iter().map(grade).collect();
         let pick = |wanted: Fit| graded.iter().filter(move |(_, fit)| *fit == wanted).map(|(index, _)| *index);
         let sure: Vec<usize> = pick(Fit::Yes).collect();
@@ -308,7 +323,7 @@ impl Description {
     fn new(category: &str, text: &str) -> Self {
         let words = language::words(text).into_iter().chain(language::words(category));
         let words = words.flat_map(|word| [language::lemma(&word), word]).collect();
-        Self { category: category.to_owned(), words, attributes: language::attribute_words(text) }
+        Self { words, attributes: language::attribute_words(text) }
     }
 
     /// How adjectives fit: an attribute of a kind that is described otherwise does not.

@@ -5,6 +5,7 @@
 //! functions that take one, a trace that the store names.
 
 mod control;
+mod dealing;
 pub mod format;
 mod functions;
 mod fusion;

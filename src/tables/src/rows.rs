@@ -26,26 +26,30 @@ use crate::Table;
 pub struct RowsError(#[from] serde_arrow::Error);
 
 /// Rows of a table on their way into columns.
-pub(crate) struct Rows(ArrayBuilder);
+pub(crate) struct Rows {
+    columns: ArrayBuilder,
+    /// Of the last episode that claimed something: the next one is often of the same task.
+    checker: Option<Checker>,
+}
 
 impl Rows {
     pub(crate) fn new(table: Table) -> Result<Self, RowsError> {
-        Ok(Self(ArrayBuilder::from_arrow(table.schema().fields())?))
+        Ok(Self { columns: ArrayBuilder::from_arrow(table.schema().fields())?, checker: None })
     }
 
     /// Adds the row of an episode. `modified_ns` is when the trace file was last written. After an error the rows are
     /// of no use any more.
     pub(crate) fn push_episode(&mut self, trace: &Trace, modified_ns: i64) -> Result<(), RowsError> {
-        Ok(self.0.push(episode(trace, modified_ns))?)
+        Ok(self.columns.push(episode(trace, modified_ns, &mut self.checker))?)
     }
 
     /// Adds a row of an episode that was made up.
     pub(crate) fn push_row(&mut self, row: &Episode<'_>) -> Result<(), RowsError> {
-        Ok(self.0.push(row)?)
+        Ok(self.columns.push(row)?)
     }
 
     pub(crate) fn finish(self) -> Result<RecordBatch, RowsError> {
-        Ok(self.0.into_record_batch()?)
+        Ok(self.columns.into_record_batch()?)
     }
 
     /// The row of a task.
@@ -66,7 +70,7 @@ impl Rows {
 
     pub(crate) fn of<R: Serialize>(table: Table, rows: &[R]) -> Result<RecordBatch, RowsError> {
         let mut builder = Self::new(table)?;
-        builder.0.extend(rows)?;
+        builder.columns.extend(rows)?;
         builder.finish()
     }
 }
@@ -130,7 +134,7 @@ pub(crate) struct Episode<'a> {
     pub(crate) steps: Vec<Step<'a>>,
 }
 
-fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
+fn episode<'t>(trace: &'t Trace, modified_ns: i64, checker: &mut Option<Checker>) -> Episode<'t> {
     let Trace { header, task, start, end, .. } = trace;
     let target = task.object(&task.target);
     let metrics = end.as_ref().map(|end| &end.metrics);
@@ -184,7 +188,7 @@ fn episode(trace: &Trace, modified_ns: i64) -> Episode<'_> {
         trace_bytes: trace.bytes,
         trace_modified_ns: modified_ns,
         measured: measured(&trace.robot),
-        steps: steps(trace),
+        steps: steps(trace, checker),
     }
 }
 
@@ -282,11 +286,11 @@ pub(crate) struct Step<'a> {
     pub(crate) trace_offset: u64,
 }
 
-fn steps(trace: &Trace) -> Vec<Step<'_>> {
+fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
     let goal = trace.task.goal_changes();
     let candidates = candidates(&trace.task);
     let mut seen: BTreeSet<&InstanceId> = trace.start.visible.iter().map(|visible| &visible.object).collect();
-    let mut claims = Claims::of(trace);
+    let mut claims = Claims::of(trace, checker);
     let mut rows = Vec::with_capacity(trace.steps.len());
     for record in &trace.steps {
         let shown = record.visible.iter().map(|visible| &visible.object).chain(&record.listed);
@@ -349,13 +353,20 @@ fn steps(trace: &Trace) -> Vec<Step<'_>> {
 }
 
 /// What a policy claims to have done beside what it did; nothing is looked at where it claims nothing.
-struct Claims(Option<Checker>);
+struct Claims<'c>(Option<&'c mut Checker>);
 
-impl Claims {
-    fn of(trace: &Trace) -> Self {
+impl<'c> Claims<'c> {
+    fn of(trace: &Trace, checker: &'c mut Option<Checker>) -> Self {
         let policies = trace.steps.iter().filter_map(|record| record.input.policy.as_ref());
-        let claims = policies.into_iter().any(|policy| !policy.history.is_empty());
-        Self(claims.then(|| Checker::new(Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics))))
+        if policies.into_iter().all(|policy| policy.history.is_empty()) {
+            return Self(None);
+        }
+        let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
+        match checker {
+            Some(checker) => checker.begin(setting),
+            None => *checker = Some(Checker::new(setting)),
+        }
+        Self(checker.as_mut())
     }
 
     /// How many claims of a decision's History are refuted by what was done before it.

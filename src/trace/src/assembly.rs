@@ -462,18 +462,18 @@ impl<'a> Assembly<'a> {
         parsed: fn(&Known) -> &Parsed<T>,
     ) -> Result<Arc<T>, TraceError> {
         let Some(json) = self.attachments.get(name) else { return Err(self.missing(name)) };
-        check_attachment(self.path, name, expected, json)?;
         let parsed = self.records_only.map(parsed);
-        if let Some(value) = parsed.and_then(|parsed| parsed.get(&expected)) {
+        if let Some(value) = parsed.and_then(|parsed| parsed.get(&expected, json)) {
             return Ok(value);
         }
+        check_attachment(self.path, name, expected, json)?;
         let value = serde_json::from_slice(json).map(Arc::new).map_err(|error| TraceError::Damaged {
             path: self.path.to_owned(),
             offset: 0,
             what: format!("the attachment {name} is not what it should be ({error})"),
         })?;
         if let Some(parsed) = parsed {
-            parsed.keep(expected, &value);
+            parsed.keep(expected, json, &value);
         }
         Ok(value)
     }

@@ -14,10 +14,10 @@ use mcap::{
     sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use crate::{TraceError, limits::Limits, picture, schema};
+use crate::{TraceError, limits::Limits, picture, schema, unpack::Unpacked};
 
 /// Opcode and length in front of every record.
-const RECORD_PREFIX: usize = 9;
+pub(crate) const RECORD_PREFIX: usize = 9;
 /// Footer record with its prefix.
 const FOOTER: usize = RECORD_PREFIX + 20;
 
@@ -117,6 +117,14 @@ pub(crate) fn walk(bytes: &[u8], path: &Path, limits: &Limits, visitor: &mut dyn
             }
         }
     }
+}
+
+/// The first record: opcode, body, and what is behind it. None where it is not whole.
+pub(crate) fn first_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (prefix, rest) = bytes.split_at_checked(RECORD_PREFIX)?;
+    let length = u64::from_le_bytes(prefix[1..].try_into().expect("a prefix is an opcode and eight bytes"));
+    let (body, after) = rest.split_at_checked(usize::try_from(length).ok()?)?;
+    Some((prefix[0], body, after))
 }
 
 /// What the record at an offset is called.
@@ -222,11 +230,8 @@ impl<'a> Walk<'a> {
         if rest.is_empty() {
             return Ok(None);
         }
-        let torn = || self.torn(position, "the last record is not whole");
-        let (prefix, rest) = rest.split_at_checked(RECORD_PREFIX).ok_or_else(torn)?;
-        let length = u64::from_le_bytes(prefix[1..].try_into().expect("a prefix is an opcode and eight bytes"));
-        let body = usize::try_from(length).ok().and_then(|length| rest.get(..length)).ok_or_else(torn)?;
-        Ok(Some((prefix[0], body)))
+        let (opcode, body, _) = first_record(rest).ok_or_else(|| self.torn(position, "the last record is not whole"))?;
+        Ok(Some((opcode, body)))
     }
 
     fn data_record(&mut self, offset: usize, opcode: u8, body: &[u8], visitor: &mut dyn Visitor) -> Result<(), TraceError> {
@@ -236,14 +241,30 @@ impl<'a> Walk<'a> {
             return self.record(at, opcode, body, visitor);
         }
         match mcap::parse_record(opcode, body) {
-            Ok(Record::Chunk { header, .. }) => visitor.item(at, Item::Chunk(&header))?,
+            Ok(Record::Chunk { header, data }) => {
+                visitor.item(at, Item::Chunk(&header))?;
+                if let Some(unpacked) = Unpacked::of(&header, &data, self.limits.chunk_bytes) {
+                    self.chunked = true;
+                    return self.unpacked_records(at, &unpacked, visitor);
+                }
+            }
             Ok(_) => {}
             Err(error) => visitor.problem(self.damaged(offset, &error))?,
         }
         self.chunk_records(offset, &self.bytes[offset..offset + length], true, visitor)
     }
 
-    /// The records of a chunk. Where the chunk is not whole or its checksum does not hold, those that can be
+    /// The records of a sound chunk.
+    fn unpacked_records(&mut self, chunk: At, unpacked: &Unpacked, visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+        let mut position = 0;
+        unpacked.records().try_for_each(|(opcode, body)| {
+            let at = At { in_chunk: Some(position), ..chunk };
+            position += (RECORD_PREFIX + body.len()) as u64;
+            self.record(at, opcode, body, visitor)
+        })
+    }
+
+    /// The records of a chunk, one after the other. Where the chunk is not whole or its checksum does not hold, those that can be
     /// decompressed, as not verified.
     fn chunk_records(&mut self, offset: usize, chunk: &[u8], whole: bool, visitor: &mut dyn Visitor) -> Result<(), TraceError> {
         self.chunked = true;

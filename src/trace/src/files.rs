@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{TraceError, limits::Limits, remote};
+use crate::{TraceError, buffer::Buffer, limits::Limits, remote};
 
 /// What the name of an unfinished recording ends with.
 pub(crate) const PART: &str = ".part";
@@ -21,7 +21,7 @@ pub(crate) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 }
 
 /// The whole file, if it is not larger than the limit.
-pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Vec<u8>, TraceError> {
+pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
     let failed = |source: io::Error| {
         let part = with_suffix(path, PART);
         if source.kind() == io::ErrorKind::NotFound && part.exists() {
@@ -32,7 +32,7 @@ pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Vec<u8>, TraceError> 
     let limit = limits.file_bytes;
     let file = remote::local(path).and_then(File::open).map_err(failed)?;
     let found = file.metadata().map_err(failed)?.len();
-    let mut bytes = Vec::new();
+    let mut bytes = Buffer::take();
     if found <= limit {
         // one more than there is: the end is seen without growing
         bytes.reserve_exact(usize::try_from(found).unwrap_or(0) + 1);

@@ -10,6 +10,7 @@
 //! Never: physics, a clock, threads. A trace opens without the simulator.
 
 mod assembly;
+mod buffer;
 mod codec;
 mod container;
 mod content;
@@ -26,6 +27,7 @@ mod remote;
 mod rewrite;
 pub mod robot;
 mod schema;
+mod unpack;
 mod viewer;
 
 pub use content::content;

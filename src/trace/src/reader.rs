@@ -186,7 +186,13 @@ pub(crate) struct Known {
 }
 
 /// Values by the digest of their JSON.
-pub(crate) struct Parsed<T>(Mutex<BTreeMap<Digest, Arc<T>>>);
+pub(crate) struct Parsed<T>(Mutex<BTreeMap<Digest, Arc<Document<T>>>>);
+
+/// A value, and the JSON text that it is of.
+struct Document<T> {
+    json: Vec<u8>,
+    value: Arc<T>,
+}
 
 impl<T> Default for Parsed<T> {
     fn default() -> Self {
@@ -198,16 +204,18 @@ impl<T> Parsed<T> {
     /// More are not kept.
     const MAX: usize = 1024;
 
-    pub(crate) fn get(&self, digest: &Digest) -> Option<Arc<T>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).get(digest).cloned()
+    /// The value of a JSON text that has this digest for sure: one of the same bytes had it.
+    pub(crate) fn get(&self, digest: &Digest, json: &[u8]) -> Option<Arc<T>> {
+        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner).get(digest).cloned()?;
+        (known.json == json).then(|| known.value.clone())
     }
 
-    pub(crate) fn keep(&self, digest: Digest, value: &Arc<T>) {
+    pub(crate) fn keep(&self, digest: Digest, json: &[u8], value: &Arc<T>) {
         let mut values = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if values.len() >= Self::MAX {
             values.clear();
         }
-        values.insert(digest, value.clone());
+        values.insert(digest, Arc::new(Document { json: json.to_vec(), value: value.clone() }));
     }
 }
 

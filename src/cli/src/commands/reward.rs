@@ -9,11 +9,7 @@ use reel_tables::{Rescored, Store, StoreError, Table};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::{
-    Answer,
-    elsewhere::{self, Elsewhere},
-    progress,
-};
+use crate::{Answer, elsewhere::Elsewhere, progress};
 
 /// Score the episodes of a store again, from its tables, under any preset: `paper`, `real-repo`, or a TOML file of your own
 /// (schemas/reward_preset.example.toml). The result is kept beside the recorded rewards under the preset's version, and the
@@ -260,7 +256,7 @@ fn score_elsewhere(
     mut take: impl FnMut(Part) -> anyhow::Result<()>,
 ) -> anyhow::Result<bool> {
     let Some(cluster) = arguments.elsewhere.open()? else { return Ok(false) };
-    let place = elsewhere::named_from_root(&[PathBuf::from(&arguments.store)])?;
+    let place = crate::elsewhere::named_from_root(&[PathBuf::from(&arguments.store)])?;
     let options = serde_json::to_string(&(&place[0], store.version(), asked))?;
     let files: Vec<Vec<PathBuf>> = store.file_names(Table::Episodes).into_iter().map(|file| vec![file.into()]).collect();
     let bar = progress::bar(files.len(), "reward");

@@ -106,6 +106,18 @@ fn what_the_built_in_policies_tell_is_true() {
     assert!(told > 100, "only {told} claims");
 }
 
+/// Of episodes in the same setting and in others, in every order.
+#[test]
+fn a_checker_that_begins_anew_judges_as_a_new_one() {
+    let mut used = Episode::named("vase").checker(3);
+    for Planted { episode, steps, text, .. } in planted(include_str!("false.txt"), 4) {
+        let episode = Episode::named(&episode);
+        let history = format!("{} {text}", episode.base(steps));
+        episode.restart(&mut used, steps);
+        assert_eq!(used.check(&history), episode.checker(steps).check(&history), "{history}");
+    }
+}
+
 #[test]
 fn a_mended_history_is_true_and_keeps_what_was() {
     for Planted { episode, steps, text, .. } in planted(include_str!("false.txt"), 4) {
