@@ -252,6 +252,14 @@ def results(lab, count):
         lab.check(f"{sql}: refused in both", local[0] == there[0] == 2, (local, there))
 
     traces = lab.work / "traces"
+    counted = []
+    for name, place in (("there", "s3://reel/traces"), ("here", traces)):
+        lab.run("ingest", place, "--store", lab.work / f"store-{name}")
+        lab.must("export", "sft", "--store", lab.work / f"store-{name}", "--out", lab.work / f"dataset-{name}", "--format", "trl")
+        manifest = json.loads((lab.work / f"dataset-{name}" / "manifest.json").read_text())
+        pictures = sorted(entry["blake3"] for entry in manifest["files"] if "images/" in entry["path"])
+        counted.append((manifest["counts"], pictures))
+    lab.check("export of traces in the bucket: same examples and pictures, verified by replay", counted[0] == counted[1] and counted[0][1], counted)
     for arguments in [["replay", traces, "--json"], ["replay", traces / "broken"], ["replay", traces / "broken", "--outcomes"], ["blame", traces, "--no-alternatives", "--json"]]:
         begin = time.monotonic()
         local = lab.run(*arguments)

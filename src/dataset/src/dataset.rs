@@ -6,14 +6,15 @@ use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use serde::Serialize;
 use serde_json::Value;
 
 use crate::{
-    BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck, Manifest, PictureOptions, Pictures,
-    QWEN3_VL_SIDE, Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card,
+    About, BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck, Manifest, PictureOptions,
+    Pictures, QWEN3_VL_SIDE, Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card,
 };
 
 /// How a dataset is written.
@@ -77,6 +78,8 @@ pub struct DatasetWriter {
     counts: Counts,
     tokens: TokenReport,
     leakage: LeakageCheck,
+    /// The episode of the last example.
+    noted: Option<Arc<About>>,
     left_out: BTreeMap<String, u64>,
 }
 
@@ -98,6 +101,7 @@ impl DatasetWriter {
             counts: Counts::default(),
             tokens,
             leakage: LeakageCheck::default(),
+            noted: None,
             left_out: BTreeMap::new(),
         }
     }
@@ -165,8 +169,12 @@ impl DatasetWriter {
         let about = &example.about;
         self.counts.add(example);
         self.tokens.add(tokens);
-        for (what, key) in [("task", &about.task_id), ("scene", &about.scene_id), ("instruction", &about.instruction)] {
-            self.leakage.add(what, key, about.split);
+        // examples of an episode come one after the other
+        if !self.noted.as_ref().is_some_and(|noted| Arc::ptr_eq(noted, about)) {
+            for (what, key) in [("task", &about.task_id), ("scene", &about.scene_id), ("instruction", &about.instruction)] {
+                self.leakage.add(what, key, about.split);
+            }
+            self.noted = Some(Arc::clone(about));
         }
         for picture in example.images().filter_map(|image| self.pictures.get(image)) {
             self.leakage.add("image", &picture.path, about.split);

@@ -2,6 +2,7 @@
 //! Owns what becomes an example and what is refused. Knows no format, no file.
 
 use std::{
+    borrow::Cow,
     fmt,
     sync::{Arc, LazyLock},
 };
@@ -195,23 +196,25 @@ impl Example {
 
     /// The turns as (role, text) with one `<image>` tag a picture; calls as JSON under `tool_call`, outcomes under
     /// `tool_response`: what the tables' column `messages` holds.
-    pub fn messages(&self) -> Vec<(&'static str, String)> {
+    pub fn messages(&self) -> Vec<(&'static str, Cow<'_, str>)> {
         let tags = |images: &[ImageId]| "<image>".repeat(images.len());
         let mut messages = Vec::with_capacity(self.turns.len());
         for turn in &self.turns {
             match turn {
-                Turn::System(text) => messages.push(("system", text.as_str().to_owned())),
+                Turn::System(text) => messages.push(("system", text.as_str().into())),
                 Turn::User { setting, situation, images } => {
-                    messages.push(("user", format!("{}{situation}{}", setting.as_str(), tags(images))));
+                    messages.push(("user", [setting.as_str(), situation, &tags(images)].concat().into()));
                 }
-                Turn::Answer(text) => messages.push(("assistant", text.clone())),
+                Turn::Answer(text) => messages.push(("assistant", text.into())),
                 Turn::Call { thought, name, arguments, .. } => {
                     if !thought.is_empty() {
-                        messages.push(("assistant", thought.clone()));
+                        messages.push(("assistant", thought.into()));
                     }
-                    messages.push(("tool_call", call_json(name, arguments)));
+                    messages.push(("tool_call", call_json(name, arguments).into()));
                 }
-                Turn::Outcome { text, images, .. } => messages.push(("tool_response", format!("{text}{}", tags(images)))),
+                Turn::Outcome { text, images, .. } => {
+                    messages.push(("tool_response", [text, tags(images).as_str()].concat().into()))
+                }
             }
         }
         messages
@@ -414,6 +417,7 @@ struct Checks {
     steps: Vec<StepChecks>,
 }
 
+#[derive(Default)]
 struct StepChecks {
     reasoning: Option<Refusal>,
     /// History, New Schedule, Current subtask.
@@ -425,6 +429,9 @@ struct StepChecks {
 impl Checks {
     fn of(episode: &Episode, outcomes: &[String], secrets: &Secrets) -> Self {
         let check = |field: &dyn Fn() -> String, text: &str| {
+            if text.is_empty() {
+                return None;
+            }
             let tag = CONTROL_TAGS.iter().find(|tag| text.contains('<') && text.contains(**tag));
             if let Some(tag) = tag {
                 return Some(Refusal::Tag { tag, field: field() });
@@ -432,20 +439,32 @@ impl Checks {
             let leak = privileged(text, secrets)?;
             Some(Refusal::Leak { kind: leak.kind, field: field(), excerpt: leak.excerpt(text) })
         };
-        let receptacle = |it: &crate::Receptacle| {
-            check(&|| format!("receptacle {}", it.id), &format!("{} ({}, {})", it.id, it.category, it.room))
+        // One look at many texts, line by line, says that none of them needs a look of its own. Where there may be JSON, each
+        // does: of one text only so much of it is read.
+        let clean = |texts: &[&str]| {
+            let together = texts.join("\n");
+            !together.contains(['{', '[']) && check(&String::new, &together).is_none()
         };
-        let setting =
-            check(&|| "the instruction".into(), &episode.instruction).or_else(|| episode.receptacles.iter().find_map(receptacle));
+        let listed = |it: &crate::Receptacle| format!("{} ({}, {})", it.id, it.category, it.room);
+        let receptacle = |it: &crate::Receptacle| check(&|| format!("receptacle {}", it.id), &listed(it));
+        let receptacles: Vec<String> = episode.receptacles.iter().map(listed).collect();
+        let setting = check(&|| "the instruction".into(), &episode.instruction).or_else(|| {
+            let clean = clean(&receptacles.iter().map(String::as_str).collect::<Vec<_>>());
+            if clean { None } else { episode.receptacles.iter().find_map(receptacle) }
+        });
         let steps = episode.steps.iter().zip(outcomes).map(|(step, outcome)| {
             let of = |what: &'static str| move || format!("{what} of call {}", step.call);
+            let Step { reasoning, history, schedule, subtask, call_name, .. } = step;
+            let arguments = check(&of("the arguments"), &step.arguments.to_string());
+            if clean(&[reasoning, history, schedule, subtask, call_name, outcome]) {
+                return StepChecks { action: arguments, ..StepChecks::default() };
+            }
             StepChecks {
-                reasoning: check(&of("the reasoning"), &step.reasoning),
-                state: check(&of("the History"), &step.history)
-                    .or_else(|| check(&of("the New Schedule"), &step.schedule))
-                    .or_else(|| check(&of("the Current subtask"), &step.subtask)),
-                action: check(&of("the tool"), &step.call_name)
-                    .or_else(|| check(&of("the arguments"), &step.arguments.to_string())),
+                reasoning: check(&of("the reasoning"), reasoning),
+                state: check(&of("the History"), history)
+                    .or_else(|| check(&of("the New Schedule"), schedule))
+                    .or_else(|| check(&of("the Current subtask"), subtask)),
+                action: check(&of("the tool"), call_name).or(arguments),
                 outcome: check(&of("the outcome"), outcome),
             }
         });

@@ -139,10 +139,8 @@ pub fn files(root: &Path) -> Result<Vec<FileEntry>, DatasetError> {
 }
 
 fn entry_of(root: &Path, path: &Path) -> Result<FileEntry, DatasetError> {
-    let mut hasher = blake3::Hasher::new();
-    let read = File::open(path).and_then(|file| hasher.update_reader(file).map(|_| ()));
-    read.map_err(DatasetError::io(path))?;
+    let (digest, bytes) = File::open(path).and_then(Digest::of_reader).map_err(DatasetError::io(path))?;
     let parts = path.strip_prefix(root).unwrap_or(path).components();
     let name = parts.map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/");
-    Ok(FileEntry { path: name, bytes: hasher.count(), blake3: Digest(*hasher.finalize().as_bytes()) })
+    Ok(FileEntry { path: name, bytes, blake3: digest })
 }

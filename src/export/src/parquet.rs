@@ -4,12 +4,16 @@
 use std::{
     collections::HashMap,
     fs::{self, File},
+    io::BufWriter,
     path::{Path, PathBuf},
 };
 
 use arrow::datatypes::{DataType, Field, Fields, Schema};
 use parquet::arrow::{ARROW_SCHEMA_META_KEY, encode_arrow_schema};
-use polars_core::prelude::{BinaryChunked, Column, DataFrame, IntoSeries, NamedFrom, NewChunkedArray, Series, StructChunked};
+use polars_arrow::{array::ListArray, offset::Offsets};
+use polars_core::prelude::{
+    ArrayRef, BinaryChunked, Column, DataFrame, IntoSeries, NamedFrom, NewChunkedArray, PlSmallStr, Series, StructChunked,
+};
 use polars_io::parquet::write::{BatchedWriter, KeyValueMetadata, ParquetCompression, ParquetWriter};
 use reel_dataset::{Example, Pictures, Shard, Split};
 use serde_json::{Map, Value, json};
@@ -47,24 +51,26 @@ const NUMBER_COLUMNS: [NumberColumn; 2] =
 /// Names the wording of the prompts.
 const PROMPT_COLUMN: &str = "prompt_digest";
 
-/// Rows of a row group: what a reader decodes at a time, pictures included.
-const ROWS_PER_GROUP: usize = 512;
+/// Rows of a row group, and pictures: what a reader decodes at a time.
+const ROWS_PER_GROUP: usize = 1_024;
+const PICTURES_PER_GROUP: usize = 512;
 
 /// Writes the rows of one part into files of bounded size.
 pub(crate) struct Shards {
     root: PathBuf,
     split: Split,
     rows_max: u64,
-    open: Option<(BatchedWriter<File>, Shard)>,
-    /// The row group to come.
+    open: Option<(BatchedWriter<BufWriter<File>>, Shard)>,
+    /// The row group to come, and how many pictures are in it.
     pending: Vec<Example>,
+    pending_pictures: usize,
     done: Vec<Shard>,
 }
 
 impl Shards {
     /// Files under `<root>/<split>/`, closed when they have so many rows or more: what is pushed at once stays together.
     pub fn new(root: &Path, split: Split, rows_max: u64) -> Self {
-        Self { root: root.to_owned(), split, rows_max, open: None, pending: Vec::new(), done: Vec::new() }
+        Self { root: root.to_owned(), split, rows_max, open: None, pending: Vec::new(), pending_pictures: 0, done: Vec::new() }
     }
 
     /// Closes the last file; the files in order.
@@ -74,7 +80,7 @@ impl Shards {
     }
 
     /// Appends examples; their pictures have to be in the store.
-    pub fn push(&mut self, examples: &[Example], pictures: &Pictures) -> Result<(), ExportError> {
+    pub fn push(&mut self, mut examples: Vec<Example>, pictures: &Pictures) -> Result<(), ExportError> {
         if examples.is_empty() {
             return Ok(());
         }
@@ -87,10 +93,13 @@ impl Shards {
         };
         shard.rows += examples.len() as u64;
         let full = shard.rows >= self.rows_max;
-        self.pending.extend_from_slice(examples);
+        self.pending_pictures += examples.iter().flat_map(Example::images).count();
+        self.pending.append(&mut examples);
         match full {
             true => self.close(pictures),
-            false if self.pending.len() >= ROWS_PER_GROUP => self.write_group(pictures),
+            false if self.pending.len() >= ROWS_PER_GROUP || self.pending_pictures >= PICTURES_PER_GROUP => {
+                self.write_group(pictures)
+            }
             false => Ok(()),
         }
     }
@@ -101,6 +110,7 @@ impl Shards {
         {
             writer.write_batch(&frame(&self.pending, Some(pictures))?)?;
             self.pending.clear();
+            self.pending_pictures = 0;
         }
         Ok(())
     }
@@ -108,6 +118,7 @@ impl Shards {
     fn close(&mut self, pictures: &Pictures) -> Result<(), ExportError> {
         self.write_group(pictures)?;
         let Some((writer, shard)) = self.open.take() else { return Ok(()) };
+        // what is in the buffer goes out with it
         writer.finish()?;
         drop(writer);
         let path = self.root.join(&shard.path);
@@ -116,7 +127,7 @@ impl Shards {
         Ok(())
     }
 
-    fn start(&self) -> Result<(BatchedWriter<File>, Shard), ExportError> {
+    fn start(&self) -> Result<(BatchedWriter<BufWriter<File>>, Shard), ExportError> {
         let split = self.split.as_str();
         let shard = Shard { path: format!("{split}/{split}-{:05}.parquet", self.done.len()), provenance: None, rows: 0 };
         let path = self.root.join(&shard.path).with_added_extension("part");
@@ -125,8 +136,9 @@ impl Shards {
             .and_then(|()| File::create(&path))
             .map_err(|source| ExportError::Io { source, path: path.clone() })?;
         let metadata = KeyValueMetadata::from_static(metadata());
-        let writer =
-            ParquetWriter::new(file).with_compression(ParquetCompression::Zstd(None)).with_key_value_metadata(Some(metadata));
+        let writer = ParquetWriter::new(BufWriter::new(file))
+            .with_compression(ParquetCompression::Zstd(None))
+            .with_key_value_metadata(Some(metadata));
         // a frame without rows tells the types
         Ok((writer.batched(frame(&[], None)?.schema())?, shard))
     }
@@ -142,37 +154,35 @@ fn frame(examples: &[Example], pictures: Option<&Pictures>) -> Result<DataFrame,
     }
     let digest = reel_prompt::digest().to_string();
     columns.push(Column::new(PROMPT_COLUMN.into(), vec![digest.as_str(); examples.len()]));
-    let messages = |example: &Example| {
-        let (roles, contents): (Vec<&str>, Vec<String>) = example.messages().into_iter().unzip();
-        fields(roles.len(), &[Series::new("role".into(), roles), Series::new("content".into(), contents)])
-    };
-    let images = |example: &Example| {
-        let (mut bytes, mut names): (Vec<Vec<u8>>, Vec<String>) = Default::default();
+    let messages: Vec<_> = examples.iter().map(Example::messages).collect();
+    let (roles, contents): (Vec<&str>, Vec<&str>) =
+        messages.iter().flatten().map(|(role, content)| (*role, content.as_ref())).unzip();
+    let said = [Series::new("role".into(), roles), Series::new("content".into(), contents)];
+    columns.push(lists("messages", messages.iter().map(Vec::len), &said)?);
+    let (mut bytes, mut paths): (Vec<Vec<u8>>, Vec<String>) = Default::default();
+    for example in examples {
         for image in example.images() {
             let Some((pictures, picture)) = pictures.and_then(|pictures| Some((pictures, pictures.get(image)?))) else {
                 return Err(reel_dataset::DatasetError::Picture { example: example.id.clone(), image: *image }.into());
             };
             bytes.push(pictures.bytes(&picture)?);
-            names.push(picture.path);
+            paths.push(picture.path);
         }
-        let bytes = BinaryChunked::from_slice("bytes".into(), &bytes.iter().map(Vec::as_slice).collect::<Vec<_>>());
-        fields(names.len(), &[bytes.into_series(), Series::new("path".into(), names)])
-    };
-    // a list of lists of structs knows its type by its first element
-    let nested = |name: &str, lists: Vec<Series>, empty: Series| {
-        if lists.is_empty() { Column::new(name.into(), [empty]).clear() } else { Column::new(name.into(), lists) }
-    };
-    let no_messages =
-        fields(0, &[Series::new("role".into(), Vec::<&str>::new()), Series::new("content".into(), Vec::<&str>::new())])?;
-    let no_bytes = BinaryChunked::from_slice("bytes".into(), &[] as &[&[u8]]);
-    let no_images = fields(0, &[no_bytes.into_series(), Series::new("path".into(), Vec::<&str>::new())])?;
-    columns.push(nested("messages", examples.iter().map(messages).collect::<Result<_, _>>()?, no_messages));
-    columns.push(nested("images", examples.iter().map(images).collect::<Result<_, ExportError>>()?, no_images));
+    }
+    let bytes = BinaryChunked::from_slice("bytes".into(), &bytes.iter().map(Vec::as_slice).collect::<Vec<_>>());
+    let shown = [bytes.into_series(), Series::new("path".into(), paths)];
+    columns.push(lists("images", examples.iter().map(|example| example.images().count()), &shown)?);
     Ok(DataFrame::new(examples.len(), columns)?)
 }
 
-fn fields(length: usize, fields: &[Series]) -> Result<Series, ExportError> {
-    Ok(StructChunked::from_series("".into(), length, fields.iter())?.into_series())
+/// A column of lists of structs, of the fields of all lists one after the other.
+fn lists(name: &str, lengths: impl Iterator<Item = usize>, fields: &[Series]) -> Result<Column, ExportError> {
+    let length = fields.first().map_or(0, |field| field.len());
+    let items = StructChunked::from_series("".into(), length, fields.iter())?.into_series().rechunk().chunks()[0].clone();
+    let kind = ListArray::<i64>::default_datatype(items.dtype().clone());
+    let offsets: Offsets<i64> = Offsets::try_from_lengths(lengths)?;
+    let list: ArrayRef = Box::new(ListArray::try_new(kind, offsets.into(), items, None)?);
+    Ok(Series::try_from((PlSmallStr::from(name), list))?.into())
 }
 
 /// What the file says of itself. Readers through Arrow take the types and the metadata from the schema that is stored in the

@@ -95,11 +95,6 @@ pub(crate) fn write(
                 let made: Vec<Result<Made, ExportError>> = portion.par_iter().map(make).collect();
                 for ((_, (candidate, split)), made) in portion.iter().zip(made) {
                     let Made { examples, prepared, refused, history } = made?;
-                    if options.writer.format == Format::Parquet {
-                        let shards =
-                            parquet.entry(*split).or_insert_with(|| parquet::Shards::new(out, *split, options.writer.rows_max));
-                        shards.push(&examples, writer.pictures())?;
-                    }
                     writer.push(&examples, &prepared)?;
                     report.episodes += u64::from(!examples.is_empty());
                     if options.rollouts.is_some() {
@@ -109,6 +104,11 @@ pub(crate) fn write(
                     report.history.mended += history.mended;
                     report.history.dropped += history.dropped;
                     report.refused.extend(refused);
+                    if options.writer.format == Format::Parquet {
+                        let shards =
+                            parquet.entry(*split).or_insert_with(|| parquet::Shards::new(out, *split, options.writer.rows_max));
+                        shards.push(examples, writer.pictures())?;
+                    }
                 }
             }
             Ok(())

@@ -1,7 +1,11 @@
 //! Whether the trace of an episode is what it says it is: the file is the one that was ingested, and replaying it gives the
 //! same bits. Verdicts are kept in the store under the digest of the file, so that nothing is replayed twice.
 
-use std::{collections::HashMap, fs, path::Path};
+use std::{
+    collections::HashMap,
+    fs::{self, File},
+    path::Path,
+};
 
 use rayon::prelude::*;
 use reel_replay::Verdict;
@@ -47,18 +51,25 @@ pub(crate) fn verify(
 /// One trace, and its verdict where it is a new one.
 fn look(candidate: &Candidate, known: &HashMap<String, TraceVerdict>, replay: bool) -> (Verified, Option<TraceVerdict>) {
     let path = Path::new(&candidate.trace);
-    let bytes = match fs::read(path) {
-        Ok(bytes) => bytes,
-        Err(error) => return (Err(format!("the trace cannot be read: {error}")), None),
+    let unread = |error| (Err(format!("the trace cannot be read: {error}")), None);
+    let here = match reel_trace::local(path) {
+        Ok(here) => here,
+        Err(error) => return unread(error),
     };
-    let file_digest = Digest::of(&bytes).to_string();
+    let file_digest = match File::open(&here).and_then(Digest::of_reader) {
+        Ok((digest, _)) => digest.to_string(),
+        Err(error) => return unread(error),
+    };
     let (verdict, new) = match known.get(&file_digest) {
         Some(verdict) => (verdict.clone(), None),
         None if !replay => return (Err("not verified: nothing was replayed".into()), None),
-        None => {
-            let verdict = verdict(path, &bytes, file_digest);
-            (verdict.clone(), Some(verdict))
-        }
+        None => match fs::read(&here) {
+            Ok(bytes) => {
+                let verdict = verdict(path, &bytes);
+                (verdict.clone(), Some(verdict))
+            }
+            Err(error) => return unread(error),
+        },
     };
     let verified = match verdict.verdict.as_str() {
         "exact" if verdict.trace_digest == candidate.trace_digest => Ok(()),
@@ -68,13 +79,13 @@ fn look(candidate: &Candidate, known: &HashMap<String, TraceVerdict>, replay: bo
     (verified, new)
 }
 
-fn verdict(path: &Path, bytes: &[u8], file_digest: String) -> TraceVerdict {
+fn verdict(path: &Path, bytes: &[u8]) -> TraceVerdict {
     let (trace_digest, verdict) = match Trace::from_bytes(path, bytes, &Limits::default()) {
         Ok(trace) => (trace.chain().to_string(), reel_replay::verify_contained(&trace)),
         Err(error) => (String::new(), Verdict::Refused { reason: error.to_string() }),
     };
     TraceVerdict {
-        file_digest,
+        file_digest: Digest::of(bytes).to_string(),
         trace_digest,
         sim_version: reel_replay::SIM_VERSION,
         build: env!("CARGO_PKG_VERSION").into(),

@@ -3,12 +3,16 @@
 use std::fs;
 
 use reel_dataset::{
-    DatasetError, ExampleOptions, Format, LeakKind, PictureOptions, Pictures, Refusal, Secrets, Shards, Split, Style, examples,
+    DatasetError, Episode, ExampleOptions, Format, LeakKind, PictureOptions, Pictures, Refusal, Secrets, Shards, Split, Style,
+    examples, privileged, strip,
 };
 use reel_world::Digest;
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use crate::sample::{episode, put_pictures};
+use crate::{
+    leaks::{planted, secrets},
+    sample::{episode, put_pictures},
+};
 
 const TEXT: [Format; 5] = [Format::QwenVl, Format::MsSwift, Format::LlamaFactory, Format::Trl, Format::OpenAi];
 
@@ -90,6 +94,35 @@ fn rows_are_json_with_a_tag_a_picture() {
                     }
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn the_text_that_holds_it_is_named_wherever_it_was_planted() {
+    type Plant = (&'static str, fn(&mut Episode, String));
+    let fields: [Plant; 9] = [
+        ("the instruction", |episode, text| episode.instruction = text),
+        ("receptacle table_2", |episode, text| episode.receptacles[1].room = text),
+        ("the reasoning of call 3", |episode, text| episode.steps[3].reasoning = text),
+        ("the History of call 3", |episode, text| episode.steps[3].history = text),
+        ("the New Schedule of call 3", |episode, text| episode.steps[3].schedule = text),
+        ("the Current subtask of call 3", |episode, text| episode.steps[3].subtask = text),
+        ("the tool of call 3", |episode, text| episode.steps[3].call_name = text),
+        ("the arguments of call 3", |episode, text| episode.steps[3].arguments = json!({ "question": text })),
+        ("the outcome of call 3", |episode, text| episode.steps[3].outcome = text),
+    ];
+    for (_, text) in planted() {
+        for (expected, plant) in fields {
+            let mut episode = episode("e1", Split::Train);
+            plant(&mut episode, format!("The lamp. {text}"));
+            // whole payloads are no part of what a tool told
+            if expected.contains("outcome") && privileged(&strip(&episode.steps[3].outcome), &secrets()).is_none() {
+                continue;
+            }
+            let made = examples(&episode, &options(Style::SingleTurn), &secrets());
+            let named = made.refused.iter().any(|it| matches!(&it.reason, Refusal::Leak { field, .. } if field == expected));
+            assert!(named, "{expected}: {text}: {:?}", made.refused);
         }
     }
 }

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use reel_dataset::{LeakKind, Secrets, privileged, strip};
 
-fn secrets() -> Secrets {
+pub fn secrets() -> Secrets {
     let instance = [
         (LeakKind::Instance, "vase_03_on_shelf_1_at_home_0001"),
         (LeakKind::Instance, "vase_03"),
@@ -19,7 +19,7 @@ fn secrets() -> Secrets {
 }
 
 /// What was planted, and as what it is to be found.
-fn planted() -> Vec<(LeakKind, String)> {
+pub fn planted() -> Vec<(LeakKind, String)> {
     use LeakKind::*;
     let texts = [
         (DebugInfo, "Debug Info:\n{\"CURRENT_POS\": [1, 2]}"),
