@@ -26,6 +26,8 @@ mod tables;
 mod taxonomy;
 #[cfg(feature = "analytics")]
 mod training;
+#[cfg(feature = "analytics")]
+mod walkthrough;
 
 use std::{
     fs,
