@@ -4,7 +4,7 @@ use std::{borrow::Cow, collections::BTreeSet, fs, io::Cursor, path::Path};
 
 use mcap::{MessageStream, WriteOptions, read::LinearReader, records::Record};
 use proptest::prelude::*;
-use reel_trace::{Images, Limits, Trace, TraceError};
+use reel_trace::{Images, Limits, RecordsReader, Trace, TraceError};
 
 use crate::sample::{Sample, Source};
 
@@ -174,6 +174,21 @@ fn a_forger_with_correct_checksums_is_found_by_the_chain() {
     });
     let error = read(&task).unwrap_err();
     assert!(matches!(error, TraceError::Attachment { attachment: "task.json", .. }), "{error}");
+
+    // a reader that has seen the task under this digest is not taken in either
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, bytes: &[u8]| {
+        let path = folder.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        path
+    };
+    let (sound, forged) = (file("sound.mcap", &trace), file("forged.mcap", &task));
+    let reader = RecordsReader::default();
+    for _ in 0..2 {
+        sample.assert_is(&reader.read(&sound).unwrap());
+        let error = reader.read(&forged).unwrap_err();
+        assert!(matches!(error, TraceError::Attachment { attachment: "task.json", .. }), "{error}");
+    }
 }
 
 #[test]
