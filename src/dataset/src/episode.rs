@@ -1,16 +1,18 @@
 //! What a dataset is made from: an episode as plain text, as its store tells it. Owns the input's shape; reads no store.
 
+use std::sync::Arc;
+
 use reel_world::{Digest, NameSet};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{Rollout, Split};
+use crate::{Rollout, Split, Told};
 
 /// A picture by the digest of its recorded pixels (8-bit RGB, row by row).
 pub type ImageId = Digest;
 
 /// An episode as its agent lived it.
-#[derive(Clone, PartialEq, Debug)]
+#[derive(Clone, Debug)]
 pub struct Episode {
     /// As in the trace.
     pub episode_id: String,
@@ -24,27 +26,14 @@ pub struct Episode {
     pub policy: String,
     /// The part of the dataset that it belongs to; whole tasks or scenes share one (see [`crate::split`]).
     pub split: Split,
-    /// What the agent was told to do.
-    pub instruction: String,
+    /// What the agent was told, as all of its task.
+    pub told: Arc<Told>,
     /// The names its tools went by.
     pub names: NameSet,
-    /// The furniture it was told of, in the scene's order.
-    pub receptacles: Vec<Receptacle>,
     /// Its decisions, in order.
     pub steps: Vec<Step>,
     /// Where all this comes from.
     pub source: Source,
-}
-
-/// A piece of furniture as an agent knows it.
-#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
-pub struct Receptacle {
-    /// e.g. `table_1`
-    pub id: String,
-    /// e.g. `table`
-    pub category: String,
-    /// e.g. `living room/0`
-    pub room: String,
 }
 
 /// One decision and what came of it.

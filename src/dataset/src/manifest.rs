@@ -52,7 +52,10 @@ impl Counts {
             (&mut self.annotators, &about.source.annotator),
         ];
         for (counts, kind) in kinds {
-            *counts.entry(kind.clone()).or_default() += 1;
+            match counts.get_mut(kind) {
+                Some(count) => *count += 1,
+                None => drop(counts.insert(kind.clone(), 1)),
+            }
         }
     }
 }

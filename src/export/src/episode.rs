@@ -1,19 +1,27 @@
 //! A row of the store as an episode in plain text: with the words of its policy, or with words written for it, by rules or in
 //! the file beside its trace.
 
-use std::{borrow::Cow, collections::HashMap, path::Path};
+use std::{borrow::Cow, path::Path};
 
-use reel_annotate::{AnnotateError, Marked, Note, PublicTask, Step as Decision, Thing, notes_path, read_notes};
-use reel_dataset::{Receptacle, Rollout, Secrets, Step};
+use reel_annotate::{AnnotateError, Marked, Note, Step as Decision, Thing, notes_path, read_notes};
+use reel_dataset::{Rollout, Step};
 use reel_history::{Checker, Deed, Setting, mend};
 use reel_trace::Trace;
-use reel_world::{Digest, ErrorCode, ObjectInstance, Scene, Task};
+use reel_world::{Digest, ErrorCode};
 use serde::Deserialize;
 
-use crate::{Mending, Words, rollouts::Worth};
+use crate::{Mending, Words, known::KnownTask, rollouts::Worth};
 
-/// Columns of `episodes` that a [`Row`] is made of.
-pub(crate) const COLUMNS: &[&str] = &[
+/// Columns of `episodes` that a [`Row`] is made of, in words of a kind.
+pub(crate) fn columns(words: Words) -> Vec<&'static str> {
+    let annotator: &[&str] = match words {
+        Words::Auto | Words::Rules => ANNOTATOR_COLUMNS,
+        Words::Recorded | Words::Notes => &[],
+    };
+    [COLUMNS, annotator].concat()
+}
+
+const COLUMNS: &[&str] = &[
     "episode_id",
     "task_id",
     "task_digest",
@@ -32,19 +40,23 @@ pub(crate) const COLUMNS: &[&str] = &[
     "steps.list.element.tool",
     "steps.list.element.call_name",
     "steps.list.element.arguments",
-    "steps.list.element.argument",
     "steps.list.element.text",
     "steps.list.element.error_code",
     "steps.list.element.error_class",
-    "steps.list.element.receptacle",
-    "steps.list.element.held",
     "steps.list.element.reasoning",
     "steps.list.element.history",
     "steps.list.element.plan",
+    "steps.list.element.contradictions",
+];
+
+/// What only the annotator looks at.
+const ANNOTATOR_COLUMNS: &[&str] = &[
+    "steps.list.element.argument",
+    "steps.list.element.receptacle",
+    "steps.list.element.held",
     "steps.list.element.raw",
     "steps.list.element.reply",
     "steps.list.element.listed",
-    "steps.list.element.contradictions",
     "steps.list.element.marker_map",
     "steps.list.element.visible_objects.list.element.object",
 ];
@@ -76,20 +88,24 @@ pub(crate) struct StepRow<'a> {
     tool: &'a str,
     call_name: &'a str,
     arguments: &'a str,
-    argument: Option<&'a str>,
     text: &'a str,
     error_code: Option<&'a str>,
     error_class: Option<&'a str>,
-    receptacle: Option<&'a str>,
-    held: Option<&'a str>,
     reasoning: Option<&'a str>,
     history: Option<&'a str>,
     plan: Option<&'a str>,
+    contradictions: u32,
+    // of the annotator
+    argument: Option<&'a str>,
+    receptacle: Option<&'a str>,
+    held: Option<&'a str>,
     raw: Option<&'a str>,
     reply: Option<&'a str>,
-    contradictions: u32,
+    #[serde(default)]
     listed: Vec<&'a str>,
+    #[serde(default)]
     marker_map: Vec<MarkerRow<'a>>,
+    #[serde(default)]
     visible_objects: Vec<VisibleRow<'a>>,
 }
 
@@ -105,48 +121,6 @@ struct VisibleRow<'a> {
     object: &'a str,
 }
 
-/// What the episodes of a task have in common.
-pub(crate) struct Known {
-    task: Task,
-    public: PublicTask,
-    /// Places of the objects in the task, by their instances.
-    objects: HashMap<String, usize>,
-    pub receptacles: Vec<Receptacle>,
-    pub secrets: Secrets,
-}
-
-impl Known {
-    /// From the documents of the task and its scene.
-    ///
-    /// # Errors
-    /// Which of them is none.
-    pub fn of(task: &str, scene: &str) -> Result<Self, String> {
-        let task: Task = serde_json::from_str(task).map_err(|error| format!("the task in the tables is damaged: {error}"))?;
-        let scene: Scene = serde_json::from_str(scene).map_err(|error| format!("the scene in the tables is damaged: {error}"))?;
-        let receptacle = |it: &reel_world::Receptacle| Receptacle {
-            id: it.id.to_string(),
-            category: it.category.clone(),
-            room: it.room.clone(),
-        };
-        Ok(Self {
-            public: PublicTask::of(&task, &scene),
-            objects: task.objects.iter().enumerate().map(|(index, object)| (object.instance.to_string(), index)).collect(),
-            receptacles: scene.receptacles.iter().map(receptacle).collect(),
-            secrets: Secrets::of_task(&task),
-            task,
-        })
-    }
-
-    /// What the agent is told to do.
-    pub fn instruction(&self) -> &str {
-        &self.task.instruction
-    }
-
-    fn object(&self, instance: &str) -> Option<&ObjectInstance> {
-        self.objects.get(instance).map(|index| &self.task.objects[*index])
-    }
-}
-
 impl Row<'_> {
     /// Whether a model spoke for itself. What built-in policies note of themselves are no words of a model.
     pub fn has_words(&self) -> bool {
@@ -157,7 +131,7 @@ impl Row<'_> {
     ///
     /// # Errors
     /// When they shall be those of a file that is none.
-    pub fn notes(&self, words: Words, known: &Known, seed: u64) -> Result<(Vec<Note>, String), AnnotateError> {
+    pub fn notes(&self, words: Words, known: &KnownTask, seed: u64) -> Result<(Vec<Note>, String), AnnotateError> {
         match words {
             Words::Recorded => Ok((self.recorded(), self.policy.to_owned())),
             Words::Notes => {
@@ -169,7 +143,7 @@ impl Row<'_> {
             Words::Auto | Words::Rules => {
                 let steps: Vec<Decision<'_>> = self.steps.iter().map(|step| step.decision(known)).collect();
                 let trace = Digest::from_hex(self.trace_digest).unwrap_or_default();
-                let notes = reel_annotate::annotate(&known.public, &steps, reel_annotate::episode_seed(seed, &trace));
+                let notes = reel_annotate::annotate(known.public(), &steps, reel_annotate::episode_seed(seed, &trace));
                 Ok((notes, format!("rules-{}", reel_annotate::version().short())))
             }
         }
@@ -234,7 +208,7 @@ const SCHEDULE: &str = "New Schedule:";
 const SUBTASK: &str = "Current subtask:";
 
 impl<'a> StepRow<'a> {
-    fn decision(&'a self, known: &'a Known) -> Decision<'a> {
+    fn decision(&'a self, known: &'a KnownTask) -> Decision<'a> {
         let thing = |instance: &str| known.object(instance).map(Thing::of);
         let marked = |marker: &MarkerRow<'a>| match marker.kind {
             "object" => thing(marker.id).map(Marked::Object),

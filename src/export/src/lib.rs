@@ -6,6 +6,7 @@
 //! bytes, on any number of threads.
 
 mod episode;
+mod known;
 mod parquet;
 mod rollouts;
 mod rows;

@@ -8,7 +8,7 @@ use std::{
     fs::{self, File},
     io::{self, BufRead as _, BufReader, Write as _},
     path::{Path, PathBuf},
-    sync::Mutex,
+    sync::{Arc, Mutex},
 };
 
 use rayon::prelude::*;
@@ -16,7 +16,6 @@ use reel_dataset::{
     DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, Manifest, Picture, Pictures, Prepared, Source,
     Split, Style, TASK_LIST, TokenizerFile, examples, task_list,
 };
-use reel_reward::Preset;
 use reel_tables::{Store, Table};
 use reel_trace::Trace;
 use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, NameSet, Profile, record::StepRecord};
@@ -24,15 +23,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     ExportError, ExportOptions, ExportReport, Mending, Progress, Refusal, Words,
-    episode::{COLUMNS, Known, Row, mend_histories},
+    episode::{Row, columns, mend_histories},
+    known::Known,
     parquet,
     select::Candidate,
 };
 
 /// Episodes whose rows are in memory at a time.
-const EPISODES_AT_A_TIME: usize = 64;
-/// Tasks that are kept in memory.
-const TASKS_KEPT: usize = 4_096;
+const EPISODES_AT_A_TIME: usize = 256;
 
 /// A chosen episode and the part that it goes into.
 type Place<'c> = (&'c Candidate, Split);
@@ -60,11 +58,10 @@ pub(crate) fn write(
         None => DatasetWriter::new(out, options.writer),
     };
     let mut parquet: BTreeMap<Split, parquet::Shards> = BTreeMap::new();
-    let (tasks, scenes) = (store.documents(Table::Tasks, "task")?, store.documents(Table::Scenes, "scene")?);
-    let mut known: HashMap<String, Known> = HashMap::new();
+    let mut known = Known::new(store)?;
     let mut task_ids = BTreeSet::new();
     let mut failed = None;
-    store.read(Table::Episodes, COLUMNS, |batch| {
+    store.read(Table::Episodes, &columns(options.words), |batch| {
         if failed.is_some() {
             return Ok(());
         }
@@ -73,22 +70,13 @@ pub(crate) fn write(
             rows.iter().filter_map(|row| Some((row, *places.get(row.episode_id)?))).collect();
         let mut write_rows = || -> Result<(), ExportError> {
             for portion in wanted.chunks(EPISODES_AT_A_TIME) {
-                if known.len() > TASKS_KEPT {
-                    known.clear();
-                }
-                for (row, _) in portion {
-                    if !known.contains_key(row.task_digest) {
-                        let text = |documents: &HashMap<String, String>, digest: &str| {
-                            documents.get(digest).cloned().unwrap_or_default()
-                        };
-                        let made = Known::of(&text(&tasks, row.task_digest), &text(&scenes, row.scene_digest));
-                        let damaged = |reason| ExportError::Document { episode_id: row.episode_id.to_owned(), reason };
-                        known.insert(row.task_digest.to_owned(), made.map_err(damaged)?);
-                    }
-                }
-                let maker = Maker { options, writer: &writer, pictures: &known_pictures, table_version: store.version() };
+                let damaged =
+                    |(episode, reason): (&str, String)| ExportError::Document { episode_id: episode.to_owned(), reason };
+                known.learn(portion.iter().map(|(row, _)| *row)).map_err(damaged)?;
+                let maker =
+                    Maker { options, writer: &writer, pictures: &known_pictures, known: &known, table_version: store.version() };
                 let make = |(row, place): &(&Row<'_>, Place<'_>)| {
-                    let made = maker.make(row, *place, &known[row.task_digest]);
+                    let made = maker.make(row, *place);
                     progress(1);
                     made
                 };
@@ -148,12 +136,13 @@ struct Maker<'m> {
     options: &'m ExportOptions,
     writer: &'m DatasetWriter,
     pictures: &'m KnownPictures,
+    known: &'m Known,
     table_version: u64,
 }
 
 impl Maker<'_> {
-    fn make(&self, row: &Row<'_>, (candidate, split): Place<'_>, known: &Known) -> Result<Made, ExportError> {
-        let options = self.options;
+    fn make(&self, row: &Row<'_>, (candidate, split): Place<'_>) -> Result<Made, ExportError> {
+        let (options, known) = (self.options, self.known.task_of(row));
         let mut made = Made { examples: Vec::new(), prepared: Vec::new(), refused: Vec::new(), history: Mending::default() };
         let words = options.words.of(|| row.has_words());
         // what a policy is rewarded for is what it said
@@ -205,34 +194,33 @@ impl Maker<'_> {
             scene_id: row.scene_id.to_owned(),
             policy: row.policy.to_owned(),
             split,
-            instruction: known.instruction().to_owned(),
+            told: Arc::clone(&known.told),
             names: if row.profile == "real-repo" { Profile::RealRepo.names() } else { NameSet::Paper },
-            receptacles: known.receptacles.clone(),
             steps,
-            source: source(row, candidate, annotator, self.table_version),
+            source: self.source(row, candidate, annotator),
         };
         let how = ExampleOptions { style: options.style, failed_calls: options.selection.mistakes };
-        let result = examples(&episode, &how, &known.secrets);
+        let result = examples(&episode, &how);
         let refused = result.refused.into_iter();
         made.refused.extend(refused.map(|refused| candidate.refusal(refused.call, refused.reason.to_string())));
         made.prepared = self.writer.prepare(&result.examples)?;
         made.examples = result.examples;
         Ok(made)
     }
-}
 
-fn source(row: &Row<'_>, candidate: &Candidate, annotator: String, table_version: u64) -> Source {
-    let verified = candidate.verified;
-    Source {
-        trace_digest: row.trace_digest.to_owned(),
-        trace_uri: row.trace.to_owned(),
-        verdict: if verified { "exact" } else { "unverified" }.into(),
-        verdict_sim_version: if verified { reel_replay::SIM_VERSION.to_string() } else { String::new() },
-        preset: row.preset.to_owned(),
-        preset_digest: Preset::parse(row.preset).map_or_else(String::new, |preset| preset.version().to_string()),
-        rules_version: candidate.rules_version.as_deref().unwrap_or_default().to_owned(),
-        table_version,
-        annotator,
+    fn source(&self, row: &Row<'_>, candidate: &Candidate, annotator: String) -> Source {
+        let verified = candidate.verified;
+        Source {
+            trace_digest: row.trace_digest.to_owned(),
+            trace_uri: row.trace.to_owned(),
+            verdict: if verified { "exact" } else { "unverified" }.into(),
+            verdict_sim_version: if verified { reel_replay::SIM_VERSION.to_string() } else { String::new() },
+            preset: row.preset.to_owned(),
+            preset_digest: self.known.preset_digest_of(row).to_owned(),
+            rules_version: candidate.rules_version.as_deref().unwrap_or_default().to_owned(),
+            table_version: self.table_version,
+            annotator,
+        }
     }
 }
 

@@ -10,7 +10,7 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use reel_prompt::{Decision, VIEW, answer, arguments};
+use reel_prompt::{Decision, VIEW, action, answer, arguments};
 use reel_trace::Trace;
 use reel_world::{Digest, ToolCall, answer::Call, language};
 use serde_json::{Deserializer, Value, json};
@@ -244,8 +244,7 @@ impl Line {
         let history = format!("({} of {} calls were made) {}", place.0, place.1, self.history);
         let decision = Decision {
             call: place.0 as u32,
-            name: &call.name,
-            arguments: &call.arguments,
+            action: action(&call.name, &arguments(&call.arguments)).into(),
             outcome: "",
             reasoning: &self.reasoning,
             history: history.trim_end(),
@@ -386,11 +385,9 @@ mod tests {
 
     #[test]
     fn a_log_is_read_as_it_was_written() {
-        let arguments = json!({"receptacle_name": "table_1"});
         let line = |call, outcome| Decision {
             call,
-            name: "nav_to",
-            arguments: &arguments,
+            action: action("nav_to", "{\"receptacle_name\":\"table_1\"}").into(),
             outcome,
             reasoning: "",
             history: "",

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use reel_agents::{Context, NoAnswer, Policy};
 use reel_model::{Client, Message, Part, Request, Role};
-use reel_prompt::{Decision, SYSTEM_SINGLE_TURN, VIEW, digest, setting, situation};
+use reel_prompt::{Decision, SYSTEM_SINGLE_TURN, VIEW, action, arguments, digest, setting, situation};
 use reel_world::{
     NameSet, ToolCall,
     answer::Answer,
@@ -62,8 +62,7 @@ impl Made {
     fn decision(&self, call: u32) -> Decision<'_> {
         Decision {
             call,
-            name: &self.call.name,
-            arguments: &self.call.arguments,
+            action: action(&self.call.name, &arguments(&self.call.arguments)).into(),
             outcome: &self.outcome,
             reasoning: &self.answer.reasoning,
             history: self.answer.history.as_deref().unwrap_or_default(),
@@ -102,7 +101,7 @@ impl Policy for SingleTurn {
 mod tests {
     use std::time::Duration;
 
-    use reel_dataset::{Episode, ExampleOptions, Receptacle, Secrets, Source, Split, Step, examples};
+    use reel_dataset::{Episode, ExampleOptions, Receptacle, Secrets, Source, Split, Step, Told, examples};
     use reel_episode::{Briefing, Observation};
     use reel_model::{Clock, Endpoint};
     use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
@@ -172,6 +171,7 @@ mod tests {
             learn: true,
             ..Step::default()
         };
+        let table = Receptacle { id: "table_1".into(), category: "table".into(), room: "kitchen/0".into() };
         let episode = Episode {
             episode_id: "e".to_owned(),
             task_id: "FDP/t".to_owned(),
@@ -179,13 +179,12 @@ mod tests {
             scene_id: "home".to_owned(),
             policy: "oracle".to_owned(),
             split: Split::default(),
-            instruction: briefing.instruction.clone(),
+            told: Told::new(&briefing.instruction, vec![table], Secrets::none()).into(),
             names: NameSet::Paper,
-            receptacles: vec![Receptacle { id: "table_1".into(), category: "table".into(), room: "kitchen/0".into() }],
             steps: calls.iter().enumerate().map(step).collect(),
             source: Source::default(),
         };
-        let taught = examples(&episode, &ExampleOptions::default(), &Secrets::default()).examples;
+        let taught = examples(&episode, &ExampleOptions::default()).examples;
         assert_eq!(taught.len(), asked.len());
         for (taught, asked) in taught.iter().zip(&asked) {
             let [(_, system), (_, user), _] = taught.messages().try_into().unwrap();

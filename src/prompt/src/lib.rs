@@ -3,7 +3,7 @@
 //!
 //! Knows no file, no endpoint and no format of a trainer.
 
-use std::{fmt::Write as _, sync::LazyLock};
+use std::{borrow::Cow, fmt::Write as _, sync::LazyLock};
 
 use reel_world::{Digest, NameSet, ToolSpec};
 use serde_json::{Value, json};
@@ -19,14 +19,12 @@ pub const VIEW: &str = "\nCurrent view: ";
 const OUTCOME_LENGTH_MAX: usize = 120;
 
 /// A decision that was made: what was said, called and told.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, PartialEq, Debug)]
 pub struct Decision<'a> {
     /// Its number in the episode, from 0.
     pub call: u32,
-    /// The tool as it was called.
-    pub name: &'a str,
-    /// The arguments as they were sent; null for none.
-    pub arguments: &'a Value,
+    /// What was called, as [`action`] writes it.
+    pub action: Cow<'a, str>,
     /// What the tool told, without what is privileged.
     pub outcome: &'a str,
     /// Why; empty where nobody said.
@@ -89,7 +87,7 @@ pub fn situation(decisions: &[Decision<'_>]) -> String {
             }
         }
     }
-    let _ = write!(text, "\nLast action: {}\nLast outcome: {}\n", action(last), last.outcome);
+    let _ = write!(text, "\nLast action: {}\nLast outcome: {}\n", last.action, last.outcome);
     text
 }
 
@@ -100,7 +98,7 @@ pub fn answer(decision: &Decision<'_>) -> String {
     if !decision.schedule.is_empty() {
         let _ = write!(answer, ",\"New Schedule\":{}", quoted(decision.schedule));
     }
-    let _ = write!(answer, ",\"Current subtask\":{},\"next_action\":{}}}", quoted(decision.subtask), action(decision));
+    let _ = write!(answer, ",\"Current subtask\":{},\"next_action\":{}}}", quoted(decision.subtask), decision.action);
     answer
 }
 
@@ -114,8 +112,9 @@ pub fn arguments(arguments: &Value) -> String {
     if arguments.is_null() { "{}".to_owned() } else { arguments.to_string() }
 }
 
-fn action(decision: &Decision<'_>) -> String {
-    format!("{{\"tool_name\":{},\"args\":{}}}", quoted(decision.name), arguments(decision.arguments))
+/// A call as JSON: the tool as it was called, and [`arguments`].
+pub fn action(name: &str, arguments: &str) -> String {
+    format!("{{\"tool_name\":{},\"args\":{arguments}}}", quoted(name))
 }
 
 /// What was called and told, where nobody wrote a History.
@@ -124,9 +123,10 @@ fn log(text: &mut String, decisions: &[Decision<'_>]) {
         text.push_str("Nothing done yet.\n");
     }
     for decision in decisions {
-        let words = decision.outcome.split_whitespace().collect::<Vec<_>>().join(" ");
-        let short: String = words.chars().take(OUTCOME_LENGTH_MAX).collect();
-        let _ = writeln!(text, "{}. {}: {short}", decision.call + 1, action(decision));
+        let _ = write!(text, "{}. {}: ", decision.call + 1, decision.action);
+        let words = decision.outcome.split_whitespace().flat_map(|word| [" ", word]).skip(1);
+        text.extend(words.flat_map(str::chars).take(OUTCOME_LENGTH_MAX));
+        text.push('\n');
     }
 }
 

@@ -121,7 +121,7 @@ fn the_benchmarks_script_makes_the_same_rows() {
     let (full, lean, work) = (path("full"), path("lean"), path("work"));
     fs::create_dir(&work).unwrap();
     let arguments = ["--full", &full, "--lean", &lean, "--work", &work, "--reel", env!("CARGO_BIN_EXE_reel"), "--check"];
-    let packages = "blake3, datasets, mcap, google.protobuf, orjson, PIL, pyarrow, zstandard";
+    let packages = "blake3, datasets, mcap, google.protobuf, orjson, PIL, pyarrow, re2, zstandard";
     let Some(said) = python("REEL_PYTHON", packages, "tests/bench/export.py", &arguments) else { return };
     assert_eq!(said.matches("are the same").count(), 3, "{said}");
 }

@@ -3,15 +3,15 @@
 use std::fs;
 
 use reel_dataset::{
-    DatasetError, Episode, ExampleOptions, Format, LeakKind, PictureOptions, Pictures, Refusal, Secrets, Shards, Split, Style,
-    examples, privileged, strip,
+    DatasetError, Episode, ExampleOptions, Format, LeakKind, PictureOptions, Pictures, Refusal, Secrets, Shards, Split, Step,
+    Style, examples, privileged, strip,
 };
 use reel_world::Digest;
 use serde_json::{Value, json};
 
 use crate::{
     leaks::{planted, secrets},
-    sample::{episode, put_pictures},
+    sample::{episode, put_pictures, told},
 };
 
 const TEXT: [Format; 5] = [Format::QwenVl, Format::MsSwift, Format::LlamaFactory, Format::Trl, Format::OpenAi];
@@ -22,7 +22,7 @@ fn options(style: Style) -> ExampleOptions {
 
 #[test]
 fn single_turn_as_the_paper_puts_it() {
-    let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn), &Secrets::none());
+    let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn));
     let calls: Vec<u32> = made.examples.iter().map(|example| example.call).collect();
     assert_eq!((calls, made.refused.len()), (vec![0, 1, 3, 4, 5], 0), "the failed call is context only");
     let messages = made.examples[3].messages();
@@ -50,7 +50,7 @@ fn rows_are_json_with_a_tag_a_picture() {
     put_pictures(&episode, &pictures);
     for style in Style::ALL {
         for failed_calls in [true, false] {
-            let made = examples(&episode, &ExampleOptions { style, failed_calls }, &Secrets::none());
+            let made = examples(&episode, &ExampleOptions { style, failed_calls });
             assert_eq!(
                 made.examples.len(),
                 match (style, failed_calls) {
@@ -102,8 +102,8 @@ fn rows_are_json_with_a_tag_a_picture() {
 fn the_text_that_holds_it_is_named_wherever_it_was_planted() {
     type Plant = (&'static str, fn(&mut Episode, String));
     let fields: [Plant; 9] = [
-        ("the instruction", |episode, text| episode.instruction = text),
-        ("receptacle table_2", |episode, text| episode.receptacles[1].room = text),
+        ("the instruction", |episode, text| episode.told = told(&text, "hall/0", secrets())),
+        ("receptacle table_2", |episode, text| episode.told = told("Bring it.", &text, secrets())),
         ("the reasoning of call 3", |episode, text| episode.steps[3].reasoning = text),
         ("the History of call 3", |episode, text| episode.steps[3].history = text),
         ("the New Schedule of call 3", |episode, text| episode.steps[3].schedule = text),
@@ -112,15 +112,25 @@ fn the_text_that_holds_it_is_named_wherever_it_was_planted() {
         ("the arguments of call 3", |episode, text| episode.steps[3].arguments = json!({ "question": text })),
         ("the outcome of call 3", |episode, text| episode.steps[3].outcome = text),
     ];
-    for (_, text) in planted() {
+    // texts are looked at together first: what the others end with must hide nothing
+    let seams = [None, Some("{\"a\":"), Some("["), Some("[\""), Some("{\"a\": \"\\"), Some("shelf_1")];
+    let all = planted().into_iter().flat_map(|(_, text)| seams.map(|seam| (text.clone(), seam)));
+    for (text, seam) in all {
         for (expected, plant) in fields {
             let mut episode = episode("e1", Split::Train);
+            episode.told = told("Bring it.", "hall/0", secrets());
+            for (step, seam) in episode.steps.iter_mut().zip(seam.iter().cycle()) {
+                let Step { reasoning, history, schedule, subtask, call_name, outcome, .. } = step;
+                for field in [reasoning, history, schedule, subtask, call_name, outcome] {
+                    *field = format!("so {seam}");
+                }
+            }
             plant(&mut episode, format!("The lamp. {text}"));
             // whole payloads are no part of what a tool told
             if expected.contains("outcome") && privileged(&strip(&episode.steps[3].outcome), &secrets()).is_none() {
                 continue;
             }
-            let made = examples(&episode, &options(Style::SingleTurn), &secrets());
+            let made = examples(&episode, &options(Style::SingleTurn));
             let named = made.refused.iter().any(|it| matches!(&it.reason, Refusal::Leak { field, .. } if field == expected));
             assert!(named, "{expected}: {text}: {:?}", made.refused);
         }
@@ -132,19 +142,18 @@ fn what_must_not_be_known_is_refused_with_all_that_repeats_it() {
     let mut episode = episode("e1", Split::Train);
     episode.steps[3].history = "I hold vase_03_on_shelf_1_at_t.".into();
     let calls = |made: &reel_dataset::Examples| made.examples.iter().map(|example| example.call).collect::<Vec<_>>();
-    let made = examples(&episode, &options(Style::SingleTurn), &Secrets::none());
+    let made = examples(&episode, &options(Style::SingleTurn));
     assert_eq!(calls(&made), [0, 1, 5]);
     assert_eq!(made.refused.iter().map(|it| it.call).collect::<Vec<_>>(), [Some(3), Some(4)]);
     assert!(matches!(&made.refused[0].reason, Refusal::Leak { kind: LeakKind::Instance, .. }));
-    assert_eq!(calls(&examples(&episode, &options(Style::MultiTurn), &Secrets::none())), [5], "a History is in no conversation");
+    assert_eq!(calls(&examples(&episode, &options(Style::MultiTurn))), [5], "a History is in no conversation");
 
     episode.steps[1].outcome = "See <image>.".into();
-    assert_eq!(calls(&examples(&episode, &options(Style::MultiTurnPrefix), &Secrets::none())), [0, 1]);
-    assert!(examples(&episode, &options(Style::MultiTurn), &Secrets::none()).examples.is_empty());
+    assert_eq!(calls(&examples(&episode, &options(Style::MultiTurnPrefix))), [0, 1]);
+    assert!(examples(&episode, &options(Style::MultiTurn)).examples.is_empty());
 
-    episode.instruction = "Bring vase_03.".into();
-    let secrets = Secrets::new([(LeakKind::Instance, "vase_03")], []);
-    let made = examples(&episode, &options(Style::SingleTurn), &secrets);
+    episode.told = told("Bring vase_03.", "hall/0", Secrets::new([(LeakKind::Instance, "vase_03")], []));
+    let made = examples(&episode, &options(Style::SingleTurn));
     assert_eq!((made.examples.len(), made.refused.len(), made.refused[0].call), (0, 1, None));
     assert_eq!(made.refused[0].reason.to_string(), "the instruction holds an object instance or asset: \"vase_03\"");
 }
@@ -182,7 +191,7 @@ fn shards_are_whole_files_of_at_most_so_many_rows() {
 fn a_missing_picture_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let pictures = Pictures::new(folder.path(), PictureOptions::default());
-    let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn), &Secrets::none());
+    let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn));
     let error = Format::MsSwift.write_row(&made.examples[1], &pictures, &mut Vec::new()).unwrap_err();
     assert!(matches!(error, DatasetError::Picture { image, .. } if image == Digest::of(b"e1 0")));
 }

@@ -1,6 +1,8 @@
 //! A small episode for the tests.
 
-use reel_dataset::{Episode, ImageId, Pictures, Receptacle, Source, Split, Step};
+use std::sync::Arc;
+
+use reel_dataset::{Episode, ImageId, Pictures, Receptacle, Secrets, Source, Split, Step, Told};
 use reel_world::{Digest, NameSet, ToolSpec};
 use serde_json::{Value, json};
 
@@ -36,11 +38,8 @@ pub fn episode(id: &str, split: Split) -> Episode {
         scene_id: "home".into(),
         policy: "oracle".into(),
         split,
-        instruction: "Bring the vase to the \"glass\" table.".into(),
+        told: told("Bring the vase to the \"glass\" table.", "living room/0", Secrets::none()),
         names: NameSet::Paper,
-        receptacles: [("shelf_1", "shelf"), ("table_2", "table")]
-            .map(|(id, category)| Receptacle { id: id.into(), category: category.into(), room: "living room/0".into() })
-            .into(),
         steps: calls.into_iter().enumerate().map(step).collect(),
         source: Source {
             trace_digest: "d".repeat(64),
@@ -54,6 +53,14 @@ pub fn episode(id: &str, split: Split) -> Episode {
             annotator: "rules-1".into(),
         },
     }
+}
+
+/// What its agent was told, with the room of its second receptacle.
+pub fn told(instruction: &str, room: &str, secrets: Secrets) -> Arc<Told> {
+    let receptacle =
+        |id: &str, category: &str, room: &str| Receptacle { id: id.into(), category: category.into(), room: room.into() };
+    let receptacles = vec![receptacle("shelf_1", "shelf", "living room/0"), receptacle("table_2", "table", room)];
+    Arc::new(Told::new(instruction, receptacles, secrets))
 }
 
 fn image(id: &str, at: usize) -> ImageId {

@@ -9,7 +9,7 @@ use reel_dataset::{
 use reel_world::Digest;
 use serde_json::{Value, json};
 
-use crate::sample::{episode, put_pictures};
+use crate::sample::{episode, put_pictures, told};
 
 /// Writes a small dataset with two parts.
 pub fn write(root: &Path, format: Format, style: Style) -> Manifest {
@@ -17,10 +17,10 @@ pub fn write(root: &Path, format: Format, style: Style) -> Manifest {
     let mut writer = DatasetWriter::new(root, options);
     for (id, split) in [("e1", Split::Train), ("e2", Split::Train), ("e3", Split::Validation)] {
         let mut episode = episode(id, split);
-        episode.instruction.push_str(id);
+        episode.told = told(&format!("Bring the vase of {id}."), "hall/0", Secrets::none());
         episode.steps.retain(|step| step.error.is_none());
         put_pictures(&episode, writer.pictures());
-        let made = examples(&episode, &ExampleOptions { style, failed_calls: false }, &Secrets::none()).examples;
+        let made = examples(&episode, &ExampleOptions { style, failed_calls: false }).examples;
         let prepared = writer.prepare(&made).unwrap();
         writer.push(&made, &prepared).unwrap();
     }
@@ -100,7 +100,7 @@ fn rollouts_carry_what_decisions_were_worth() {
         };
         step.rollout = Some(worth);
     }
-    let made = examples(&episode, &ExampleOptions { style: Style::SingleTurn, failed_calls: true }, &Secrets::none());
+    let made = examples(&episode, &ExampleOptions { style: Style::SingleTurn, failed_calls: true });
     for (format, answers) in [(Format::Trl, "completion"), (Format::MsSwift, "messages")] {
         let mut row = Vec::new();
         format.write_row(&made.examples[2], &pictures, &mut row).unwrap();
@@ -129,7 +129,7 @@ fn speed() {
     let begin = Instant::now();
     let (mut count, mut bytes) = (0, 0);
     while count < 6_000 {
-        let made = examples(&episode, &ExampleOptions { style: Style::SingleTurn, failed_calls: true }, &Secrets::none());
+        let made = examples(&episode, &ExampleOptions { style: Style::SingleTurn, failed_calls: true });
         let mut rows = Vec::new();
         for example in &made.examples {
             Format::MsSwift.write_row(example, &pictures, &mut rows).unwrap();

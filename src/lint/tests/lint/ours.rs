@@ -4,7 +4,7 @@ use std::path::Path;
 
 use reel_dataset::{
     DatasetError, Episode, ExampleOptions, Format, PictureOptions, Pictures, Receptacle, Secrets, Shards, Source, Split, Step,
-    Style, examples,
+    Style, Told, examples,
 };
 use reel_lint::{Options, Part, lint};
 use reel_world::{Digest, NameSet};
@@ -37,6 +37,7 @@ fn episode(id: &str) -> Episode {
         learn: true,
         ..Step::default()
     };
+    let shelf = Receptacle { id: "shelf_1".into(), category: "shelf".into(), room: "hall/0".into() };
     Episode {
         episode_id: id.into(),
         task_id: format!("FDP/{id}"),
@@ -44,9 +45,8 @@ fn episode(id: &str) -> Episode {
         scene_id: "home".into(),
         policy: "oracle".into(),
         split: Split::Train,
-        instruction: format!("Bring the vase of {id}."),
+        told: Told::new(format!("Bring the vase of {id}."), vec![shelf], Secrets::none()).into(),
         names: NameSet::Paper,
-        receptacles: vec![Receptacle { id: "shelf_1".into(), category: "shelf".into(), room: "hall/0".into() }],
         steps: calls.into_iter().enumerate().map(step).collect(),
         source: Source::default(),
     }
@@ -62,7 +62,7 @@ fn write(root: &Path, format: Format, style: Style) -> u64 {
             let rgb: Vec<u8> = (0..40 * 30 * 3).map(|pixel| (pixel * at + usize::from(image.0[0])) as u8).collect();
             pictures.put(*image, &rgb, 40, 30).expect("a picture");
         }
-        let made = examples(&episode, &ExampleOptions { style, failed_calls: false }, &Secrets::none());
+        let made = examples(&episode, &ExampleOptions { style, failed_calls: false });
         assert_eq!(made.refused, []);
         for example in &made.examples {
             let (mut row, mut provenance) = (Vec::new(), Vec::new());

@@ -1,0 +1,141 @@
+//! What is wrong with the texts of an episode: each is looked at once, however many examples repeat it. Owns what is refused;
+//! what privileged text looks like is told elsewhere.
+
+use std::{borrow::Cow, fmt};
+
+use crate::{
+    Episode, LeakKind, Secrets, Step,
+    privileged::{JSON_TRIES_MAX, privileged},
+};
+
+/// A decision that did not become an example, or an episode that gave none.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Refused {
+    /// The episode.
+    pub episode_id: String,
+    /// The decision; none where the whole episode was refused.
+    pub call: Option<u32>,
+    /// Why.
+    pub reason: Refusal,
+}
+
+/// Why a decision is refused.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub enum Refusal {
+    /// Something that an agent must not know is in a text.
+    Leak {
+        /// What.
+        kind: LeakKind,
+        /// In which text, e.g. `History of call 3`.
+        field: String,
+        /// How it begins.
+        excerpt: String,
+    },
+    /// A text holds what trainers take for a picture or a turn.
+    Tag {
+        /// What.
+        tag: &'static str,
+        /// In which text.
+        field: String,
+    },
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Refusal::Leak { kind, field, excerpt } => write!(f, "{field} holds {kind}: {excerpt:?}"),
+            Refusal::Tag { tag, field } => write!(f, "{field} holds {tag:?}, which trainers take for a turn or a picture"),
+        }
+    }
+}
+
+/// Why a text is refused, by the name of the text.
+pub(crate) fn refusal(text: &str, secrets: &Secrets, field: impl Fn() -> String) -> Option<Refusal> {
+    if text.is_empty() {
+        return None;
+    }
+    let tag = CONTROL_TAGS.iter().find(|tag| text.contains('<') && text.contains(**tag));
+    if let Some(tag) = tag {
+        return Some(Refusal::Tag { tag, field: field() });
+    }
+    let leak = privileged(text, secrets)?;
+    Some(Refusal::Leak { kind: leak.kind, field: field(), excerpt: leak.excerpt(text) })
+}
+
+/// Whether one look at many texts, line by line, says that none of them needs a look of its own. Nothing hides at the seams:
+/// no sign of privileged text spans lines without showing, and JSON that seems to go on in the next text is read with all it
+/// holds, as long as none of it is passed over.
+pub(crate) fn clean<'t>(texts: impl IntoIterator<Item = &'t str>, secrets: &Secrets) -> bool {
+    let together = texts.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n");
+    together.matches(['{', '[']).count() <= JSON_TRIES_MAX && refusal(&together, secrets, String::new).is_none()
+}
+
+/// What is wrong with each text of the decisions of an episode; empty where nothing is wrong with any.
+pub(crate) struct Checks {
+    steps: Vec<StepChecks>,
+}
+
+struct StepChecks {
+    reasoning: Option<Refusal>,
+    /// History, New Schedule, Current subtask.
+    state: Option<Refusal>,
+    action: Option<Refusal>,
+    outcome: Option<Refusal>,
+}
+
+impl Checks {
+    /// Looks at an episode with its arguments as JSON and its outcomes without payloads.
+    pub fn of(episode: &Episode, arguments: &[String], outcomes: &[Cow<'_, str>]) -> Self {
+        let secrets = episode.told.secrets();
+        let steps = episode.steps.iter().zip(arguments).zip(outcomes);
+        let texts = steps.clone().flat_map(|((step, arguments), outcome)| {
+            let Step { reasoning, history, schedule, subtask, call_name, .. } = step;
+            [reasoning, history, schedule, subtask, call_name, arguments.as_str(), outcome]
+        });
+        if clean(texts, secrets) {
+            return Self { steps: Vec::new() };
+        }
+        let steps = steps.map(|((step, arguments), outcome)| {
+            let check = |what: &str, text: &str| refusal(text, secrets, || format!("{what} of call {}", step.call));
+            StepChecks {
+                reasoning: check("the reasoning", &step.reasoning),
+                state: check("the History", &step.history)
+                    .or_else(|| check("the New Schedule", &step.schedule))
+                    .or_else(|| check("the Current subtask", &step.subtask)),
+                action: check("the tool", &step.call_name).or_else(|| check("the arguments", arguments)),
+                outcome: check("the outcome", outcome),
+            }
+        });
+        Self { steps: steps.collect() }
+    }
+
+    /// Of a decision with the state, action and outcome before it.
+    pub fn single_turn(&self, index: usize) -> Option<&Refusal> {
+        let StepChecks { reasoning, state, action, .. } = self.steps.get(index)?;
+        let said = [reasoning, state, action].into_iter().find_map(Option::as_ref);
+        said.or_else(|| {
+            let before = self.steps.get(index.checked_sub(1)?)?;
+            [&before.state, &before.action, &before.outcome].into_iter().find_map(Option::as_ref)
+        })
+    }
+
+    /// Of a conversation up to and with a decision; its state is not in it.
+    pub fn conversation(&self, target: usize) -> Option<&Refusal> {
+        let said = self.steps.iter().take(target + 1).find_map(|step| step.reasoning.as_ref().or(step.action.as_ref()));
+        said.or_else(|| self.steps.iter().take(target).find_map(|step| step.outcome.as_ref()))
+    }
+}
+
+/// What trainers and templates take for pictures, turns or thoughts.
+const CONTROL_TAGS: [&str; 10] = [
+    "<image>",
+    "<video>",
+    "<audio>",
+    "<|",
+    "<think>",
+    "</think>",
+    "<tool_call>",
+    "</tool_call>",
+    "<tool_response>",
+    "</tool_response>",
+];
