@@ -6,5 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 source tests/bench/setup.sh
 cargo build --locked --profile fast -p reel-trace --example trace_copies
 source tests/bench/traces.sh
-"$PYTHON" tests/bench/export.py --full "$BENCH_DIR/traces-full" --lean "$BENCH_DIR/traces-lean" --reel "$REEL" \
+record full 100
+record many 400 --no-images
+"$PYTHON" tests/bench/export.py --full "$BENCH_DIR/traces-full" --lean "$BENCH_DIR/traces-many" --reel "$REEL" \
   --copies "$CARGO_TARGET_DIR/fast/examples/trace_copies" --work "$BENCH_DIR" --traces-max "${TRACES_MAX:-50000}"

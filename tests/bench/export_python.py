@@ -10,25 +10,34 @@ A row is what ours is: the decisions of episodes that succeeded, mistakes left o
 that were recorded, and the columns of provenance. `export.py` compares them. With `--images` the latest picture before a
 decision is decoded from the trace, scaled to the pixel budget and encoded as PNG.
 
-It does less than `reel export sft`: it replays nothing, so that its rows say `unverified`; writes no words where none were
-recorded; does not hold Histories against the record; of what is privileged it strips `Debug Info` only and refuses nothing;
-names neither the digest of the reward preset nor a version of a store; counts no tokens, makes no split, no manifest and no card.
+It does what `reel export sft` does beside: whole traces are decoded and their hash chains verified, as rows say where they come
+from; every text is looked at for what an agent must not know (`export_checks.py`) and decisions with such a text are left out;
+tokens are counted; a manifest tells the digest of each file and how many examples there are of what. `--unchecked` leaves all
+that out and decodes only what rows are made of.
 
-  export_python.py TRACES... --out DIR [--reader library] [--build generator] [--images]
+It does less nevertheless: it replays nothing, so that its rows say `unverified`; writes no words where none were recorded; does
+not hold Histories against the record; names neither the digest of the reward preset nor a version of a store; makes one part
+and no card.
 
-Needs PyPI mcap, protobuf, zstandard, orjson, blake3, pyarrow, datasets and pillow.
+  export_python.py TRACES... --out DIR [--reader library] [--build generator] [--images] [--unchecked]
+
+Needs PyPI mcap, protobuf, zstandard, orjson, blake3, google-re2, pyarrow, datasets and pillow.
 """
 
 import argparse
 import functools
+import gc
+import itertools
 import json
 import math
 import os
 import re
 import resource
+from collections import Counter
 from io import BytesIO
 from itertools import accumulate, chain, islice
 from pathlib import Path
+from typing import NamedTuple
 
 import datasets
 import orjson
@@ -37,6 +46,7 @@ from blake3 import blake3
 from datasets import Dataset, Features, Image, List, Value
 from PIL import Image as Picture
 
+from export_checks import NO_SECRETS, Secrets, clean, refused, strip
 from ingest_python import READERS, TAKERS, Trace, cpu_seconds, files_of
 from ingest_rows import arguments_of
 
@@ -57,6 +67,9 @@ TEXTS = (
 NUMBERS = ("call", "table_version")
 NAMES = (*TEXTS, *NUMBERS, "prompt_digest", "messages", "images")
 ROLES = ("system", "user", "assistant")
+TOOL, MESSAGES = NAMES.index("tool"), NAMES.index("messages")
+# As `src/dataset/src/tokens.rs` has it.
+CONTEXT_TOKENS, TOKENS_PER_TURN, BAR_TOKENS = 8192, 5, 1024
 FEATURES = Features(
     {name: Value("string") for name in TEXTS}
     | {name: Value("int64") for name in NUMBERS}
@@ -72,12 +85,18 @@ def main():
     parser.add_argument("--reader", choices=READERS, default="fast", help="who goes through the records")
     parser.add_argument("--build", choices=BUILDS, default="columns", help="how rows become a dataset")
     parser.add_argument("--images", action="store_true")
+    parser.add_argument("--unchecked", action="store_true", help="verify nothing, refuse nothing, count nothing")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     datasets.disable_progress_bars()
+    gc.disable()  # little here is cyclic
     cpu = cpu_seconds()
     paths = sorted({os.path.abspath(path) for given in options.traces for path in files_of(given)})
-    count = BUILDS[options.build](options.out, paths, options.reader, options.images)
+    made = None if options.unchecked else Counts()
+    rows = functools.partial(examples, paths, options.reader, options.images, made)
+    count = BUILDS[options.build](options.out, rows, options.images)
+    if made:
+        made.write(options.out)
     report = {
         "examples": count,
         "cpu_s": round(cpu_seconds() - cpu, 3),
@@ -89,16 +108,15 @@ def main():
 # Rows become a dataset.
 
 
-def by_columns(out, paths, reader, images):
-    rows = examples(paths, reader, images)
+def by_columns(out, examples, images):
+    rows = examples()
     count = 0
-    for number in range(len(paths)):
+    for number in itertools.count():
         some = list(islice(rows, ROWS[images]))
         if not some:
-            break
+            return count
         table(some).to_parquet(out / f"train-{number:05}.parquet")
         count += len(some)
-    return count
 
 
 def table(rows):
@@ -114,15 +132,15 @@ def table(rows):
     return Dataset(pa.table(columns).cast(FEATURES.arrow_schema))
 
 
-def by_generator(out, paths, reader, images):
-    given = {"paths": paths, "reader": reader, "images": images}
+def by_generator(out, examples, images):
+    given = {"examples": examples}
     dataset = Dataset.from_generator(dicts, features=FEATURES, gen_kwargs=given, cache_dir=str(out / "cache"), fingerprint="rows")
     dataset.to_parquet(out / "train.parquet")
     return len(dataset)
 
 
-def dicts(paths, reader, images):
-    for row in examples(paths, reader, images):
+def dicts(examples):
+    for row in examples():
         columns = dict(zip(NAMES, row))
         columns["messages"] = [{"role": role, "content": text} for role, text in zip(ROLES, columns["messages"])]
         columns["images"] = [{"bytes": file, "path": path} for file, path in columns["images"]]
@@ -135,37 +153,53 @@ BUILDS = {"columns": by_columns, "generator": by_generator}
 # Traces become rows.
 
 
-def examples(paths, reader, images):
-    reader = reader_of(reader, images)
+def examples(paths, reader, images, made):
+    """The rows of traces; with `made` everything is checked and counted."""
+    reader = reader_of(reader, images, made)
     for path in paths:
-        with open(path, "rb") as file:
-            data = file.read()
-        trace = Trace(path, len(data), 0)
-        trace.pictures = {}
-        attachments = reader.walk(data, trace)
-        if trace.end and trace.end.metrics.success:
-            task = reader.task_of(attachments["task.json"], trace.start.task_digest)
-            yield from decisions(trace, task, attachments["scene.json"])
+        trace = reader.read(path)
+        if not (trace.end and trace.end.metrics.success):
+            if made:
+                made.left_out["episodes that did not succeed"] += 1
+            continue
+        told = told_of(trace.task, trace.scene, trace.start.profile, bool(made))
+        rows = decisions(trace, told, made)
+        if made and rows:
+            made.add(trace.start, told, rows)
+        yield from rows
 
 
-def reader_of(name, images):
-    topics = ["/episode", "/tool/call", "/tool/result", "/policy/output"]
+def reader_of(name, images, made):
+    topics = TAKERS if made else ("/episode", "/tool/call", "/tool/result", "/policy/output")
     takers = {topic: TAKERS[topic] for topic in topics}
     if images:
         takers["/camera/head"] = taking_pictures
 
     class Chosen(READERS[name]):
-        """Decodes only what rows are made of."""
+        """Decodes only what rows are made of, where nothing is verified."""
+
+        def read(self, path):
+            return super().read(path) if made else self.rows_only(path)
+
+        def rows_only(self, path):
+            with open(path, "rb") as file:
+                data = file.read()
+            trace = Trace(path, len(data), 0)
+            attachments = self.walk(data, trace)
+            trace.task = self.task_of(attachments["task.json"], trace.start.task_digest)
+            trace.scene = attachments["scene.json"]
+            return trace
 
         def taker(self, channel, schemas, trace):
             make = takers.get(channel.topic)
             return make and make(self.decoder(schemas[channel.schema_id]), trace)
 
-    return Chosen(check_chain=False)
+    return Chosen(check_chain=bool(made))
 
 
 def taking_pictures(decode, trace):
     """By the number of calls before it; decoded only where a row shows it."""
+    trace.pictures = {}
 
     def take(data, offset):
         trace.pictures[len(trace.calls)] = lambda: decode(data).data
@@ -173,34 +207,118 @@ def taking_pictures(decode, trace):
     return take
 
 
-def decisions(trace, task, scene):
-    """The rows of an episode."""
-    start, (system, prompt_digest) = trace.start, prompts()
-    text = setting(task, scene, start.profile)
-    episode = start.episode_id, start.task_id, start.family, start.scene_id, start.policy.name
-    source = trace.path, trace.end.chain.hex(), "unverified", "", start.reward_preset, "", "", start.policy.name, ""
-    situation = f"\nProgress:\n{NOTHING}\nLast action: none\nLast outcome: The episode begins.\n"
-    log, view = "", None
+class Step(NamedTuple):
+    """A decision, in words."""
+
+    tool: str
+    name: str
+    args: str
+    reasoning: str
+    state: dict
+    outcome: str
+    mistake: bool
+
+
+def steps_of(trace):
     for step, (call, result) in enumerate(zip(trace.calls, trace.results)):
         tool = result.tool or call.name
         said = trace.policies.get(step)
         reasoning, state = words(said) if said else ("", NO_STATE)
         args = arguments_of(call.name, call.arguments_json)[0]
-        action = f'{{"tool_name":{quoted(call.name)},"args":{"{}" if args == "null" else args}}}'
-        view = trace.pictures.get(step, view)
-        if tool in tools() and not is_mistake(tool, result, task):
-            example = f"{start.episode_id}/{step}"
+        args = "{}" if args == "null" else args
+        yield Step(tool, call.name, args, reasoning, state, strip(result.text), is_mistake(tool, result, trace.task))
+
+
+def decisions(trace, told, made):
+    """The rows of an episode."""
+    start, (system, prompt_digest) = trace.start, prompts()
+    episode = start.episode_id, start.task_id, start.family, start.scene_id, start.policy.name
+    source = trace.path, trace.end.chain.hex(), "unverified", "", start.reward_preset, "", "", start.policy.name, ""
+    steps = [*steps_of(trace)]
+    refused = refusals(steps, told) if made else ()
+    pictures = getattr(trace, "pictures", {})
+    situation = f"\nProgress:\n{NOTHING}\nLast action: none\nLast outcome: The episode begins.\n"
+    log, view, rows = "", None, []
+    for number, step in enumerate(steps):
+        action = f'{{"tool_name":{quoted(step.name)},"args":{step.args}}}'
+        view = pictures.get(number, view)
+        if step.tool in tools() and not step.mistake and number not in refused:
+            example = f"{start.episode_id}/{number}"
             seen = "\nCurrent view: <image>" if view else ""
-            thought = f"<think>{reasoning}</think>\n" if reasoning else ""
-            answer = f'{thought}{orjson.dumps(state)[:-1].decode()},"next_action":{action}}}'
+            thought = f"<think>{step.reasoning}</think>\n" if step.reasoning else ""
+            answer = f'{thought}{orjson.dumps(step.state)[:-1].decode()},"next_action":{action}}}'
             images = [(picture(view()), f"{example}.png")] if view else []
-            messages = system, f"{text}{situation}{seen}", answer
-            yield (example, *episode, tool, *source, step, 0, prompt_digest, messages, images)
-        outcome = public(result.text)
-        told = state["History"] or state.get("New Schedule")
-        progress = "".join(f"{title}: {part}\n" for title, part in state.items() if part) if told else log or NOTHING
-        situation = f"\nProgress:\n{progress}\nLast action: {action}\nLast outcome: {outcome}\n"
-        log += f"{step + 1}. {action}: {' '.join(outcome.split())[:OUTCOME_LENGTH_MAX]}\n"
+            messages = system, f"{told.text}{situation}{seen}", answer
+            rows.append((example, *episode, step.tool, *source, number, 0, prompt_digest, messages, images))
+        elif made:
+            reason = "decisions that were mistakes" if step.mistake else "episodes and decisions refused"
+            made.left_out["decisions that call no tool" if step.tool not in tools() else reason] += 1
+        noted = step.state["History"] or step.state.get("New Schedule")
+        progress = "".join(f"{title}: {part}\n" for title, part in step.state.items() if part) if noted else log or NOTHING
+        situation = f"\nProgress:\n{progress}\nLast action: {action}\nLast outcome: {step.outcome}\n"
+        log += f"{number + 1}. {action}: {' '.join(step.outcome.split())[:OUTCOME_LENGTH_MAX]}\n"
+    return rows
+
+
+def refusals(steps, told):
+    """The decisions that may not go out, for a text of theirs or of the one before."""
+    everything = range(len(steps))
+    if told.refused:
+        return everything
+    texts = ((step.reasoning, *step.state.values(), step.name, step.args, step.outcome) for step in steps)
+    if clean(chain.from_iterable(texts), told.secrets):
+        return ()
+
+    def bad(*texts):
+        return any(refused(text, told.secrets) for text in texts)
+
+    said = [bad(step.reasoning) for step in steps]
+    noted = [bad(*step.state.values(), step.name, step.args) for step in steps]
+    answered = [bad(step.outcome) for step in steps]
+    return {at for at in everything if said[at] or noted[at] or at and (noted[at - 1] or answered[at - 1])}
+
+
+class Counts:
+    """What the manifest tells."""
+
+    def __init__(self):
+        self.by = {kind: Counter() for kind in ("families", "tools", "policies")}
+        self.left_out, self.histogram = Counter(), Counter()
+        self.examples = self.tokens = self.longest = self.over = 0
+
+    def add(self, start, told, rows):
+        self.examples += len(rows)
+        self.by["families"][start.family] += len(rows)
+        self.by["policies"][start.policy.name] += len(rows)
+        shared = tokens(prompts()[0]) + told.tokens
+        for row in rows:
+            self.by["tools"][row[TOOL]] += 1
+            _, user, answer = row[MESSAGES]
+            situation = user[len(told.text) :].removesuffix("<image>")
+            count = shared + tokens(situation) + tokens(answer) + len(ROLES) * TOKENS_PER_TURN
+            self.tokens += count
+            self.longest = max(self.longest, count)
+            self.over += count > CONTEXT_TOKENS
+            self.histogram[-(-count // BAR_TOKENS) * BAR_TOKENS] += 1
+
+    def write(self, out):
+        def entry(path):
+            data = path.read_bytes()
+            return {"path": path.name, "bytes": len(data), "blake3": blake3(data).hexdigest()}
+
+        lengths = {"examples": self.examples, "text": self.tokens, "longest": self.longest, "over": self.over}
+        manifest = {
+            "counts": {"examples": self.examples, **self.by},
+            "tokens": {**lengths, "histogram": self.histogram},
+            "left_out": self.left_out,
+            "files": [entry(path) for path in sorted(out.glob("*.parquet"))],
+        }
+        (out / "manifest.json").write_text(json.dumps(manifest, indent=2))
+
+
+def tokens(text):
+    """By the rule of thumb: four bytes each."""
+    return -(-(len(text) if text.isascii() else len(text.encode())) // 4)
 
 
 def is_mistake(tool, result, task):
@@ -223,15 +341,6 @@ def words(said):
     schedule, subtask = (part.strip().removeprefix("New Schedule:").strip() for part in (schedule, subtask))
     plan = {"New Schedule": schedule} if schedule else {}
     return said.reasoning, {"History": said.history, **plan, "Current subtask": subtask}
-
-
-DEBUG_INFO = re.compile(r"\bdebug[ _-]?info", re.IGNORECASE)
-
-
-def public(text):
-    """Without what the published server tells for debugging: the last part of an outcome."""
-    found = DEBUG_INFO.search(text)
-    return text[: found.start()].strip() if found else text
 
 
 @functools.lru_cache(4096)
@@ -270,11 +379,27 @@ def tool_list(profile):
     return orjson.dumps(functions).decode()
 
 
+class Told(NamedTuple):
+    """What the episodes of a task have in common."""
+
+    text: str
+    tokens: int
+    secrets: Secrets
+    refused: bool
+
+
 @functools.lru_cache(TASKS_KEPT)
-def setting(task, scene, profile):
+def told_of(task, scene, profile, checked):
     """What the user's turn has in all decisions of a task."""
-    receptacles = "".join(f"- {it['id']} ({it['category']}, {it['room']})\n" for it in orjson.loads(scene)["receptacles"])
-    return f"Task: {task.fields['instruction']}\n\nTools:\n{tool_list(profile)}\n\nReceptacles:\n{receptacles}"
+    instruction, receptacles = task.fields["instruction"], orjson.loads(scene)["receptacles"]
+    listed = [f"{it['id']} ({it['category']}, {it['room']})" for it in receptacles]
+    lines = "".join(f"- {it}\n" for it in listed)
+    text = f"Task: {instruction}\n\nTools:\n{tool_list(profile)}\n\nReceptacles:\n{lines}"
+    if not checked:
+        return Told(text, 0, NO_SECRETS, False)
+    secrets = Secrets.of_task(task.fields)
+    bad = not clean([instruction, *listed], secrets) and any(refused(it, secrets) for it in (instruction, *listed))
+    return Told(text, tokens(text), secrets, bad)
 
 
 @functools.lru_cache(PICTURES_KEPT)

@@ -13,6 +13,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -20,12 +21,18 @@ RUNS = 5
 
 
 def run(command):
-    """CPU seconds and peak memory of a process."""
-    child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    _, status, used = os.wait4(child.pid, 0)
+    """CPU seconds and peak memory of a process; what `wait4` tells of memory may be this process's, of which it is a fork."""
+    child, peak = subprocess.Popen(command, stdout=subprocess.DEVNULL), 0
+    while True:
+        with open(f"/proc/{child.pid}/status") as file:
+            peak = next((int(line.split()[1]) for line in file if line.startswith("VmHWM")), peak)
+        pid, status, used = os.wait4(child.pid, os.WNOHANG)
+        if pid:
+            break
+        time.sleep(0.002)
     if status:
         sys.exit(f"failed: {' '.join(map(str, command))}")
-    return used.ru_utime + used.ru_stime, used.ru_maxrss * 1024
+    return used.ru_utime + used.ru_stime, peak * 1024
 
 
 def ours(reel, traces, store):
