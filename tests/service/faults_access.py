@@ -200,6 +200,10 @@ def fault_tokens():
                     wrong.append(("nobody", "GET", path, found))
             status, headers, body = server.request("GET", "/api/traces")
             assert {name.lower(): value for name, value in headers.items()}.get("www-authenticate") == "Bearer", headers
+            # Who may pass but asks in a way that a path does not take is told so, like of any other error.
+            status, headers, body = server.request("DELETE", "/api/sql", None, {"authorization": good})
+            allow = {name.lower(): value for name, value in headers.items()}.get("allow")
+            assert (status, allow, json.loads(body)["error"]["code"]) == (405, "POST", "method_not_allowed"), (status, headers, body)
             # The token of a request that does not pass decides before its body does.
             begun = time.monotonic()
             wire = Wire(server, request("POST", "/api/sql", {"content-length": "1000"}))

@@ -1,6 +1,7 @@
 //! Training sets out of a store of played episodes: what a row holds, what is refused, equal bytes, going on after a break,
 //! rollout groups, notes, and that the loaders get the frames that are drawn again.
 
+mod buckets;
 #[path = "../../../replay/tests/replay/episodes.rs"]
 mod episodes;
 mod played;

@@ -60,6 +60,10 @@ impl ApiError {
         Self::new(StatusCode::NOT_FOUND, "not_found", message)
     }
 
+    pub fn not_allowed(message: String) -> Self {
+        Self::new(StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", message)
+    }
+
     pub fn timeout(message: &str) -> Self {
         Self::new(StatusCode::REQUEST_TIMEOUT, "too_slow", message)
     }

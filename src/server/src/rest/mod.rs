@@ -24,6 +24,7 @@ use std::{any::Any, sync::Arc};
 use axum::{
     Json, Router,
     extract::State,
+    http::Method,
     response::{IntoResponse, Response},
     routing::get,
 };
@@ -166,7 +167,12 @@ pub(crate) fn router(app: &Arc<App>) -> Router {
     let (router, document) = documented();
     let document = Arc::new(document);
     let document = get(move |State(_): State<Arc<App>>| async move { Json(document.as_ref().clone()) });
-    router.route("/api/openapi.json", document).with_state(app.clone())
+    router.route("/api/openapi.json", document).with_state(app.clone()).method_not_allowed_fallback(other_method)
+}
+
+/// What is there is asked for in another way; the header `Allow` says in which.
+async fn other_method(method: Method) -> ApiError {
+    ApiError::not_allowed(format!("{method} is nothing that this path takes; /api/openapi.json says what it does"))
 }
 
 /// Where nothing is.
