@@ -176,6 +176,23 @@ fn equal_stores_and_options_give_equal_bytes() {
 }
 
 #[test]
+fn another_store_of_the_same_traces_gives_the_same_bytes() {
+    let dir = TempDir::new().unwrap();
+    let traces = play(&dir.path().join("traces"), "oracle", Images::None);
+    // a file of the table each, whose names are drawn
+    let of = |name: &str| {
+        let mut store = Store::open_or_create(dir.path().join(name)).unwrap();
+        for trace in &traces {
+            store.ingest(std::slice::from_ref(trace), &|_, _| ()).unwrap();
+        }
+        export(&store, &dir.path().join(name).with_extension("sft"), &options(Format::Trl));
+        files(&dir.path().join(name).with_extension("sft"))
+    };
+    let first = of("first");
+    assert!(first == of("second") && first == of("third"), "which store it was shows");
+}
+
+#[test]
 fn mistakes_are_no_examples_but_recoveries_are() {
     let dir = TempDir::new().unwrap();
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
