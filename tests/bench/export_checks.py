@@ -74,7 +74,7 @@ def refused(text, secrets):
 
 def clean(texts, secrets):
     """Whether none of many texts has to be refused: one look at all of them may say so."""
-    together = "\n".join(filter(None, texts))
+    together = "\n\0\n".join(filter(None, texts))
     return together.count("{") + together.count("[") <= JSON_TRIES_MAX and not refused(together, secrets)
 
 

@@ -52,10 +52,7 @@ impl Counts {
             (&mut self.annotators, &about.source.annotator),
         ];
         for (counts, kind) in kinds {
-            match counts.get_mut(kind) {
-                Some(count) => *count += 1,
-                None => drop(counts.insert(kind.clone(), 1)),
-            }
+            *counts.entry(kind.clone()).or_default() += 1;
         }
     }
 }

@@ -62,11 +62,10 @@ pub(crate) fn refusal(text: &str, secrets: &Secrets, field: impl Fn() -> String)
     Some(Refusal::Leak { kind: leak.kind, field: field(), excerpt: leak.excerpt(text) })
 }
 
-/// Whether one look at many texts, line by line, says that none of them needs a look of its own. Nothing hides at the seams:
-/// no sign of privileged text spans lines without showing, and JSON that seems to go on in the next text is read with all it
-/// holds, as long as none of it is passed over.
+/// Whether one look at many texts says that none of them needs a look of its own. What stands between them is in no JSON, so
+/// that none goes on from one text to the next and hides what the next one holds.
 pub(crate) fn clean<'t>(texts: impl IntoIterator<Item = &'t str>, secrets: &Secrets) -> bool {
-    let together = texts.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n");
+    let together = texts.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n\0\n");
     together.matches(['{', '[']).count() <= JSON_TRIES_MAX && refusal(&together, secrets, String::new).is_none()
 }
 

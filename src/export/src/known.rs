@@ -11,7 +11,7 @@ use reel_reward::Preset;
 use reel_tables::{Store, StoreError, Table};
 use reel_world::{ObjectInstance, Scene, Task};
 
-use crate::episode::Row;
+use crate::{ExportError, episode::Row};
 
 /// Tasks that are kept in memory.
 const TASKS_KEPT: usize = 4_096;
@@ -52,15 +52,16 @@ impl Known {
     /// Learns what some episodes share with others; what was learned of earlier ones may be forgotten.
     ///
     /// # Errors
-    /// Which episode has a task or scene that is none, and why.
-    pub fn learn<'r>(&mut self, rows: impl IntoIterator<Item = &'r Row<'r>>) -> Result<(), (&'r str, String)> {
+    /// When an episode has a task or scene that is none.
+    pub fn learn<'r>(&mut self, rows: impl IntoIterator<Item = &'r Row<'r>>) -> Result<(), ExportError> {
         if self.tasks.len() > TASKS_KEPT {
             self.tasks.clear();
             self.scenes.clear();
         }
         for row in rows {
             if !self.tasks.contains_key(row.task_digest) {
-                let task = self.task(row).map_err(|reason| (row.episode_id, reason))?;
+                let damaged = |reason| ExportError::Document { episode_id: row.episode_id.to_owned(), reason };
+                let task = self.task(row).map_err(damaged)?;
                 self.tasks.insert(row.task_digest.to_owned(), task);
             }
             if !self.preset_digests.contains_key(row.preset) {

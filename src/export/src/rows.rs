@@ -70,9 +70,7 @@ pub(crate) fn write(
             rows.iter().filter_map(|row| Some((row, *places.get(row.episode_id)?))).collect();
         let mut write_rows = || -> Result<(), ExportError> {
             for portion in wanted.chunks(EPISODES_AT_A_TIME) {
-                let damaged =
-                    |(episode, reason): (&str, String)| ExportError::Document { episode_id: episode.to_owned(), reason };
-                known.learn(portion.iter().map(|(row, _)| *row)).map_err(damaged)?;
+                known.learn(portion.iter().map(|(row, _)| *row))?;
                 let maker =
                     Maker { options, writer: &writer, pictures: &known_pictures, known: &known, table_version: store.version() };
                 let make = |(row, place): &(&Row<'_>, Place<'_>)| {

@@ -112,19 +112,10 @@ fn the_text_that_holds_it_is_named_wherever_it_was_planted() {
         ("the arguments of call 3", |episode, text| episode.steps[3].arguments = json!({ "question": text })),
         ("the outcome of call 3", |episode, text| episode.steps[3].outcome = text),
     ];
-    // texts are looked at together first: what the others end with must hide nothing
-    let seams = [None, Some("{\"a\":"), Some("["), Some("[\""), Some("{\"a\": \"\\"), Some("shelf_1")];
-    let all = planted().into_iter().flat_map(|(_, text)| seams.map(|seam| (text.clone(), seam)));
-    for (text, seam) in all {
+    for (_, text) in planted() {
         for (expected, plant) in fields {
             let mut episode = episode("e1", Split::Train);
             episode.told = told("Bring it.", "hall/0", secrets());
-            for (step, seam) in episode.steps.iter_mut().zip(seam.iter().cycle()) {
-                let Step { reasoning, history, schedule, subtask, call_name, outcome, .. } = step;
-                for field in [reasoning, history, schedule, subtask, call_name, outcome] {
-                    *field = format!("so {seam}");
-                }
-            }
             plant(&mut episode, format!("The lamp. {text}"));
             // whole payloads are no part of what a tool told
             if expected.contains("outcome") && privileged(&strip(&episode.steps[3].outcome), &secrets()).is_none() {
@@ -133,6 +124,40 @@ fn the_text_that_holds_it_is_named_wherever_it_was_planted() {
             let made = examples(&episode, &options(Style::SingleTurn));
             let named = made.refused.iter().any(|it| matches!(&it.reason, Refusal::Leak { field, .. } if field == expected));
             assert!(named, "{expected}: {text}: {:?}", made.refused);
+        }
+    }
+}
+
+/// The texts of an episode are looked at together first: what one ends with and the next begins with must hide nothing.
+#[test]
+fn what_stands_around_a_text_hides_nothing_in_it() {
+    let around = [
+        ("", ""),
+        ("{\"a\":", ",\"a\":1}"),
+        ("[", "]"),
+        ("[\"", "\"]"),
+        ("{\"a\":\"", "\",\"a\":1}"),
+        ("{\"a\":\"\\", "\"}"),
+        ("shelf_1", ""),
+    ];
+    for ((before, after), (_, text)) in around.into_iter().flat_map(|around| planted().into_iter().map(move |it| (around, it))) {
+        for planted in 1..5 {
+            let mut episode = episode("e1", Split::Train);
+            episode.told = told("Bring it.", "hall/0", secrets());
+            let [.., step, Step { reasoning, history, schedule, subtask, call_name, .. }, _, _] = &mut episode.steps[..] else {
+                unreachable!("six steps")
+            };
+            let fields = [&mut step.outcome, reasoning, history, schedule, subtask, call_name];
+            for (at, field) in fields.into_iter().enumerate() {
+                *field = match at {
+                    _ if at == planted => text.clone(),
+                    _ if at + 1 == planted => before.to_owned(),
+                    _ if at == planted + 1 => after.to_owned(),
+                    _ => String::new(),
+                };
+            }
+            let made = examples(&episode, &options(Style::SingleTurn));
+            assert!(made.refused.iter().any(|it| it.call == Some(3)), "{before}{text}{after}: {:?}", made.refused);
         }
     }
 }

@@ -54,6 +54,8 @@ impl Merge {
 pub(super) struct Part {
     /// Within the table's folder.
     pub path: String,
+    /// Milliseconds since 1970.
+    pub written_ms: i64,
     pub size: u64,
     /// The action that takes it out of the table.
     pub remove: Remove,
@@ -168,13 +170,14 @@ impl Store {
 
 pub(super) fn parts(table: &DeltaTable) -> Vec<Part> {
     let Ok(state) = table.snapshot() else { return Vec::new() };
-    let part = |file: deltalake::kernel::LogicalFileView| {
-        let path = file.object_store_path().to_string();
-        let size = file.size().max(0) as u64;
-        (file.modification_time(), Part { path, size, remove: file.remove_action(true) })
+    let part = |file: deltalake::kernel::LogicalFileView| Part {
+        path: file.object_store_path().to_string(),
+        written_ms: file.modification_time(),
+        size: file.size().max(0) as u64,
+        remove: file.remove_action(true),
     };
-    let mut parts: Vec<(i64, Part)> = state.log_data().into_iter().map(part).collect();
-    // as they were written: their names are drawn, and another store of the same traces shall be read in the same order
-    parts.sort_by(|(one_ms, one), (other_ms, other)| (one_ms, &one.path).cmp(&(other_ms, &other.path)));
-    parts.into_iter().map(|(_, part)| part).collect()
+    let mut parts: Vec<Part> = state.log_data().into_iter().map(part).collect();
+    // names are drawn: another store of the same traces is read in the same order only by when files were written
+    parts.sort_by(|one, other| (one.written_ms, &one.path).cmp(&(other.written_ms, &other.path)));
+    parts
 }
