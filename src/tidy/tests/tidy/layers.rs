@@ -48,6 +48,8 @@ const LAYERS: &[(&str, &[&str])] = &[
         ],
     ),
     ("tidy", &[]),
+    // tests only
+    ("vectors", &[]),
 ];
 
 /// Outside packages that only some crates of ours may use, tests included. A name ending in `*` is a prefix.
