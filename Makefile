@@ -3,7 +3,7 @@ export CARGO_TARGET_DIR ?= $(HOME)/.cache/reel
 # Arguments for the test programs, e.g. `make test TEST_ARGS=--show-output`.
 TEST_ARGS ?=
 
-.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service lint acceptance determinism determinism-cross clean
+.PHONY: help demo test pages bench bench-sql bench-ingest bench-export bench-taxonomy bench-pages bench-proxy proxy scale cluster screenshots viewers eval-tasks eval-taxonomy eval-blame eval-skills load prove-sft conformance service real-contract lint acceptance determinism determinism-cross clean
 .DEFAULT_GOAL := help
 
 help: ## list these verbs
@@ -79,6 +79,9 @@ conformance: ## the published MCP conformance suite against our stack (needs npm
 service: ## `reel serve` from outside: agents, published texts, leaks, faults, fuzzing (needs Python; twelve minutes)
 	tests/service.sh
 
+real-contract: ## hold every answer, payload, reward and file against what REAL's published code computes (needs Python)
+	tests/real-contract.sh
+
 lint: ## check format and lints
 	cargo fmt --all --check
 	cargo clippy --locked --workspace --all-targets -- -D warnings
@@ -91,6 +94,7 @@ acceptance: ## play all of REAL-Bench, replay it in every build and print figure
 	$(MAKE) eval-skills
 	tests/conformance.sh
 	tests/service.sh
+	tests/real-contract.sh
 	tests/proxy/run.sh proxy.py
 	tests/viewers.sh
 	tests/pages/large.sh
