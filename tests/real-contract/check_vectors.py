@@ -1,11 +1,13 @@
 """Compares the clients of this folder with the vectors of REAL's published code, one line a file and part."""
 
+import asyncio
 import json
 import math
 import sys
 
 import answers
 import reward as rewards
+import trainer
 import vectors
 from vectors import Report
 
@@ -163,7 +165,182 @@ def check_reward():
     report.finish()
 
 
-CHECKS = {"reward": check_reward, "answers": check_answers, "memory": check_memory}
+def check_contract():
+    document = vectors.load("trainer_contract.json")
+    tools = {case["id"]: case["tools"] for case in document["tool_lists"]}
+
+    def part(name, case_id, expected, got):
+        report = Report("trainer_contract.json", f"{name} (python)")
+        for at, case in enumerate(document[name]):
+            report.compare(f"{at} {case_id(case)}", expected(case), got(case))
+        report.finish()
+
+    def named(case):
+        name, arguments = trainer.server_call(tools[case["list"]], case["name"], case["arguments"])
+        canonical = trainer.answers.canonical(case["name"].strip())
+        return {"server_name": name, "server_arguments": arguments, "canonical": canonical}
+
+    def error_text(case):
+        penalty, kind, pattern = trainer.tool_error(case["text"])
+        return {"penalty": penalty, **({"error_type": kind, "error_pattern": pattern} if kind else {})}
+
+    def hand(case):
+        violation = trainer.hand_violation(case["tool"], case["occupied"])
+        return {"penalty": trainer.HAND if violation else 0.0, "violation": violation}
+
+    def refused(case):
+        reason = trainer.refusal(case["old"], case["new"], case["tool"])
+        return {"accepted": not reason, "reason": reason}
+
+    def ambiguity(case):
+        visible = trainer.is_ambiguous(case["tool"], case["markers"], case["target_object"])
+        return {"distractor_visible": visible, "asked_since": not visible}
+
+    def not_found(case):
+        return trainer.is_task_not_found(case["observation"], case["instruction"])
+
+    def keys(*names):
+        return lambda case: {name: case[name] for name in names if name in case}
+
+    part("tool_lists", lambda case: case["id"], lambda case: case["errors"], lambda case: trainer.contract_errors(case["tools"]))
+    part("names", lambda case: f"{case['list']} {case['name']}", keys("server_name", "server_arguments", "canonical"), named)
+    part("task_lists", lambda case: case["raw"], lambda case: case["ids"], lambda case: trainer.task_ids(case["raw"]))
+    part("mapping", str, lambda case: case["mapping"], lambda case: trainer.asset_categories(case["payload"]))
+    part("convert", str, lambda case: case["converted"], lambda case: trainer.category_graph(case["mapping"], case["graph"]))
+    part("validate", str, keys("accepted", "reason"), refused)
+    part("error_text", lambda case: case["text"], keys("penalty", "error_type", "error_pattern"), error_text)
+    part("hand", str, keys("penalty", "violation"), hand)
+    part("ambiguity", str, keys("distractor_visible", "asked_since"), ambiguity)
+    part("ask_marker", str, lambda case: case["marker"], lambda case: trainer.answered_marker(case["answer"], case["markers"]))
+    part("not_found", str, lambda case: case["task_not_found"], not_found)
+    part("allocation", lambda case: case["id"], lambda case: case["expect"], allocated)
+
+
+def allocated(case):
+    try:
+        ids, groups = trainer.allocate(case["pools"], case["messages"], case["dead"])
+    except trainer.NoServer:
+        return {"error": True}
+    described, tasks = {}, {}
+    for name, group in groups.items():
+        described[name] = {"pool": group["pool"], "ports": group["ports"], "tasks": group["tasks"]}
+        described[name]["task_in_list"] = group["task"] in group["tasks"]
+        tasks.setdefault(group["pool"], set()).add(group["task"])
+    free = {str(group["pool"]): len(group["ports"]) for group in groups.values()}
+    same = all(len(chosen) == 1 for chosen in tasks.values())
+    return {"prompt_ids": ids, "groups": described, "free_ports": free, "same_task_when_reused": same}
+
+
+class Replay:
+    """A session that answers as the published server did in an episode of the vectors."""
+
+    def __init__(self, tools, episode):
+        self.listed, self.payload, self.steps = tools, episode["payload"], episode["steps"]
+        self.calls, self.current = [], None
+
+    async def tools(self):
+        return self.listed
+
+    async def reconnect(self):
+        pass
+
+    async def call(self, name, arguments):
+        if name == "finish_with_id":
+            items = self.payload if isinstance(self.payload, list) else [{"type": "text", "text": json.dumps(self.payload)}]
+            return {"content": items}
+        result = self.current["result"]
+        if result is None:
+            raise TimeoutError
+        self.calls.append({"name": name, "arguments": arguments})
+        if "raise" in result:
+            raise ConnectionError(result["raise"])
+        times = len(self.current["calls"])
+        failed_before = len(self.calls) < times < trainer.ATTEMPTS
+        return {"content": [whole(item) for item in result["content"]], "isError": failed_before or result.get("isError", False)}
+
+
+def whole(item):
+    """An item of the vectors with the text that its shorthand stands for."""
+    if "debug" in item:
+        return {"type": "text", "text": f"Debug Info:\n{json.dumps(item['debug'])}"}
+    if "json" in item:
+        return {"type": "text", "text": json.dumps(item["json"])}
+    return item
+
+
+def episode_state(environment):
+    graph = {}
+    for receptacle, entry in environment.graph.items():
+        if isinstance(entry, dict) and (entry.get("content") or entry.get("door")):
+            opened = {"content": entry["content"], "door": True}
+            graph[receptacle] = opened if entry.get("door") else entry["content"]
+    return {
+        "inv": environment.inventory,
+        "hand_occupied": environment.hand_occupied,
+        "remaining": [list(diff) for diff in sorted(environment.scorer.remaining)],
+        "graph": graph,
+        "distractor_visible": environment.distractor_visible,
+        "asked_since": environment.asked_since,
+        "last_ask_marker": environment.last_ask_marker,
+    }
+
+
+async def no_sleep(_seconds):
+    pass
+
+
+async def check_episode(episode, tools, reports):
+    session = Replay(tools["legacy" if "legacy-server" in episode["id"] else "main"], episode)
+    environment = trainer.Environment(session, episode["config"], sleep=no_sleep)
+    given = iter(episode["steps"])
+
+    def policy(_reset, steps):
+        if steps:
+            check_step(steps[-1])
+        session.current, session.calls = next(given, None), []
+        return session.current["text"] if session.current else ""
+
+    def check_step(step):
+        expected = session.current["expect"]
+        got = {**step, "images": len(step["images"]), "state": episode_state(environment)}
+        at = f"{episode['id']} step {environment.steps - 1}"
+        reports["steps"].compare(at, expected, got)
+        reports["calls"].compare(at, session.current["calls"], session.calls)
+
+    asked = episode["task"].split("/")[1]
+    reset, steps, played = await trainer.rollout(environment, asked, policy, episode["max_turns"])
+    if session.current:
+        check_step(steps[-1])
+    reports["resets"].compare(episode["id"], episode["reset"], {key: reset.get(key) for key in episode["reset"]})
+    end = {"rollout": played, "outcome": played and trainer.outcome_of(played), "metric": None}
+    if environment.last_episode:
+        end["metric"] = {key: environment.last_episode[key] for key in METRIC_KEYS}
+    broke = {"trajectory_error": True} if episode.get("trajectory_error") else {}
+    expected = {key: episode.get(key) for key in end}
+    reports["rollouts"].compare(episode["id"], expected | broke, end | ({"trajectory_error": True} if played is None else {}))
+
+
+METRIC_KEYS = (
+    "total_steps",
+    "total_reward",
+    "target_diff_count",
+    "completed_diff_count",
+    "completion_rate",
+    "is_success",
+    "is_timeout",
+)
+
+
+def check_episodes():
+    tools = {case["id"]: case["tools"] for case in vectors.load("trainer_contract.json")["tool_lists"]}
+    reports = {name: Report("trainer_episodes.json", f"{name} (python)") for name in ("resets", "steps", "calls", "rollouts")}
+    for episode in vectors.load("trainer_episodes.json")["episodes"]:
+        asyncio.run(check_episode(episode, tools, reports))
+    for report in reports.values():
+        report.finish()
+
+
+CHECKS = {"contract": check_contract, "episodes": check_episodes, "reward": check_reward, "answers": check_answers, "memory": check_memory}
 
 
 def main(names):

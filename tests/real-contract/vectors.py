@@ -11,7 +11,7 @@ import os
 import sys
 from pathlib import Path
 
-DIFFERENCES_SHOWN = 400
+DIFFERENCES_SHOWN = 12
 TOLERANCE = 1e-9
 """Vectors hold floats rounded to nine decimal places."""
 
