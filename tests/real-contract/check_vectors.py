@@ -1,10 +1,15 @@
 """Compares the clients of this folder with the vectors of REAL's published code, one line a file and part."""
 
 import asyncio
+import dataclasses
 import json
 import math
+import re
 import sys
+import tempfile
+from pathlib import Path
 
+import agent
 import answers
 import reward as rewards
 import trainer
@@ -340,7 +345,141 @@ def check_episodes():
         report.finish()
 
 
-CHECKS = {"contract": check_contract, "episodes": check_episodes, "reward": check_reward, "answers": check_answers, "memory": check_memory}
+class Script:
+    """A policy that decides as an evaluation run of the vectors says."""
+
+    def __init__(self, decisions):
+        self.decisions, self.observed = decisions, []
+
+    def start(self, _task):
+        self.observed.append([])
+        self.left = iter(self.decisions[len(self.observed) - 1])
+
+    def decide(self):
+        decision = next(self.left)
+        if decision == "raise":
+            raise RuntimeError("the policy raises")
+        tool, arguments, *raw = decision
+        return tool, arguments, raw[0] if raw else "raw text"
+
+    def observe(self, kind, data, _debug, images):
+        self.observed[-1].append([kind, data, len(images)])
+
+
+class Server:
+    """A session that answers as an evaluation run of the vectors says."""
+
+    IMAGE = "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAC0lEQVR4nGNgQAYAAA4AAamRc7EAAAAASUVORK5CYII="
+
+    def __init__(self, run):
+        self.finish, self.results, self.calls = iter(run["finish"]), iter(run["results"]), []
+        self.listed = [] if run["id"] == "no-finish-tool" else [{"name": "finish"}]
+
+    async def tools(self):
+        return self.listed
+
+    async def call(self, name, arguments):
+        self.calls.append([name, arguments])
+        items = next(self.finish if name == "finish" else self.results)
+        if isinstance(items, str):
+            raise ConnectionError(items)
+        return {"content": [self.whole(item) for item in items]}
+
+    @classmethod
+    def whole(cls, item):
+        """An item of the vectors with what its shorthand stands for."""
+        if item.get("type") == "image":
+            return {"data": cls.IMAGE, **item}
+        if "debug" in item:
+            debug = item["debug"] if isinstance(item["debug"], str) else json.dumps(item["debug"])
+            return {"type": "text", "text": f"Debug Info:\n{debug}"}
+        return item if "type" in item else {"type": "text", "text": json.dumps(item)}
+
+
+TOKENS = ("inference_time", "total_inference_time", "run_tag")
+
+
+def written(folder):
+    """The files below a folder as the vectors give them."""
+    files = {}
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        name = path.relative_to(folder).as_posix()
+        if path.suffix == ".png":
+            files[name] = "⟦png⟧"
+        elif path.name.endswith("_error.txt"):
+            files[name] = "⟦traceback⟧" if path.read_text().startswith("Traceback") else path.read_text()
+        elif path.suffix == ".json":
+            content = json.loads(path.read_text())
+            tag = content.get("run_tag", "")
+            files[name.replace(tag, "⟦time⟧") if re.fullmatch(r"\d{8}_\d{6}_\d{6}", tag) else name] = tokens(content)
+        else:
+            files[name] = path.read_text()
+    return files
+
+
+def tokens(value):
+    if isinstance(value, dict):
+        return {key: f"⟦{key}⟧" if key in TOKENS else tokens(item) for key, item in value.items()}
+    return [tokens(item) for item in value] if isinstance(value, list) else value
+
+
+def evaluation(run):
+    with tempfile.TemporaryDirectory() as folder:
+        config = {"max_steps": 5, **run["config"]}
+        names = {"start_idx": "start", "end_idx": "end"}
+        config = {names.get(key, key): value for key, value in config.items()}
+        settings = agent.Settings(model="org/My-Model.v1", prefix="agent", output=folder, **config)
+        if run["existing"]:
+            (Path(folder) / run["existing"]).mkdir(parents=True)
+            (Path(folder) / run["existing"] / "x").write_text("x")
+        server, policy, raises = Server(run), Script(run["decisions"]), None
+        try:
+            asyncio.run(agent.evaluate(server, settings, policy))
+        except agent.RunFailed:
+            raises = "RuntimeError"
+        return {"calls": server.calls, "raises": raises, "observed": policy.observed, "files": written(Path(folder))}
+
+
+def agent_settings(case):
+    read = {"vlm": agent.vlm_settings, "qwen": agent.qwen_settings}[case["agent"]]
+    try:
+        settings = dataclasses.asdict(read(case["env"]))
+    except ValueError:
+        return {"error": True}
+    if case["agent"] == "qwen":
+        del settings["base_url"], settings["api_key"]
+        settings |= {"max_new_tokens": settings.pop("max_tokens"), "lora": settings["metadata"]["lora_enabled"]}
+    return settings
+
+
+def parsed_result(case):
+    kind, data, debug, images = agent.parse_result([Server.whole(item) for item in case["content"]])
+    data = "⟦image 0⟧" if data == Server.IMAGE else data
+    return {"result_type": kind, "data": data, "debug": debug, "images": len(images)}
+
+
+def check_agent():
+    document = vectors.load("eval_client.json")
+
+    def part(name, expected, got):
+        report = Report("eval_client.json", f"{name} (python)")
+        for at, case in enumerate(document[name]):
+            report.compare(case.get("id", at), expected(case), got(case))
+        report.finish()
+
+    def keys(*names):
+        return lambda case: {name: case[name] for name in names}
+
+    part("runs", keys("calls", "raises", "observed", "files"), evaluation)
+    part("evaluate", lambda case: case["success"], lambda case: agent.succeeds(case["actual"], case["target"]))
+    part("parse", keys("result_type", "data", "debug", "images"), parsed_result)
+    part("graph", lambda case: case["graph"], lambda case: agent.graph_of(case["debug"]))
+    part("path", lambda case: case["path"], lambda case: agent.safe_path(case["value"]))
+    part("slug", lambda case: case["slug"], lambda case: agent.slug(case["model"]))
+    part("settings", lambda case: case["settings"], agent_settings)
+
+
+CHECKS = {"agent": check_agent, "contract": check_contract, "episodes": check_episodes, "reward": check_reward, "answers": check_answers, "memory": check_memory}
 
 
 def main(names):
