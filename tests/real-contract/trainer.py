@@ -281,6 +281,7 @@ class Environment:
         return self.begin(payload)
 
     def begin(self, payload):
+        self.payload = payload
         mapping = asset_categories(payload)
         initial = category_graph(mapping, payload.get("initial_world_graph") or {})
         goal = category_graph(mapping, payload.get("goal_world_graph") or payload.get("target_world_graph") or {})
