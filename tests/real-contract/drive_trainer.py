@@ -94,10 +94,10 @@ async def play(url, task_id, plan, reports, label):
             if name != "finish_with_id":
                 problem = live.form_problem(result)
                 reports["forms"].check(f"{label} {name}", problem is None, problem)
-        done = played is not None and played["done"] and played["success"]
+        done = bool(played and played["done"] and played["success"])
         said = [step["observation"][:160] for step in steps[-3:]]
         reports["done"].check(label, done, f"{played and played['total_reward']} after {len(steps)} steps; last: {said}")
-        return played and {"task_id": task_id, "rewards": played["step_rewards"], "total": played["total_reward"]}
+        return {"task_id": task_id, "rewards": played["step_rewards"], "total": played["total_reward"]} if done else None
 
 
 async def drive_family(server, family, count, workers, reports, variant):
@@ -121,7 +121,11 @@ async def drive_family(server, family, count, workers, reports, variant):
         while waiting:
             at, task_id = waiting.pop(0)
             plan = oracle.clumsy_then_right if at < CLUMSY_TASKS else oracle.plan
-            record = await play(url, task_id, plan, reports, f"{label} {task_id}")
+            try:
+                record = await play(url, task_id, plan, reports, f"{label} {task_id}")
+            except Exception as error:
+                reports["done"].check(f"{label} {task_id}", False, f"{type(error).__name__}: {error}")
+                continue
             if record:
                 records.append(record)
 
@@ -166,6 +170,18 @@ def compare_rewards(traces, folder, records, report, label):
         report.compare(f"{label} {record['task_id']}", [float(value) for value in record["rewards"]], got)
 
 
+async def check_ids(server, count, report, label):
+    """Checks that a server of all families lists every task under an id of its own, and answers that id with itself."""
+    async with live.Session(f"{server.url}/sse") as session:
+        answer = await session.call("list_tasks", {})
+        ids = trainer.task_ids(json.loads(answer["content"][0]["text"]))
+        report.check(f"{label} all families", len(set(ids)) == count, f"{count} tasks, {len(set(ids))} different ids")
+        for task_id in ids:
+            text = (await session.call("finish_with_id", {"task_id": task_id}))["content"][0]["text"]
+            told = json.loads(text).get("task_id") if text.startswith("{") else text[:200]
+            report.check(f"{label} {task_id}", told == task_id, f"the answer is of {told}")
+
+
 def drive(variant, arguments, reports):
     bench = live.require_bench()
     total, paid, tasks = 0, 0.0, 0
@@ -173,17 +189,29 @@ def drive(variant, arguments, reports):
         with tempfile.TemporaryDirectory(prefix="reel-trainer-") as name:
             folder = Path(name)
             path, count = tasks_of(bench, family, arguments.short, folder)
-            options = ("--tasks", path, "--scene", bench / "s7_scene.json", "--profile", variant, "--preset", "real-repo")
-            with live.Server(folder / "data", *options) as server:
-                records = asyncio.run(drive_family(server, family, count, arguments.workers, reports, variant))
             tasks += count
+            try:
+                with serve(folder / "data", path, variant) as server:
+                    records = asyncio.run(drive_family(server, family, count, arguments.workers, reports, variant))
+            except Exception as error:
+                reports["done"].check(f"{variant} {family}", False, f"{type(error).__name__}: {error}")
+                continue
             total += len(records)
             paid += sum(record["total"] for record in records)
             try:
                 compare_rewards(folder / "data" / "traces", folder, records, reports["rewards"], f"{variant} {family}")
             except RuntimeError as error:
                 reports["rewards"].check(f"{variant} {family}", False, str(error))
-    print(f"trainer over SSE, {variant}: {reports['done'].equal} episodes done, {total} of {tasks} rolled out, sum of rewards {paid:.2f}")
+    reports["done"].check(f"{variant} count", total == tasks, f"{total} of {tasks} tasks were rolled out")
+    if not arguments.short:
+        with tempfile.TemporaryDirectory(prefix="reel-trainer-") as folder, serve(folder, bench / "tasks", variant) as server:
+            asyncio.run(check_ids(server, tasks, reports["ids"], variant))
+    print(f"trainer over SSE, {variant}: {total} of {tasks} episodes done, sum of rewards {paid:.2f}")
+
+
+def serve(data, tasks, variant):
+    scene = live.real_bench() / "s7_scene.json"
+    return live.Server(data, "--tasks", tasks, "--scene", scene, "--profile", variant, "--preset", "real-repo")
 
 
 def main():
@@ -193,7 +221,8 @@ def main():
     parser.add_argument("--variant", choices=VARIANTS, action="append", help="the profile; both if not given")
     arguments = parser.parse_args()
     for variant in arguments.variant or VARIANTS:
-        names = ("lists", "resets", "payloads", "diffs", "forms", "graphs", "done", "rewards")
+        names = ["lists", "resets", "payloads", "diffs", "forms", "graphs", "done", "rewards"]
+        names += [] if arguments.short else ["ids"]
         reports = {name: Report("drive_trainer.py", f"{variant} {name}") for name in names}
         try:
             drive(variant, arguments, reports)

@@ -1,8 +1,10 @@
 """A `reel serve` process, MCP sessions towards it over HTTP+SSE, and what `reel` says of the traces that it recorded."""
 
 import asyncio
+import base64
 import contextlib
 import json
+import logging
 import os
 import re
 import signal
@@ -102,8 +104,10 @@ class Session:
         await self.stack.aclose()
 
     async def reconnect(self):
-        from mcp import ClientSession
+        from mcp import ClientSession  # only the drives have it, each its own version
         from mcp.client.sse import sse_client
+
+        logging.getLogger("client").setLevel(logging.ERROR)  # warns of each call of a tool that is not listed
 
         if self.stack:
             await self.stack.aclose()
@@ -126,8 +130,6 @@ class Session:
 
 def form_problem(result):
     """What is wrong with the form of a tool's result (contract, section 3), or `None`."""
-    import base64
-
     items = result["content"]
     if result["isError"]:
         return f"isError, with {items}"
