@@ -90,7 +90,7 @@ def parse_agent(text):
 
 
 def parse_trainer(text):
-    """The trainer's environment: the first usable object at any `{`. Returns the name as asked and as canonical, and arguments."""
+    """The trainer's environment: the first usable object at any `{`. Returns the name as asked, the canonical one, arguments."""
     if not text.strip():
         raise Unreadable("empty")
     for answer in json_objects(after_think(text)):

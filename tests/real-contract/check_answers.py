@@ -1,6 +1,6 @@
 """Reads the answers of training sets with the four published parsers, and counts the actions and memories that each would lose.
 
-    check_answers.py PATH...    # files (.parquet, .json, .jsonl) of `reel export sft` in any format, or folders of them
+check_answers.py PATH...    # files (.parquet, .json, .jsonl) of `reel export sft` in any format, or folders of them
 """
 
 import argparse
@@ -38,7 +38,13 @@ def answers_of(value):
         for item in value:
             yield from answers_of(item)
     elif isinstance(value, dict):
-        content = value.get("content") if value.get("role") == "assistant" else value.get("value") if value.get("from") == "gpt" else None
+        content = (
+            value.get("content")
+            if value.get("role") == "assistant"
+            else value.get("value")
+            if value.get("from") == "gpt"
+            else None
+        )
         if isinstance(content, list):
             content = "".join(part.get("text") or "" for part in content)
         if isinstance(content, str):
@@ -87,7 +93,9 @@ def check(path, reports):
             wanted = made["trainer"][0]
             for parser, (action, memory) in made.items():
                 label = f"{path.name} answer {count}"
-                reports[parser, "actions"].check(label, action is not None and action == wanted, f"{action}, not {wanted}: {text[:200]!r}")
+                reports[parser, "actions"].check(
+                    label, action is not None and action == wanted, f"{action}, not {wanted}: {text[:200]!r}"
+                )
                 if memory is not None:
                     reports[parser, "memory"].check(label, bool(memory), f"empty: {text[:200]!r}")
     return count
@@ -96,7 +104,9 @@ def check(path, reports):
 def files_of(path):
     if path.is_file():
         return [path]
-    return sorted(file for file in path.rglob("*") if file.suffix in (".parquet", ".json", ".jsonl") and file.name not in METADATA)
+    return sorted(
+        file for file in path.rglob("*") if file.suffix in (".parquet", ".json", ".jsonl") and file.name not in METADATA
+    )
 
 
 def main():

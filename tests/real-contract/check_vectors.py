@@ -1,6 +1,7 @@
 """Compares the clients of this folder with the vectors of REAL's published code, one line a file and part."""
 
 import asyncio
+import contextlib
 import dataclasses
 import json
 import math
@@ -105,17 +106,17 @@ def check_memory():
                 ends.append({"ends": "inference_error"})
                 break
             memory.observe("text", "seen", 0)
-            ends.append({"task_progress": memory.task_progress, "last_action": memory.last_action, "observation": memory.observation})
+            ends.append(
+                {"task_progress": memory.task_progress, "last_action": memory.last_action, "observation": memory.observation}
+            )
         report.compare(case["id"], case["agent"], ends)
     report.finish()
 
 
 def count_ask(memory, answer):
     """Every ask that a server answered counts; the vectors' server answers each."""
-    try:
+    with contextlib.suppress(answers.Unreadable):
         memory.ask_count += answers.parse_trainer(answer)["tool_name"] == "ask"
-    except answers.Unreadable:
-        pass
 
 
 REWARD_PARTS = ("matched_diffs", "wrong_diffs", "neutral_diffs", "perfect_match", "progress_reward")
@@ -479,7 +480,14 @@ def check_agent():
     part("settings", lambda case: case["settings"], agent_settings)
 
 
-CHECKS = {"agent": check_agent, "contract": check_contract, "episodes": check_episodes, "reward": check_reward, "answers": check_answers, "memory": check_memory}
+CHECKS = {
+    "agent": check_agent,
+    "contract": check_contract,
+    "episodes": check_episodes,
+    "reward": check_reward,
+    "answers": check_answers,
+    "memory": check_memory,
+}
 
 
 def main(names):

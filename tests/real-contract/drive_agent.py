@@ -1,5 +1,5 @@
-"""Runs the evaluation agents' loop over `reel serve --profile real-repo` with the oracle's decisions: every task ends in success on the
-client's side, and what the agent wrote is what `reel import real-eval` reads.
+"""Runs the evaluation agents' loop over `reel serve --profile real-repo` with the oracle's decisions: every task ends in success
+on the client's side, and what the agent wrote is what `reel import real-eval` reads.
 
     drive_agent.py [--short]
 """
@@ -55,7 +55,9 @@ class Policy:
 async def evaluate(server, output, reports):
     """The run of the agent. Returns its results and the sessions' calls an episode."""
     async with live.Session(f"{server.url}/sse") as session:
-        settings = agent.Settings(model=MODEL, max_steps=30, prefix="qwen_agent", output=str(output), metadata={"lora_enabled": False})
+        settings = agent.Settings(
+            model=MODEL, max_steps=30, prefix="qwen_agent", output=str(output), metadata={"lora_enabled": False}
+        )
         policy = Policy()
         results = await agent.evaluate(session, settings, policy)
     reports["memory"].check("all steps", policy.steps > 0 and policy.empty_memories == 0, f"{policy.empty_memories} are empty")
@@ -72,7 +74,9 @@ def episodes_of(store):
     sql = "SELECT e.episode_id AS episode, e.family AS family, e.task_id AS task, e.success AS success FROM episodes e"
     rows = {row["episode"]: row for row in live.query(store, sql)}
     calls = {}
-    for row in live.query(store, "SELECT episode_id AS episode, call_name AS name, arguments FROM steps ORDER BY episode_id, step"):
+    for row in live.query(
+        store, "SELECT episode_id AS episode, call_name AS name, arguments FROM steps ORDER BY episode_id, step"
+    ):
         calls.setdefault(row["episode"], []).append([row["name"], json.loads(row["arguments"])])
     paid = {}
     for preset in PRESETS:

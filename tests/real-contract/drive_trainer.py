@@ -1,5 +1,5 @@
-"""Drives `reel serve` as REAL's trainer does, with the oracle's decisions: the tool contract at every reset, no refused graph, every
-episode done; then compares what the trainer was paid with what Reel pays for the same traces.
+"""Drives `reel serve` as REAL's trainer does, with the oracle's decisions: the tool contract at every reset, no refused graph,
+every episode done; then compares what the trainer was paid with what Reel pays for the same traces.
 
     drive_trainer.py [--short] [--workers N]
 """

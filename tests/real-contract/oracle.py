@@ -46,8 +46,7 @@ def number(markers, name):
 
 def clumsy(task):
     """Calls that are refused, useless or wrong, and change nothing that the oracle cannot mend after them."""
-    source, destination = task["source_furniture"], task["destination_furniture"]
-    target = task["target_object"]
+    source, target = task["source_furniture"], task["target_object"]
     yield "pick", {"marker_id": "1"}
     yield "place", {"marker_id": "1"}
     yield "explore_receptacle", {}

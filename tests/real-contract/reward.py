@@ -323,11 +323,11 @@ class Metric:
 
     def metrics(self):
         """Rates over all episodes; means and population deviations over the last 10,000."""
-        rate = lambda count: count / self.total if self.total else 0.0
+        total = max(self.total, 1)
         values = {
-            "success_rate": rate(self.successes),
-            "timeout_rate": rate(self.timeouts),
-            "invalid_action_rate": rate(self.invalid),
+            "success_rate": self.successes / total,
+            "timeout_rate": self.timeouts / total,
+            "invalid_action_rate": self.invalid / total,
             "total_episodes": self.total,
         }
         for name, key in (("completion_rate", "completion_rate"), ("reward", "total_reward"), ("steps", "total_steps")):

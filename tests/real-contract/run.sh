@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# REAL's published clients, written anew from their contract, against the vectors and against `reel`. Prints a tab-separated line for each part:
+# REAL's published clients, written anew from their contract, against the vectors and against `reel`. Prints a tab-separated
+# line for each part:
 #   real-contract FILE PART CASES EQUAL DIFFERENT DEVIATING
 # and exits with 1 on any difference. What cannot be done here says `skipped:` and how to get what it needs.
 #

@@ -258,9 +258,8 @@ class Environment:
             self.tools = await self.session.tools()
         except Exception as error:
             return {"error": True, "again": True, "observation": str(error)}
-        if errors := contract_errors(self.tools):
-            if self.strict:
-                return {"error": True, "observation": " ".join(errors)}
+        if self.strict and (errors := contract_errors(self.tools)):
+            return {"error": True, "observation": " ".join(errors)}
         try:
             result = await asyncio.wait_for(self.session.call("finish_with_id", {"task_id": task_id}), RESET_TIMEOUT_S)
         except Exception as error:
@@ -475,13 +474,17 @@ async def rollout(environment, task_id, policy, max_turns=MAX_STEPS):
             break
     paid = [step["reward"] for step in steps] + ([] if environment.done else [HORIZON])
     success = environment.done and not environment.scorer.remaining
-    return reset, steps, {
-        "num_turns": len(paid),
-        "total_reward": sum(paid),
-        "step_rewards": paid,
-        "done": environment.done,
-        "success": success,
-    }
+    return (
+        reset,
+        steps,
+        {
+            "num_turns": len(paid),
+            "total_reward": sum(paid),
+            "step_rewards": paid,
+            "done": environment.done,
+            "success": success,
+        },
+    )
 
 
 def outcome_of(rollout):
