@@ -156,6 +156,7 @@ pub fn unknown_task(task_id: String, instruction: String, scene_id: String, init
         purpose: None,
         target: target.instance.clone(),
         objects: vec![target],
+        placement_order: Vec::new(),
         initial,
         goal,
         src: place.clone(),
@@ -243,6 +244,7 @@ fn from_meta(told: &mut Told<'_>, names: Names, scene_id: String, seen: &Seen) -
     let receptacles = |key: &str| list(meta, key).map(Into::into).collect();
     Ok(Task {
         objects: objects(&initial, seen, &target, text(wanted, "category")),
+        placement_order: Vec::new(),
         task_id: names.task_id,
         family,
         task_type: None,

@@ -48,8 +48,15 @@ impl<'a> Field<'a> {
         Ok(present.map(|node| Field { node, path: self.child_path(key) }))
     }
 
-    /// The entries of a mapping, by key.
+    /// The entries of a mapping, sorted by key.
     pub fn entries(&self) -> Result<Vec<(&'a str, Field<'a>)>, Problem> {
+        let mut entries = self.entries_as_written()?;
+        entries.sort_by_key(|(key, _)| *key);
+        Ok(entries)
+    }
+
+    /// The entries of a mapping, in the order of the file.
+    pub fn entries_as_written(&self) -> Result<Vec<(&'a str, Field<'a>)>, Problem> {
         let Content::Map(entries) = &self.node.content else { return Err(self.expected("a mapping")) };
         Ok(entries.iter().map(|(key, node)| (key.as_str(), Field { node, path: self.child_path(key) })).collect())
     }
@@ -113,7 +120,10 @@ fn json(node: &Node) -> Value {
         Content::Text(text) => Value::from(text.as_str()),
         Content::List(items) => Value::Array(items.iter().map(json).collect()),
         Content::Map(entries) => {
-            Value::Object(entries.iter().map(|(key, node)| (key.clone(), json(node))).collect::<Map<_, _>>())
+            // Sorted, so that what is kept of a file does not depend on the order of its keys.
+            let mut fields: Vec<(String, Value)> = entries.iter().map(|(key, node)| (key.clone(), json(node))).collect();
+            fields.sort_by(|(a, _), (b, _)| a.cmp(b));
+            Value::Object(fields.into_iter().collect::<Map<_, _>>())
         }
     }
 }

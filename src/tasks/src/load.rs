@@ -38,7 +38,7 @@ pub fn load(path: &Path, scene: &Scene) -> LoadReport {
 pub enum Listed {
     /// As they stand there.
     AsWritten,
-    /// Last first: a check, nothing may depend on it. (The order within mappings is lost when a file is parsed.)
+    /// Last first: a check, nothing may depend on it. (Mappings are read in the order of their keys.)
     Reversed,
 }
 
