@@ -13,9 +13,9 @@ use reel_assets::Folder;
 #[cfg(feature = "analytics")]
 use reel_buckets::Buckets;
 use reel_replay::SnapshotCache;
-use reel_tasks::Listed;
+use reel_tasks::{Listed, SceneSource};
 use reel_trace::{Trace, is_remote, list_remote};
-use reel_world::{AssetId, Meshes, Scene, Skills, Task};
+use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
 
 /// The skills of a name, for arguments.
 pub fn skills(name: &str) -> Result<Skills, String> {
@@ -40,16 +40,54 @@ pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
     Ok(Arc::new(loaded.scene))
 }
 
-/// The tasks of a file or folder; broken files are named and left out.
-pub fn tasks(path: &Path, scene: &Scene, listed: Listed) -> anyhow::Result<(Vec<Arc<Task>>, usize)> {
-    let report = reel_tasks::load_as(path, scene, listed);
-    for error in &report.broken {
+/// Task files that failed to load are named, so many of them.
+const BROKEN_SHOWN: usize = 10;
+
+/// Tasks with the scenes they play in.
+pub struct Tasks {
+    /// The tasks, in the order of their files.
+    pub tasks: Vec<Arc<Task>>,
+    /// Their scenes.
+    pub scenes: Scenes,
+    /// How many files failed to load.
+    pub broken: usize,
+}
+
+impl Tasks {
+    /// The tasks of each scene, by the id of the scene.
+    pub fn by_scene(&self) -> Vec<(Arc<Scene>, Vec<Arc<Task>>)> {
+        let of = |scene: &Arc<Scene>| self.tasks.iter().filter(|task| task.scene_id == scene.scene_id).cloned().collect();
+        let sets = self.scenes.iter().map(|scene| (scene.clone(), of(scene)));
+        sets.filter(|(_, tasks): &(_, Vec<_>)| !tasks.is_empty()).collect()
+    }
+}
+
+/// The tasks of a file or folder, in the scene given, or each in the scene of its `scene_id`: one beside the tasks, or one that comes
+/// with Reel. Files that fail to load are named and left out.
+pub fn tasks(path: &Path, scene: Option<&Path>, listed: Listed) -> anyhow::Result<Tasks> {
+    let loaded = reel_tasks::load_with(path, &scene_source(scene)?, listed);
+    for warning in &loaded.warnings {
+        eprintln!("reel: {warning}");
+    }
+    let report = loaded.report;
+    for error in report.broken.iter().take(BROKEN_SHOWN) {
         eprintln!("reel: {error}");
+    }
+    if report.broken.len() > BROKEN_SHOWN {
+        let more = report.broken.len() - BROKEN_SHOWN;
+        eprintln!("reel: {more} more files failed to load; `reel tasks check {}` names them", path.display());
     }
     if report.tasks.is_empty() {
         bail!("no task could be loaded from {}; `reel tasks check {0}` says more", path.display());
     }
-    Ok((report.tasks.into_iter().map(Arc::new).collect(), report.broken.len()))
+    let tasks = report.tasks.into_iter().map(Arc::new).collect();
+    Ok(Tasks { tasks, scenes: loaded.scenes, broken: report.broken.len() })
+}
+
+/// Where the scenes of tasks come from: the scene of `--scene`, or what their files name.
+pub fn scene_source(scene: Option<&Path>) -> anyhow::Result<SceneSource> {
+    let given = scene.map(|path| self::scene(Some(path))).transpose()?;
+    Ok(given.map_or(SceneSource::ById(reel_generate::scene::by_id), SceneSource::Given))
 }
 
 /// The trace files among the paths: files as given, folders, also those in buckets, searched for `.mcap`, sorted.

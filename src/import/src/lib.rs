@@ -38,7 +38,7 @@ use std::{
 };
 
 use reel_trace::{Images, Recorder};
-use reel_world::{Scene, Task, record::EndReason};
+use reel_world::{Scenes, Task, record::EndReason};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
@@ -56,8 +56,8 @@ pub struct Options<'a> {
     pub run_id: &'a str,
     /// Task files: the one with an episode's task id is used instead of what its `task_meta.json` says.
     pub tasks: &'a [Arc<Task>],
-    /// The scene of the tasks. Without it, or for episodes of another scene, one of names alone.
-    pub scene: Option<&'a Scene>,
+    /// The scenes of the tasks. Without them, or for episodes of another scene, one of names alone.
+    pub scenes: Option<&'a Scenes>,
 }
 
 /// An episode that was imported.

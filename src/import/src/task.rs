@@ -93,20 +93,19 @@ pub(crate) fn setting(told: &mut Told<'_>, seen: &Seen, options: &Options<'_>) -
     let names = Names::of(told);
     let settings = settings(meta);
     let scene_id = text(meta, "scene_id").or_else(|| told.folders[1].clone()).unwrap_or_else(|| UNKNOWN.to_owned());
-    let known_scene = options.scene.filter(|scene| scene.scene_id == scene_id);
+    let known = |scene_id: &str| options.scenes.and_then(|scenes| scenes.get(scene_id)).map(|scene| Scene::clone(scene));
     if let Some(task) = options.tasks.iter().find(|task| names.mean(&task.task_id)) {
         let task = Task::clone(task);
-        // Tasks are loaded for the scene given; one of another scene would not have loaded.
-        let scene = options.scene.filter(|scene| scene.scene_id == task.scene_id);
-        let scene = scene.cloned().unwrap_or_else(|| named_scene(&task.scene_id, meta, seen, &task.initial));
+        let scene = known(&task.scene_id).unwrap_or_else(|| named_scene(&task.scene_id, meta, seen, &task.initial));
         compare_start(told, seen, &task);
         return Ok(Setting { task, scene, settings });
     }
     if !options.tasks.is_empty() {
         told.notes.push(format!("none of the {} task files has the id {}", options.tasks.len(), names.task_id));
     }
+    let known_scene = known(&scene_id);
     let task = from_meta(told, names, scene_id, seen)?;
-    let scene = known_scene.cloned().unwrap_or_else(|| named_scene(&task.scene_id, meta, seen, &task.initial));
+    let scene = known_scene.unwrap_or_else(|| named_scene(&task.scene_id, meta, seen, &task.initial));
     Ok(Setting { task, scene, settings })
 }
 
@@ -156,6 +155,7 @@ pub fn unknown_task(task_id: String, instruction: String, scene_id: String, init
         purpose: None,
         target: target.instance.clone(),
         objects: vec![target],
+        placement_order: Vec::new(),
         initial,
         goal,
         src: place.clone(),
@@ -243,6 +243,7 @@ fn from_meta(told: &mut Told<'_>, names: Names, scene_id: String, seen: &Seen) -
     let receptacles = |key: &str| list(meta, key).map(Into::into).collect();
     Ok(Task {
         objects: objects(&initial, seen, &target, text(wanted, "category")),
+        placement_order: Vec::new(),
         task_id: names.task_id,
         family,
         task_type: None,

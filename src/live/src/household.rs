@@ -10,7 +10,7 @@ use std::{
 use reel_episode::{Briefing, Episode, Parked, StepOutput};
 use reel_trace::Recorder;
 use reel_world::{
-    Frame, InstanceId, Profile, ReceptacleId, Task,
+    Frame, InstanceId, Profile, ReceptacleId, Scene, Task,
     record::{EndReason, EndRecord, Graphs, Marker, Metrics, RobotState, StepInput, StepRecord},
 };
 use serde::Serialize;
@@ -149,6 +149,16 @@ impl Household {
         &self.setup
     }
 
+    /// The scene of the episode that runs, or of the one that comes next; that of the first task if all were played.
+    pub fn scene(&self) -> Option<&Arc<Scene>> {
+        let task = match &self.now {
+            Now::Playing(playing) => Some(playing.episode.task()),
+            Now::Parked(resting) => Some(resting.episode.task()),
+            _ => self.setup.tasks.get(self.next).or(self.setup.tasks.first()),
+        };
+        task.map(|task| self.setup.scene(task))
+    }
+
     /// Whether an episode runs, so that a call can be made.
     pub fn plays(&self) -> bool {
         matches!(self.now, Now::Playing(_) | Now::Parked(_))
@@ -226,7 +236,7 @@ impl Household {
             Now::Parked(resting) => resting.episode.task(),
             _ => return Err(self.refusal()),
         };
-        Ok(Briefing::new(task, &self.setup.scene))
+        Ok(Briefing::new(task, self.setup.scene(task)))
     }
 
     /// What the robot's head sees now; the episode stays as it is, awake or not.

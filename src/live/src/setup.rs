@@ -9,7 +9,7 @@ use std::{
 use reel_episode::{EpisodeConfig, Rollout, Stage};
 use reel_reward::Preset;
 use reel_trace::RecordOptions;
-use reel_world::{Assets, Meshes, Profile, Scene, Skills, Task, record::PolicyInfo};
+use reel_world::{Assets, Meshes, Profile, Scene, Scenes, Skills, Task, record::PolicyInfo};
 use serde_json::json;
 
 use crate::LiveError;
@@ -19,8 +19,8 @@ use crate::LiveError;
 pub struct Setup {
     /// The tasks, in the order in which they are played.
     pub tasks: Vec<Arc<Task>>,
-    /// The scene of all of them.
-    pub scene: Arc<Scene>,
+    /// The scenes they play in.
+    pub scenes: Scenes,
     /// What the objects of the tasks look like that are no primitives.
     pub meshes: Meshes,
     /// Seed of everything random.
@@ -73,6 +73,14 @@ impl Setup {
         self.tasks.iter().find(|task| task.task_id == task_id)
     }
 
+    /// The scene of one of the tasks.
+    ///
+    /// # Panics
+    /// Panics if it is not among the scenes: tasks are loaded with theirs.
+    pub fn scene(&self, task: &Task) -> &Arc<Scene> {
+        self.scenes.of(task).expect("tasks are loaded with their scenes")
+    }
+
     /// The stage of one of the tasks.
     ///
     /// # Errors
@@ -84,7 +92,7 @@ impl Setup {
             return Ok(stage);
         }
         // Others need not wait meanwhile; who builds the same at the same time keeps its own.
-        let stage = reel_episode::stage(&self.scene, task, &self.meshes(task))?;
+        let stage = reel_episode::stage(self.scene(task), task, &self.meshes(task))?;
         let mut known = known();
         known.retain(|_, stage| stage.strong_count() > 0);
         known.insert(task.task_id.clone(), Arc::downgrade(&stage));
@@ -105,7 +113,7 @@ impl Setup {
         let rollout = place.lease.map(|lease| Rollout { group_id: lease.group_id.clone(), index: place.number });
         EpisodeConfig {
             task: task.clone(),
-            scene: self.scene.clone(),
+            scene: self.scene(task).clone(),
             seed: place.lease.map_or(self.seed, |lease| lease.seed),
             profile: self.profile,
             skills: self.skills,

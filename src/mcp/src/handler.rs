@@ -6,7 +6,7 @@ use std::{
 };
 
 use axum::http::request::Parts;
-use reel_live::{Household, LiveError, Pool};
+use reel_live::{Begun, Household, LiveError, Pool};
 use reel_world::{
     Lifecycle, Profile, Tool, ToolCall,
     record::{StepInput, UserReply, UserSource},
@@ -201,7 +201,9 @@ impl ToolServer {
         let setup = self.pool.setup().clone();
         let tool = Tool::parse(&call);
         match &tool {
-            Ok(Tool::Lifecycle(Lifecycle::ListReceptacles)) => return Ok(Said::Receptacles(setup.scene.clone())),
+            Ok(Tool::Lifecycle(Lifecycle::ListReceptacles)) if let Some(scene) = setup.scenes.only() => {
+                return Ok(Said::Receptacles(scene.clone()));
+            }
             Ok(Tool::Lifecycle(Lifecycle::ListTasks)) => return Ok(Said::Tasks(speech::ids(&setup.tasks))),
             _ => {}
         }
@@ -212,8 +214,14 @@ impl ToolServer {
             // Nobody waits for it where the call has no progress token.
             let _ = begun.send(());
             household.set_policy(&policy);
-            let said_begun = |begun| Said::Begun(Box::new(begun), setup.scene.clone());
+            let said_begun = |begun: Begun| {
+                let scene = setup.scene(&begun.task).clone();
+                Said::Begun(Box::new(begun), scene)
+            };
             match tool {
+                Ok(Tool::Lifecycle(Lifecycle::ListReceptacles)) => {
+                    Ok(Said::Receptacles(household.scene().cloned().ok_or(LiveError::NoEpisode)?))
+                }
                 Ok(Tool::Finish) => {
                     if household.plays() {
                         household.call(StepInput::bare(call))?;

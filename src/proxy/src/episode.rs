@@ -288,7 +288,7 @@ impl Episodes {
     /// The episode that the published server's payload begins.
     fn told(&self, payload: &Map<String, Value>, debug_info: &Map<String, Value>) -> Begun {
         let options =
-            reel_import::Options { run_id: &self.setup.run, tasks: &self.setup.tasks, scene: self.setup.scene.as_deref() };
+            reel_import::Options { run_id: &self.setup.run, tasks: &self.setup.tasks, scenes: Some(&self.setup.scenes) };
         reel_import::begun(payload, debug_info, &options).unwrap_or_else(|error| {
             let of = |key: &str| payload.get(key).and_then(Value::as_str).unwrap_or(UNKNOWN).to_owned();
             let state = State::default().after(debug_info);
@@ -300,8 +300,12 @@ impl Episodes {
 
     /// The episode of a server that tells no task: the only one that was given, or one of which nothing is known.
     fn generic(&self) -> Begun {
-        match (&self.setup.tasks[..], &self.setup.scene) {
-            ([task], Some(scene)) => Begun {
+        let single = match &self.setup.tasks[..] {
+            [task] => self.setup.scenes.of(task).map(|scene| (task, scene)),
+            _ => None,
+        };
+        match single {
+            Some((task, scene)) => Begun {
                 state: State { graph: Some(task.initial.clone()), ..State::default() },
                 setting: Setting { task: Task::clone(task), scene: Scene::clone(scene), settings: BTreeMap::new() },
                 notes: Vec::new(),

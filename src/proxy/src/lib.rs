@@ -35,7 +35,7 @@ use std::{
 use reel_reward::Preset;
 use reel_trace::{RecordOptions, Timing};
 use reel_world::{
-    Profile, Scene, Task,
+    Profile, Scenes, Task,
     record::{Backend, EndReason, Metrics, StepRecord},
 };
 
@@ -125,8 +125,8 @@ pub struct Setup {
     pub preset: Preset,
     /// Known tasks; the one that a server names is taken instead of what it says, the only one for a server that names none.
     pub tasks: Vec<Arc<Task>>,
-    /// Their scene.
-    pub scene: Option<Arc<Scene>>,
+    /// Their scenes.
+    pub scenes: Scenes,
     /// Name of the policy; without it, what agents call themselves.
     pub policy: Option<String>,
     /// Which tools are which, where their names do not say it.

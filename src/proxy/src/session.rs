@@ -244,7 +244,7 @@ mod tests {
 
     use reel_reward::Preset;
     use reel_trace::{RecordOptions, Trace};
-    use reel_world::{ErrorCode, Profile, record::Backend};
+    use reel_world::{ErrorCode, Profile, Scenes, record::Backend};
     use serde_json::json;
 
     use super::*;
@@ -258,7 +258,7 @@ mod tests {
             profile: Profile::RealRepo,
             preset: Preset::default(),
             tasks: Vec::new(),
-            scene: None,
+            scenes: Scenes::default(),
             policy: None,
             mapping: None,
             options: RecordOptions::default(),

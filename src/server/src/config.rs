@@ -11,7 +11,7 @@ use std::{
 use reel_live::{Setup, Stages};
 use reel_mcp::{AskAnswers, AskWhom};
 use reel_reward::Preset;
-use reel_tasks::{GenerateOptions, Listed, generate, home};
+use reel_tasks::{GenerateOptions, Listed, SceneSource, generate, home};
 use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{Family, Profile, Scene, Skills, Task};
 use serde::{Deserialize, Serialize};
@@ -68,7 +68,7 @@ pub struct Play {
     /// Task file or folder of them; without it, tasks that Reel makes in its own home.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tasks: Option<PathBuf>,
-    /// Scene file of these tasks; without it the home that comes with Reel.
+    /// Scene file for all tasks; without it the scene that each task names, found beside the tasks or among those that come with Reel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<PathBuf>,
     /// In which order.
@@ -362,24 +362,29 @@ impl Config {
     pub fn setup(&self, run_id: String, mut on_broken: impl FnMut(&str)) -> Result<Setup, ConfigError> {
         self.check()?;
         let play = &self.play;
-        let scene = match &play.scene {
+        let given = match &play.scene {
             Some(path) => match path.to_str().and_then(reel_generate::scene::built_in) {
-                Some(scene) => Arc::new(scene),
+                Some(scene) => Some(Arc::new(scene)),
                 None => {
                     let loaded = reel_tasks::scene::load(path)?;
                     loaded.warnings.iter().for_each(|warning| on_broken(&format!("{}: {warning}", path.display())));
-                    Arc::new(loaded.scene)
+                    Some(Arc::new(loaded.scene))
                 }
             },
-            None => Arc::new(home()),
+            None => None,
         };
-        let mut tasks = match &play.tasks {
+        let (mut tasks, scenes) = match &play.tasks {
             Some(path) => {
-                let report = reel_tasks::load_as(path, &scene, Listed::AsWritten);
-                report.broken.iter().for_each(|error| on_broken(&error.to_string()));
-                report.tasks.into_iter().map(Arc::new).collect()
+                let source = given.map_or(SceneSource::ById(reel_generate::scene::by_id), SceneSource::Given);
+                let loaded = reel_tasks::load_with(path, &source, Listed::AsWritten);
+                loaded.warnings.iter().for_each(|warning| on_broken(warning));
+                loaded.report.broken.iter().for_each(|error| on_broken(&error.to_string()));
+                (loaded.report.tasks.into_iter().map(Arc::new).collect(), loaded.scenes)
             }
-            None => made(&scene, play.seed),
+            None => {
+                let scene = given.unwrap_or_else(|| Arc::new(home()));
+                (made(&scene, play.seed), scene.into())
+            }
         };
         if tasks.is_empty() {
             let message = format!(
@@ -397,7 +402,7 @@ impl Config {
         let durability = Durability::parse(&play.durability).expect("the check looked at it");
         Ok(Setup {
             tasks,
-            scene,
+            scenes,
             meshes: reel_world::Meshes::default(),
             seed: play.seed,
             profile: play.profile,

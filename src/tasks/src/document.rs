@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use indexmap::IndexMap;
 use saphyr::Scalar;
 use saphyr_parser::{Event, Parser, Span};
 
@@ -20,7 +21,7 @@ pub(crate) struct Node {
     pub content: Content,
 }
 
-/// What a node holds. Numbers are finite.
+/// What a node holds. Numbers are finite, mappings keep the order of the file.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum Content {
     Null,
@@ -29,7 +30,7 @@ pub(crate) enum Content {
     Float(f64),
     Text(String),
     List(Vec<Node>),
-    Map(BTreeMap<String, Node>),
+    Map(IndexMap<String, Node>),
 }
 
 impl Content {
@@ -91,7 +92,7 @@ struct Frame {
 
 enum Container {
     List(Vec<Node>),
-    Map { entries: BTreeMap<String, Node>, key: Option<(String, usize)> },
+    Map { entries: IndexMap<String, Node>, key: Option<(String, usize)> },
 }
 
 impl Builder {
@@ -101,7 +102,7 @@ impl Builder {
             Event::DocumentStart(_) if self.root.is_some() => Err(Problem::syntax(line, "a second document; one is expected")),
             Event::Nothing | Event::StreamStart | Event::StreamEnd | Event::DocumentStart(_) | Event::DocumentEnd => Ok(()),
             Event::SequenceStart(anchor, _) => self.begin(anchor, line, Container::List(Vec::new())),
-            Event::MappingStart(anchor, _) => self.begin(anchor, line, Container::Map { entries: BTreeMap::new(), key: None }),
+            Event::MappingStart(anchor, _) => self.begin(anchor, line, Container::Map { entries: IndexMap::new(), key: None }),
             Event::SequenceEnd | Event::MappingEnd => {
                 let frame = self.open.pop().expect("the parser ends only what it began");
                 let content = match frame.container {

@@ -57,6 +57,36 @@ pub enum TaskError {
         /// What is wrong.
         problem: String,
     },
+    /// A folder that holds no published tasks.
+    #[error(
+        "{folder}: no REAL-Bench tasks in it; give a checkout of github.com/InternRobotics/REAL, or its folder benchmark, which holds \
+         tasks/<family>/<task>.yaml"
+    )]
+    NoBenchmark {
+        /// The folder.
+        folder: String,
+    },
+    /// A published bundle whose files do not fit together.
+    #[error("{file}: {problem}")]
+    Bundle {
+        /// The file that shows it.
+        file: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The scene of a task was not found.
+    #[error(
+        "{file}:{line}: its scene {scene_id} lies neither beside it nor in a folder above, and does not come with Reel; name its file \
+         with --scene, or let `reel tasks real-bench CHECKOUT --out DIR` rebuild a published one"
+    )]
+    NoScene {
+        /// The task file.
+        file: String,
+        /// The line of its `scene_id`, from 1.
+        line: usize,
+        /// The scene.
+        scene_id: String,
+    },
     /// Two files hold a task of the same name.
     #[error("{file}: task {task_id} stands in {first} already")]
     DuplicateTask {

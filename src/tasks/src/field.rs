@@ -25,6 +25,11 @@ impl<'a> Field<'a> {
         &self.path
     }
 
+    /// The line it starts at, from 1.
+    pub fn line(&self) -> usize {
+        self.node.line
+    }
+
     /// A problem here.
     pub fn problem(&self, problem: impl Into<String>) -> Problem {
         let field = if self.path.is_empty() { "the document".to_owned() } else { self.path.clone() };
@@ -43,13 +48,24 @@ impl<'a> Field<'a> {
 
     /// A field that may be absent or null.
     pub fn find(&self, key: &str) -> Result<Option<Field<'a>>, Problem> {
-        let Content::Map(entries) = &self.node.content else { return Err(self.expected("a mapping")) };
-        let present = entries.get(key).filter(|node| node.content != Content::Null);
-        Ok(present.map(|node| Field { node, path: self.child_path(key) }))
+        Ok(self.find_or_null(key)?.filter(|field| field.node.content != Content::Null))
     }
 
-    /// The entries of a mapping, by key.
+    /// A field that may be absent, but not null where a value of its kind is read from it.
+    pub fn find_or_null(&self, key: &str) -> Result<Option<Field<'a>>, Problem> {
+        let Content::Map(entries) = &self.node.content else { return Err(self.expected("a mapping")) };
+        Ok(entries.get(key).map(|node| Field { node, path: self.child_path(key) }))
+    }
+
+    /// The entries of a mapping, sorted by key.
     pub fn entries(&self) -> Result<Vec<(&'a str, Field<'a>)>, Problem> {
+        let mut entries = self.entries_as_written()?;
+        entries.sort_by_key(|(key, _)| *key);
+        Ok(entries)
+    }
+
+    /// The entries of a mapping, in the order of the file.
+    pub fn entries_as_written(&self) -> Result<Vec<(&'a str, Field<'a>)>, Problem> {
         let Content::Map(entries) = &self.node.content else { return Err(self.expected("a mapping")) };
         Ok(entries.iter().map(|(key, node)| (key.as_str(), Field { node, path: self.child_path(key) })).collect())
     }
@@ -67,6 +83,16 @@ impl<'a> Field<'a> {
             Content::Text(text) => Ok(text),
             _ => Err(self.expected("text")),
         }
+    }
+
+    /// Text that may be empty.
+    pub fn any_text(&self) -> Result<&'a str, Problem> {
+        if let Content::Text(text) = &self.node.content { Ok(text) } else { Err(self.expected("text")) }
+    }
+
+    /// A whole number.
+    pub fn integer(&self) -> Result<i64, Problem> {
+        if let Content::Integer(value) = self.node.content { Ok(value) } else { Err(self.expected("a whole number")) }
     }
 
     /// A finite number.
@@ -113,7 +139,10 @@ fn json(node: &Node) -> Value {
         Content::Text(text) => Value::from(text.as_str()),
         Content::List(items) => Value::Array(items.iter().map(json).collect()),
         Content::Map(entries) => {
-            Value::Object(entries.iter().map(|(key, node)| (key.clone(), json(node))).collect::<Map<_, _>>())
+            // Sorted, so that what is kept of a file does not depend on the order of its keys.
+            let mut fields: Vec<(String, Value)> = entries.iter().map(|(key, node)| (key.clone(), json(node))).collect();
+            fields.sort_by(|(a, _), (b, _)| a.cmp(b));
+            Value::Object(fields.into_iter().collect::<Map<_, _>>())
         }
     }
 }

@@ -177,6 +177,7 @@ impl<'a> Draft<'a> {
             fuzzy,
             purpose: fuzzy.then(|| self.target.purpose.clone()),
             objects,
+            placement_order: Vec::new(),
             initial,
             goal,
             target,

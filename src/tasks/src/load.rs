@@ -5,11 +5,19 @@ use std::{
     fs::{self, File},
     io::Read,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
-use reel_world::{Scene, Task};
+use reel_world::{Scene, Scenes, Task};
 
-use crate::{Oddity, TaskError, document, error::Problem, field::Field, real_schema};
+use crate::{
+    Oddity, TaskError,
+    document::{self, Node},
+    error::Problem,
+    field::Field,
+    lookup::{SceneFinder, SceneSource},
+    real_schema,
+};
 
 /// Largest task file; real ones have 30 kB.
 const MOST_BYTES: u64 = 4 * 1024 * 1024;
@@ -38,13 +46,30 @@ pub fn load(path: &Path, scene: &Scene) -> LoadReport {
 pub enum Listed {
     /// As they stand there.
     AsWritten,
-    /// Last first: a check, nothing may depend on it. (The order within mappings is lost when a file is parsed.)
+    /// Last first: a check, nothing may depend on it. (Mappings are read in the order of their keys.)
     Reversed,
 }
 
 /// [`load`], reading lists of objects in an order.
 pub fn load_as(path: &Path, scene: &Scene, listed: Listed) -> LoadReport {
+    load_with(path, &SceneSource::Given(Arc::new(scene.clone())), listed).report
+}
+
+/// What came of loading tasks together with their scenes.
+#[derive(Debug, Default)]
+pub struct LoadedSet {
+    /// Tasks, oddities, broken files.
+    pub report: LoadReport,
+    /// The scenes of the tasks.
+    pub scenes: Scenes,
+    /// What is doubtful in the scenes, for people.
+    pub warnings: Vec<String>,
+}
+
+/// [`load`] for tasks of whatever scenes.
+pub fn load_with(path: &Path, scenes: &SceneSource, listed: Listed) -> LoadedSet {
     let mut report = LoadReport::default();
+    let mut finder = SceneFinder::new(scenes.clone(), path);
     let mut files = Vec::new();
     find_files(path, 0, &mut files, &mut report.broken);
     if files.is_empty() && report.broken.is_empty() {
@@ -53,7 +78,12 @@ pub fn load_as(path: &Path, scene: &Scene, listed: Listed) -> LoadReport {
     let mut first_file: BTreeMap<String, String> = BTreeMap::new();
     for path in files {
         let file = path.display().to_string();
-        match read_file(&path, &file).and_then(|text| parse_as(&text, &file, scene, listed)) {
+        let mut read = || {
+            let root = document(&read_file(&path, &file)?, listed).map_err(|problem| problem.in_file(&file))?;
+            let scene = finder.of(&Field::root(&root), &path)?;
+            real_schema::read(&Field::root(&root), &scene).map_err(|problem| problem.in_file(&file))
+        };
+        match read() {
             Err(error) => report.broken.push(error),
             Ok((task, oddities)) => match first_file.get(&task.task_id) {
                 Some(first) => {
@@ -68,7 +98,7 @@ pub fn load_as(path: &Path, scene: &Scene, listed: Listed) -> LoadReport {
             },
         }
     }
-    report
+    LoadedSet { scenes: finder.scenes(), warnings: finder.warnings, report }
 }
 
 /// Reads one task from the text of a file; `file` is its name in errors.
@@ -76,18 +106,16 @@ pub fn load_as(path: &Path, scene: &Scene, listed: Listed) -> LoadReport {
 /// # Errors
 /// When it is no YAML, lacks a field, or does not fit the scene.
 pub fn parse(text: &str, file: &str, scene: &Scene) -> Result<(Task, Vec<Oddity>), TaskError> {
-    parse_as(text, file, scene, Listed::AsWritten)
+    let read = || real_schema::read(&Field::root(&document(text, Listed::AsWritten)?), scene);
+    read().map_err(|problem| problem.in_file(file))
 }
 
-fn parse_as(text: &str, file: &str, scene: &Scene, listed: Listed) -> Result<(Task, Vec<Oddity>), TaskError> {
-    let read = || -> Result<_, Problem> {
-        let mut root = document::parse(text)?;
-        if listed == Listed::Reversed {
-            root.reverse_lists("content");
-        }
-        real_schema::read(&Field::root(&root), scene)
-    };
-    read().map_err(|problem| problem.in_file(file))
+fn document(text: &str, listed: Listed) -> Result<Node, Problem> {
+    let mut root = document::parse(text)?;
+    if listed == Listed::Reversed {
+        root.reverse_lists("content");
+    }
+    Ok(root)
 }
 
 fn find_files(path: &Path, depth: usize, files: &mut Vec<PathBuf>, broken: &mut Vec<TaskError>) {

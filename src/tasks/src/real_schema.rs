@@ -99,6 +99,7 @@ impl<'a> Reader<'a> {
         };
 
         let objects = self.objects()?;
+        let placement_order = self.placement_order(&objects)?;
         let initial = self.initial_graph(&objects)?;
         let target_field = episode.get("target_object_id")?;
         let target = self.target(&target_field, &objects, &src)?;
@@ -119,6 +120,7 @@ impl<'a> Reader<'a> {
             fuzzy: family == Family::SUL || told_less,
             purpose: text_of(episode, "purpose")?,
             objects,
+            placement_order,
             initial,
             goal,
             target,
@@ -202,6 +204,15 @@ impl<'a> Reader<'a> {
             return Err(listed.problem("no object with a placement"));
         }
         Ok(objects)
+    }
+
+    /// The order of `placements`, if it is another one than that of the objects.
+    fn placement_order(&self, objects: &[ObjectInstance]) -> Result<Vec<InstanceId>, Problem> {
+        let placements = self.episode.get("placements")?.entries_as_written()?;
+        let placed = placements.into_iter().map(|(key, _)| InstanceId::from(key));
+        let order: Vec<InstanceId> = placed.filter(|key| objects.iter().any(|object| object.instance == *key)).collect();
+        let is_sorted = order.iter().eq(objects.iter().map(|object| &object.instance));
+        Ok(if is_sorted { Vec::new() } else { order })
     }
 
     fn object(

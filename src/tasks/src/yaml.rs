@@ -94,7 +94,7 @@ fn episode(task: &Task, scene: &Scene) -> Value {
         "final_positions": {},
         "target_object_id": target.asset,
     });
-    for object in &task.objects {
+    for object in task.objects_as_placed() {
         let key = object.instance.as_str();
         episode["placements"][key] =
             json!({ "position": object.position, "furniture": object.receptacle, "original_id": object.asset });

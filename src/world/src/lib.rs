@@ -30,7 +30,7 @@ pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
 pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};
 pub use mesh::{Assets, Mesh, Meshes, NoAssets};
 pub use outcome::{ErrorClass, ErrorCode, Outcome};
-pub use scene::{Door, Receptacle, Rect, Room, Scene, Wall};
+pub use scene::{Door, Receptacle, Rect, Room, Scene, Scenes, Wall};
 pub use skills::Skills;
 pub use task::{Attributes, Family, ObjectInstance, PlanStep, Task};
 pub use tool::{CallError, Lifecycle, NameSet, Profile, Tool, ToolCall, ToolSpec};

@@ -4,12 +4,12 @@
 //! like the scene on disk. Metres, z up; x and y span the floor. Geometry built from it (legs, shelves,
 //! colliders) belongs to the simulator.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, sync::Arc};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{Attributes, ReceptacleId};
+use crate::{Attributes, ReceptacleId, Task};
 
 /// A scene: a flat with furniture.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
@@ -29,6 +29,55 @@ pub struct Scene {
     /// Fields we do not know, kept.
     #[serde(flatten)]
     pub extra: BTreeMap<String, Value>,
+}
+
+/// Scenes by their id: those that a set of tasks plays in.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct Scenes(BTreeMap<String, Arc<Scene>>);
+
+impl Scenes {
+    /// The scene of a task, or `None` if it is not among these.
+    pub fn of(&self, task: &Task) -> Option<&Arc<Scene>> {
+        self.0.get(&task.scene_id)
+    }
+
+    /// The scene of an id, or `None` if it is not among these.
+    pub fn get(&self, scene_id: &str) -> Option<&Arc<Scene>> {
+        self.0.get(scene_id)
+    }
+
+    /// Adds a scene; one of the same id makes way.
+    pub fn insert(&mut self, scene: Arc<Scene>) {
+        self.0.insert(scene.scene_id.clone(), scene);
+    }
+
+    /// The scenes, sorted by id.
+    pub fn iter(&self) -> impl Iterator<Item = &Arc<Scene>> {
+        self.0.values()
+    }
+
+    /// The scene, if there is exactly one.
+    pub fn only(&self) -> Option<&Arc<Scene>> {
+        self.0.values().next().filter(|_| self.0.len() == 1)
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+impl From<Arc<Scene>> for Scenes {
+    fn from(scene: Arc<Scene>) -> Self {
+        let mut scenes = Self::default();
+        scenes.insert(scene);
+        scenes
+    }
 }
 
 /// A room as a union of rectangles.

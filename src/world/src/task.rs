@@ -112,6 +112,10 @@ pub struct Task {
     pub purpose: Option<String>,
     /// Every object, sorted by instance.
     pub objects: Vec<ObjectInstance>,
+    /// The instances in the order of the file's placements, in which the published server lists the content of a receptacle. Empty
+    /// if that order is the order of `objects`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub placement_order: Vec<InstanceId>,
     /// At the start: all receptacles of the scene, the objects, doors as they stand.
     pub initial: WorldGraph,
     /// At the end: the authority for reward and success (SPEC section 1, "Goal").
@@ -166,6 +170,13 @@ impl Task {
     /// The objects that the goal wants elsewhere.
     pub fn moved(&self) -> impl Iterator<Item = &ObjectInstance> {
         self.objects.iter().filter(|object| self.moves(object))
+    }
+
+    /// The objects in the order in which the task's file places them.
+    pub fn objects_as_placed(&self) -> impl Iterator<Item = &ObjectInstance> {
+        let in_order = self.placement_order.iter().filter_map(|instance| self.object(instance));
+        let rest = self.objects.iter().filter(|object| !self.placement_order.contains(&object.instance));
+        in_order.chain(rest)
     }
 
     /// The target object.

@@ -58,7 +58,8 @@ pub struct Arguments {
     /// Compare what two folders hold instead of playing
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "tasks")]
     compare: Option<Vec<PathBuf>>,
-    /// Scene file (JSON); without it the home that comes with Reel
+    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the one that each task names, found
+    /// beside the tasks or among those that come with Reel
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     #[command(flatten)]
@@ -122,9 +123,8 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
     if arguments.prices.is_some() && arguments.prices().is_none() {
         bail!("--prices wants two numbers, of a million tokens read and written, like 0.5,1.5");
     }
-    let scene = inputs::scene(arguments.scene.as_deref())?;
     let tasks = arguments.tasks.as_deref().expect("clap demands it");
-    let (tasks, broken) = inputs::tasks(tasks, &scene, Listed::AsWritten)?;
+    let inputs::Tasks { tasks, scenes, broken } = inputs::tasks(tasks, arguments.scene.as_deref(), Listed::AsWritten)?;
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
     let cast = arguments.players.cast(&arguments.out.join("calls.jsonl"))?;
     let name = cast.name();
@@ -136,7 +136,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
         Job {
             config: EpisodeConfig {
                 task: task.clone(),
-                scene: scene.clone(),
+                scene: scenes.of(task).expect("tasks are loaded with their scenes").clone(),
                 seed,
                 profile,
                 skills: arguments.skills,

@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let mut recorded: Vec<PathBuf> = Vec::new();
     for policy in POLICIES {
         let plan = run::Plan {
-            scene: scene.clone(),
+            scenes: scene.clone().into(),
             meshes: reel_world::Meshes::default(),
             policy,
             seed: 1,

@@ -16,7 +16,7 @@ use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions};
-use reel_world::{FailureClass, Profile, Scene, Skills, Task, record::PolicyInfo};
+use reel_world::{FailureClass, Profile, Scene, Scenes, Skills, Task, record::PolicyInfo};
 use serde_json::json;
 
 use crate::{Answer, inputs, progress};
@@ -54,7 +54,8 @@ struct Run {
     /// Task file (REAL-Bench YAML) or folder of them
     #[arg(long, value_name = "PATH")]
     tasks: PathBuf,
-    /// Scene file (JSON); without it the home that comes with Reel
+    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the one that each task names, found
+    /// beside the tasks or among those that come with Reel
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Folder for the traces and labels
@@ -135,8 +136,7 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
             bail!("{name} is a share: give a number from 0 to 1");
         }
     }
-    let scene = inputs::scene(run.scene.as_deref())?;
-    let (tasks, broken) = inputs::tasks(&run.tasks, &scene, Listed::AsWritten)?;
+    let inputs::Tasks { tasks, scenes, broken } = inputs::tasks(&run.tasks, run.scene.as_deref(), Listed::AsWritten)?;
     fs::create_dir_all(&run.out).with_context(|| format!("cannot make the folder {}", run.out.display()))?;
     let wanted: Vec<Wanted> = match run.paper {
         true => {
@@ -144,7 +144,7 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
         }
         false => vec![Wanted::Any; run.count as usize],
     };
-    let maker = Maker { run, scene, tasks, kinds };
+    let maker = Maker { run, scenes, tasks, kinds };
     let bar = progress::bar(wanted.len(), "faults");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(run.jobs)).build()?;
     let results: Vec<anyhow::Result<Option<(EpisodeReport, Label)>>> = pool.install(|| {
@@ -196,7 +196,7 @@ enum Wanted {
 
 struct Maker<'a> {
     run: &'a Run,
-    scene: Arc<Scene>,
+    scenes: Scenes,
     tasks: Vec<Arc<Task>>,
     kinds: Vec<FaultKind>,
 }
@@ -211,7 +211,8 @@ impl Maker<'_> {
             let spread = (number + attempt).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32;
             let task = &self.tasks[(spread % self.tasks.len() as u64) as usize];
             // something of another kind has to stand about, to be taken for the target
-            let task = cluttered(task, &self.scene, &self.tasks, seed).map_or_else(|| task.clone(), Arc::new);
+            let scene = self.scene(task);
+            let task = cluttered(task, scene, &self.tasks, seed).map_or_else(|| task.clone(), Arc::new);
             let kinds = match wanted {
                 Wanted::Class(class) => FaultKind::of_class(class),
                 Wanted::Any | Wanted::Success => self.kinds.clone(),
@@ -222,7 +223,7 @@ impl Maker<'_> {
                 detours: self.run.detours,
                 kinds: &kinds,
             };
-            let drawn = sample(&task, &self.scene, seed, &options);
+            let drawn = sample(&task, scene, seed, &options);
             let injection = match wanted {
                 Wanted::Success => {
                     Some(Injection { faults: vec![], detours: drawn.map(|drawn| drawn.detours).unwrap_or_default(), seed })
@@ -251,11 +252,15 @@ impl Maker<'_> {
         }
     }
 
+    fn scene(&self, task: &Task) -> &Arc<Scene> {
+        self.scenes.of(task).expect("tasks are loaded with their scenes")
+    }
+
     fn record(&self, task: Arc<Task>, injection: &Injection, path: &Path) -> anyhow::Result<(EpisodeReport, Label)> {
         let images = if self.run.images { Images::Full } else { Images::None };
         let config = EpisodeConfig {
+            scene: self.scene(&task).clone(),
             task,
-            scene: self.scene.clone(),
             seed: injection.seed,
             profile: Profile::Paper,
             skills: Skills::Perfect,

@@ -5,13 +5,14 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use rayon::prelude::*;
 use reel_import::{
     ImportError, Imported, Options,
     robot::{Mapping, Recording},
 };
 use reel_tasks::Listed;
+use reel_world::Scenes;
 use serde_json::json;
 
 use crate::{Answer, inputs, progress};
@@ -100,7 +101,8 @@ struct Importing {
     /// The benchmark's task files: file or folder
     #[arg(long, value_name = "PATH")]
     tasks: Option<PathBuf>,
-    /// Their scene; without it `s7_scene.json` beside the tasks
+    /// Their scene, for all of them; without it the one that each task names, found beside the tasks or among those that come with
+    /// Reel
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Episodes or recordings at a time; without it one for each core
@@ -174,19 +176,15 @@ impl Importing {
         import: impl Fn(&Path, &Path, &Options<'_>) -> T + Sync,
     ) -> anyhow::Result<(Vec<T>, usize)> {
         let Importing { out, tasks, scene, jobs, .. } = self;
-        let beside =
-            tasks.as_deref().and_then(Path::parent).map(|folder| folder.join("s7_scene.json")).filter(|file| file.exists());
-        let scene = match scene.clone().or(beside) {
-            Some(file) => Some(inputs::scene(Some(&file))?),
-            None if tasks.is_some() => bail!("the task files need their scene; give it with --scene"),
-            None => None,
-        };
-        let (tasks, broken) = match (tasks, &scene) {
-            (Some(path), Some(scene)) => inputs::tasks(path, scene, Listed::AsWritten)?,
-            _ => (Vec::new(), 0),
+        let (tasks, scenes, broken) = match tasks {
+            Some(path) => {
+                let inputs::Tasks { tasks, scenes, broken } = inputs::tasks(path, scene.as_deref(), Listed::AsWritten)?;
+                (tasks, Some(scenes), broken)
+            }
+            None => (Vec::new(), scene.as_deref().map(|path| inputs::scene(Some(path))).transpose()?.map(Scenes::from), 0),
         };
         fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-        let options = Options { run_id, tasks: &tasks, scene: scene.as_deref() };
+        let options = Options { run_id, tasks: &tasks, scenes: scenes.as_ref() };
         let bar = progress::bar(sources.len(), "import");
         let one = |source: &PathBuf| {
             let imported = import(source, out, &options);

@@ -14,7 +14,7 @@ use reel_reward::Preset;
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{
-    Profile,
+    Profile, Scenes,
     record::{Backend, EndReason},
 };
 
@@ -79,7 +79,8 @@ pub struct Arguments {
     /// task of a server that names none
     #[arg(long, alias = "task", value_name = "PATH")]
     tasks: Option<PathBuf>,
-    /// Their scene; without it `s7_scene.json` beside the tasks
+    /// Their scene, for all of them; without it the one that each task names, found beside the tasks or among those that come with
+    /// Reel
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Mapping file: which tools are which of the eleven, and where results tell the state of the world
@@ -171,16 +172,15 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
     let durability = durability.with_context(|| format!("--durability is write or fsync, not '{}'", arguments.durability))?;
     let images = if arguments.no_images { Images::None } else { Images::Full };
     let mapping = arguments.mapping.as_deref().map(mapping).transpose()?;
-    let beside = arguments.tasks.as_deref().and_then(Path::parent).map(|folder| folder.join("s7_scene.json"));
-    let scene = match arguments.scene.clone().or(beside.filter(|file| file.exists())) {
-        Some(file) => Some(inputs::scene(Some(&file))?),
-        // Tasks that Reel made play in its own home.
-        None if arguments.tasks.is_some() => Some(inputs::scene(None)?),
-        None => None,
-    };
-    let tasks = match (&arguments.tasks, &scene) {
-        (Some(path), Some(scene)) => inputs::tasks(path, scene, Listed::AsWritten)?.0,
-        _ => Vec::new(),
+    let (tasks, scenes) = match &arguments.tasks {
+        Some(path) => {
+            let loaded = inputs::tasks(path, arguments.scene.as_deref(), Listed::AsWritten)?;
+            (loaded.tasks, loaded.scenes)
+        }
+        None => {
+            let scene = arguments.scene.as_deref().map(|path| inputs::scene(Some(path))).transpose()?;
+            (Vec::new(), scene.map(Scenes::from).unwrap_or_default())
+        }
     };
     let run = match &arguments.run {
         Some(run) => {
@@ -198,7 +198,7 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         profile,
         preset: preset(&arguments.preset)?,
         tasks,
-        scene,
+        scenes,
         policy: arguments.policy.clone(),
         mapping,
         options: RecordOptions { images, durability },

@@ -12,16 +12,16 @@ use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions};
-use reel_world::{Assets as _, Meshes, Profile, Scene, Skills, Task, record::PolicyInfo};
+use reel_world::{Assets as _, Meshes, Profile, Scenes, Skills, Task, record::PolicyInfo};
 
 use crate::{Answer, commands::paranoid, inputs, progress};
 
 /// Play tasks with a policy and record every episode as a trace.
 ///
 /// Examples:
-///   reel run --tasks tasks                            # the oracle, in the home that comes with Reel
+///   reel run --tasks tasks                            # the oracle, each task in the scene that it names
 ///   reel run --tasks tasks --assets meshes            # objects with a mesh in this folder are that, to see and to touch
-///   reel run --tasks real-bench/tasks --scene real-bench/s7_scene.json --policy wrong-object --seed 7 --out traces/wrong
+///   reel run --tasks real-bench/tasks --policy wrong-object --seed 7 --out traces/wrong   # after reel tasks real-bench
 ///
 /// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door, gibberish,
 /// explorer.
@@ -31,7 +31,8 @@ pub struct Arguments {
     /// Task file (REAL-Bench YAML) or folder of them
     #[arg(long, value_name = "PATH")]
     pub tasks: PathBuf,
-    /// Scene file (JSON); without it the home that comes with Reel
+    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the one that each task names, found
+    /// beside the tasks or among those that come with Reel
     #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
     #[command(flatten)]
@@ -85,15 +86,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let Some(durability) = Durability::parse(&arguments.durability) else {
         bail!("no durability is called '{}'; there are write and fsync", arguments.durability);
     };
-    let scene = inputs::scene(arguments.scene.as_deref())?;
     let listed = if arguments.reversed { Listed::Reversed } else { Listed::AsWritten };
-    let (mut tasks, broken) = inputs::tasks(&arguments.tasks, &scene, listed)?;
+    let inputs::Tasks { mut tasks, scenes, broken } = inputs::tasks(&arguments.tasks, arguments.scene.as_deref(), listed)?;
     if arguments.reversed {
         tasks.reverse();
     }
     let (meshes, refused) = arguments.assets.of(&tasks)?;
     let plan = Plan {
-        scene,
+        scenes,
         meshes,
         policy: &arguments.policy,
         seed: arguments.seed,
@@ -144,8 +144,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 
 /// How to play a set of tasks.
 pub struct Plan<'a> {
-    /// The scene of all tasks.
-    pub scene: Arc<Scene>,
+    /// The scenes of the tasks.
+    pub scenes: Scenes,
     /// What objects look like that are no primitives, those of all tasks.
     pub meshes: Meshes,
     /// Name of the policy.
@@ -183,7 +183,7 @@ pub fn play(
         Job {
             config: EpisodeConfig {
                 task: task.clone(),
-                scene: plan.scene.clone(),
+                scene: plan.scenes.of(task).expect("tasks are loaded with their scenes").clone(),
                 seed: plan.seed,
                 profile: plan.profile,
                 skills: plan.skills,

@@ -22,7 +22,7 @@ use crate::Answer;
 ///
 /// Examples:
 ///   reel serve                                              # tasks that Reel makes, in its own home
-///   reel serve --tasks real-bench/tasks --scene real-bench/s7_scene.json --profile real-repo
+///   reel serve --tasks real-bench/tasks --profile real-repo # what reel tasks real-bench wrote
 ///   reel serve --config reel.toml --listen 0.0.0.0:8801     # demands tokens: reel token create NAME --role act
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
@@ -63,7 +63,8 @@ pub struct Settings {
     /// Task file (REAL-Bench YAML) or folder of them
     #[arg(long, value_name = "PATH", env = "REEL_TASKS")]
     tasks: Option<PathBuf>,
-    /// Scene file (JSON)
+    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the one that each task names, found
+    /// beside the tasks or among those that come with Reel
     #[arg(long, value_name = "FILE", env = "REEL_SCENE")]
     scene: Option<PathBuf>,
     /// Play tasks in an order drawn by the seed

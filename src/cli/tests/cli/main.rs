@@ -15,6 +15,8 @@ mod making;
 mod moments;
 #[cfg(feature = "analytics")]
 mod pages;
+mod real_bench;
+#[cfg(feature = "analytics")]
 mod real_contract;
 mod recovery;
 #[cfg(feature = "analytics")]

@@ -60,6 +60,7 @@ fn task(dest: &str, instruction: &str, purpose: Option<&str>) -> Task {
         fuzzy: true,
         purpose: purpose.map(str::to_owned),
         objects,
+        placement_order: Vec::new(),
         goal: initial.clone(),
         initial,
         target: TARGET.into(),

@@ -317,6 +317,7 @@ impl<'a> Draft<'a> {
             precise_instruction: precise,
             instruction,
             objects,
+            placement_order: Vec::new(),
             initial,
             goal,
             target: instance(&self.moved[0]),

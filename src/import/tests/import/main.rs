@@ -21,7 +21,7 @@ use reel_world::{
 };
 use serde_json::json;
 
-const PLAIN: Options<'_> = Options { run_id: "run", tasks: &[], scene: None };
+const PLAIN: Options<'_> = Options { run_id: "run", tasks: &[], scenes: None };
 
 /// Imports one episode; its trace is whole and healthy.
 fn imported(folder: &Path, out: &Path) -> (Imported, Trace) {
@@ -256,9 +256,9 @@ fn the_task_file_is_used_where_it_is_given() {
     let episode = fixture::full(&root);
     let (_, plain) = imported(episode.folder(), &out);
     let task = Task { purpose: Some("fruit".into()), precise_instruction: "The red one.".into(), ..(*plain.task).clone() };
-    let scene = plain.scene.clone();
+    let scenes = plain.scene.clone().into();
     let tasks = [Arc::new(Task { task_id: "FDP/other".into(), ..task.clone() }), Arc::new(task.clone())];
-    let options = Options { tasks: &tasks, scene: Some(&scene), ..PLAIN };
+    let options = Options { tasks: &tasks, scenes: Some(&scenes), ..PLAIN };
     let (report, trace) = imported_with(episode.folder(), &out, &options);
     assert_eq!((&*trace.task, &report.notes[..]), (&task, &[][..]));
 

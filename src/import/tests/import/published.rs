@@ -24,7 +24,8 @@ fn published_tasks_are_found_again_and_succeed() {
     let scene = reel_tasks::scene::load(&bench.join("s7_scene.json")).unwrap().scene;
     let tasks: Vec<Arc<Task>> = reel_tasks::load(&bench.join("tasks"), &scene).tasks.into_iter().map(Arc::new).collect();
     assert!(tasks.len() > 100, "only {} tasks", tasks.len());
-    let options = Options { tasks: &tasks, scene: Some(&scene), ..PLAIN };
+    let scenes = Arc::new(scene.clone()).into();
+    let options = Options { tasks: &tasks, scenes: Some(&scenes), ..PLAIN };
     for task in tasks.iter().step_by(9) {
         let folder = play(&root, task);
         let (report, trace) = imported_with(&folder, &out, &options);

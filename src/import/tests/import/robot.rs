@@ -508,7 +508,8 @@ fn a_task_that_is_known_is_judged_by_the_graphs() {
     // Its file goes before what the recording says, and is the one of recordings that name none.
     let task = Arc::new(reel_world::Task { instruction: "As it is in the file.".into(), ..reel_world::Task::clone(&trace.task) });
     let (tasks, path) = ([task], place.path("said.mcap"));
-    let options = Options { tasks: &tasks, scene: Some(&trace.scene), ..PLAIN };
+    let scenes = trace.scene.clone().into();
+    let options = Options { tasks: &tasks, scenes: Some(&scenes), ..PLAIN };
     let (_, traces) = place.import_by(MAPPING, &path, &options);
     assert_eq!(traces[0].task.instruction, "As it is in the file.");
     messages.remove(2);

@@ -21,7 +21,7 @@ use tempfile::TempDir;
 fn setup(folder: &Path) -> Setup {
     Setup {
         tasks: episodes::tasks().to_vec(),
-        scene: Arc::new(home()),
+        scenes: Arc::new(home()).into(),
         meshes: reel_world::Meshes::default(),
         seed: 3,
         profile: Profile::Paper,

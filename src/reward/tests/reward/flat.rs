@@ -66,6 +66,7 @@ pub fn task() -> (Task, Scene) {
         fuzzy: true,
         purpose: Some("fruit".into()),
         objects,
+        placement_order: Vec::new(),
         initial,
         goal,
         target: RED.into(),

@@ -345,6 +345,7 @@ fn task(family: Family) -> Task {
         purpose: fuzzy.then(|| "timekeeping device".into()),
         target: TARGET.into(),
         objects,
+        placement_order: Vec::new(),
         initial,
         goal,
         src: "table_1".into(),

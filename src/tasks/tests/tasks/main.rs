@@ -1,8 +1,12 @@
 //! The crate from outside: published tasks, fixtures of our own, scenes, the generator.
 
+mod checkout;
+mod fake_checkout;
 mod fixtures;
 mod generator;
+mod lookup;
 mod published;
+mod real_contract;
 mod scenes;
 
 use std::{
@@ -10,19 +14,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use fake_checkout::real_bench;
 use reel_tasks::{Oddity, OddityKind};
 use reel_world::Scene;
-
-/// The published data, if it is there.
-fn real_bench() -> Option<PathBuf> {
-    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/real-bench"));
-    let path = std::env::var_os("REEL_REAL_BENCH").map_or_else(beside, PathBuf::from);
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("skipped: no REAL-Bench data at {} (set REEL_REAL_BENCH)", path.display());
-    None
-}
 
 /// Files of our own.
 fn data(path: &str) -> PathBuf {

@@ -135,6 +135,7 @@ fn task(name: &str, instruction: &str, fuzzy: bool, dest: &str, objects: &[(&str
         dest: dest.into(),
         target: target.instance,
         objects: placed,
+        placement_order: Vec::new(),
         initial,
         goal,
         plan: vec![],

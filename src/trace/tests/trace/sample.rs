@@ -310,6 +310,7 @@ fn task_and_scene() -> (Task, Scene) {
         purpose: None,
         target: objects[1].instance.clone(),
         objects,
+        placement_order: Vec::new(),
         initial,
         goal,
         src: "table_0".into(),

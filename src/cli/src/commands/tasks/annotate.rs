@@ -37,14 +37,15 @@ const BATCH: usize = 10;
 /// Examples:
 ///   reel tasks generate --count 200 --out made && reel tasks annotate made --out social
 ///   reel tasks annotate made --strategies B --seed 3 --out social
-///   reel run --tasks social/S1 --scene social/S1.json --out traces
+///   reel run --tasks social --out traces
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// Task file or folder
     #[arg(value_name = "PATH")]
     tasks: PathBuf,
-    /// Scene: a name like S1, or a file; without it what lies beside the tasks, else the home that comes with Reel
+    /// Scene for all tasks: a file, or the name of one that comes with Reel; without it the one that each task names, found beside the
+    /// tasks or among those that come with Reel
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
     /// Strategies that may be used
@@ -90,14 +91,8 @@ struct Counts {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let strategies = parse_strategies(&arguments.strategies)?;
-    let (sets, broken) = match &arguments.scene {
-        Some(scene) => {
-            let scene = inputs::scene(Some(scene))?;
-            let (tasks, broken) = inputs::tasks(&arguments.tasks, &scene, reel_tasks::Listed::AsWritten)?;
-            (vec![(scene, tasks)], broken)
-        }
-        None => super::sets(&arguments.tasks)?,
-    };
+    let loaded = inputs::tasks(&arguments.tasks, arguments.scene.as_deref(), reel_tasks::Listed::AsWritten)?;
+    let (sets, broken) = (loaded.by_scene(), loaded.broken);
     let author = Author::new(arguments, &strategies)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(arguments.jobs)).build()?;
     let all: usize = sets.iter().map(|(_, tasks)| tasks.len()).sum();

@@ -1,9 +1,11 @@
 //! `reel tasks`: checks task files, makes them (`generate` from a table of what belongs where, `compatibility`; `draw` for
-//! measurements), puts questions into their plans (`annotate`), and says what they are like (`report`).
+//! measurements), reads the published ones (`real-bench`), puts questions into their plans (`annotate`), and says what they are
+//! like (`report`).
 
 mod annotate;
 mod compatibility;
 mod generate;
+mod real_bench;
 mod report;
 
 use std::{
@@ -14,8 +16,8 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_tasks::{GenerateOptions, Listed, generate};
-use reel_world::{Family, Scene, Task};
+use reel_tasks::{GenerateOptions, Listed, LoadedSet, generate};
+use reel_world::{Family, Scene};
 use serde_json::json;
 
 use super::scene::scene_file;
@@ -34,12 +36,13 @@ enum Command {
     #[command(verbatim_doc_comment)]
     ///
     /// Example:
-    ///   reel tasks check real-bench/tasks --scene real-bench/s7_scene.json
+    ///   reel tasks check real-bench/tasks
     Check {
         /// Task file or folder
         #[arg(value_name = "PATH")]
         path: PathBuf,
-        /// Scene file; without it `s7_scene.json` beside the tasks, else the home that comes with Reel
+        /// Scene for all tasks: a file, or the name of one that comes with Reel; without it the one that each task names, found beside
+        /// the tasks or among those that come with Reel
         #[arg(long, value_name = "FILE")]
         scene: Option<PathBuf>,
         /// Print JSON
@@ -78,16 +81,18 @@ enum Command {
     Annotate(annotate::Arguments),
     Compatibility(compatibility::Arguments),
     Report(report::Arguments),
+    RealBench(real_bench::Arguments),
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
-        Command::Check { path, scene, json } => check(path, scene.clone(), *json),
+        Command::Check { path, scene, json } => check(path, scene.as_deref(), *json),
         Command::Generate(arguments) => generate::run(arguments),
         Command::Annotate(arguments) => annotate::run(arguments),
         Command::Compatibility(arguments) => compatibility::run(arguments),
         Command::Report(arguments) => report::run(arguments),
+        Command::RealBench(arguments) => real_bench::run(arguments),
         Command::Draw { scene, count, families, seed, out, json } => {
             let scene = inputs::scene(scene.as_deref())?;
             let families = parse_families(families)?;
@@ -122,46 +127,9 @@ fn save_scene(folder: &Path, scene: &Scene) -> anyhow::Result<()> {
     save(&folder.join(format!("{}.json", scene.scene_id)), &scene_file(scene)?)
 }
 
-/// A scene and tasks for it.
-type Set = (Arc<Scene>, Vec<Arc<Task>>);
-
-/// The tasks of a file or folder, in whatever scenes: a folder that `reel tasks generate` wrote brings its scenes along; else the scene
-/// is `s7_scene.json` beside the tasks, or the home. Also how many files are broken.
-fn sets(path: &Path) -> anyhow::Result<(Vec<Set>, usize)> {
-    let mut scenes: Vec<PathBuf> = Vec::new();
-    if path.is_dir() {
-        let entries = fs::read_dir(path).with_context(|| format!("cannot list {}", path.display()))?;
-        for entry in entries {
-            let path = entry.with_context(|| format!("cannot list {}", path.display()))?.path();
-            if path.extension().is_some_and(|extension| extension == "json") && path.with_extension("").is_dir() {
-                scenes.push(path);
-            }
-        }
-    }
-    scenes.sort();
-    let mut broken = 0;
-    let mut load = |tasks: &Path, scene: Option<&Path>| -> anyhow::Result<Set> {
-        let scene = inputs::scene(scene)?;
-        let (tasks, unread) = inputs::tasks(tasks, &scene, Listed::AsWritten)?;
-        broken += unread;
-        Ok((scene, tasks))
-    };
-    let sets = if scenes.is_empty() {
-        vec![load(path, scene_beside(path).as_deref())?]
-    } else {
-        scenes.iter().map(|scene| load(&scene.with_extension(""), Some(scene))).collect::<anyhow::Result<_>>()?
-    };
-    Ok((sets, broken))
-}
-
-/// The scene that lies beside published tasks.
-fn scene_beside(tasks: &Path) -> Option<PathBuf> {
-    tasks.parent().map(|folder| folder.join("s7_scene.json")).filter(|file| file.exists())
-}
-
-fn check(path: &Path, scene: Option<PathBuf>, as_json: bool) -> anyhow::Result<Answer> {
-    let scene = inputs::scene(scene.or_else(|| scene_beside(path)).as_deref())?;
-    let report = reel_tasks::load(path, &scene);
+fn check(path: &Path, scene: Option<&Path>, as_json: bool) -> anyhow::Result<Answer> {
+    let LoadedSet { report, scenes, warnings } = reel_tasks::load_with(path, &inputs::scene_source(scene)?, Listed::AsWritten);
+    warnings.iter().for_each(|warning| eprintln!("reel: {warning}"));
     let (loaded, files) = (report.tasks.len(), report.tasks.len() + report.broken.len());
     if files == 0 {
         bail!("no task file (.yaml) in {}", path.display());
@@ -180,7 +148,8 @@ fn check(path: &Path, scene: Option<PathBuf>, as_json: bool) -> anyhow::Result<A
         for oddity in &report.oddities {
             *kinds.entry(oddity.kind.as_str()).or_default() += 1;
         }
-        println!("{loaded} of {files} tasks load in scene {}", scene.scene_id);
+        let names: Vec<&str> = scenes.iter().map(|scene| scene.scene_id.as_str()).collect();
+        println!("{loaded} of {files} tasks load in scene {}", names.join(", "));
         for (kind, count) in kinds {
             println!("  {count:4} {kind}");
         }

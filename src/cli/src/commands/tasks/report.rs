@@ -9,12 +9,11 @@ use reel_generate::task::report::{Row, report};
 use reel_world::Task;
 use serde_json::json;
 
-use crate::Answer;
+use crate::{Answer, inputs};
 
 /// Show how plan length, distractors, object sizes and instruction length are distributed in a set of tasks.
 ///
-/// A folder that `reel tasks generate` wrote brings its scenes along; else the scene is `s7_scene.json` beside the folder, or the home
-/// that comes with Reel.
+/// Each task plays in the scene that it names, found beside the tasks or among those that come with Reel.
 ///
 /// Example:
 ///   reel tasks report made --against real-bench/tasks
@@ -67,6 +66,6 @@ fn numbers(row: &Row) -> String {
 
 /// The tasks of a folder, in whatever scenes.
 fn tasks(folder: &Path) -> anyhow::Result<Vec<Task>> {
-    let (sets, _) = super::sets(folder)?;
-    Ok(sets.into_iter().flat_map(|(_, tasks)| tasks).map(Arc::unwrap_or_clone).collect())
+    let loaded = inputs::tasks(folder, None, reel_tasks::Listed::AsWritten)?;
+    Ok(loaded.tasks.into_iter().map(Arc::unwrap_or_clone).collect())
 }
