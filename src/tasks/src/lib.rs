@@ -16,6 +16,7 @@ mod load;
 mod oddity;
 mod placement;
 pub mod random;
+pub mod real_proc;
 mod real_schema;
 pub mod wording;
 

@@ -9,7 +9,7 @@ use std::{
 
 use reel_world::{Scene, Task};
 
-use crate::{Oddity, TaskError, document, error::Problem, field::Field, real_schema};
+use crate::{Oddity, TaskError, document, error::Problem, field::Field, real_proc, real_schema};
 
 /// Largest task file; real ones have 30 kB.
 const MOST_BYTES: u64 = 4 * 1024 * 1024;
@@ -55,17 +55,21 @@ pub fn load_as(path: &Path, scene: &Scene, listed: Listed) -> LoadReport {
         let file = path.display().to_string();
         match read_file(&path, &file).and_then(|text| parse_as(&text, &file, scene, listed)) {
             Err(error) => report.broken.push(error),
-            Ok((task, oddities)) => match first_file.get(&task.task_id) {
-                Some(first) => {
-                    let (task_id, first) = (task.task_id, first.clone());
-                    report.broken.push(TaskError::DuplicateTask { file, first, task_id });
+            Ok(tasks) => {
+                for (task, oddities) in tasks {
+                    match first_file.get(&task.task_id) {
+                        Some(first) => {
+                            let (file, task_id, first) = (file.clone(), task.task_id, first.clone());
+                            report.broken.push(TaskError::DuplicateTask { file, first, task_id });
+                        }
+                        None => {
+                            first_file.insert(task.task_id.clone(), file.clone());
+                            report.tasks.push(task);
+                            report.oddities.extend(oddities);
+                        }
+                    }
                 }
-                None => {
-                    first_file.insert(task.task_id.clone(), file);
-                    report.tasks.push(task);
-                    report.oddities.extend(oddities);
-                }
-            },
+            }
         }
     }
     report
@@ -74,18 +78,27 @@ pub fn load_as(path: &Path, scene: &Scene, listed: Listed) -> LoadReport {
 /// Reads one task from the text of a file; `file` is its name in errors.
 ///
 /// # Errors
-/// When it is no YAML, lacks a field, or does not fit the scene.
+/// Fails if it is no YAML, lacks a field, does not fit the scene, or holds no or several tasks.
 pub fn parse(text: &str, file: &str, scene: &Scene) -> Result<(Task, Vec<Oddity>), TaskError> {
-    parse_as(text, file, scene, Listed::AsWritten)
+    let tasks = parse_as(text, file, scene, Listed::AsWritten)?;
+    let count = tasks.len();
+    let only = <[_; 1]>::try_from(tasks).map(|[task]| task);
+    only.map_err(|_| Problem::syntax(1, format!("expected 1 episode, found {count}")).in_file(file))
 }
 
-fn parse_as(text: &str, file: &str, scene: &Scene, listed: Listed) -> Result<(Task, Vec<Oddity>), TaskError> {
+/// The tasks of a file: one of REAL-Bench, any number of REAL's task generator.
+fn parse_as(text: &str, file: &str, scene: &Scene, listed: Listed) -> Result<Vec<(Task, Vec<Oddity>)>, TaskError> {
     let read = || -> Result<_, Problem> {
         let mut root = document::parse(text)?;
         if listed == Listed::Reversed {
             root.reverse_lists("content");
         }
-        real_schema::read(&Field::root(&root), scene)
+        let root = Field::root(&root);
+        if real_proc::is_proc(&root) {
+            let tasks = real_proc::read(&root, scene)?;
+            return Ok(tasks.into_iter().map(|task| (task, Vec::new())).collect());
+        }
+        Ok(vec![real_schema::read(&root, scene)?])
     };
     read().map_err(|problem| problem.in_file(file))
 }

@@ -44,13 +44,18 @@ impl PlanStep {
     }
 
     /// Reads a text that [`PlanStep::to_text`] wrote: case and the number of blanks after the verb do not matter, and the object
-    /// that a `pick` names is left out, because a task names its target. `None` if the text begins with no known verb.
+    /// that a `pick` names is left out, because a task names its target. `None` if the text begins with no known verb and is no action
+    /// with its arguments as JSON.
     pub fn from_text(text: &str) -> Option<Self> {
         let text = text.trim();
         if let Some((action, rest)) = AT_RECEPTACLE.iter().find_map(|(action, verb)| Some((*action, after(text, verb)?))) {
             return Some(Self::with_args(action, &[("receptacle_name", rest)]));
         }
-        let (action, mut rest) = ABOUT_OBJECT.iter().find_map(|(action, verb)| Some((*action, after(text, verb)?)))?;
+        let about_object = ABOUT_OBJECT.iter().find_map(|(action, verb)| Some((*action, after(text, verb)?)));
+        let Some((action, mut rest)) = about_object else {
+            let (action, args) = text.split_once(' ')?;
+            return Some(Self { action: action.to_owned(), args: serde_json::from_str(args).ok()? });
+        };
         if let ("pick", Some((before, _))) = (action, rest.strip_suffix(')').and_then(|rest| rest.rsplit_once(" ("))) {
             rest = before;
         }
@@ -107,6 +112,8 @@ mod tests {
         assert_eq!(PlanStep::from_text("dance (now)"), None);
         assert_eq!(PlanStep::from_text("finder of cups"), None);
         assert_eq!(PlanStep::from_text("pïck"), None);
-        assert_eq!(step("dance", json!({"to": "jazz", "times": 2})).to_text(""), "dance {\"times\": 2, \"to\": \"jazz\"}");
+        let dance = step("dance", json!({"to": "jazz", "times": 2}));
+        assert_eq!(dance.to_text(""), "dance {\"times\": 2, \"to\": \"jazz\"}");
+        assert_eq!(PlanStep::from_text(&dance.to_text("")), Some(dance));
     }
 }
