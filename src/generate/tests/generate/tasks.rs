@@ -186,6 +186,7 @@ fn two_scenes_of_one_name_and_families_without_the_type_are_refused() {
         types: &[TaskType::Gather],
         count: 1,
         seed: 1,
+        placing: Placing::Reach,
         jobs: 1,
     };
     let error = |options: &Options<'_>| make(options, || {}).unwrap_err().to_string();

@@ -1,6 +1,7 @@
 //! The published clients' parsers, memories and prompts beside what their code gave.
 
 mod answers;
+mod history;
 mod memory;
 mod prompts;
 
