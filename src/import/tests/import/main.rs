@@ -4,6 +4,7 @@ mod bags;
 mod fixture;
 mod hostile;
 mod published;
+mod real_contract;
 mod robot;
 
 use std::{
