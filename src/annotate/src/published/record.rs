@@ -24,6 +24,24 @@ pub struct Wording<'a> {
     pub asked: fn(&str) -> &'a str,
 }
 
+impl Wording<'static> {
+    /// Ours.
+    pub const OURS: Self = Self {
+        system: "You write down what a household robot thinks before each of its actions.",
+        first_history: "1) The episode began.",
+        important: "Use only what the robot has seen or was told so far. Answer with the JSON object alone.",
+        disambiguation: "Where the object is and where it shall go, and the furniture that may be mistaken for either.",
+        asked: |key| match key {
+            "CoT" => "why the next action is right now",
+            "History" => "the result of the last action, in one sentence",
+            "New Schedule" => "what is left to do, as a list",
+            "Current subtask" => "what the next action is for",
+            "Last Action" => "the last action, unchanged",
+            _ => "",
+        },
+    };
+}
+
 /// What is told of a task: `<n>_meta.json`.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct TaskMeta {
