@@ -1,6 +1,7 @@
 //! Reasoning, History, schedule and subtask for trajectories that came without words (SPEC sections 3, 4 and 8).
 //!
-//! Owns the rule-based writer and the one that asks a model. Never changes a trace: what is written lies beside it.
+//! Owns the rule-based writer and the one that asks a model, and the files of REAL's annotation ([`published`]). Never changes a
+//! trace: what is written lies beside it.
 
 mod check;
 mod english;
@@ -10,6 +11,7 @@ mod memory;
 mod model;
 mod plan;
 mod privileged;
+pub mod published;
 mod reasoning;
 mod rules;
 mod sidecar;

@@ -44,15 +44,25 @@ fn parse_summary(text: &str, before: Option<&WorldGraph>) -> WorldGraph {
     for state in graph.receptacles.values_mut() {
         state.content.clear();
     }
-    for (name, content) in text.lines().filter_map(|line| line.split_once(':')) {
-        for object in quoted(content) {
-            graph.add(&name.trim().into(), &object.into());
+    for (name, content) in summary_lines(text) {
+        for object in content {
+            graph.add(&name.into(), &object.into());
         }
     }
     graph
 }
 
-/// The strings of a Python list of strings; identifiers hold no quotes.
+/// The lines of a summary: receptacles and what they hold. What is no list of texts holds nothing.
+pub(crate) fn summary_lines(text: &str) -> impl Iterator<Item = (&str, Vec<&str>)> {
+    let lines = text.lines().filter_map(|line| line.split_once(':'));
+    lines.map(|(name, content)| {
+        let content = content.trim();
+        let list = content.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+        (name.trim(), list.map(|list| quoted(list).collect()).unwrap_or_default())
+    })
+}
+
+/// The strings between the brackets of a Python list of strings; identifiers hold no quotes.
 fn quoted(list: &str) -> impl Iterator<Item = &str> {
     list.split(['\'', '"']).skip(1).step_by(2).filter(|object| !object.is_empty())
 }

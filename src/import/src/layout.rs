@@ -11,7 +11,7 @@ use std::{
 use reel_world::Frame;
 use serde_json::{Map, Value};
 
-use crate::{ImportError, Loss, picture, response::Raw};
+use crate::{ImportError, Loss, eval_client::DEBUG_TEXT, picture, response::Raw};
 
 /// Deepest folder under the one given; the published layout has `<scene>/<task>/<model>`.
 const FOLDERS_MAX: usize = 8;
@@ -25,8 +25,6 @@ const SUMMARY: &str = "episode_summary.json";
 const CALL: &str = "tool_call.json";
 const DEBUG: &str = "debug_info.json";
 const TEXT: &str = "textual_observation.txt";
-/// What the published client cuts off a tool result's texts and keeps as `debug_info.json`.
-const DEBUG_TEXT: &str = "Debug Info:\n";
 
 /// What lies in the folder of an episode.
 pub(crate) struct Files {

@@ -22,6 +22,7 @@
 
 mod episode;
 mod error;
+pub mod eval_client;
 mod graph;
 mod layout;
 mod mapping;

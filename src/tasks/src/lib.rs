@@ -18,6 +18,7 @@ mod oddity;
 mod placement;
 pub mod random;
 pub mod real_bench;
+pub mod real_proc;
 mod real_schema;
 pub mod wording;
 

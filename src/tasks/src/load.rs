@@ -16,7 +16,7 @@ use crate::{
     error::Problem,
     field::Field,
     lookup::{SceneFinder, SceneSource},
-    real_schema,
+    real_proc, real_schema,
 };
 
 /// Largest task file; real ones have 30 kB.
@@ -81,21 +81,25 @@ pub fn load_with(path: &Path, scenes: &SceneSource, listed: Listed) -> LoadedSet
         let mut read = || {
             let root = document(&read_file(&path, &file)?, listed).map_err(|problem| problem.in_file(&file))?;
             let scene = finder.of(&Field::root(&root), &path)?;
-            real_schema::read(&Field::root(&root), &scene).map_err(|problem| problem.in_file(&file))
+            tasks_of(&Field::root(&root), &scene).map_err(|problem| problem.in_file(&file))
         };
         match read() {
             Err(error) => report.broken.push(error),
-            Ok((task, oddities)) => match first_file.get(&task.task_id) {
-                Some(first) => {
-                    let (task_id, first) = (task.task_id, first.clone());
-                    report.broken.push(TaskError::DuplicateTask { file, first, task_id });
+            Ok(tasks) => {
+                for (task, oddities) in tasks {
+                    match first_file.get(&task.task_id) {
+                        Some(first) => {
+                            let (file, task_id, first) = (file.clone(), task.task_id, first.clone());
+                            report.broken.push(TaskError::DuplicateTask { file, first, task_id });
+                        }
+                        None => {
+                            first_file.insert(task.task_id.clone(), file.clone());
+                            report.tasks.push(task);
+                            report.oddities.extend(oddities);
+                        }
+                    }
                 }
-                None => {
-                    first_file.insert(task.task_id.clone(), file);
-                    report.tasks.push(task);
-                    report.oddities.extend(oddities);
-                }
-            },
+            }
         }
     }
     LoadedSet { scenes: finder.scenes(), warnings: finder.warnings, report }
@@ -104,10 +108,22 @@ pub fn load_with(path: &Path, scenes: &SceneSource, listed: Listed) -> LoadedSet
 /// Reads one task from the text of a file; `file` is its name in errors.
 ///
 /// # Errors
-/// When it is no YAML, lacks a field, or does not fit the scene.
+/// Fails if it is no YAML, lacks a field, does not fit the scene, or holds no or several tasks.
 pub fn parse(text: &str, file: &str, scene: &Scene) -> Result<(Task, Vec<Oddity>), TaskError> {
-    let read = || real_schema::read(&Field::root(&document(text, Listed::AsWritten)?), scene);
-    read().map_err(|problem| problem.in_file(file))
+    let read = || tasks_of(&Field::root(&document(text, Listed::AsWritten)?), scene);
+    let tasks = read().map_err(|problem| problem.in_file(file))?;
+    let count = tasks.len();
+    let only = <[_; 1]>::try_from(tasks).map(|[task]| task);
+    only.map_err(|_| Problem::syntax(1, format!("expected 1 episode, found {count}")).in_file(file))
+}
+
+/// The tasks of a document: one of REAL-Bench, any number of REAL's task generator.
+fn tasks_of(root: &Field<'_>, scene: &Scene) -> Result<Vec<(Task, Vec<Oddity>)>, Problem> {
+    if real_proc::is_proc(root) {
+        let tasks = real_proc::read(root, scene)?;
+        return Ok(tasks.into_iter().map(|task| (task, Vec::new())).collect());
+    }
+    Ok(vec![real_schema::read(root, scene)?])
 }
 
 fn document(text: &str, listed: Listed) -> Result<Node, Problem> {

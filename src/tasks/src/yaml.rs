@@ -17,8 +17,13 @@ pub fn write(task: &Task, scene: &Scene) -> String {
     for (path, value) in &task.extra {
         insert(&mut root, path, value.clone());
     }
+    text(&root)
+}
+
+/// A mapping as the text of a YAML file, keys in their order.
+pub(crate) fn text(document: &Value) -> String {
     let mut text = String::new();
-    write_entries(&root, 0, &mut text);
+    write_entries(document, 0, &mut text);
     text
 }
 

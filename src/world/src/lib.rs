@@ -3,6 +3,7 @@
 //!
 //! Pure data and pure functions. Never I/O, a clock, a thread, randomness or hash-order containers.
 
+mod ask_context;
 mod canonical;
 pub mod chain;
 mod digest;
@@ -10,8 +11,10 @@ mod failure;
 mod frame;
 mod graph;
 mod id;
+mod plan_text;
 mod scene;
 mod skills;
+mod spaced_json;
 mod task;
 mod tool;
 
@@ -22,6 +25,7 @@ pub mod mesh;
 pub mod outcome;
 pub mod record;
 
+pub use ask_context::{AskContext, ask_context, ask_context_of_episode};
 pub use canonical::canonical_json;
 pub use digest::Digest;
 pub use failure::FailureClass;
@@ -32,6 +36,7 @@ pub use mesh::{Assets, Mesh, Meshes, NoAssets};
 pub use outcome::{ErrorClass, ErrorCode, Outcome};
 pub use scene::{Door, Receptacle, Rect, Room, Scene, Scenes, Wall};
 pub use skills::Skills;
+pub use spaced_json::spaced_json;
 pub use task::{Attributes, Family, ObjectInstance, PlanStep, Task};
 pub use tool::{CallError, Lifecycle, NameSet, Profile, Tool, ToolCall, ToolSpec};
 

@@ -1,6 +1,8 @@
 //! The writers over recorded episodes: the golden traces, and those of folders named by `REEL_TRACES`.
 
 mod model;
+mod published;
+mod real_contract;
 mod rules;
 #[path = "../../../model/tests/model/scripted.rs"]
 #[expect(dead_code, reason = "the writer needs not all that the client's tests do")]

@@ -10,12 +10,15 @@ use reel_sim::{
 use reel_tasks::library::LibraryObject;
 use reel_world::{Receptacle, Rect, Scene};
 
-use super::{compatibility::Compatibility, describe};
+use super::{compatibility::Compatibility, describe, grid::REACH_RADIUS_M};
 
 /// So near to a surface, or to a ceiling above it, these themselves do not count as obstacles, in metres.
 const ABOVE_SURFACE_M: f32 = 0.01;
 /// What stands higher above a surface is in nothing's way, in metres.
 const TALLEST_M: f32 = 0.4;
+
+/// Lattice on which free floor is counted, in metres.
+const FLOOR_STEP_M: f64 = 0.05;
 
 /// A scene and its sites.
 #[derive(Debug)]
@@ -141,6 +144,15 @@ impl Site {
     /// Whether nothing fixed stands in a disc on the surface.
     pub fn is_free_above(&self, center: [f64; 2], radius: f64) -> bool {
         self.above.disc_is_free(center.map(|value| value as f32), radius as f32)
+    }
+
+    /// How many points of a lattice of 5 cm around a place, within [`REACH_RADIUS_M`] of it, are free floor.
+    pub fn free_floor_near(&self, [x, y]: [f64; 2]) -> usize {
+        let steps = (REACH_RADIUS_M / FLOOR_STEP_M).round() as i32;
+        let offsets = (-steps..=steps).flat_map(|across| (-steps..=steps).map(move |along| (across, along)));
+        let near = offsets.filter(|(across, along)| across * across + along * along <= steps * steps);
+        let point = |(across, along): (i32, i32)| [x + f64::from(across) * FLOOR_STEP_M, y + f64::from(along) * FLOOR_STEP_M];
+        near.map(point).filter(|point| !self.surface().contains(*point) && self.is_free_around(*point, 0.0)).count()
     }
 
     /// Whether nothing but the receptacle itself stands in a disc on the floor.

@@ -9,8 +9,9 @@ use reel_world::{Family, Scene, Task};
 use super::{
     compatibility::Compatibility,
     draft::{self, Source, TaskType, Wanted},
+    grid::GridPlacement,
     ground::{Ground, Site},
-    placement::{self, Placement},
+    placement::{self, Misfit, Placement},
     settle,
     statistics::{Rejection, Statistics},
 };
@@ -35,8 +36,20 @@ pub struct Options<'a> {
     pub count: usize,
     /// Seed of all choices.
     pub seed: u64,
+    /// How objects are placed.
+    pub placing: Placing,
     /// Threads. The tasks do not depend on it.
     pub jobs: usize,
+}
+
+/// How objects are placed on a surface. What they pass afterwards is the same.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Placing {
+    /// Within reach over an edge, as the paper says.
+    #[default]
+    Reach,
+    /// On the grid of REAL's generator.
+    Grid,
 }
 
 /// Why nothing can be made.
@@ -99,7 +112,7 @@ fn make_here(options: &Options<'_>, on_task: &(impl Fn() + Sync)) -> Result<Made
             for (scene, source) in sources.iter().enumerate() {
                 let same = |cell: &Cell<'_>| (cell.family, cell.task_type, cell.scene) == (*family, *task_type, scene);
                 let at = cells.iter().position(same).unwrap_or_else(|| {
-                    cells.push(Cell::new(*family, *task_type, scene, source, options.seed));
+                    cells.push(Cell::new((*family, *task_type), scene, source, options));
                     cells.len() - 1
                 });
                 turn.push(at);
@@ -157,6 +170,7 @@ struct Cell<'a> {
     scene: usize,
     source: &'a Source<'a>,
     seed: u64,
+    placing: Placing,
     /// The triplets in the order they are tried: every pair of receptacles once, then each again.
     order: Vec<(usize, usize, usize)>,
     /// The next draft.
@@ -167,7 +181,8 @@ struct Cell<'a> {
 }
 
 impl<'a> Cell<'a> {
-    fn new(family: Family, task_type: TaskType, scene: usize, source: &'a Source<'a>, seed: u64) -> Self {
+    fn new((family, task_type): (Family, TaskType), scene: usize, source: &'a Source<'a>, options: &Options<'_>) -> Self {
+        let Options { seed, placing, .. } = *options;
         let sites = &source.ground.sites;
         let scene_id = &source.ground.scene.scene_id;
         let mut stream = Stream::new(seed, &format!("triplets/{family}/{scene_id}/{}", task_type.as_str()), 0);
@@ -183,7 +198,8 @@ impl<'a> Cell<'a> {
             of_round.collect::<Vec<_>>()
         });
         let order = order.collect();
-        Self { family, task_type, scene, source, seed, order, next: 0, wanted: 0, tasks: Vec::new(), rejected: BTreeMap::new() }
+        let (next, wanted, tasks, rejected) = (0, 0, Vec::new(), BTreeMap::new());
+        Self { family, task_type, scene, source, seed, placing, order, next, wanted, tasks, rejected }
     }
 
     /// Whether every triplet was tried.
@@ -223,7 +239,7 @@ impl<'a> Cell<'a> {
         let wanted = Wanted { family, task_type: self.task_type, src, dest, object };
         let name = format!("{scene_id}_{kind}_{number:05}");
         let mut task = draft::draw(self.source, wanted, &name, &mut stream).map_err(Rejection::Draft)?;
-        place(&mut task, ground, &mut stream).map_err(Rejection::Static)?;
+        place(&mut task, ground, self.placing, &mut stream).map_err(Rejection::Static)?;
         let task = Arc::new(task);
         let spawned = settle::spawn(&ground.scene, &task);
         let rests = settle::settle(&spawned).map_err(Rejection::Physics)?;
@@ -240,13 +256,15 @@ impl<'a> Cell<'a> {
 }
 
 /// Both filters of geometry, on every receptacle that holds something at the start or, of what moves, at the end.
-fn place(task: &mut Task, ground: &Ground, stream: &mut Stream) -> Result<(), placement::Misfit> {
+fn place(task: &mut Task, ground: &Ground, placing: Placing, stream: &mut Stream) -> Result<(), Misfit> {
     let in_use = |site: &&Site| {
         task.objects.iter().any(|object| object.receptacle == site.receptacle.id) || site.receptacle.id == task.dest
     };
     let sites: Vec<&Site> = ground.sites.iter().filter(in_use).collect();
     let mut placement = Placement::default();
     for site in sites {
+        let surface = site.surface();
+        let mut grid = GridPlacement::new(surface.min, surface.max);
         let id = &site.receptacle.id;
         let mut here: Vec<usize> = (0..task.objects.len()).filter(|index| task.objects[*index].receptacle == *id).collect();
         // The target has the choice.
@@ -257,7 +275,17 @@ fn place(task: &mut Task, ground: &Ground, stream: &mut Stream) -> Result<(), pl
             here.iter().map(|index| task.objects[*index].size).chain(arriving.map(|object| object.size)).collect();
         placement::static_filter(site, &sizes, stream)?;
         for index in here {
-            let [x, y, z] = placement.place(site, task.objects[index].size, stream)?;
+            let size = task.objects[index].size;
+            let [x, y, z] = match placing {
+                Placing::Reach => placement.place(site, size, stream)?,
+                Placing::Grid => {
+                    let footprint = [size[0], size[1]];
+                    let best = grid.best(footprint, |at| site.free_floor_near(at));
+                    let at = best.first().copied().ok_or(Misfit::OutOfReach)?;
+                    grid.put(at, footprint);
+                    [at[0], at[1], site.receptacle.surface_height() + size[2] / 2.0]
+                }
+            };
             task.objects[index].position = [x, y, ((z + SPAWN_GAP_M) * 1e4).round() / 1e4];
         }
     }

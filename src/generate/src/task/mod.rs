@@ -8,6 +8,7 @@
 pub mod compatibility;
 pub(crate) mod describe;
 mod draft;
+pub mod grid;
 mod ground;
 mod make;
 pub mod placement;
@@ -20,6 +21,6 @@ mod wording;
 pub use compatibility::Compatibility;
 pub use draft::{Difficulty, TaskType, Unfit};
 pub use ground::{Ground, Side, Site};
-pub use make::{Made, MakeError, Options, make};
+pub use make::{Made, MakeError, Options, Placing, make};
 pub use settle::{FALL_MAX_M, FARTHEST_M, Unsettled, can_be_approached, settle, spawn};
 pub use statistics::{Rejection, Statistics};

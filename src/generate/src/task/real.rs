@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use reel_tasks::yaml;
+use reel_tasks::{real_proc, yaml};
 use reel_world::{Family, Scene, Task};
 use serde_json::{Value, json};
 
@@ -35,16 +35,8 @@ fn published(task: &Task, scene: &Scene, index: usize) -> Task {
     if let Some(Value::Object(goal)) = &mut task.published_goal {
         goal.retain(|id, _| kept.receptacle(&id.as_str().into()).is_some());
     }
-    let folder = format!("assets/metadata/{}", task.scene_id);
     let mut extra: BTreeMap<String, Value> = BTreeMap::new();
-    extra.insert(
-        "paths".to_owned(),
-        json!({
-            "scene_usd": format!("assets/scenes/{}_usd/scene.usd", task.scene_id),
-            "occ_map_dir": folder,
-            "furniture_lib": format!("{folder}/scene_furniture_library.json"),
-        }),
-    );
+    extra.insert("paths".to_owned(), real_proc::paths(&task.scene_id));
     for object in &task.objects {
         let usd = format!("{}.usd", object.asset);
         extra.insert(format!("objects.{}.usd_path", object.instance), json!(format!("${{MESATASK_USD_ROOT}}/{usd}")));
@@ -60,7 +52,7 @@ fn published(task: &Task, scene: &Scene, index: usize) -> Task {
         extra.insert(format!("episodes[0].{key}"), json!(index));
     }
     if let Some(purpose) = &task.purpose {
-        extra.insert("episodes[0].purpose_group".to_owned(), json!(format!("{}s", purpose.replace(' ', "_"))));
+        extra.insert("episodes[0].purpose_group".to_owned(), json!(real_proc::purpose_group(purpose)));
     }
     task.extra = extra;
     task

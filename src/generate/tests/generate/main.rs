@@ -5,5 +5,7 @@ mod built_in;
 mod faults;
 mod generated;
 mod placing;
+mod real_contract;
+mod real_proc;
 mod social;
 mod tasks;

@@ -26,8 +26,17 @@ fn made() -> &'static [(Arc<Scene>, Task)] {
         let scenes = ["S1", "S3"].map(|name| Arc::new(built_in(name).unwrap()));
         let (families, types) = (&Family::ALL, &TaskType::ALL);
         let (library, table) = (objects(), Compatibility::committed());
-        let options =
-            reel_generate::task::Options { scenes: &scenes, library, table, families, types, count: 64, seed: 1, jobs: 2 };
+        let options = reel_generate::task::Options {
+            scenes: &scenes,
+            library,
+            table,
+            families,
+            types,
+            count: 64,
+            seed: 1,
+            placing: reel_generate::task::Placing::Reach,
+            jobs: 2,
+        };
         let made = make(&options, || {}).unwrap().tasks;
         made.into_iter().map(|(scene, task)| (scenes[scene].clone(), task)).collect()
     })

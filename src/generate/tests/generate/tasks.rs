@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, sync::Arc};
 use reel_generate::{
     scene::{built_in, names},
     task::{
-        Compatibility, Ground, Made, Options, Rejection, TaskType, Unfit, Unsettled, can_be_approached, compatibility, make,
-        real, settle, spawn,
+        Compatibility, Ground, Made, Options, Placing, Rejection, TaskType, Unfit, Unsettled, can_be_approached, compatibility,
+        make, real, settle, spawn,
     },
 };
 use reel_tasks::{home, library::objects};
@@ -15,7 +15,8 @@ use reel_world::{Family, ReceptacleId, Scene, Task};
 fn made(scenes: &[Arc<Scene>], count: usize, seed: u64, jobs: usize) -> Made {
     let (families, types) = (&Family::ALL, &TaskType::ALL);
     let (library, table) = (objects(), Compatibility::committed());
-    make(&Options { scenes, library, table, families, types, count, seed, jobs }, || {}).unwrap()
+    let placing = Placing::Reach;
+    make(&Options { scenes, library, table, families, types, count, seed, placing, jobs }, || {}).unwrap()
 }
 
 /// The home, and the same seen in a mirror: two scenes.
@@ -113,7 +114,8 @@ fn no_word_happens_to_name_furniture_that_has_no_part_in_it() {
     // S5 has "the brown desk", and the library a brown desk clock.
     let scenes = [Arc::new(built_in("S5").unwrap())];
     let (library, table, families, types) = (objects(), Compatibility::committed(), &[Family::FDP], &[TaskType::Gather]);
-    let options = Options { scenes: &scenes, library, table, families, types, count: 40, seed: 1, jobs: 2 };
+    let options =
+        Options { scenes: &scenes, library, table, families, types, count: 40, seed: 1, placing: Placing::Reach, jobs: 2 };
     let made = make(&options, || {}).unwrap();
     for (_, task) in &made.tasks {
         let is_ours = |id: &ReceptacleId| *id == task.dest || task.moved().any(|object| object.receptacle == *id);
@@ -184,6 +186,7 @@ fn two_scenes_of_one_name_and_families_without_the_type_are_refused() {
         types: &[TaskType::Gather],
         count: 1,
         seed: 1,
+        placing: Placing::Reach,
         jobs: 1,
     };
     let error = |options: &Options<'_>| make(options, || {}).unwrap_err().to_string();
@@ -221,7 +224,17 @@ fn a_table_by_a_model_says_where_things_go() {
     let mugs: Compatibility = serde_json::from_str(&serde_json::to_string(&mugs).unwrap()).unwrap();
     let (families, types) = ([Family::FDP], [TaskType::Basic]);
     let (scenes, families, types) = (&scenes[..], &families[..], &types[..]);
-    let options = Options { scenes, library: objects(), table: &mugs, families, types, count: 6, seed: 1, jobs: 2 };
+    let options = Options {
+        scenes,
+        library: objects(),
+        table: &mugs,
+        families,
+        types,
+        count: 6,
+        seed: 1,
+        placing: Placing::Reach,
+        jobs: 2,
+    };
     let made = make(&options, || {}).unwrap();
     assert_eq!(made.tasks.len(), 6, "{:?}", made.statistics);
     for (_, task) in &made.tasks {

@@ -1,9 +1,11 @@
 //! Imported episodes hold what the published files hold, and no file can make the importer panic.
 
 mod bags;
+mod eval_output;
 mod fixture;
 mod hostile;
 mod published;
+mod real_contract;
 mod robot;
 
 use std::{

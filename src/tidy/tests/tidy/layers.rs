@@ -30,7 +30,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("model", &["world"]),
     ("prompt", &["world"]),
     ("pilot", &["world", "agents", "episode", "trace", "model", "prompt"]),
-    ("annotate", &["world", "trace", "history", "model"]),
+    ("annotate", &["world", "trace", "history", "model", "prompt"]),
     ("dataset", &["world", "prompt"]),
     ("lint", &["world", "history", "dataset"]),
     ("export", &["world", "reward", "trace", "tables", "replay", "history", "annotate", "prompt", "dataset"]),

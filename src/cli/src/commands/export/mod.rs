@@ -3,6 +3,9 @@
 #[cfg(feature = "analytics")]
 mod preferences;
 #[cfg(feature = "analytics")]
+mod real_annotation;
+mod real_eval;
+#[cfg(feature = "analytics")]
 mod rl;
 #[cfg(feature = "analytics")]
 mod sft;
@@ -36,6 +39,11 @@ enum Command {
     #[command(about = "Preference pairs: failed decisions beside their smallest repairs, and value targets")]
     #[cfg(feature = "analytics")]
     Preferences(preferences::Arguments),
+    #[command(about = "Traces as the eval_output that REAL's published agents write")]
+    RealEval(real_eval::Arguments),
+    #[command(about = "Traces in the files of REAL's annotation script")]
+    #[cfg(feature = "analytics")]
+    RealAnnotation(real_annotation::Arguments),
     /// One episode as a Rerun recording: pictures, transforms, boxes, transcript, rewards
     #[cfg(feature = "rerun")]
     #[command(verbatim_doc_comment)]
@@ -80,6 +88,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         Command::Rl(arguments) => rl::run(arguments),
         #[cfg(feature = "analytics")]
         Command::Preferences(arguments) => preferences::run(arguments),
+        Command::RealEval(arguments) => real_eval::execute(arguments),
+        #[cfg(feature = "analytics")]
+        Command::RealAnnotation(arguments) => real_annotation::run(arguments),
         #[cfg(feature = "rerun")]
         Command::Rrd { trace, out, json } => {
             std::fs::write(out, reel_view::rrd(&reel_trace::Trace::read(trace)?)?)?;

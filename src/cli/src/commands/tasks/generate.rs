@@ -3,7 +3,8 @@
 use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
-use reel_generate::task::{Compatibility, Made, Options, Rejection, Statistics, TaskType, make, real};
+use reel_generate::task::{Compatibility, Made, Options, Placing, Rejection, Statistics, TaskType, make, real};
+use reel_tasks::real_proc;
 use reel_world::Scene;
 use serde_json::json;
 
@@ -17,6 +18,7 @@ use crate::{Answer, inputs, progress};
 /// Example:
 ///   reel tasks generate --count 200 --seed 1 --out made
 ///   reel tasks generate --scene S1,S2,S3,flat.json --families SUL --format real
+///   reel tasks generate --scene S1 --count 100 --format real-proc --out proc
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -38,8 +40,9 @@ pub struct Arguments {
     /// Seed of everything random
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// reel, or real: the published schema and nothing else, which has no tasks that move several objects
-    #[arg(long, value_name = "NAME", default_value = "reel", value_parser = ["reel", "real"])]
+    /// reel; real: the schema of REAL-Bench and nothing else, which has no tasks that move several objects; or real-proc: one
+    /// DIR/<scene>/<type>.yaml as REAL's task generator writes it, with objects on its placement grid
+    #[arg(long, value_name = "NAME", default_value = "reel", value_parser = ["reel", "real", "real-proc"])]
     format: String,
     /// Folder for the files
     #[arg(long, value_name = "DIR", default_value = "tasks-out")]
@@ -65,6 +68,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         types: &parse_types(&arguments.types, in_real)?,
         count: arguments.count,
         seed: arguments.seed,
+        placing: if arguments.format == "real-proc" { Placing::Grid } else { Placing::Reach },
         jobs: inputs::workers(arguments.jobs),
     };
     let bar = progress::bar(arguments.count, "tasks");
@@ -107,6 +111,10 @@ fn write(made: &Made, scenes: &[Arc<Scene>], arguments: &Arguments) -> anyhow::R
     let out = &arguments.out;
     for scene in made.tasks.iter().map(|(scene, _)| *scene).collect::<BTreeSet<_>>() {
         save_scene(out, &scenes[scene])?;
+    }
+    if arguments.format == "real-proc" {
+        let tasks = made.tasks.iter().map(|(scene, task)| (task, scenes[*scene].as_ref()));
+        return real_proc::export(tasks).iter().try_for_each(|file| save(&out.join(&file.path), &file.text()));
     }
     for (index, (scene, task)) in made.tasks.iter().enumerate() {
         let scene = &scenes[*scene];

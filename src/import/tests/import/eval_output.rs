@@ -1,0 +1,97 @@
+//! Traces as files of the evaluation client, and back.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use reel_import::{
+    Options,
+    eval_client::{RunSettings, replay::Recorded, run},
+};
+use reel_trace::Trace;
+use reel_world::{Tool, ToolCall, record::EndReason};
+use serde_json::{Map, Value, json};
+
+use crate::imported_with;
+
+fn golden() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden");
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
+    paths.sort();
+    assert!(paths.len() > 20);
+    paths
+}
+
+fn settings(out: &Path) -> RunSettings {
+    RunSettings {
+        out: out.to_owned(),
+        model: "m/x".to_owned(),
+        prefix: "reel".to_owned(),
+        steps_max: u32::MAX,
+        start_idx: 0,
+        end_idx: 999_999,
+        metadata: Map::new(),
+        run_tag: "t".to_owned(),
+    }
+}
+
+#[test]
+fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
+    for path in golden() {
+        let folder = tempfile::tempdir().unwrap();
+        let (root, out) = (folder.path().join("eval_output"), folder.path().join("traces"));
+        fs::create_dir_all(&out).unwrap();
+        let trace = Trace::read(&path).unwrap();
+        let results = run(&settings(&root), &mut Recorded::new(std::slice::from_ref(&path))).unwrap();
+        assert_eq!(results["total"], 1, "{}", path.display());
+        let written: Value = serde_json::from_slice(&fs::read(root.join("reel_results_m_x_t.json")).unwrap()).unwrap();
+        assert_eq!(written, results);
+
+        if trace.steps.is_empty() {
+            continue;
+        }
+        let episodes = reel_import::episodes(&root).unwrap();
+        let tasks = [Arc::new((*trace.task).clone())];
+        let options = Options { run_id: "again", tasks: &tasks, scene: Some(&trace.scene) };
+        let (report, again) = imported_with(&episodes[0], &out, &options);
+        assert_eq!(report.losses, [], "{}", path.display());
+        let tools = |trace: &Trace| -> Vec<Result<Tool, ToolCall>> {
+            trace.steps.iter().map(|step| Tool::parse(&step.input.call).map_err(|_| step.input.call.clone())).collect()
+        };
+        for (tool, read) in tools(&trace).iter().zip(&tools(&again)) {
+            assert!(tool == read || tool.is_err(), "{}: {tool:?} {read:?}", path.display());
+        }
+        assert_eq!(trace.steps.len(), again.steps.len());
+        assert_eq!(again.start.graphs.registry, trace.start.graphs.registry);
+        let end = trace.end.as_ref().unwrap();
+        assert_eq!(again.end.as_ref().unwrap().graphs.registry, end.graphs.registry, "{}", path.display());
+        let ends = match end.reason {
+            reason @ (EndReason::Finished | EndReason::Horizon) => reason,
+            // The client knows no other end than that its agent failed.
+            _ => EndReason::Fault,
+        };
+        assert_eq!(again.end.as_ref().unwrap().reason, ends, "{}", path.display());
+        if end.graphs.registry == end.graphs.physics {
+            assert_eq!(report.success, end.metrics.success, "{}", path.display());
+        }
+        let held = |trace: &Trace| trace.steps.iter().map(|step| step.held.clone()).collect::<Vec<_>>();
+        // `finish` shows the graph alone, so that what was held before stays known.
+        assert_eq!(held(&again), held(&trace), "{}", path.display());
+    }
+}
+
+#[test]
+fn episodes_of_a_folder_that_is_not_empty_are_skipped() {
+    let folder = tempfile::tempdir().unwrap();
+    let paths = golden();
+    let run = |tag: &str| {
+        let settings = RunSettings { run_tag: tag.to_owned(), ..settings(folder.path()) };
+        run(&settings, &mut Recorded::new(&paths[..1])).unwrap()
+    };
+    assert_eq!(run("first")["skipped"], 0);
+    let again = run("second");
+    assert_eq!((&again["skipped"], &again["total"]), (&json!(1), &json!(1)));
+}

@@ -1,0 +1,132 @@
+//! What came back from a tool, as the published clients put it into a prompt.
+
+use crate::{Wording, python};
+
+/// One content of a tool's result.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Item<'a> {
+    /// A text.
+    Text(&'a str),
+    /// An image.
+    Image,
+}
+
+/// A tool's result as the trainer shows it to the model.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Observation {
+    /// The texts, with a mark where an image stood.
+    pub text: String,
+    /// How many images came with it.
+    pub images: usize,
+}
+
+impl Observation {
+    /// Reads the contents of a result. The last one is the debug information and never shown; neither are texts that begin
+    /// like it, or like JSON. A result without anything to show says that the tool was called.
+    pub fn of_result(tool: &str, contents: &[Item<'_>], wording: &Wording) -> Self {
+        let shown = if contents.len() > 1 { &contents[..contents.len() - 1] } else { contents };
+        let hidden = |text: &str| text.starts_with('{') || text.starts_with("Debug Info:");
+        let (mut text, mut images) = (String::new(), 0);
+        for item in shown {
+            match item {
+                Item::Text(line) if hidden(python::strip(line)) => continue,
+                Item::Text(line) => text.push_str(python::strip(line)),
+                Item::Image => {
+                    text.push_str(&wording.image_mark);
+                    images += 1;
+                }
+            }
+            text.push('\n');
+        }
+        let text = match python::strip(&text) {
+            "" => wording.no_text.replace("{}", tool),
+            text => text.to_owned(),
+        };
+        Self { text, images }
+    }
+
+    /// What the model is told of an answer without a usable action.
+    pub fn of_invalid_answer(error: &super::ActionError, wording: &Wording) -> Self {
+        Self { text: format!("{}{error}", wording.invalid_answer), images: 0 }
+    }
+
+    /// The sentence that a rollout's prompt holds: one `<image>` in it, whatever the number of images.
+    pub fn in_rollout(&self, wording: &Wording) -> String {
+        let introduction = if self.images > 0 { &wording.observed_image_and_text } else { &wording.observed_text };
+        format!("{introduction}{}", self.text)
+    }
+
+    /// The sentence that the gym's prompt holds.
+    pub fn in_gym(&self, wording: &Wording) -> String {
+        if self.images == 0 {
+            return format!("{}{}", wording.observed_text, self.text);
+        }
+        let text = self.text.replace(wording.image_mark.as_str(), "");
+        match python::strip(&text) {
+            "" => wording.gym_image.clone(),
+            text => format!("{}{text}{}", wording.gym_text, wording.gym_and_image),
+        }
+    }
+}
+
+/// The marker that a user's reply names: the longest number of the marker map that stands in it, else the word after `marker`,
+/// if the map is empty or has it.
+pub fn asked_marker<'m>(reply: &'m str, markers: &[&'m str]) -> Option<&'m str> {
+    let mut known = markers.to_vec();
+    known.sort_by_key(|marker| std::cmp::Reverse(marker.chars().count()));
+    if let Some(marker) = known.into_iter().find(|marker| reply.contains(*marker)) {
+        return Some(marker);
+    }
+    let word = reply.char_indices().find_map(|(at, _)| {
+        let rest = reply[at..].get(.."marker".len()).filter(|word| word.eq_ignore_ascii_case("marker"));
+        let rest = rest.and(reply.get(at + "marker".len()..))?;
+        let rest = rest.strip_prefix(|c: char| c == '_' || python::is_space(c))?;
+        let end = rest.find(|c: char| c != '_' && !c.is_alphanumeric()).unwrap_or(rest.len());
+        (end > 0).then(|| &rest[..end])
+    })?;
+    (markers.is_empty() || markers.contains(&word)).then_some(word)
+}
+
+/// Texts by which the trainer knows that a call failed, in lower case.
+pub const REPORTED_ERRORS: [&str; 13] = [
+    "[[internal error]]",
+    "error executing",
+    "traceback",
+    "no object in the inventory",
+    "cannot place object into a closed",
+    "not found in the marker map",
+    "cannot find a non-occluded position",
+    "not found in the scene",
+    "not implemented yet",
+    "not recognized",
+    "not aligned to bread target",
+    "selected marker_id",
+    "hand is empty",
+];
+
+/// What the trainer believes of the hand: any pick whose observation reports no error fills it, any place empties it.
+#[derive(Clone, PartialEq, Eq, Debug, Default)]
+pub struct Hand {
+    occupied: bool,
+}
+
+impl Hand {
+    /// Takes in an observation. `tool` goes by its canonical name.
+    pub fn update(&mut self, tool: &str, observation: &str) {
+        let observation = observation.to_lowercase();
+        let failed = REPORTED_ERRORS.iter().any(|error| observation.contains(error));
+        match tool {
+            "pick" if !failed => self.occupied = true,
+            "place" if !failed => self.occupied = false,
+            _ => {}
+        }
+    }
+
+    /// The sentence of the prompt. `held` is the category in the inventory; `None` if nothing is.
+    pub fn describe(&self, held: Option<&str>, wording: &Wording) -> String {
+        match (self.occupied, held) {
+            (false, _) => wording.hand_empty.clone(),
+            (true, held) => wording.hand_holding.replace("{}", held.unwrap_or("an object")),
+        }
+    }
+}
