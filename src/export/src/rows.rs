@@ -58,7 +58,7 @@ pub(crate) fn write(
         None => DatasetWriter::new(out, options.writer),
     };
     let mut parquet: BTreeMap<Split, parquet::Shards> = BTreeMap::new();
-    let mut known = Known::new(store)?;
+    let mut known = Known::new(store, Arc::clone(&options.prompt))?;
     let mut task_ids = BTreeSet::new();
     let mut failed = None;
     store.read(Table::Episodes, &columns(options.words), |batch| {
@@ -121,6 +121,7 @@ pub(crate) fn write(
     let description = Description {
         name: options.name.clone(),
         style: options.style,
+        prompt: Arc::clone(&options.prompt),
         command: options.command.clone(),
         options: serde_json::to_value(options).expect("plain data becomes JSON"),
         table_version: store.version(),
@@ -166,6 +167,7 @@ impl Maker<'_> {
         for (step, note) in steps.iter_mut().zip(notes) {
             (step.reasoning, step.history) = (note.reasoning, note.history);
             (step.schedule, step.subtask) = (note.schedule, note.subtask);
+            step.held = row.held_after(step.call).and_then(|instance| known.object(instance)).map(|object| object.category.clone());
             step.learn = candidate.decisions.iter().any(|decision| decision.call == step.call);
             step.rollout = candidate.worth.as_ref().and_then(|worth| row.rollout(worth, step.call));
         }
