@@ -5,8 +5,8 @@ use std::{collections::BTreeMap, path::Path, sync::Arc, time::Duration};
 use anyhow::{Context, bail};
 use reel_agents::{AgentError, Job, Outside, POLICIES, Seats, builtin};
 use reel_model::{ApiKey, CallLog, Client, Endpoint};
-use reel_prompt::Prompt;
 use reel_pilot::{AgentStyle, Embeddings, ModelUser, SIMILARITY_DEFAULT, agent};
+use reel_prompt::Prompt;
 use serde_json::{Map, Value, json};
 
 use crate::{model::RealClock, prompt::PromptArguments};
@@ -96,7 +96,13 @@ impl Players {
         let user = self.user_model.as_deref().map(|model| client(model, USER_TOKENS)).transpose()?;
         let matcher = self.match_model.as_deref().map(|model| client(model, 0)).transpose()?;
         let prompt = self.prompt.prompt()?;
-        Ok(Cast { agent: self.agent.clone(), deciding, prompt, user, matcher: matcher.map(|client| (client, self.match_similarity)) })
+        Ok(Cast {
+            agent: self.agent.clone(),
+            deciding,
+            prompt,
+            user,
+            matcher: matcher.map(|client| (client, self.match_similarity)),
+        })
     }
 
     fn extra(&self) -> anyhow::Result<Map<String, Value>> {

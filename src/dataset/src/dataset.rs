@@ -15,7 +15,8 @@ use serde_json::Value;
 
 use crate::{
     About, BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck, Manifest, PictureOptions,
-    Pictures, PromptTemplate, QWEN3_VL_SIDE, Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card,
+    Pictures, PromptTemplate, QWEN3_VL_SIDE, Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer,
+    card::write_card,
 };
 
 /// How a dataset is written.

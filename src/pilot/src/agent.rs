@@ -47,13 +47,7 @@ impl AgentStyle {
 
 /// A model as an agent. Single turns are put by `prompt`, which names the tools itself; `names` are those of functions. `seed`
 /// is the episode's.
-pub fn agent(
-    style: AgentStyle,
-    client: Arc<Client>,
-    prompt: &Arc<Prompt>,
-    names: NameSet,
-    seed: u64,
-) -> Box<dyn Policy + Send> {
+pub fn agent(style: AgentStyle, client: Arc<Client>, prompt: &Arc<Prompt>, names: NameSet, seed: u64) -> Box<dyn Policy + Send> {
     match style {
         AgentStyle::SingleTurn => Box::new(SingleTurn::new(client, Arc::clone(prompt), seed)),
         AgentStyle::Functions => Box::new(FunctionCalling::new(client, names, seed)),

@@ -297,9 +297,8 @@ impl Done {
         let mut next = 0;
         let mut smooth = true;
         for (call, outcome) in &self.calls {
-            let is_recorded = |line: &Line| {
-                canonical(&line.call.name, &line.call.arguments) == *call && short(&line.outcome) == short(outcome)
-            };
+            let is_recorded =
+                |line: &Line| canonical(&line.call.name, &line.call.arguments) == *call && short(&line.outcome) == short(outcome);
             smooth = plan.get(next).is_some_and(is_recorded);
             next += usize::from(smooth);
         }

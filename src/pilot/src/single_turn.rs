@@ -177,7 +177,11 @@ mod tests {
             }
         }
         let last = taught.last().unwrap().messages()[0].1.to_string();
-        for part in ["Hand: holding: mug", "{'History': '0) I made 0 calls.\n1) I made 1 calls.", r#"{"tool_name": "pick", "args": {"marker_id": "0"}}"#] {
+        for part in [
+            "Hand: holding: mug",
+            "{'History': '0) I made 0 calls.\n1) I made 1 calls.",
+            r#"{"tool_name": "pick", "args": {"marker_id": "0"}}"#,
+        ] {
             assert!(last.contains(part), "{part}\n{last}");
         }
     }
@@ -193,6 +197,11 @@ mod tests {
         agent.watch(&context(&start, 0), &StepInput::bare(ToolCall::new("nav_to", json!({"receptacle_name": "table_1"}))));
         let asked = agent.request(&context(&arrived, 1));
         let [Part::Text(text)] = &asked.messages[0].parts[..] else { panic!("one text") };
-        assert!(text.contains(r#"{'History': '0) {"tool_name":"navigate_to","args":{"receptacle_name":"table_1"}}: Arrived at table_1.'}"#), "{text}");
+        assert!(
+            text.contains(
+                r#"{'History': '0) {"tool_name":"navigate_to","args":{"receptacle_name":"table_1"}}: Arrived at table_1.'}"#
+            ),
+            "{text}"
+        );
     }
 }

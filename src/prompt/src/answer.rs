@@ -124,7 +124,10 @@ mod tests {
         assert_eq!(Value::from(agent.arguments), action["args"]);
         assert_eq!(trainer_action(&text).unwrap().tool_name, "focus_on");
         let gym = gym_answer(&text);
-        assert_eq!((gym.last_action.as_ref(), &gym.task_progress.unwrap()["Current subtask"]), (Some(&action), &json!("pick it")));
+        assert_eq!(
+            (gym.last_action.as_ref(), &gym.task_progress.unwrap()["Current subtask"]),
+            (Some(&action), &json!("pick it"))
+        );
         assert_eq!(scheduler_action(&text), Some((Some(answer.history.to_owned()), Some(action))));
     }
 

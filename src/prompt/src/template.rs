@@ -166,8 +166,10 @@ pub fn check(text: &str) -> Result<(), TemplateError> {
     if python::strip(text).is_empty() {
         return Err(TemplateError::Empty);
     }
-    let fields: BTreeSet<String> =
-        split(text)?.into_iter().filter_map(|piece| if let Raw::Field { name, .. } = piece { Some(name) } else { None }).collect();
+    let fields: BTreeSet<String> = split(text)?
+        .into_iter()
+        .filter_map(|piece| if let Raw::Field { name, .. } = piece { Some(name) } else { None })
+        .collect();
     let mut names: Vec<&str> = FIELDS.iter().map(|(name, _)| *name).filter(|name| !fields.contains(*name)).collect();
     if !names.is_empty() {
         names.sort_unstable();
@@ -283,7 +285,10 @@ mod tests {
         let error = |text: &str| Template::parse(text).unwrap_err().to_string();
         assert_eq!(error(" \n"), "the template is empty");
         let first = TEMPLATE.lines().count();
-        assert!(error(&format!("{}\n{{OTHER}}", TEMPLATE.trim_end())).starts_with(&format!("line {}: unknown placeholder {{OTHER}}", first + 1)));
+        assert!(
+            error(&format!("{}\n{{OTHER}}", TEMPLATE.trim_end()))
+                .starts_with(&format!("line {}: unknown placeholder {{OTHER}}", first + 1))
+        );
         assert!(error(&format!("{{TASK\n{TEMPLATE}")).starts_with("line 1: a single '{'"));
         assert!(error(&format!("a\n}} {TEMPLATE}")).starts_with("line 2: a single '}'"));
         let missing = error(&TEMPLATE.replace("{TASK}", "").replace("{LAST_OBS}", ""));

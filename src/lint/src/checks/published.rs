@@ -17,6 +17,8 @@ use crate::{Severity, report::Findings};
 #[derive(Default)]
 pub(super) struct Published {
     answers: u64,
+    /// Answers in which the trainer finds a call.
+    acting: u64,
     whole: u64,
 }
 
@@ -31,6 +33,7 @@ impl Check for Published {
             let text = seen.example.turns[said.turn].text();
             let lost = losses(&text);
             self.answers += 1;
+            self.acting += u64::from(lost.iter().all(|loss| loss.kind != NO_ACTION));
             self.whole += u64::from(lost.is_empty());
             for Loss { kind, message } in lost {
                 found.add(kind, Severity::Warning, &places, || (message, text.clone()));
@@ -39,13 +42,16 @@ impl Check for Published {
     }
 
     fn finish(&mut self, found: &mut Findings) {
-        if self.answers == 0 {
-            found.not_applicable("no answer in text: REAL's parsers read no native tool calls");
+        if self.acting == 0 {
+            found.not_applicable("no answer in text calls a tool; REAL's parsers read no native tool calls");
         } else {
             found.note(format!("{} of {} answers reach all four parsers whole", self.whole, self.answers));
         }
     }
 }
+
+/// The kind of an answer without a call.
+const NO_ACTION: &str = "trainer: no action";
 
 /// Something that a parser loses.
 struct Loss {
@@ -62,14 +68,17 @@ fn losses(text: &str) -> Vec<Loss> {
     let trained = match trainer_action(text) {
         Ok(TrainerAction { requested_tool_name, tool_name, arguments }) => {
             if requested_tool_name != tool_name {
-                lose("former tool name", format!("`{requested_tool_name}` is now `{tool_name}`: gym and scheduler show it as it is"));
+                lose(
+                    "former tool name",
+                    format!("`{requested_tool_name}` is now `{tool_name}`: gym and scheduler show it as it is"),
+                );
             } else if !is_tool(&tool_name) {
                 lose("unknown tool name", format!("`{tool_name}` is no tool of the published servers"));
             }
             Some((tool_name, arguments))
         }
         Err(error @ (ActionError::Empty | ActionError::NoAction { .. })) => {
-            lose("trainer: no action", format!("{error}: -0.5, and the call is not made"));
+            lose(NO_ACTION, format!("{error}: -0.5, and the call is not made"));
             None
         }
     };
@@ -107,7 +116,12 @@ fn losses(text: &str) -> Vec<Loss> {
 }
 
 /// Whether a last action is the one that the trainer executes.
-fn compare(shown: Option<&Value>, trained: Option<&Action>, kinds: [&'static str; 2], lose: &mut impl FnMut(&'static str, String)) {
+fn compare(
+    shown: Option<&Value>,
+    trained: Option<&Action>,
+    kinds: [&'static str; 2],
+    lose: &mut impl FnMut(&'static str, String),
+) {
     let Some(shown) = shown else {
         lose(kinds[0], "no action under `next action`: the next prompt shows the one before".to_owned());
         return;
@@ -149,18 +163,22 @@ mod tests {
         let action = r#"{"tool_name": "pick", "args": {"marker_id": "1"}}"#;
         assert_eq!(kinds(&format!("<think>t</think>\n{{{SUMMARY}, \"next action\": {action}}}")), [""; 0]);
         let flat = format!(r#"{{"History": "a", "Current subtask": "c", "next_action": {action}}}"#);
-        let lost = ["agent: empty memory", "gym: empty memory", "gym: no action", "scheduler: empty memory", "scheduler: no action"];
+        let lost =
+            ["agent: empty memory", "gym: empty memory", "gym: no action", "scheduler: empty memory", "scheduler: no action"];
         assert_eq!(kinds(&flat), lost);
         let prose = format!("{{{SUMMARY}, \"next action\": {action}}} Done.");
         assert_eq!(kinds(&prose), ["scheduler: not strict JSON"]);
-        let two = format!("{{{SUMMARY}, \"next action\": {action}, \"next_action\": {{\"tool_name\": \"finish\", \"args\": {{}}}}}}");
+        let two =
+            format!("{{{SUMMARY}, \"next action\": {action}, \"next_action\": {{\"tool_name\": \"finish\", \"args\": {{}}}}}}");
         assert_eq!(kinds(&two), ["agent: other action"]);
-        let former = format!("{{{SUMMARY}, \"next action\": {{\"tool_name\": \"gaze_at\", \"args\": {{\"marker_id\": \"1\"}}}}}}");
+        let former =
+            format!("{{{SUMMARY}, \"next action\": {{\"tool_name\": \"gaze_at\", \"args\": {{\"marker_id\": \"1\"}}}}}}");
         assert_eq!(kinds(&former), ["former tool name"]);
         assert_eq!(kinds(&former.replace("gaze_at", "fly")), ["unknown tool name"]);
         let shorthand = format!("{{{SUMMARY}, \"next action\": \"finish\"}}");
         assert_eq!(kinds(&shorthand), ["agent: no action", "gym: other action", "scheduler: other action"]);
-        let nothing = ["trainer: no action", "agent: no action", "gym: empty memory", "gym: no action", "scheduler: not strict JSON"];
+        let nothing =
+            ["trainer: no action", "agent: no action", "gym: empty memory", "gym: no action", "scheduler: not strict JSON"];
         assert_eq!(kinds("I do not know."), nothing);
     }
 }

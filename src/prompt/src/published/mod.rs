@@ -9,11 +9,11 @@ mod scene;
 mod training;
 mod vlm_agent;
 
+pub(crate) use answer::published_call;
 pub use answer::{
     ActionError, AgentAnswer, AgentError, GymAnswer, LEGACY_TOOLS, TrainerAction, agent_answer, answer_text, canonical_tool,
     gym_answer, scheduler_action, trainer_action,
 };
-pub(crate) use answer::published_call;
 pub use memory::{AgentMemory, GymMemory, SchedulerMemory};
 pub use observation::{Hand, Item, Observation, REPORTED_ERRORS, asked_marker};
 pub use scene::{agent_scene, openai_tools, prompt_tools, tools_description, trainer_scene};

@@ -49,7 +49,8 @@ pub fn prompt_tools(tools: &[Value]) -> String {
 
 /// MCP tools as functions of an OpenAI-compatible endpoint.
 pub fn openai_tools(tools: &[Value]) -> Vec<Value> {
-    let function = |tool: &Value| json!({"name": tool["name"], "description": tool["description"], "parameters": tool["inputSchema"]});
+    let function =
+        |tool: &Value| json!({"name": tool["name"], "description": tool["description"], "parameters": tool["inputSchema"]});
     tools.iter().map(|tool| json!({"type": "function", "function": function(tool)})).collect()
 }
 

@@ -47,7 +47,8 @@ impl<'w> VlmConversation<'w> {
     pub fn request(&self) -> Vec<Value> {
         let mut messages = self.messages.clone();
         if !self.images.is_empty() {
-            let part = |image: &String| json!({"type": "image_url", "image_url": {"url": format!("data:image/png;base64,{image}")}});
+            let part =
+                |image: &String| json!({"type": "image_url", "image_url": {"url": format!("data:image/png;base64,{image}")}});
             messages.push(json!({"role": "user", "content": self.images.iter().map(part).collect::<Vec<_>>()}));
         }
         messages

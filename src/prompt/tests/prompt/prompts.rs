@@ -230,7 +230,8 @@ mod real_contract {
                 let texts: Vec<&str> = step["result"]["text"].as_array().into_iter().flatten().map(text).collect();
                 let count = step["result"]["images"].as_u64().unwrap_or(0) as usize;
                 observation = AgentMemory::observation(&texts, count, &wording);
-                let names: Vec<String> = (steps..steps + count).map(|image| format!("image_observation_{}.png", image - steps)).collect();
+                let names: Vec<String> =
+                    (steps..steps + count).map(|image| format!("image_observation_{}.png", image - steps)).collect();
                 steps += count;
                 images = names[names.len().saturating_sub(2)..].to_vec();
             } else {
