@@ -237,8 +237,8 @@ impl Policy for Gibberish {
             self.old_markers.extend(objects.map(|marker| marker.id));
         }
         if !self.talking_nonsense {
-            let Observation { text, error, .. } = context.observation;
-            self.kept = Some(Observation { text: text.clone(), error: *error, frame: None });
+            let Observation { text, error, held, .. } = context.observation;
+            self.kept = Some(Observation { text: text.clone(), error: *error, frame: None, held: held.clone() });
         }
         self.talking_nonsense = random::below(&mut self.rng, 4) == 0;
         if self.talking_nonsense {

@@ -202,7 +202,7 @@ impl Known {
     fn at_start(task: &Task, scene: &Scene, start: &StartRecord, frame: Option<Frame>) -> Self {
         Self {
             briefing: Briefing::new(task, scene),
-            observation: Observation { text: String::new(), error: None, frame },
+            observation: Observation { text: String::new(), error: None, frame, held: None },
             seen: perception::at_start(task, scene, start),
             calls: 0,
         }
@@ -216,7 +216,8 @@ impl Known {
     fn after(&mut self, task: &Task, scene: &Scene, graph: &WorldGraph, step: &StepRecord, frame: Option<Frame>) {
         self.calls = step.step + 1;
         self.seen = perception::after_step(task, scene, graph, step);
-        self.observation = Observation { text: step.outcome.text.clone(), error: step.outcome.error, frame };
+        let held = step.held.as_ref().and_then(|id| task.object(id)).map(|object| object.category.clone());
+        self.observation = Observation { text: step.outcome.text.clone(), error: step.outcome.error, frame, held };
     }
 }
 

@@ -12,6 +12,8 @@ mod model;
 #[cfg(feature = "service")]
 mod players;
 mod progress;
+#[cfg(feature = "service")]
+mod prompt;
 
 use std::process::ExitCode;
 

@@ -6,9 +6,10 @@ use anyhow::{Context, bail};
 use reel_agents::{AgentError, Job, Outside, POLICIES, Seats, builtin};
 use reel_model::{ApiKey, CallLog, Client, Endpoint};
 use reel_pilot::{AgentStyle, Embeddings, ModelUser, SIMILARITY_DEFAULT, agent};
+use reel_prompt::Prompt;
 use serde_json::{Map, Value, json};
 
-use crate::model::RealClock;
+use crate::{model::RealClock, prompt::PromptArguments};
 
 /// Who plays, and whom they ask.
 #[derive(clap::Args)]
@@ -25,6 +26,8 @@ pub struct Players {
     /// Environment variable that holds the endpoint's key, where one is needed
     #[arg(long, value_name = "VARIABLE", requires = "endpoint")]
     key_from: Option<String>,
+    #[command(flatten)]
+    prompt: PromptArguments,
     /// Sampling temperature; 0 is greedy
     #[arg(long, value_name = "T", default_value_t = 0.0)]
     temperature: f64,
@@ -55,6 +58,7 @@ pub struct Players {
 pub struct Cast {
     agent: String,
     deciding: Option<(AgentStyle, Arc<Client>)>,
+    prompt: Arc<Prompt>,
     user: Option<Arc<Client>>,
     matcher: Option<(Arc<Client>, f32)>,
 }
@@ -91,7 +95,14 @@ impl Players {
         };
         let user = self.user_model.as_deref().map(|model| client(model, USER_TOKENS)).transpose()?;
         let matcher = self.match_model.as_deref().map(|model| client(model, 0)).transpose()?;
-        Ok(Cast { agent: self.agent.clone(), deciding, user, matcher: matcher.map(|client| (client, self.match_similarity)) })
+        let prompt = self.prompt.prompt()?;
+        Ok(Cast {
+            agent: self.agent.clone(),
+            deciding,
+            prompt,
+            user,
+            matcher: matcher.map(|client| (client, self.match_similarity)),
+        })
     }
 
     fn extra(&self) -> anyhow::Result<Map<String, Value>> {
@@ -125,7 +136,7 @@ impl Cast {
         let outside = self.outside();
         match &self.deciding {
             Some((style, client)) => {
-                let policy = agent(*style, client.clone(), job.config.profile.names(), job.config.seed);
+                let policy = agent(*style, client.clone(), &self.prompt, job.config.profile.names(), job.config.seed);
                 Ok(Seats { policy, outside })
             }
             None => Ok(Seats { outside, ..builtin(job)? }),

@@ -28,8 +28,9 @@ pub fn write_card(root: &Path, manifest: &Manifest) -> Result<(), DatasetError> 
 
 /// The names under which LLaMA-Factory finds the parts: `<name>_<split>`.
 pub fn dataset_info(manifest: &Manifest) -> String {
-    let mut columns = json!({ "messages": "conversations", "system": "system", "images": "images" });
+    let mut columns = json!({ "messages": "conversations", "images": "images" });
     if manifest.style != Style::SingleTurn {
+        columns["system"] = "system".into();
         columns["tools"] = "tools".into();
     }
     let entry = |split: &Split| json!({ "file_name": split.as_str(), "formatting": "sharegpt", "columns": columns });
@@ -64,11 +65,15 @@ pub fn card(manifest: &Manifest) -> String {
     table(&mut text, "Tool", named(&counts.tools));
     let _ = write!(
         text,
-        "\n## Provenance\n\nMade by\n\n```sh\n{}\n```\n\nfrom version {} of the tables. Every row names its trace (`trace_digest`), \
+        "\n## Provenance\n\nMade by\n\n```sh\n{}\n```\n\nfrom version {} of the tables{}. Every row names its trace (`trace_digest`), \
          episode, call, replay verdict, reward preset (`preset_digest`) and rule version{}. `manifest.json` lists every file with \
          its BLAKE3 digest; the same inputs give the same bytes.\n",
         manifest.command,
         manifest.table_version,
+        match &manifest.prompt_template {
+            Some(template) => format!(", with the prompt template `{}` (BLAKE3 `{}`)", template.name, template.blake3),
+            None => String::new(),
+        },
         if manifest.format.holds_provenance() { " in `provenance`" } else { " in the files under `provenance/`, line by line" },
     );
     table(&mut text, "Verdict", named(&counts.verdicts));

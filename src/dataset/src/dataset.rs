@@ -9,12 +9,14 @@ use std::{
     sync::Arc,
 };
 
+use reel_prompt::Prompt;
 use serde::Serialize;
 use serde_json::Value;
 
 use crate::{
     About, BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck, Manifest, PictureOptions,
-    Pictures, QWEN3_VL_SIDE, Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card,
+    Pictures, PromptTemplate, QWEN3_VL_SIDE, Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer,
+    card::write_card,
 };
 
 /// How a dataset is written.
@@ -46,6 +48,8 @@ pub struct Description {
     pub name: String,
     /// How a decision is put.
     pub style: Style,
+    /// What single turns were put by.
+    pub prompt: Arc<Prompt>,
     /// The command that makes it again.
     pub command: String,
     /// Everything that was chosen, defaults too.
@@ -201,7 +205,11 @@ impl DatasetWriter {
             writer: self.options,
             options: description.options,
             table_version: description.table_version,
-            prompt_digest: reel_prompt::digest(),
+            prompt_digest: description.prompt.digest(),
+            prompt_template: (description.style == Style::SingleTurn).then(|| PromptTemplate {
+                name: description.prompt.name().to_owned(),
+                blake3: description.prompt.template_digest(),
+            }),
             licence: description.licence,
             counts: self.counts,
             shards: shards?,

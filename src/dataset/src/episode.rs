@@ -59,6 +59,8 @@ pub struct Step {
     pub schedule: String,
     /// `Current subtask`
     pub subtask: String,
+    /// The category of what the gripper holds after the call; `None` if nothing.
+    pub held: Option<String>,
     /// What it saw before the decision: the pictures of the latest observation, often one.
     pub images: Vec<ImageId>,
     /// Whether a model shall learn this decision; the others are context.

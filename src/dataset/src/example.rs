@@ -6,7 +6,7 @@ use std::{
     sync::{Arc, LazyLock, OnceLock},
 };
 
-use reel_prompt::{self as prompt, Decision};
+use reel_prompt::{self as prompt, Answer, HistoryLines, Outcome, SingleTurn};
 use reel_world::NameSet;
 use serde::Serialize;
 
@@ -16,7 +16,8 @@ use crate::{Episode, ImageId, Refusal, Refused, Rollout, Source, Split, Step, js
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Style {
-    /// The paper's: one user turn with everything, the latest pictures only, the answer as text.
+    /// That of REAL's trainer: one user message with everything, the latest image only, the answer as text. The only style
+    /// that REAL's published parsers read.
     #[default]
     SingleTurn,
     /// Native tool calls: an example is an episode up to the last decision to learn.
@@ -85,11 +86,11 @@ impl Text {
 pub enum Turn {
     /// How to behave.
     System(Arc<Text>),
-    /// What the agent is told: what every decision of the episode is told, what only this one is, the pictures.
+    /// What the agent is told, and its images. A `<image>` in the text stands for the first of them.
     User {
-        /// The same for the whole episode.
+        /// The beginning, which is the same for the whole episode.
         setting: Arc<Text>,
-        /// Of this decision.
+        /// The rest, of this decision.
         situation: String,
         /// What it sees.
         images: Vec<ImageId>,
@@ -151,6 +152,8 @@ pub struct About {
     pub split: Split,
     /// Where it comes from.
     pub source: Source,
+    /// Names the texts of the prompt.
+    pub prompt_digest: String,
     /// The fields of the provenance that are the episode's, as JSON without braces; made when a row holds them.
     provenance: OnceLock<String>,
 }
@@ -197,13 +200,15 @@ impl Example {
     /// The turns as (role, text) with one `<image>` tag a picture; calls as JSON under `tool_call`, outcomes under
     /// `tool_response`: what the tables' column `messages` holds.
     pub fn messages(&self) -> Vec<(&'static str, Cow<'_, str>)> {
-        let tags = |images: &[ImageId]| "<image>".repeat(images.len());
+        let tags = |images: &[ImageId]| IMAGE_TAG.repeat(images.len());
         let mut messages = Vec::with_capacity(self.turns.len());
         for turn in &self.turns {
             match turn {
                 Turn::System(text) => messages.push(("system", text.as_str().into())),
                 Turn::User { setting, situation, images } => {
-                    messages.push(("user", [setting.as_str(), situation, &tags(images)].concat().into()));
+                    let text = [setting.as_str(), situation].concat();
+                    let missing = images.get(tags_in(&text)..).map(tags).unwrap_or_default();
+                    messages.push(("user", (text + &missing).into()));
                 }
                 Turn::Answer(text) => messages.push(("assistant", text.into())),
                 Turn::Call { thought, name, arguments, .. } => {
@@ -219,6 +224,17 @@ impl Example {
         }
         messages
     }
+}
+
+/// The line of a History for a call whose texts are refused.
+const UNTOLD_CALL: &str = "I called a tool.";
+
+/// What stands for an image in a text.
+pub(crate) const IMAGE_TAG: &str = "<image>";
+
+/// How many images a text stands for.
+pub(crate) fn tags_in(text: &str) -> usize {
+    text.matches(IMAGE_TAG).count()
 }
 
 /// `{"name": ..., "arguments": {...}}`
@@ -261,32 +277,41 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
         Example { id, call: step.call, tool, about, style: options.style, turns, tools, rollout }
     };
     if options.style == Style::SingleTurn {
-        let setting = told.setting(Some(episode.names));
-        let called = episode.steps.iter().zip(&arguments).zip(&outcomes);
-        let decisions: Vec<Decision<'_>> =
-            called.map(|((step, arguments), outcome)| decision(step, arguments, outcome)).collect();
-        for index in wanted {
-            match checks.single_turn(index) {
-                Some(reason) => made.refused.push(refuse(Some(episode.steps[index].call), reason)),
-                None => {
-                    let step = &episode.steps[index];
-                    let mut situation = prompt::situation(&decisions[..index]);
-                    if !step.images.is_empty() {
-                        situation.push_str(prompt::VIEW);
+        let (episode_prompt, setting) = told.single_turn();
+        let mut turn = SingleTurn::new(Arc::clone(episode_prompt));
+        let (mut history, mut log) = (HistoryLines::default(), None);
+        for (index, step) in episode.steps.iter().enumerate() {
+            let answer = Answer {
+                reasoning: &step.reasoning,
+                history: &history.next(&step.history, log.as_deref()),
+                schedule: &step.schedule,
+                subtask: &step.subtask,
+                tool_name: &step.call_name,
+                arguments: Some(&step.arguments),
+            };
+            let answer = answer.text();
+            if wanted.binary_search(&index).is_ok() {
+                match checks.single_turn(index) {
+                    Some(reason) => made.refused.push(refuse(Some(step.call), reason)),
+                    None => {
+                        // REAL's first prompt holds no observation yet, and so no image.
+                        let images = if index == 0 { Vec::new() } else { step.images.clone() };
+                        let user = Turn::User { setting: Arc::clone(setting), situation: turn.rest(), images };
+                        made.examples.push(example(index, vec![user, Turn::Answer(answer.clone())], None));
                     }
-                    let user = Turn::User { setting: Arc::clone(&setting), situation, images: step.images.clone() };
-                    let turns = vec![
-                        Turn::System(Arc::clone(&SYSTEM_SINGLE_TURN)),
-                        user,
-                        Turn::Answer(prompt::answer(&decisions[index])),
-                    ];
-                    made.examples.push(example(index, turns, None));
                 }
             }
+            let images = episode.steps.get(index + 1).map_or(0, |next| next.images.len());
+            turn.update(&answer, &Outcome { tool: &step.call_name, text: &outcomes[index], images, held: step.held.as_deref() });
+            // A text that is refused must not come back as a line of the History.
+            log = Some(match checks.call(index) {
+                Some(_) => UNTOLD_CALL.to_owned(),
+                None => prompt::log_line(&step.call_name, &step.arguments, &outcomes[index]),
+            });
         }
         return made;
     }
-    let setting = told.setting(None);
+    let setting = told.briefing();
     let tools = tools(episode.names);
     let targets = if options.style == Style::MultiTurn { vec![last] } else { wanted.clone() };
     for target in targets {
@@ -315,7 +340,6 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
     made
 }
 
-static SYSTEM_SINGLE_TURN: LazyLock<Arc<Text>> = LazyLock::new(|| Arc::new(Text::new(prompt::SYSTEM_SINGLE_TURN.trim_end())));
 static SYSTEM_MULTI_TURN: LazyLock<Arc<Text>> = LazyLock::new(|| Arc::new(Text::new(prompt::SYSTEM_MULTI_TURN.trim_end())));
 
 /// The tools as native tool calling names them.
@@ -331,12 +355,6 @@ fn tools(names: NameSet) -> Arc<Text> {
     })
 }
 
-fn decision<'a>(step: &'a Step, arguments: &str, outcome: &'a str) -> Decision<'a> {
-    let Step { call, call_name, reasoning, history, schedule, subtask, .. } = step;
-    let action = prompt::action(call_name, arguments).into();
-    Decision { call: *call, action, outcome, reasoning, history, schedule, subtask }
-}
-
 fn about(episode: &Episode) -> About {
     About {
         episode_id: episode.episode_id.clone(),
@@ -347,6 +365,7 @@ fn about(episode: &Episode) -> About {
         instruction: episode.told.instruction().to_owned(),
         split: episode.split,
         source: episode.source.clone(),
+        prompt_digest: episode.told.prompt().digest().to_string(),
         provenance: OnceLock::new(),
     }
 }
@@ -371,7 +390,7 @@ impl About {
                 ("rules_version", &source.rules_version),
                 ("table_version", &source.table_version.to_string()),
                 ("annotator", &source.annotator),
-                ("prompt_digest", &prompt::digest().to_string()),
+                ("prompt_digest", &self.prompt_digest),
             ];
             let field = |(key, value): &(&str, &str)| match *key {
                 "table_version" => format!("\"{key}\":{value}"),

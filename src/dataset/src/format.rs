@@ -4,7 +4,11 @@
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use serde::Serialize;
 
-use crate::{DatasetError, Example, ImageId, Picture, Pictures, Style, Turn, example::call_json, json};
+use crate::{
+    DatasetError, Example, ImageId, Picture, Pictures, Style, Text, Turn,
+    example::{IMAGE_TAG, call_json, tags_in},
+    json,
+};
 
 /// A format of a dataset.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
@@ -172,7 +176,10 @@ impl Row<'_> {
                     }
                 }
                 Turn::User { setting, situation, images } => {
-                    self.user_text(setting.escaped(), situation, images.len());
+                    if !matches!(example.turns.first(), Some(Turn::System(_))) {
+                        self.begin(HUMAN);
+                    }
+                    self.user_text(setting, situation, images.len());
                     self.put("\"}");
                 }
                 Turn::Answer(text) => self.say(GPT, text, 0),
@@ -206,7 +213,7 @@ impl Row<'_> {
                 }
                 Turn::User { setting, situation, images } => {
                     self.begin("{\"role\":\"user\",\"content\":\"");
-                    self.user_text(setting.escaped(), situation, images.len());
+                    self.user_text(setting, situation, images.len());
                     self.put("\"}");
                 }
                 Turn::Answer(text) => self.say(ASSISTANT, text, 0),
@@ -233,6 +240,9 @@ impl Row<'_> {
 
     fn llama_factory(&mut self) -> Result<(), DatasetError> {
         let example = self.example;
+        if !matches!(example.turns.first(), Some(Turn::System(_))) {
+            self.put("{\"conversations\":[");
+        }
         for turn in &example.turns {
             match turn {
                 Turn::System(text) => {
@@ -242,7 +252,7 @@ impl Row<'_> {
                 }
                 Turn::User { setting, situation, images } => {
                     self.begin(HUMAN);
-                    self.user_text(setting.escaped(), situation, images.len());
+                    self.user_text(setting, situation, images.len());
                     self.put("\"}");
                 }
                 Turn::Answer(text) => self.say(GPT, text, 0),
@@ -281,7 +291,7 @@ impl Row<'_> {
                 }
                 Turn::User { setting, situation, images } => {
                     self.put("{\"role\":\"user\",\"content\":[{\"type\":\"text\",\"text\":\"");
-                    self.user_text(setting.escaped(), situation, 0);
+                    self.user_parts_text(setting, situation);
                     self.put("\"}");
                     images.iter().for_each(|_| self.put(",{\"type\":\"image\"}"));
                     self.put("]}");
@@ -342,7 +352,7 @@ impl Row<'_> {
                 }
                 Turn::User { setting, situation, images } => {
                     self.put("{\"role\":\"user\",\"content\":[{\"type\":\"text\",\"text\":\"");
-                    self.user_text(setting.escaped(), situation, 0);
+                    self.user_parts_text(setting, situation);
                     self.put("\"}");
                     for image in images {
                         self.put(",");
@@ -419,14 +429,20 @@ impl Row<'_> {
         json::string(self.out, text);
     }
 
-    fn user_text(&mut self, setting: &[u8], situation: &str, images: usize) {
-        self.out.extend_from_slice(setting);
+    /// The text of a user's turn, with a tag for each image that it has none for yet.
+    fn user_text(&mut self, setting: &Text, situation: &str, images: usize) {
+        self.user_parts_text(setting, situation);
+        self.tags(images.saturating_sub(tags_in(setting.as_str()) + tags_in(situation)));
+    }
+
+    /// The text of a user's turn whose images are parts of their own.
+    fn user_parts_text(&mut self, setting: &Text, situation: &str) {
+        self.out.extend_from_slice(setting.escaped());
         self.escape(situation);
-        self.tags(images);
     }
 
     fn tags(&mut self, images: usize) {
-        (0..images).for_each(|_| self.put("<image>"));
+        (0..images).for_each(|_| self.put(IMAGE_TAG));
     }
 
     fn tool_calls(&mut self, id: &str, name: &str, arguments: &str) {

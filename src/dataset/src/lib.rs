@@ -26,7 +26,7 @@ pub use episode::{Episode, ImageId, Source, Step};
 pub use error::DatasetError;
 pub use example::{About, Example, ExampleOptions, Examples, Style, Text, Turn, examples};
 pub use format::Format;
-pub use manifest::{Counts, FileEntry, MANIFEST, Manifest, files};
+pub use manifest::{Counts, FileEntry, MANIFEST, Manifest, PromptTemplate, files};
 pub use picture::{Encoding, PIXELS_MAX, PIXELS_MIN, Picture, PictureOptions, Pictures};
 pub use privileged::{Leak, LeakKind, Secrets, privileged, strip};
 pub use refusal::{Refusal, Refused};

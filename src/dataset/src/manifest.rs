@@ -68,6 +68,15 @@ pub struct FileEntry {
     pub blake3: Digest,
 }
 
+/// The template that prompts were made from.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize)]
+pub struct PromptTemplate {
+    /// `reel` for the one that comes along, else the file's name.
+    pub name: String,
+    /// Of the template's bytes.
+    pub blake3: Digest,
+}
+
 /// A dataset as programs read about it.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Manifest {
@@ -85,8 +94,11 @@ pub struct Manifest {
     pub options: Value,
     /// Version of the table it was read from.
     pub table_version: u64,
-    /// Of the system messages.
+    /// Names the texts of the prompts: template, fixed sentences, system message.
     pub prompt_digest: Digest,
+    /// The template of the prompts; `None` if the style has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub prompt_template: Option<PromptTemplate>,
     /// Its licence, as an SPDX name or `other`.
     pub licence: String,
     /// How many of what.

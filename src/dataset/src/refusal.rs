@@ -76,8 +76,9 @@ pub(crate) struct Checks {
 
 struct StepChecks {
     reasoning: Option<Refusal>,
-    /// History, New Schedule, Current subtask.
-    state: Option<Refusal>,
+    history: Option<Refusal>,
+    /// New Schedule, Current subtask.
+    plan: Option<Refusal>,
     action: Option<Refusal>,
     outcome: Option<Refusal>,
 }
@@ -98,9 +99,8 @@ impl Checks {
             let check = |what: &str, text: &str| refusal(text, secrets, || format!("{what} of call {}", step.call));
             StepChecks {
                 reasoning: check("the reasoning", &step.reasoning),
-                state: check("the History", &step.history)
-                    .or_else(|| check("the New Schedule", &step.schedule))
-                    .or_else(|| check("the Current subtask", &step.subtask)),
+                history: check("the History", &step.history),
+                plan: check("the New Schedule", &step.schedule).or_else(|| check("the Current subtask", &step.subtask)),
                 action: check("the tool", &step.call_name).or_else(|| check("the arguments", arguments)),
                 outcome: check("the outcome", outcome),
             }
@@ -108,14 +108,18 @@ impl Checks {
         Self { steps: steps.collect() }
     }
 
-    /// Of a decision with the state, action and outcome before it.
+    /// Of a decision with every History up to it, and the action and outcome before it.
     pub fn single_turn(&self, index: usize) -> Option<&Refusal> {
-        let StepChecks { reasoning, state, action, .. } = self.steps.get(index)?;
-        let said = [reasoning, state, action].into_iter().find_map(Option::as_ref);
-        said.or_else(|| {
-            let before = self.steps.get(index.checked_sub(1)?)?;
-            [&before.state, &before.action, &before.outcome].into_iter().find_map(Option::as_ref)
-        })
+        let StepChecks { reasoning, plan, action, .. } = self.steps.get(index)?;
+        let said = [reasoning, plan, action].into_iter().find_map(Option::as_ref);
+        let remembered = || self.steps[..=index].iter().find_map(|step| step.history.as_ref());
+        said.or_else(remembered).or_else(|| self.call(index.checked_sub(1)?))
+    }
+
+    /// Of a call and its outcome.
+    pub fn call(&self, index: usize) -> Option<&Refusal> {
+        let step = self.steps.get(index)?;
+        step.action.as_ref().or(step.outcome.as_ref())
     }
 
     /// Of a conversation up to and with a decision; its state is not in it.

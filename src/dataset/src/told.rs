@@ -2,8 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use reel_prompt as prompt;
-use reel_world::NameSet;
+use reel_prompt::{EpisodePrompt, Prompt, briefing};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -18,8 +17,11 @@ pub struct Told {
     receptacles: Vec<Receptacle>,
     secrets: Secrets,
     refusal: Option<Refusal>,
-    /// As the beginning of the user's turn: without tools, with those of the paper, with those of the published code.
-    settings: [OnceLock<Arc<Text>>; 3],
+    prompt: Arc<Prompt>,
+    /// In the words of the prompt, with the beginning that all its single turns share.
+    single_turn: OnceLock<(Arc<EpisodePrompt>, Arc<Text>)>,
+    /// The first user message of a conversation.
+    briefing: OnceLock<Arc<Text>>,
 }
 
 /// A piece of furniture as an agent knows it.
@@ -44,7 +46,14 @@ impl Told {
             let one = || each.find_map(|(text, it)| refusal(text, &secrets, || format!("receptacle {}", it.id)));
             (!clean(listed.iter().map(String::as_str), &secrets)).then(one).flatten()
         });
-        Self { instruction, receptacles, secrets, refusal, settings: Default::default() }
+        let prompt = Prompt::builtin();
+        Self { instruction, receptacles, secrets, refusal, prompt, single_turn: OnceLock::new(), briefing: OnceLock::new() }
+    }
+
+    /// Puts single turns by another prompt than the one that comes along.
+    #[must_use]
+    pub fn with_prompt(self, prompt: Arc<Prompt>) -> Self {
+        Self { prompt, single_turn: OnceLock::new(), ..self }
     }
 
     /// What the agent was told to do.
@@ -62,16 +71,26 @@ impl Told {
         self.refusal.as_ref()
     }
 
-    /// The part of the user's turn that is the same at every decision; tools are told by these names, or not at all.
-    pub(crate) fn setting(&self, tools: Option<NameSet>) -> Arc<Text> {
-        let place = match tools {
-            None => 0,
-            Some(NameSet::Paper) => 1,
-            Some(NameSet::RealRepo) => 2,
-        };
-        let text = self.settings[place].get_or_init(|| {
+    /// What single turns are put by.
+    pub(crate) fn prompt(&self) -> &Prompt {
+        &self.prompt
+    }
+
+    /// The task in the words of the prompt, and the beginning that all its single turns share.
+    pub(crate) fn single_turn(&self) -> &(Arc<EpisodePrompt>, Arc<Text>) {
+        self.single_turn.get_or_init(|| {
+            let receptacles = self.receptacles.iter().map(|it| (it.id.as_str(), it.room.as_str()));
+            let episode = EpisodePrompt::new(Arc::clone(&self.prompt), &self.instruction, receptacles);
+            let shared = Arc::new(Text::new(episode.shared()));
+            (Arc::new(episode), shared)
+        })
+    }
+
+    /// The first user message of a conversation.
+    pub(crate) fn briefing(&self) -> Arc<Text> {
+        let text = self.briefing.get_or_init(|| {
             let receptacles = self.receptacles.iter().map(|it| (it.id.as_str(), it.category.as_str(), it.room.as_str()));
-            Arc::new(Text::new(prompt::setting(&self.instruction, tools, receptacles)))
+            Arc::new(Text::new(briefing(&self.instruction, receptacles)))
         });
         Arc::clone(text)
     }

@@ -121,6 +121,8 @@ pub struct Observation {
     pub error: Option<ErrorCode>,
     /// The picture, if there is a new one.
     pub frame: Option<Frame>,
+    /// The category of what the gripper holds; `None` if nothing.
+    pub held: Option<String>,
 }
 
 /// The simulator's truth, for the oracle, built-in policies and tests. Never for a policy under evaluation.

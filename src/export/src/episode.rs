@@ -47,13 +47,13 @@ const COLUMNS: &[&str] = &[
     "steps.list.element.history",
     "steps.list.element.plan",
     "steps.list.element.contradictions",
+    "steps.list.element.held",
 ];
 
 /// What only the annotator looks at.
 const ANNOTATOR_COLUMNS: &[&str] = &[
     "steps.list.element.argument",
     "steps.list.element.receptacle",
-    "steps.list.element.held",
     "steps.list.element.raw",
     "steps.list.element.reply",
     "steps.list.element.listed",
@@ -95,10 +95,10 @@ pub(crate) struct StepRow<'a> {
     history: Option<&'a str>,
     plan: Option<&'a str>,
     contradictions: u32,
+    held: Option<&'a str>,
     // of the annotator
     argument: Option<&'a str>,
     receptacle: Option<&'a str>,
-    held: Option<&'a str>,
     raw: Option<&'a str>,
     reply: Option<&'a str>,
     #[serde(default)]
@@ -147,6 +147,11 @@ impl Row<'_> {
                 Ok((notes, format!("rules-{}", reel_annotate::version().short())))
             }
         }
+    }
+
+    /// What the gripper holds after a call, by its instance.
+    pub fn held_after(&self, call: u32) -> Option<&str> {
+        self.steps.iter().find(|step| step.step == call)?.held
     }
 
     /// What a decision was worth.

@@ -7,6 +7,7 @@ use std::{
 
 use reel_annotate::PublicTask;
 use reel_dataset::{Receptacle, Secrets, Told};
+use reel_prompt::Prompt;
 use reel_reward::Preset;
 use reel_tables::{Store, StoreError, Table};
 use reel_world::{ObjectInstance, Scene, Task};
@@ -24,6 +25,7 @@ pub(crate) struct Known {
     tasks: HashMap<String, KnownTask>,
     scenes: HashMap<String, Arc<Scene>>,
     preset_digests: HashMap<String, String>,
+    prompt: Arc<Prompt>,
 }
 
 /// What the episodes of a task have in common.
@@ -38,14 +40,15 @@ pub(crate) struct KnownTask {
 }
 
 impl Known {
-    /// Nothing yet, of a store.
-    pub fn new(store: &Store) -> Result<Self, StoreError> {
+    /// Nothing yet, of a store; what is learned is put by this prompt.
+    pub fn new(store: &Store, prompt: Arc<Prompt>) -> Result<Self, StoreError> {
         Ok(Self {
             task_texts: store.documents(Table::Tasks, "task")?,
             scene_texts: store.documents(Table::Scenes, "scene")?,
             tasks: HashMap::new(),
             scenes: HashMap::new(),
             preset_digests: HashMap::new(),
+            prompt,
         })
     }
 
@@ -101,7 +104,9 @@ impl Known {
         Ok(KnownTask {
             public: OnceLock::new(),
             objects: task.objects.iter().enumerate().map(|(index, object)| (object.instance.to_string(), index)).collect(),
-            told: Arc::new(Told::new(&task.instruction, receptacles, Secrets::of_task(&task))),
+            told: Arc::new(
+                Told::new(&task.instruction, receptacles, Secrets::of_task(&task)).with_prompt(Arc::clone(&self.prompt)),
+            ),
             task,
             scene,
         })

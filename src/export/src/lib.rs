@@ -17,9 +17,11 @@ use std::{
     collections::BTreeMap,
     io,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use reel_dataset::{DatasetError, Leakage, Ratios, Split, Splits, Style, TokenReport, WriterOptions};
+use reel_prompt::Prompt;
 use reel_tables::{Store, StoreError};
 use serde::Serialize;
 
@@ -75,6 +77,9 @@ pub struct ExportOptions {
     pub writer: WriterOptions,
     /// How a decision is put.
     pub style: Style,
+    /// What single turns are put by.
+    #[serde(skip)]
+    pub prompt: Arc<Prompt>,
     /// Whose words.
     pub words: Words,
     /// What a part keeps together.

@@ -152,8 +152,8 @@ fn frame(examples: &[Example], pictures: Option<&Pictures>) -> Result<DataFrame,
     for (name, value) in NUMBER_COLUMNS {
         columns.push(Column::new(name.into(), examples.iter().map(value).collect::<Vec<i64>>()));
     }
-    let digest = reel_prompt::digest().to_string();
-    columns.push(Column::new(PROMPT_COLUMN.into(), vec![digest.as_str(); examples.len()]));
+    let digests: Vec<&str> = examples.iter().map(|example| example.about.prompt_digest.as_str()).collect();
+    columns.push(Column::new(PROMPT_COLUMN.into(), digests));
     let messages: Vec<_> = examples.iter().map(Example::messages).collect();
     let (roles, contents): (Vec<&str>, Vec<&str>) =
         messages.iter().flatten().map(|(role, content)| (*role, content.as_ref())).unzip();

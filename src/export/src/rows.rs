@@ -14,7 +14,7 @@ use std::{
 use rayon::prelude::*;
 use reel_dataset::{
     DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, Manifest, Picture, Pictures, Prepared, Source,
-    Split, Style, TASK_LIST, TokenizerFile, examples, task_list,
+    Split, Step, Style, TASK_LIST, TokenizerFile, examples, task_list,
 };
 use reel_tables::{Store, Table};
 use reel_trace::Trace;
@@ -58,7 +58,7 @@ pub(crate) fn write(
         None => DatasetWriter::new(out, options.writer),
     };
     let mut parquet: BTreeMap<Split, parquet::Shards> = BTreeMap::new();
-    let mut known = Known::new(store)?;
+    let mut known = Known::new(store, Arc::clone(&options.prompt))?;
     let mut task_ids = BTreeSet::new();
     let mut failed = None;
     store.read(Table::Episodes, &columns(options.words), |batch| {
@@ -121,6 +121,7 @@ pub(crate) fn write(
     let description = Description {
         name: options.name.clone(),
         style: options.style,
+        prompt: Arc::clone(&options.prompt),
         command: options.command.clone(),
         options: serde_json::to_value(options).expect("plain data becomes JSON"),
         table_version: store.version(),
@@ -166,13 +167,16 @@ impl Maker<'_> {
         for (step, note) in steps.iter_mut().zip(notes) {
             (step.reasoning, step.history) = (note.reasoning, note.history);
             (step.schedule, step.subtask) = (note.schedule, note.subtask);
+            step.held =
+                row.held_after(step.call).and_then(|instance| known.object(instance)).map(|object| object.category.clone());
             step.learn = candidate.decisions.iter().any(|decision| decision.call == step.call);
             step.rollout = candidate.worth.as_ref().and_then(|worth| row.rollout(worth, step.call));
         }
         if let Some(trace) = trace.as_ref().filter(|_| options.pictures) {
-            let shows = |learn: bool| learn || options.style != Style::SingleTurn;
+            // the first single turn of an episode shows no image, as with REAL's trainer
+            let shows = |(index, step): (usize, &Step)| options.style != Style::SingleTurn || (step.learn && index > 0);
             let moments: Vec<Option<Moment>> =
-                steps.iter().map(|step| shows(step.learn).then(|| moment_before(trace, step.call))).collect();
+                steps.iter().enumerate().map(|at| shows(at).then(|| moment_before(trace, at.1.call))).collect();
             let wanted = moments.iter().flatten().copied().collect();
             let shown = match self.pictures.put(trace, row.trace_digest, &wanted, self.writer.pictures())? {
                 Ok(shown) => shown,

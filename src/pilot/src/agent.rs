@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use reel_agents::{Context, Policy};
 use reel_model::{Client, Part, Reply};
+use reel_prompt::Prompt;
 use reel_trace::encode_png;
 use reel_world::{
     Digest, FRAME_HEIGHT, FRAME_WIDTH, NameSet, ToolCall,
@@ -44,10 +45,11 @@ impl AgentStyle {
     }
 }
 
-/// A model as an agent. `names` are those of the tools, `seed` is the episode's.
-pub fn agent(style: AgentStyle, client: Arc<Client>, names: NameSet, seed: u64) -> Box<dyn Policy + Send> {
+/// A model as an agent. Single turns are put by `prompt`, which names the tools itself; `names` are those of functions. `seed`
+/// is the episode's.
+pub fn agent(style: AgentStyle, client: Arc<Client>, prompt: &Arc<Prompt>, names: NameSet, seed: u64) -> Box<dyn Policy + Send> {
     match style {
-        AgentStyle::SingleTurn => Box::new(SingleTurn::new(client, names, seed)),
+        AgentStyle::SingleTurn => Box::new(SingleTurn::new(client, Arc::clone(prompt), seed)),
         AgentStyle::Functions => Box::new(FunctionCalling::new(client, names, seed)),
     }
 }

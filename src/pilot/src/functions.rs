@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use reel_agents::{Context, NoAnswer, Policy};
 use reel_model::{Client, Message, Part, Reply, Request, Role};
-use reel_prompt::{SYSTEM_MULTI_TURN, VIEW, digest, functions, setting};
+use reel_prompt::{SYSTEM_MULTI_TURN, VIEW, briefing, functions};
 use reel_world::{
-    NameSet, ToolCall,
+    Digest, NameSet, ToolCall,
     answer::{Answer, Call},
     record::{PolicyInfo, StepInput},
 };
@@ -40,7 +40,7 @@ impl FunctionCalling {
     fn learn(&mut self, context: &Context<'_>) {
         let told = context.observation.text.clone();
         let mut text = match self.begun {
-            false => setting(&context.briefing.instruction, None, receptacles(context)),
+            false => briefing(&context.briefing.instruction, receptacles(context)),
             true => String::new(),
         };
         let mut pending = self.pending.drain(..);
@@ -73,7 +73,7 @@ impl FunctionCalling {
 
 impl Policy for FunctionCalling {
     fn info(&self) -> PolicyInfo {
-        info(AgentStyle::Functions, &self.client, self.seed, digest())
+        info(AgentStyle::Functions, &self.client, self.seed, Digest::of(SYSTEM_MULTI_TURN.as_bytes()))
     }
 
     fn wants_truth(&self) -> bool {

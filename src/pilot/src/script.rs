@@ -10,7 +10,10 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use reel_prompt::{Decision, VIEW, action, answer, arguments};
+use reel_prompt::{
+    Answer, HistoryLines, action, arguments,
+    python::{self, Ascii},
+};
 use reel_trace::Trace;
 use reel_world::{Digest, ToolCall, answer::Call, language};
 use serde_json::{Deserializer, Value, json};
@@ -19,6 +22,14 @@ use serde_json::{Deserializer, Value, json};
 const DIMENSIONS: usize = 256;
 /// Longest outcome in the log of a prompt.
 const LOGGED: usize = 120;
+/// Characters of a prompt that an error shows.
+const BEGINNING: usize = 80;
+/// How a line of the History counts: `(3 of 9 calls were made)`.
+const OF: &str = " of ";
+const CALLS_MADE: &str = " calls were made)";
+/// Around the memory in a prompt.
+const MEMORY_BEGIN: &str = "{'History': '";
+const MEMORY_END: &str = "'}";
 
 /// What can be wrong with an answer.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
@@ -103,7 +114,9 @@ struct Line {
     outcome: String,
     reply: Option<String>,
     reasoning: String,
+    /// What it adds to the History.
     history: String,
+    schedule: String,
     subtask: String,
 }
 
@@ -112,16 +125,22 @@ impl Script {
     pub fn new(traces: &[Trace], troubles: Vec<(Trouble, usize)>) -> Self {
         let mut plans: BTreeMap<String, Vec<Vec<Line>>> = BTreeMap::new();
         for trace in traces {
+            let mut histories = HistoryLines::default();
             let lines = trace.steps.iter().map(|step| {
                 let said = step.input.policy.clone().unwrap_or_default();
-                let subtask = said.plan.rsplit_once("Current subtask: ").map_or("", |(_, words)| words).to_owned();
+                let (schedule, subtask) = said.plan.rsplit_once("Current subtask: ").unwrap_or((&said.plan, ""));
+                let schedule = schedule.trim().trim_start_matches("New Schedule: ").to_owned();
+                let history = histories.next(&said.history, Some(""));
+                let line = history.lines().next_back().unwrap_or_default();
+                let history = line.split_once(") ").map_or("", |(_, line)| line).to_owned();
                 Line {
                     call: step.input.call.clone(),
                     outcome: step.outcome.text.clone(),
                     reply: step.reply.as_ref().map(|reply| reply.text.clone()),
+                    history,
+                    schedule,
+                    subtask: subtask.to_owned(),
                     reasoning: said.reasoning,
-                    history: said.history,
-                    subtask,
                 }
             });
             plans.entry(trace.task.instruction.clone()).or_default().push(lines.collect());
@@ -146,15 +165,15 @@ impl Script {
             return Ok(Said { body: completion(request, &text_message(&self.reply(&last)), "stop"), trouble: None });
         }
         let first = users().next().unwrap_or_default();
-        let instruction =
-            first.strip_prefix("Task: ").and_then(|rest| rest.split_once("\n\n")).map(|(instruction, _)| instruction);
-        let instruction = instruction.ok_or("the prompt does not begin with `Task: ...`")?;
-        let plans = self.plans.get(instruction).ok_or_else(|| format!("no recorded episode has the task {instruction:?}"))?;
+        let named = self.plans.iter().filter(|(instruction, _)| first.contains(instruction.as_str()));
+        let (_, plans) = named.max_by_key(|(instruction, _)| instruction.len()).ok_or_else(|| {
+            format!("the prompt holds the task of no recorded episode; it begins {:?}", python::prefix(&first, BEGINNING))
+        })?;
         let functions = request.get("tools").is_some();
-        let done = if functions { conversation(messages) } else { progress(&last) };
+        let reached = |plan: &[Line]| if functions { conversation(messages).reached(plan) } else { progress(&last, plan) };
         let (plan, reached) = plans
             .iter()
-            .map(|plan| (plan, done.reached(plan)))
+            .map(|plan| (plan, reached(plan)))
             .max_by_key(|(_, (call, _))| *call)
             .expect("an instruction comes with a plan");
         let (call, smooth) = reached;
@@ -165,7 +184,9 @@ impl Script {
             .map(|(trouble, _)| *trouble)
             .find(|trouble| if trouble.is_on_the_way() { self.is_new(request, *trouble) } else { smooth });
         let right = plan.get(call).cloned().unwrap_or_else(Line::finish);
-        let (message, reason) = right.message(functions, (call, plan.len()), trouble);
+        let line = |(number, line): (usize, &Line)| format!("{number}) ({number}{OF}{}{CALLS_MADE} {}", plan.len(), line.history);
+        let history: Vec<String> = plan.iter().chain([&right]).take(call + 1).enumerate().map(line).collect();
+        let (message, reason) = right.message(functions, call, &history.join("\n"), trouble);
         Ok(Said { body: completion(request, &message, reason), trouble: trouble.filter(|trouble| trouble.is_on_the_way()) })
     }
 
@@ -213,12 +234,13 @@ impl Line {
             reply: None,
             reasoning: String::new(),
             history: String::new(),
+            schedule: String::new(),
             subtask: String::new(),
         }
     }
 
-    /// The assistant's message, and why it ends. `place` is the number of the call and of all calls.
-    fn message(self, functions: bool, place: (usize, usize), trouble: Option<Trouble>) -> (Value, &'static str) {
+    /// The assistant's message, and why it ends. `number` is that of the call.
+    fn message(self, functions: bool, number: usize, history: &str, trouble: Option<Trouble>) -> (Value, &'static str) {
         let mut call = self.call.clone();
         match trouble {
             Some(Trouble::Gibberish) => return (text_message("the {spoon sleeps furiously: under [the} verb"), "stop"),
@@ -231,7 +253,7 @@ impl Line {
                 if cut {
                     text.truncate(text.len() / 2);
                 }
-                json!({"id": format!("call_{}_{id}", place.0), "type": "function",
+                json!({"id": format!("call_{number}_{id}"), "type": "function",
                     "function": {"name": call.name, "arguments": text}})
             };
             let mut calls = vec![function(0, &call, trouble == Some(Trouble::Truncated))];
@@ -241,24 +263,22 @@ impl Line {
             let said = if self.reasoning.is_empty() { Value::Null } else { json!(self.reasoning) };
             return (json!({"role": "assistant", "content": said, "tool_calls": calls}), "tool_calls");
         }
-        let history = format!("({} of {} calls were made) {}", place.0, place.1, self.history);
-        let decision = Decision {
-            call: place.0 as u32,
-            action: action(&call.name, &arguments(&call.arguments)).into(),
-            outcome: "",
+        let answer = Answer {
             reasoning: &self.reasoning,
-            history: history.trim_end(),
-            schedule: "",
+            history,
+            schedule: &self.schedule,
             subtask: &self.subtask,
+            tool_name: &call.name,
+            arguments: Some(&call.arguments),
         };
-        let mut text = answer(&decision);
+        let mut text = answer.text();
         match trouble {
             Some(Trouble::Truncated) => {
                 let end = text.char_indices().nth(text.chars().count() / 2).map_or(0, |(at, _)| at);
                 text.truncate(end);
                 return (text_message(&text), "length");
             }
-            Some(Trouble::TwoCalls) => text.push_str("\n{\"next_action\":{\"tool_name\":\"finish\",\"args\":{}}}"),
+            Some(Trouble::TwoCalls) => text.push_str("\n{\"next action\":{\"tool_name\":\"finish\",\"args\":{}}}"),
             _ => {}
         }
         (text_message(&text), "stop")
@@ -267,22 +287,18 @@ impl Line {
 
 /// What a prompt tells of the calls before.
 struct Done {
-    /// How many of a plan's calls were made before these.
-    from: usize,
-    /// Name and arguments in one line, and what was told.
+    /// The call in one line, and what was told.
     calls: Vec<(String, String)>,
 }
 
 impl Done {
     /// Which call of a plan comes next, and whether the last one went as it should.
     fn reached(&self, plan: &[Line]) -> (usize, bool) {
-        let mut next = self.from;
+        let mut next = 0;
         let mut smooth = true;
         for (call, outcome) in &self.calls {
-            let is_recorded = |line: &Line| {
-                let recorded = Call { name: line.call.name.clone(), arguments: line.call.arguments.clone(), id: None };
-                recorded.canonical() == *call && (short(&line.outcome) == short(outcome))
-            };
+            let is_recorded =
+                |line: &Line| canonical(&line.call.name, &line.call.arguments) == *call && short(&line.outcome) == short(outcome);
             smooth = plan.get(next).is_some_and(is_recorded);
             next += usize::from(smooth);
         }
@@ -299,39 +315,66 @@ fn short(outcome: &str) -> String {
 fn conversation(messages: &[Value]) -> Done {
     let mut calls = Vec::new();
     for (index, message) in messages.iter().enumerate().filter(|(_, message)| message["role"] == "assistant") {
-        let call = canonical(&message["tool_calls"][0]);
+        let call = Call::of_value(&message["tool_calls"][0]).map_or_else(String::new, |it| canonical(&it.name, &it.arguments));
         let told = messages.get(index + 1).map(|next| words(&next["content"])).unwrap_or_default();
         calls.push((call, told));
     }
-    Done { from: 0, calls }
+    Done { calls }
 }
 
-/// The calls that a single turn tells of.
-fn progress(prompt: &str) -> Done {
-    let Some((before, last)) = prompt.rsplit_once("\nLast action: ") else { return Done { from: 0, calls: Vec::new() } };
-    let progress = before.rsplit_once("\nProgress:\n").map_or("", |(_, progress)| progress);
-    let counted = progress.strip_prefix("History: (").and_then(|rest| rest.split_once(" of ")).and_then(|(n, _)| n.parse().ok());
-    let mut calls = Vec::new();
-    if counted.is_none() {
-        for line in progress.lines() {
-            let Some((_, rest)) = line.split_once(". ") else { continue };
-            let mut values = Deserializer::from_str(rest).into_iter::<Value>();
-            let Some(Ok(action)) = values.next() else { continue };
-            let told = rest[values.byte_offset()..].strip_prefix(": ").unwrap_or_default();
-            calls.push((canonical(&action), told.to_owned()));
+/// Which call of a plan comes next by a single turn, and whether the last one went as it should. Reads any template: each of
+/// our answers leaves a line in the memory that counts the calls before it, and the last action and its outcome follow.
+fn progress(prompt: &str, plan: &[Line]) -> (usize, bool) {
+    let counted = prompt.rfind(CALLS_MADE).and_then(|at| {
+        let number = prompt[..at].rsplit('(').next()?.split_once(OF)?.0.parse::<usize>().ok()?;
+        Some((number, at))
+    });
+    let remembered = prompt.find(MEMORY_BEGIN);
+    let Some((answered, from)) = counted.map(|(number, at)| (Some(number), at)).or(remembered.map(|at| (None, at))) else {
+        return (0, true);
+    };
+    let watched = watched_calls(prompt);
+    if answered.is_none() && !watched.is_empty() {
+        return Done { calls: watched }.reached(plan);
+    }
+    let end = prompt[from..].find(MEMORY_END).map_or(prompt.len(), |end| from + end);
+    let (lines, shown) = (&prompt[from..end], &prompt[end..]);
+    let told = |line: &Line, text: &str| text.contains(python::strip(&line.outcome));
+    match answered {
+        Some(call) if !lines.contains('\n') => {
+            let is_last = |line: &Line| {
+                let action = python::dumps(&action(&line.call.name, &line.call.arguments), Ascii::Escaped);
+                shown.find(&action).is_some_and(|at| told(line, &shown[at..]))
+            };
+            let smooth = plan.get(call).is_some_and(is_last);
+            (call + usize::from(smooth), smooth)
+        }
+        // The answer after the counted one could not be read whole, and so its call was not made, or was and went right.
+        _ => {
+            let call = answered.map_or(0, |call| call + 1);
+            let made = plan.get(call).is_some_and(|line| !line.outcome.is_empty() && told(line, shown));
+            (call + usize::from(made), made)
         }
     }
-    let (action, told) = last.split_once("\nLast outcome: ").unwrap_or((last, ""));
-    if action != "none" {
-        let told = told.strip_suffix(VIEW).unwrap_or(told);
-        calls.push((canonical(&serde_json::from_str(action).unwrap_or_default()), told.to_owned()));
-    }
-    Done { from: counted.unwrap_or(0), calls }
 }
 
-/// A call in one line; nothing where there is none.
-fn canonical(call: &Value) -> String {
-    Call::of_value(call).map_or_else(String::new, |call| call.canonical())
+/// The calls that somebody else made, as the memory tells of them: `0) {"tool_name": ..}: outcome`, one a line.
+fn watched_calls(prompt: &str) -> Vec<(String, String)> {
+    let mut calls = Vec::new();
+    for (at, _) in prompt.match_indices(") {\"tool_name\":") {
+        let rest = &prompt[at + ") ".len()..];
+        let mut values = Deserializer::from_str(rest).into_iter::<Value>();
+        let Some(call) = values.next().and_then(Result::ok).as_ref().and_then(Call::of_value) else { continue };
+        let told = rest[values.byte_offset()..].strip_prefix(": ").unwrap_or_default();
+        let told = told.lines().next().unwrap_or_default();
+        calls.push((canonical(&call.name, &call.arguments), told.strip_suffix(MEMORY_END).unwrap_or(told).to_owned()));
+    }
+    calls
+}
+
+/// A call in one line by the published names, so that equal calls are equal texts.
+fn canonical(name: &str, arguments: &Value) -> String {
+    Call::of_value(&action(name, arguments)).map_or_else(String::new, |call| call.canonical())
 }
 
 fn words(content: &Value) -> String {
@@ -383,21 +426,46 @@ mod tests {
         }
     }
 
+    fn plan() -> Vec<Line> {
+        let line = |name: &str, arguments: Value, outcome: &str| Line {
+            call: ToolCall::new(name, arguments),
+            outcome: outcome.to_owned(),
+            ..Line::finish()
+        };
+        vec![
+            line("nav_to", json!({"receptacle_name": "table_1"}), "Arrived: {}}: there."),
+            line("pick", json!({"marker_id": 1}), "Picked it up."),
+        ]
+    }
+
+    #[test]
+    fn where_an_episode_stands_is_read_from_any_template() {
+        let plan = plan();
+        let at = |prompt: &str| progress(prompt, &plan);
+        let pick = r#"{"tool_name": "pick", "args": {"marker_id": "1"}}"#;
+        let nav = r#"{"tool_name": "navigate_to", "args": {"receptacle_name": "table_1"}}"#;
+        let first = "{'History': '0) (0 of 2 calls were made)'}";
+        let second = "{'History': '0) (0 of 2 calls were made)\n1) (1 of 2 calls were made) I went.'}";
+        assert_eq!(at("{}"), (0, true));
+        assert_eq!(at(&format!("{first} {nav} Arrived: {{}}}}: there.")), (1, true));
+        assert_eq!(at(&format!("{first} {nav} The way is blocked.")), (0, false));
+        assert_eq!(at(&format!("{second} {pick} Picked it up.")), (2, true));
+        assert_eq!(at(&format!("{second} {nav} Arrived: {{}}}}: there.")), (1, false));
+        // An answer that could not be read, and one that was only not strict.
+        let unread = "{'History': '0) (0 of 2 calls were made)\n1) Unread.'}";
+        assert_eq!(at(&format!("{unread} {{\"raw\": \"x\"}} no call")), (1, false));
+        assert_eq!(at(&format!("{unread} {{\"raw\": \"x\"}} Picked it up.")), (2, true));
+        assert_eq!(at("{'History': '0) Unread.'} {\"raw\": \"x\"} no call"), (0, false));
+    }
+
     #[test]
     fn a_log_is_read_as_it_was_written() {
-        let line = |call, outcome| Decision {
-            call,
-            action: action("nav_to", "{\"receptacle_name\":\"table_1\"}").into(),
-            outcome,
-            reasoning: "",
-            history: "",
-            schedule: "",
-            subtask: "",
-        };
-        let text = reel_prompt::situation(&[line(0, "Arrived: {}}: there."), line(1, "Arrived again.")]);
-        let done = progress(&format!("Task: x\n\n{text}{VIEW}"));
-        let call = "nav_to({\"receptacle_name\":\"table_1\"})".to_owned();
-        assert_eq!(done.calls, [(call.clone(), "Arrived: {}}: there.".to_owned()), (call, "Arrived again.\n".to_owned())]);
+        let line = |outcome| reel_prompt::log_line("nav_to", &json!({"receptacle_name": "table_1"}), outcome);
+        let prompt = format!("{{'History': '0) {}\n1) {}'}}", line("Arrived: {}}: there."), line("Arrived again."));
+        let call = "navigate_to({\"receptacle_name\":\"table_1\"})".to_owned();
+        let calls = [(call.clone(), "Arrived: {}}: there.".to_owned()), (call, "Arrived again.".to_owned())];
+        assert_eq!(watched_calls(&prompt), calls);
+        assert_eq!(progress(&prompt, &plan()), (1, false));
     }
 
     #[test]

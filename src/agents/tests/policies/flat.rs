@@ -98,7 +98,7 @@ impl Flat {
         let receptacles =
             self.scene.receptacles.iter().map(|known| (known.id.clone(), known.category.clone(), known.room.clone())).collect();
         let briefing = Briefing { instruction: self.task.instruction.clone(), receptacles };
-        let mut observation = Observation { text: String::new(), error: None, frame: None };
+        let mut observation = Observation { text: String::new(), error: None, frame: None, held: None };
         for step in 0..HORIZON {
             let seen = self.seen();
             let input: StepInput = {
@@ -118,7 +118,7 @@ impl Flat {
                 Err(error) => Err(error.code()),
             };
             self.log.push((input.call, result.as_ref().err().copied()));
-            observation = Observation { text: result.clone().unwrap_or_default(), error: result.err(), frame: None };
+            observation = Observation { text: result.clone().unwrap_or_default(), error: result.err(), frame: None, held: None };
             if self.finished {
                 break;
             }

@@ -72,7 +72,7 @@ fn failures_become_preferences_and_value_targets() {
     };
     let pair = &lines("preferences.jsonl")[0];
     let said = |side: &str| pair[side][0]["content"][0]["text"].as_str().unwrap().to_owned();
-    assert!(said("chosen") != said("rejected") && said("chosen").contains("next_action"), "{pair}");
+    assert!(said("chosen") != said("rejected") && said("chosen").contains("next action"), "{pair}");
     let origin = &pair["provenance"];
     assert_eq!(origin["chosen"]["verdict"], "exact");
     assert_eq!((&origin["chosen"]["call"], &origin["rejected"]["call"]), (&origin["call"], &origin["call"]));

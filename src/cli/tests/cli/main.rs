@@ -150,7 +150,7 @@ fn tables_questions_and_training_rows() {
     let linted: serde_json::Value = serde_json::from_str(&linted).unwrap();
     assert_eq!(linted["rows"], report["examples"]["train"], "{linted}");
     let shown = expect(folder, 0, &["dataset", "show", "sft", "--row", "1", "--pictures", "shown"]);
-    assert!(shown.contains("Last action:") && shown.contains("next_action"), "{shown}");
+    assert!(shown.contains("Last action:") && shown.contains("next action"), "{shown}");
     assert!(folder.join("shown/row-1-1.png").exists());
     let full = complaint(folder, 2, &["export", "sft", "--store", "store", "--out", "sft"]);
     assert!(full.contains("not empty"), "{full}");

@@ -4,9 +4,10 @@ use std::fs;
 
 use reel_dataset::{
     DatasetError, Episode, ExampleOptions, Format, LeakKind, PictureOptions, Pictures, Refusal, Secrets, Shards, Split, Step,
-    Style, examples, privileged, strip,
+    Style, Told, examples, privileged, strip,
 };
-use reel_world::Digest;
+use reel_prompt::{Prompt, Wording};
+use reel_world::{Digest, NameSet, ToolSpec};
 use serde_json::{Value, json};
 
 use crate::{
@@ -21,25 +22,105 @@ fn options(style: Style) -> ExampleOptions {
 }
 
 #[test]
-fn single_turn_as_the_paper_puts_it() {
+fn single_turn_as_reals_trainer_puts_it() {
     let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn));
     let calls: Vec<u32> = made.examples.iter().map(|example| example.call).collect();
     assert_eq!((calls, made.refused.len()), (vec![0, 1, 3, 4, 5], 0), "the failed call is context only");
     let messages = made.examples[3].messages();
-    let [("system", system), ("user", user), ("assistant", answer)] = &messages[..] else { panic!("{messages:?}") };
-    assert!(system.starts_with("You are a household robot"));
-    assert!(user.starts_with("Task: Bring the vase to the \"glass\" table.\n\nTools:\n[{\"name\":\"nav_to\""));
-    assert!(user.contains("\nReceptacles:\n- shelf_1 (shelf, living room/0)\n- table_2 (table, living room/0)\n\nProgress:\n"));
-    assert!(user.ends_with(
-        "History: I did 3 things.\nNew Schedule: Bring it.\nCurrent subtask: Find \"it\".\n\n\
-         Last action: {\"tool_name\":\"pick\",\"args\":{\"marker_id\":2}}\n\
-         Last outcome: Picked up the object with marker 2.\n\nCurrent view: <image>"
-    ));
+    let [("user", user), ("assistant", answer)] = &messages[..] else { panic!("{messages:?}") };
+    for part in [
+        "You are a household robot",
+        "{\"name\": \"navigate_to\",",
+        "1) In living room/0: shelf_1, table_2.\n",
+        "Task: Bring the vase to the \"glass\" table.\nQuestions asked: 0 of 8\n",
+        "Progress: {'History': '0) I did 0 things.\n1) I did 1 things.\n2) I did 2 things.\n3) I did 3 things.'}\n",
+        "Last action: {\"tool_name\": \"pick\", \"args\": {\"marker_id\": \"2\"}}\n",
+        "Last observation: View: <image>\nResult: Picked up the object with marker 2.",
+    ] {
+        assert!(user.contains(part), "{part}\n{user}");
+    }
+    assert!(user.ends_with("marker 2."), "{user}");
     let (thought, json) = answer.split_once('\n').unwrap();
     assert_eq!(thought, "<think>I think 4 times.</think>");
     let json: Value = serde_json::from_str(json).unwrap();
-    assert_eq!(json["History"], "I did 4 things.");
-    assert_eq!(json["next_action"]["args"]["question"], "To which \"table\"?\n");
+    assert_eq!(json["summary"]["History"].as_str().unwrap().lines().last(), Some("4) I did 4 things."));
+    assert_eq!(json["summary"]["Current subtask"], "Find \"it\".");
+    assert_eq!(json["next action"], json!({ "tool_name": "ask", "args": { "question": "To which \"table\"?\n" } }));
+    let first = made.examples[0].messages();
+    assert!(first[0].1.ends_with("Progress: {}\nLast action: {}\nLast observation: "), "{}", first[0].1);
+    assert!(made.examples[4].messages()[0].1.contains("Questions asked: 1 of 8"));
+}
+
+/// The answer of a row, as the format holds it.
+fn answer_of(format: Format, row: &Value) -> String {
+    let text = match format {
+        Format::QwenVl | Format::LlamaFactory => &row["conversations"][1]["value"],
+        Format::MsSwift | Format::OpenAi => &row["messages"][1]["content"],
+        Format::Trl => &row["completion"][0]["content"][0]["text"],
+        Format::Parquet => unreachable!("its rows are columns"),
+    };
+    text.as_str().unwrap_or_else(|| panic!("{format:?}: {row}")).to_owned()
+}
+
+#[test]
+fn all_published_parsers_read_every_answer_of_every_format() {
+    use reel_prompt::published::{agent_answer, gym_answer, scheduler_action, trainer_action};
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = Pictures::new(folder.path(), PictureOptions::default());
+    let mut episodes = [episode("paper", Split::Train), episode("real-repo", Split::Train), episode("untold", Split::Train)];
+    episodes[1].names = NameSet::RealRepo;
+    for step in &mut episodes[1].steps {
+        step.call_name = ToolSpec::by_name(&step.tool).unwrap().name(NameSet::RealRepo).into();
+    }
+    for step in &mut episodes[2].steps {
+        (step.reasoning, step.history) = (String::new(), String::new());
+        (step.schedule, step.subtask) = (String::new(), String::new());
+    }
+    for episode in &episodes {
+        put_pictures(episode, &pictures);
+        let made = examples(episode, &ExampleOptions { style: Style::SingleTurn, failed_calls: true });
+        assert_eq!(made.examples.len(), episode.steps.len());
+        for (example, step) in made.examples.iter().zip(&episode.steps) {
+            let mut answers = vec![example.messages().pop().unwrap().1.into_owned()];
+            for format in TEXT {
+                let mut row = Vec::new();
+                format.write_row(example, &pictures, &mut row).unwrap();
+                answers.push(answer_of(format, &serde_json::from_slice(&row).unwrap()));
+            }
+            for answer in answers {
+                let trainer = trainer_action(&answer).unwrap();
+                let name = ToolSpec::by_name(&step.tool).unwrap().name(NameSet::RealRepo);
+                assert_eq!((trainer.requested_tool_name.as_str(), trainer.tool_name.as_str()), (name, name));
+                assert!(trainer.arguments.get("marker_id").is_none_or(Value::is_string), "{answer}");
+                let action = Some(json!({ "tool_name": name, "args": trainer.arguments }));
+                let agent = agent_answer(&answer).unwrap();
+                assert_eq!((agent.tool_name.as_str(), &agent.arguments), (name, &trainer.arguments));
+                let gym = gym_answer(&answer);
+                let (history, shown) = scheduler_action(&answer).unwrap();
+                assert_eq!((&gym.last_action, &shown), (&action, &action));
+                let summary = gym.task_progress.unwrap();
+                assert_eq!(summary, Value::from(agent.summary));
+                assert!(
+                    history.as_deref().is_some_and(|history| !history.is_empty() && summary["History"] == history),
+                    "{answer}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn another_template_is_another_prompt() {
+    let template = reel_prompt::TEMPLATE.replace("Last action:", "You did:").replace("Task: {TASK}", "{TASK}<");
+    let prompt = std::sync::Arc::new(Prompt::new("mine.txt", &template, Wording::default()).unwrap());
+    let mut episode = episode("e1", Split::Train);
+    let told = Told::new("Bring it.", Vec::new(), Secrets::none()).with_prompt(prompt.clone());
+    episode.told = told.into();
+    let made = examples(&episode, &options(Style::SingleTurn));
+    let messages = made.examples[3].messages();
+    assert!(messages[0].1.contains("\nBring it.<\n") && messages[0].1.contains("\nYou did: {\"tool_name\": \"pick\""));
+    assert_eq!(made.examples[3].about.prompt_digest, prompt.digest().to_string());
+    assert_ne!(prompt.digest(), Prompt::builtin().digest());
 }
 
 #[test]
@@ -168,8 +249,8 @@ fn what_must_not_be_known_is_refused_with_all_that_repeats_it() {
     episode.steps[3].history = "I hold vase_03_on_shelf_1_at_t.".into();
     let calls = |made: &reel_dataset::Examples| made.examples.iter().map(|example| example.call).collect::<Vec<_>>();
     let made = examples(&episode, &options(Style::SingleTurn));
-    assert_eq!(calls(&made), [0, 1, 5]);
-    assert_eq!(made.refused.iter().map(|it| it.call).collect::<Vec<_>>(), [Some(3), Some(4)]);
+    assert_eq!(calls(&made), [0, 1]);
+    assert_eq!(made.refused.iter().map(|it| it.call).collect::<Vec<_>>(), [Some(3), Some(4), Some(5)], "memory keeps it");
     assert!(matches!(&made.refused[0].reason, Refusal::Leak { kind: LeakKind::Instance, .. }));
     assert_eq!(calls(&examples(&episode, &options(Style::MultiTurn))), [5], "a History is in no conversation");
 

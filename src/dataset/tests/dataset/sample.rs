@@ -27,6 +27,7 @@ pub fn episode(id: &str, split: Split) -> Episode {
         history: format!("I did {at} things."),
         schedule: "Bring it.".into(),
         subtask: "Find \"it\".".into(),
+        held: None,
         images: if at == 0 { Vec::new() } else { vec![image(id, at / 2)] },
         learn: true,
         rollout: None,

@@ -26,6 +26,7 @@ pub fn write(root: &Path, format: Format, style: Style) -> Manifest {
     }
     writer.leave_out("the trace does not replay", 1);
     let description = Description {
+        prompt: reel_prompt::Prompt::builtin(),
         name: "sample".into(),
         style,
         command: "reel export sft".into(),

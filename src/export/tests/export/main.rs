@@ -31,6 +31,7 @@ fn options(format: Format) -> ExportOptions {
         selection: Selection::default(),
         writer: WriterOptions { rows_max: 20, ..WriterOptions::new(format) },
         style: Style::SingleTurn,
+        prompt: reel_prompt::Prompt::builtin(),
         words: Words::Auto,
         split_by: SplitBy::Task,
         ratios: Ratios::new([1.0, 0.0, 0.0]).unwrap(),

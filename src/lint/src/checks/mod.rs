@@ -12,6 +12,7 @@ mod leaks;
 mod length;
 mod loader;
 mod near_duplicates;
+mod published;
 mod seen;
 mod splits;
 mod told;
@@ -127,6 +128,7 @@ fn all(dataset: &Dataset, options: &Options) -> Vec<Box<dyn Check>> {
         Box::new(loader::Loader::new(dataset)),
         Box::new(images::Images),
         Box::new(answers::Answers::default()),
+        Box::new(published::Published::default()),
         Box::new(history::Histories::default()),
         Box::new(splits::Splits::default()),
         Box::new(label_noise::LabelNoise::default()),

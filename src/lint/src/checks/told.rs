@@ -1,7 +1,7 @@
 //! What rows tell of an episode in their texts: receptacles, calls, outcomes. As deeds for the History validator.
 //!
-//! Reads the single-turn prompt of SPEC section 8 and the tools' texts of sections 2 and 9; an outcome in other words is
-//! unknown, never guessed.
+//! Reads the single-turn prompts of Reel, today's and former ones, and the tools' texts of SPEC sections 2 and 9; an outcome in
+//! other words is unknown, never guessed.
 
 use reel_history::{Deed, Mark, Place, Setting};
 use reel_world::{DoorState, ErrorCode, GraphEvent, ToolCall, ToolSpec};
@@ -15,7 +15,7 @@ pub(super) fn line_after<'t>(prompt: &'t str, title: &str) -> Option<&'t str> {
     prompt[at..].lines().next().map(str::trim)
 }
 
-/// The setting that a prompt tells: `Task: ..` and lines `- id (category, room)`.
+/// The setting that a prompt tells: `Task: ..`, and lines `1) In room: id, id.` or `- id (category, room)`.
 pub(super) fn setting(prompt: &str) -> Setting {
     let place = |line: &str| {
         let (id, rest) = line.strip_prefix("- ")?.split_once(" (")?;
@@ -23,7 +23,24 @@ pub(super) fn setting(prompt: &str) -> Setting {
         Some(Place { id: id.into(), category: category.into(), room: room.into(), captions: Vec::new(), door: None })
     };
     let instruction = line_after(prompt, "Task: ").unwrap_or_default().to_owned();
-    Setting { places: prompt.lines().filter_map(place).collect(), things: Vec::new(), instruction, complete: false }
+    let room = |line: &str| {
+        let (number, rest) = line.split_once(") In ")?;
+        let (room, ids) = rest.strip_suffix('.')?.split_once(": ")?;
+        number.parse::<u32>().ok()?;
+        Some((room.to_owned(), ids.to_owned()))
+    };
+    let of_room = |(room, ids): (String, String)| {
+        let place = |id: &str| Place {
+            id: id.into(),
+            category: id.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('_').replace('_', " "),
+            room: room.clone(),
+            captions: Vec::new(),
+            door: None,
+        };
+        ids.split(", ").map(place).collect::<Vec<_>>()
+    };
+    let places = prompt.lines().filter_map(place).chain(prompt.lines().filter_map(room).flat_map(of_room));
+    Setting { places: places.collect(), things: Vec::new(), instruction, complete: false }
 }
 
 /// The last action and its outcome as a prompt tells them; `None` in the first decision.
@@ -32,12 +49,13 @@ pub(super) fn setting(prompt: &str) -> Setting {
 /// Where the prompt has no such lines or the action does not read.
 pub(super) fn last(prompt: &str) -> Result<Option<(Call, String)>, ()> {
     let action = line_after(prompt, "Last action: ").ok_or(())?;
-    if action.eq_ignore_ascii_case("none") {
+    if action.eq_ignore_ascii_case("none") || action == "{}" {
         return Ok(None);
     }
     let call = serde_json::from_str::<Value>(action).ok().as_ref().and_then(Call::of_value).ok_or(())?;
-    let at = prompt.find("Last outcome: ").ok_or(())? + "Last outcome: ".len();
-    let outcome = prompt[at..].split("\nCurrent view:").next().unwrap_or_default();
+    let former = prompt.rsplit_once("Last outcome: ").map(|(_, told)| told.split("\nCurrent view:").next().unwrap_or_default());
+    let today = || prompt.rsplit_once("Last observation: ").and_then(|(_, told)| Some(told.split_once("Result: ")?.1));
+    let outcome = former.or_else(today).ok_or(())?;
     Ok(Some((call, outcome.trim_end().to_owned())))
 }
 

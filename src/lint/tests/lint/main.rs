@@ -80,10 +80,12 @@ fn prompt(task: &str, outcome: &str) -> String {
 /// An answer of the single-turn form.
 fn answer(tool: &str, args: Value) -> String {
     let object = json!({
-        "History": "I went to table_1. I looked for cups and saw 2 candidates.",
-        "New Schedule": "pick up the cup; go to fridge_1",
-        "Current subtask": "pick up the cup",
-        "next_action": { "tool_name": tool, "args": args },
+        "summary": {
+            "History": "I went to table_1. I looked for cups and saw 2 candidates.",
+            "New Schedule": "pick up the cup; go to fridge_1",
+            "Current subtask": "pick up the cup",
+        },
+        "next action": { "tool_name": tool, "args": args },
     });
     format!("<think>The red cup has number 1.</think>\n{object}")
 }

@@ -42,9 +42,13 @@ fn tokens() -> Wording {
 
 /// The rooms of a task payload with their receptacles; a plain text stands for a list of one.
 fn rooms(value: &Value) -> Vec<(&str, Vec<&str>)> {
-    let room = |(room, receptacles): (&'_ String, &'_ Value)| match receptacles {
-        Value::String(one) => (room.as_str(), vec![one.as_str()]),
-        many => (room.as_str(), reel_vectors::items(many).iter().map(reel_vectors::text).collect()),
-    };
-    value.as_object().into_iter().flatten().map(room).collect()
+    let mut found = Vec::new();
+    for (room, receptacles) in value.as_object().into_iter().flatten() {
+        let receptacles = match receptacles {
+            Value::String(one) => vec![one.as_str()],
+            many => reel_vectors::items(many).iter().map(reel_vectors::text).collect(),
+        };
+        found.push((room.as_str(), receptacles));
+    }
+    found
 }

@@ -32,7 +32,7 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("pilot", &["world", "agents", "episode", "trace", "model", "prompt"]),
     ("annotate", &["world", "trace", "history", "model", "prompt"]),
     ("dataset", &["world", "prompt"]),
-    ("lint", &["world", "history", "dataset"]),
+    ("lint", &["world", "history", "prompt", "dataset"]),
     ("export", &["world", "reward", "trace", "tables", "replay", "history", "annotate", "prompt", "dataset"]),
     ("view", &["world", "trace", "replay"]),
     ("import", &["world", "reward", "trace"]),

@@ -201,6 +201,7 @@ fn options(arguments: &Arguments) -> ExportOptions {
             ..WriterOptions::new(Format::Trl)
         },
         style: Style::SingleTurn,
+        prompt: reel_prompt::Prompt::builtin(),
         words: Words::Auto,
         split_by: SplitBy::Task,
         ratios: Ratios::new([1.0, 0.0, 0.0]).expect("all of it is one part"),

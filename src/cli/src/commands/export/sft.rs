@@ -16,6 +16,11 @@ use crate::Answer;
 ///   reel ingest traces --store store
 ///   reel export sft --store store --out sft --format trl
 ///   reel dataset lint sft
+///   reel export sft --store store --out real --format ms-swift --prompt REAL/training/mcp_gspo/prompts/real_grpo_prompt.txt
+///
+/// Style single-turn is that of REAL's trainer, and its answers are what REAL's published agent, trainer, gym and scheduler
+/// read: <think>...</think> and {"summary": {...}, "next action": {"tool_name": ..., "args": {...}}}. The multi-turn styles
+/// are for other trainers.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -25,7 +30,7 @@ pub struct Arguments {
     /// What loads it: parquet (Hugging Face), trl, openai, ms-swift, llama-factory, qwen-vl
     #[arg(long, value_name = "NAME", default_value = "parquet", value_parser = format)]
     format: Format,
-    /// How a decision is put: single-turn (the paper's), multi-turn (an episode with native tool calls), multi-turn-prefix
+    /// How a decision is put: single-turn (REAL's trainer), multi-turn (an episode with native tool calls), multi-turn-prefix
     #[arg(long, value_name = "STYLE", default_value = "single-turn", value_parser = style)]
     style: Style,
     /// Failed and broken-off episodes too, up to their decisive step (run `reel taxonomy` before)

@@ -11,7 +11,7 @@ use reel_export::{ExportOptions, ExportReport, Selection, SplitBy, Words};
 use reel_query::Session;
 use reel_tables::Store;
 
-use crate::{Answer, inputs, progress};
+use crate::{Answer, inputs, progress, prompt::PromptArguments};
 
 /// What every training set is asked.
 #[derive(clap::Args)]
@@ -28,6 +28,8 @@ pub struct Shared {
     /// Whose words: auto (a model's own where it spoke, else written by rules), rules, recorded, notes (of `reel annotate`)
     #[arg(long, value_name = "WORDS", default_value = "auto", value_parser = words)]
     words: Words,
+    #[command(flatten)]
+    prompt: PromptArguments,
     /// What is kept together in a part of the dataset: task or scene
     #[arg(long, value_name = "WHAT", default_value = "task", value_parser = split_by)]
     split: SplitBy,
@@ -96,6 +98,7 @@ impl Shared {
                 ..WriterOptions::new(format)
             },
             style,
+            prompt: self.prompt.prompt()?,
             words: self.words,
             split_by: self.split,
             ratios: Ratios::new([train, self.validation, self.test]).context("--validation and --test")?,
