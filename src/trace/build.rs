@@ -9,6 +9,7 @@ use prost::Message;
 const SCHEMAS: &[&str] = &[
     "reel/v1/episode.proto",
     "reel/v1/policy_output.proto",
+    "reel/v1/logprobs.proto",
     "reel/v1/tool_call.proto",
     "reel/v1/tool_result.proto",
     "reel/v1/user_dialogue.proto",

@@ -91,6 +91,11 @@ enum Command {
     #[command(about = "Score the episodes of a store again, under any reward preset")]
     #[cfg(feature = "analytics")]
     Reward(commands::reward::Arguments),
+    #[command(about = "Compute the GSPO objective of two recorded policies over the same tokens")]
+    #[cfg(feature = "analytics")]
+    Gspo(Box<commands::gspo::Arguments>),
+    #[command(about = "List the log-probabilities of recorded tokens, and add those of other policies")]
+    Logprobs(commands::logprobs::Arguments),
     #[command(about = "Write reasoning and History for traces that came without words")]
     #[cfg(feature = "analytics")]
     Annotate(commands::annotate::Arguments),
@@ -178,6 +183,9 @@ fn main() -> ExitCode {
         Command::Cluster(arguments) => commands::cluster::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Reward(arguments) => commands::reward::run(&arguments),
+        #[cfg(feature = "analytics")]
+        Command::Gspo(arguments) => commands::gspo::run(&arguments),
+        Command::Logprobs(arguments) => commands::logprobs::run(&arguments),
         #[cfg(feature = "analytics")]
         Command::Annotate(arguments) => commands::annotate::run(&arguments),
         #[cfg(feature = "analytics")]

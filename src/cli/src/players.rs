@@ -34,6 +34,9 @@ pub struct Players {
     /// Most tokens that the agent may write for a decision
     #[arg(long, value_name = "N", default_value_t = 4096)]
     max_tokens: u32,
+    /// Record the log-probabilities of the tokens that the agent writes, where the endpoint gives them
+    #[arg(long, requires = "endpoint")]
+    pub logprobs: bool,
     /// Further fields of every request, as a JSON object; null takes a field away
     #[arg(long, value_name = "JSON")]
     request: Option<String>,
@@ -75,12 +78,13 @@ impl Players {
             let known = POLICIES.iter().map(|(name, what)| format!("  {name:17} {what}")).chain(models);
             bail!("no agent is called '{}'; there are\n{}", self.agent, known.collect::<Vec<_>>().join("\n"));
         }
-        let client = |model: &str, max_tokens: u32| -> anyhow::Result<Arc<Client>> {
+        let client = |model: &str, max_tokens: u32, logprobs: bool| -> anyhow::Result<Arc<Client>> {
             let url = self.endpoint.as_deref().context("--endpoint is missing: where the model is")?;
             let mut endpoint = Endpoint::new(url, model);
             endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
             endpoint.temperature = self.temperature;
             endpoint.max_tokens = max_tokens;
+            endpoint.logprobs = logprobs;
             endpoint.retries = self.retries;
             endpoint.timeout = Duration::try_from_secs_f64(self.timeout).context("--timeout must be a time in seconds")?;
             endpoint.extra = self.extra()?;
@@ -89,12 +93,12 @@ impl Players {
         let deciding = match style {
             Some(style) => {
                 let model = self.model.as_deref().with_context(|| format!("{} wants --endpoint and --model", self.agent))?;
-                Some((style, client(model, self.max_tokens)?))
+                Some((style, client(model, self.max_tokens, self.logprobs)?))
             }
             None => None,
         };
-        let user = self.user_model.as_deref().map(|model| client(model, USER_TOKENS)).transpose()?;
-        let matcher = self.match_model.as_deref().map(|model| client(model, 0)).transpose()?;
+        let user = self.user_model.as_deref().map(|model| client(model, USER_TOKENS, false)).transpose()?;
+        let matcher = self.match_model.as_deref().map(|model| client(model, 0, false)).transpose()?;
         let prompt = self.prompt.prompt()?;
         Ok(Cast {
             agent: self.agent.clone(),

@@ -3,6 +3,7 @@
 
 use std::{collections::BTreeSet, fmt::Write as _};
 
+use reel_world::TokenLogprobs;
 use serde::Serialize;
 
 /// What a decision was worth.
@@ -22,13 +23,17 @@ pub struct Rollout {
     pub steps: u32,
     /// Of this decision.
     pub reward: f64,
-    /// Discounted sum of rewards of the episode from its beginning: `J_i`.
+    /// Of the episode: the sum of its rewards as the manifest says (`rollouts.returns`), `J_i`.
     #[serde(rename = "return")]
     pub episode_return: f64,
-    /// `(J_i - mean) / (std + eps)` over the group.
+    /// How much better that is than the group, by the estimator that the manifest names (`rollouts.advantage`).
     pub advantage: f64,
     /// Whether the episode succeeded.
     pub success: bool,
+    /// The tokens that the policy wrote, as `tokens`, and by policy their log-probabilities, as `logprobs`; `None` (and no such fields)
+    /// if they were not recorded.
+    #[serde(flatten)]
+    pub logprobs: Option<TokenLogprobs>,
 }
 
 impl Rollout {

@@ -7,18 +7,19 @@ use reel_annotate::{AnnotateError, Marked, Note, Step as Decision, Thing, notes_
 use reel_dataset::{Rollout, Step};
 use reel_history::{Checker, Deed, Setting, mend};
 use reel_trace::Trace;
-use reel_world::{Digest, ErrorCode};
+use reel_world::{Digest, ErrorCode, TokenLogprobs};
 use serde::Deserialize;
 
 use crate::{Mending, Words, known::KnownTask, rollouts::Worth};
 
 /// Columns of `episodes` that a [`Row`] is made of, in words of a kind.
-pub(crate) fn columns(words: Words) -> Vec<&'static str> {
+pub(crate) fn columns(words: Words, rollouts: bool) -> Vec<&'static str> {
     let annotator: &[&str] = match words {
         Words::Auto | Words::Rules => ANNOTATOR_COLUMNS,
         Words::Recorded | Words::Notes => &[],
     };
-    [COLUMNS, annotator].concat()
+    let logprobs: &[&str] = if rollouts { LOGPROB_COLUMNS } else { &[] };
+    [COLUMNS, annotator, logprobs].concat()
 }
 
 const COLUMNS: &[&str] = &[
@@ -49,6 +50,9 @@ const COLUMNS: &[&str] = &[
     "steps.list.element.contradictions",
     "steps.list.element.held",
 ];
+
+/// What only rollouts have.
+const LOGPROB_COLUMNS: &[&str] = &["steps.list.element.tokens", "steps.list.element.logprobs"];
 
 /// What only the annotator looks at.
 const ANNOTATOR_COLUMNS: &[&str] = &[
@@ -96,6 +100,10 @@ pub(crate) struct StepRow<'a> {
     plan: Option<&'a str>,
     contradictions: u32,
     held: Option<&'a str>,
+    // of rollouts
+    tokens: Option<Vec<String>>,
+    #[serde(default)]
+    logprobs: Vec<PolicyLogprobs>,
     // of the annotator
     argument: Option<&'a str>,
     receptacle: Option<&'a str>,
@@ -107,6 +115,12 @@ pub(crate) struct StepRow<'a> {
     marker_map: Vec<MarkerRow<'a>>,
     #[serde(default)]
     visible_objects: Vec<VisibleRow<'a>>,
+}
+
+#[derive(Deserialize)]
+struct PolicyLogprobs {
+    policy: String,
+    logprobs: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -168,6 +182,7 @@ impl Row<'_> {
             episode_return: worth.episode_return,
             advantage: worth.advantage,
             success: self.success == Some(true),
+            logprobs: step.logprobs(),
         })
     }
 
@@ -213,6 +228,12 @@ const SCHEDULE: &str = "New Schedule:";
 const SUBTASK: &str = "Current subtask:";
 
 impl<'a> StepRow<'a> {
+    /// What policies give the tokens of the decision; `None` if nothing was recorded.
+    fn logprobs(&self) -> Option<TokenLogprobs> {
+        let by_policy = self.logprobs.iter().map(|of| (of.policy.clone(), of.logprobs.clone())).collect();
+        TokenLogprobs::new(self.tokens.clone()?, by_policy).ok()
+    }
+
     fn decision(&'a self, known: &'a KnownTask) -> Decision<'a> {
         let thing = |instance: &str| known.object(instance).map(Thing::of);
         let marked = |marker: &MarkerRow<'a>| match marker.kind {

@@ -6,6 +6,7 @@
 //! bytes, on any number of threads.
 
 mod episode;
+mod gspo;
 mod known;
 mod parquet;
 mod rollouts;
@@ -25,6 +26,7 @@ use reel_prompt::Prompt;
 use reel_tables::{Store, StoreError};
 use serde::Serialize;
 
+pub use gspo::{GroupObjective, GspoOptions, GspoReport, Sequence, SequenceUnit, gspo};
 pub use rollouts::RolloutOptions;
 pub use select::Selection;
 
@@ -175,6 +177,27 @@ pub enum ExportError {
         /// The folder.
         path: PathBuf,
     },
+    /// Returns, log-probabilities or parameters of which nothing can be computed.
+    #[error("advantages: {0}")]
+    Advantages(#[from] reel_reward::RewardError),
+    /// Log-probabilities of which nothing can be computed.
+    #[error("episode {episode_id}{}: {reason}", step.map_or_else(String::new, |step| format!(", step {step}")))]
+    Logprobs {
+        /// The episode.
+        episode_id: String,
+        /// The decision; `None` if it is about the whole episode.
+        step: Option<u32>,
+        /// What is wrong, and what to do.
+        reason: String,
+    },
+    /// No sequence of which an objective could be computed.
+    #[error(
+        "no episode in a group has log-probabilities of {policies}; record them with `reel bench --logprobs`, add those of other policies with `reel logprobs add`, and ingest the traces again"
+    )]
+    NoSequences {
+        /// The policies, as they are named.
+        policies: String,
+    },
     /// The columns of the Parquet file cannot be built.
     #[error("columns of the dataset: {0}")]
     Columns(#[from] polars_core::error::PolarsError),
@@ -219,7 +242,7 @@ pub fn export(
     select::cap_tasks(&mut chosen, &options.selection, &mut report.left_out);
     select::balance(&mut chosen, &options.selection, &mut report.left_out);
     if let Some(how) = &options.rollouts {
-        rollouts::group(&mut chosen, how, options.selection.seed, &mut report.left_out);
+        rollouts::group(&mut chosen, how, options.selection.seed, &mut report.left_out)?;
     }
     let group = |candidate: &select::Candidate| match options.split_by {
         SplitBy::Task => candidate.task_digest.clone(),

@@ -1,9 +1,9 @@
 //! Rollout groups for reinforcement learning (SPEC section 5): which episodes are rollouts of the same prompt, and how much
-//! better each was than its group. Owns the grouping; returns are the table's, advantages are computed by `reel-reward`.
+//! better each was than its group. Owns the grouping; returns and advantages are computed by `reel-reward`.
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use reel_reward::gspo::advantages;
+use reel_reward::{Estimator, PAPER_EPS, Returns, RewardError};
 use serde::Serialize;
 
 use crate::select::{Candidate, LeftOut, count, draw};
@@ -16,13 +16,16 @@ pub struct RolloutOptions {
     /// Rollouts a group (G): of larger groups so many are drawn, smaller ones are left out. Without it groups are as large as
     /// they are, from two.
     pub group_size: Option<usize>,
-    /// Keeps groups of equal returns from dividing by nothing.
-    pub eps: f64,
+    /// How rewards become the return of an episode. Decisions beyond its horizon are no rows.
+    pub returns: Returns,
+    /// How returns become advantages.
+    pub advantage: Estimator,
 }
 
 impl Default for RolloutOptions {
     fn default() -> Self {
-        Self { same_seed: false, group_size: None, eps: 1e-6 }
+        let advantage = Estimator::Paper { eps: PAPER_EPS };
+        Self { same_seed: false, group_size: None, returns: Returns::PAPER, advantage }
     }
 }
 
@@ -37,16 +40,30 @@ pub(crate) struct Worth {
 }
 
 /// Puts the episodes into groups; those that are in none are left out, with the reason.
-pub(crate) fn group(found: &mut Vec<Candidate>, how: &RolloutOptions, seed: u64, left_out: &mut LeftOut) {
+///
+/// # Errors
+/// Fails if the estimator refuses the returns.
+pub(crate) fn group(
+    found: &mut Vec<Candidate>,
+    how: &RolloutOptions,
+    seed: u64,
+    left_out: &mut LeftOut,
+) -> Result<(), RewardError> {
     let mut groups: BTreeMap<String, Vec<(usize, f64)>> = BTreeMap::new();
-    let mut endless = 0;
-    for (index, candidate) in found.iter().enumerate() {
-        match candidate.discounted_return {
-            Some(worth) => groups.entry(key(candidate, how)).or_default().push((index, worth)),
-            None => endless += 1,
+    let (mut endless, mut late) = (0, 0);
+    for (index, candidate) in found.iter_mut().enumerate() {
+        if candidate.discounted_return.is_none() {
+            endless += 1;
+            continue;
         }
+        let before = candidate.decisions.len();
+        candidate.decisions.retain(|decision| decision.call < how.returns.horizon);
+        late += before - candidate.decisions.len();
+        groups.entry(key(candidate, how)).or_default().push((index, how.returns.of(&candidate.rewards)));
     }
     count(left_out, "episodes without an end", endless);
+    count(left_out, "decisions beyond the horizon", late);
+    let mut batch: Vec<(Arc<str>, Vec<(usize, f64)>)> = Vec::new();
     for (name, mut members) in groups {
         if members.len() < how.group_size.unwrap_or(2).max(1) {
             count(left_out, "episodes of groups with too few rollouts", members.len());
@@ -58,14 +75,18 @@ pub(crate) fn group(found: &mut Vec<Candidate>, how: &RolloutOptions, seed: u64,
             members.truncate(size);
         }
         members.sort_by(|(a, _), (b, _)| found[*a].episode_id.cmp(&found[*b].episode_id));
-        let returns: Vec<f64> = members.iter().map(|(_, worth)| *worth).collect();
-        let (group, group_size) = (Arc::from(name), members.len() as u32);
-        for (rollout, ((index, episode_return), advantage)) in members.iter().zip(advantages(&returns, how.eps)).enumerate() {
-            let (group, rollout, episode_return) = (Arc::clone(&group), rollout as u32, *episode_return);
+        batch.push((Arc::from(name), members));
+    }
+    let returns: Vec<Vec<f64>> = batch.iter().map(|(_, members)| members.iter().map(|(_, worth)| *worth).collect()).collect();
+    for ((group, members), advantages) in batch.iter().zip(how.advantage.advantages(&returns)?) {
+        let group_size = members.len() as u32;
+        for (rollout, ((index, episode_return), advantage)) in members.iter().zip(advantages).enumerate() {
+            let (group, rollout, episode_return) = (Arc::clone(group), rollout as u32, *episode_return);
             found[*index].worth = Some(Worth { group, group_size, rollout, episode_return, advantage });
         }
     }
     found.retain(|candidate| candidate.worth.is_some());
+    Ok(())
 }
 
 /// The prompt group that was recorded; else the task, the policy, and the seed where that is wanted.
@@ -80,10 +101,19 @@ fn key(candidate: &Candidate, how: &RolloutOptions) -> String {
 
 #[cfg(test)]
 mod tests {
+    use reel_reward::Scale;
+
     use super::*;
+    use crate::select::Decision;
 
     fn episode(id: &str, task: &str, seed: u64, worth: Option<f64>) -> Candidate {
-        Candidate { episode_id: id.into(), discounted_return: worth, seed: seed.to_string(), ..Candidate::sample(task) }
+        Candidate {
+            episode_id: id.into(),
+            discounted_return: worth,
+            rewards: worth.into_iter().collect(),
+            seed: seed.to_string(),
+            ..Candidate::sample(task)
+        }
     }
 
     fn worths(found: &[Candidate]) -> Vec<(&str, u32, u32, f64)> {
@@ -100,8 +130,8 @@ mod tests {
             episode("endless", "mug", 3, None),
         ];
         let mut left_out = LeftOut::default();
-        let how = RolloutOptions { eps: 0.0, ..RolloutOptions::default() };
-        group(&mut found, &how, 0, &mut left_out);
+        let how = RolloutOptions { advantage: Estimator::Paper { eps: 0.0 }, ..RolloutOptions::default() };
+        group(&mut found, &how, 0, &mut left_out).unwrap();
         assert_eq!(worths(&found), [("c", 2, 1, -1.0), ("a", 2, 0, 1.0)]);
         assert_eq!(
             left_out.into_iter().collect::<Vec<_>>(),
@@ -110,11 +140,31 @@ mod tests {
     }
 
     #[test]
+    fn returns_and_estimator_are_those_that_were_asked_for() {
+        let long = |id: &str, reward: f64| {
+            let decisions = (0..60).map(|call| Decision { call, tool: 0 }).collect();
+            Candidate { rewards: vec![reward; 60], decisions, ..episode(id, "mug", 0, Some(0.0)) }
+        };
+        let grouped = |returns: Returns, advantage: Estimator| {
+            let (mut found, mut left_out) = (vec![long("a", 0.0), long("b", 1.0)], LeftOut::default());
+            let how = RolloutOptions { returns, advantage, ..RolloutOptions::default() };
+            group(&mut found, &how, 0, &mut left_out).unwrap();
+            let worth = found[1].worth.clone().unwrap();
+            (worth.episode_return, worth.advantage, found[1].decisions.len(), left_out["decisions beyond the horizon"])
+        };
+        let rloo = Estimator::named("rloo", Scale::None).unwrap();
+        assert_eq!(grouped(Returns::PUBLISHED, rloo), (50.0, 50.0, 50, 20));
+        let (paper, advantage, decisions, late) = grouped(Returns::PAPER, Estimator::Paper { eps: 0.0 });
+        assert!((paper - (1.0 - 0.99f64.powi(30)) / 0.01).abs() < 1e-9 && (advantage - 1.0).abs() < 1e-9);
+        assert_eq!((decisions, late), (30, 60));
+    }
+
+    #[test]
     fn groups_have_the_size_that_was_asked_for_and_recorded_groups_stay_together() {
         let rollouts = |count: u64| (0..count).map(|seed| episode(&format!("e{seed}"), "mug", seed, Some(seed as f64)));
         let grouped = |how: RolloutOptions, mut found: Vec<Candidate>| {
             let mut left_out = LeftOut::default();
-            group(&mut found, &how, 7, &mut left_out);
+            group(&mut found, &how, 7, &mut left_out).unwrap();
             (found.len(), left_out.values().sum::<u64>())
         };
         let of = |size: usize| RolloutOptions { group_size: Some(size), ..RolloutOptions::default() };

@@ -61,7 +61,7 @@ pub(crate) fn write(
     let mut known = Known::new(store, Arc::clone(&options.prompt))?;
     let mut task_ids = BTreeSet::new();
     let mut failed = None;
-    store.read(Table::Episodes, &columns(options.words), |batch| {
+    store.read(Table::Episodes, &columns(options.words, options.rollouts.is_some()), |batch| {
         if failed.is_some() {
             return Ok(());
         }

@@ -79,6 +79,8 @@ pub(crate) struct Candidate {
     pub group_id: Option<String>,
     /// None where it has no end.
     pub discounted_return: Option<f64>,
+    /// Of every decision, in order.
+    pub rewards: Vec<f64>,
     /// What it was worth in its group, once that is known.
     pub worth: Option<Worth>,
 }
@@ -101,6 +103,7 @@ impl Candidate {
             seed: String::new(),
             group_id: None,
             discounted_return: None,
+            rewards: Vec::new(),
             worth: None,
         }
     }
@@ -116,7 +119,7 @@ impl Candidate {
 pub(crate) struct Decision {
     pub call: u32,
     /// Index in [`ToolSpec::POLICY`].
-    tool: u8,
+    pub(crate) tool: u8,
 }
 
 /// How many episodes and decisions were left out, by the reason.
@@ -142,6 +145,7 @@ struct Row<'a> {
 #[derive(Deserialize)]
 struct StepRow<'a> {
     step: u32,
+    reward: f64,
     tool: &'a str,
     error_code: Option<&'a str>,
     goal_object: Option<bool>,
@@ -163,6 +167,7 @@ const COLUMNS: &[&str] = &[
     "success",
     "discounted_return",
     "steps.list.element.step",
+    "steps.list.element.reward",
     "steps.list.element.tool",
     "steps.list.element.error_code",
     "steps.list.element.goal_object",
@@ -249,6 +254,7 @@ fn candidate(
         seed: row.seed.clone(),
         group_id: row.group_id.map(str::to_owned),
         discounted_return: row.discounted_return,
+        rewards: row.steps.iter().map(|step| step.reward).collect(),
         worth: None,
     })
 }

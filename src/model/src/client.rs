@@ -125,7 +125,7 @@ impl Client {
     }
 
     fn ask_and_keep(&self, digest: &Digest, body: &str, time_ns: u64) -> (u32, Result<Kept, ModelError>) {
-        let (attempts, result) = self.ask(&self.url, body, reply::parse);
+        let (attempts, result) = self.ask(&self.url, body, |text| reply::parse(text, self.endpoint.logprobs));
         let result = result.and_then(|answer| {
             let kept = Kept { answer, latency_ns: self.clock.now_ns().saturating_sub(time_ns) };
             self.cache.as_ref().map_or(Ok(()), |cache| cache.put(digest, kept.clone()))?;
@@ -207,8 +207,8 @@ impl Client {
 }
 
 fn reply(kept: Kept, cached: bool, request: Digest) -> Reply {
-    let Kept { answer: Answer { text, calls, truncated, tokens_read, tokens_written }, latency_ns } = kept;
-    Reply { text, calls, truncated, tokens_read, tokens_written, latency_ns, cached, request }
+    let Kept { answer: Answer { text, calls, truncated, tokens_read, tokens_written, logprobs }, latency_ns } = kept;
+    Reply { text, calls, truncated, tokens_read, tokens_written, logprobs, latency_ns, cached, request }
 }
 
 struct Failure {

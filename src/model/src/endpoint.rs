@@ -23,13 +23,15 @@ pub struct Endpoint {
     pub temperature: f64,
     /// Most tokens that the model may write.
     pub max_tokens: u32,
+    /// Whether the log-probabilities of the tokens that the model writes are asked for; not every endpoint gives them.
+    pub logprobs: bool,
     /// Further fields of every request, e.g. `seed`; they replace fields of the same name, and `null` takes one away (models
     /// that want `max_completion_tokens` refuse `max_tokens`).
     pub extra: Map<String, Value>,
 }
 
 impl Endpoint {
-    /// No key, 120 s, 4 retries, greedy, 2048 tokens.
+    /// No key, 120 s, 4 retries, greedy, 2048 tokens, no log-probabilities.
     pub fn new(base_url: impl Into<String>, model: impl Into<String>) -> Self {
         Self {
             base_url: base_url.into(),
@@ -39,6 +41,7 @@ impl Endpoint {
             retries: 4,
             temperature: 0.0,
             max_tokens: 2048,
+            logprobs: false,
             extra: Map::new(),
         }
     }

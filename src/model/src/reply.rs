@@ -1,6 +1,6 @@
 //! What a model answered.
 
-use reel_world::Digest;
+use reel_world::{Digest, TokenLogprobs};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, error::Category};
 
@@ -17,6 +17,9 @@ pub struct Reply {
     pub tokens_read: Option<u32>,
     /// Tokens that it wrote, where the endpoint counts them.
     pub tokens_written: Option<u32>,
+    /// Log-probabilities of the tokens that it wrote; `None` if they were not asked for ([`crate::Endpoint::logprobs`]), or the
+    /// endpoint gave none.
+    pub logprobs: Option<TokenLogprobs>,
     /// How long it took, pauses and tries in vain included; of a kept reply, when it was first given.
     pub latency_ns: u64,
     /// Whether nobody was asked, because the reply was kept from an equal request.
@@ -34,6 +37,8 @@ pub(crate) struct Answer {
     pub truncated: bool,
     pub tokens_read: Option<u32>,
     pub tokens_written: Option<u32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub logprobs: Option<TokenLogprobs>,
 }
 
 /// Why a body of status 200 is no answer.
@@ -43,8 +48,8 @@ pub(crate) struct NoAnswer {
     pub cut: bool,
 }
 
-/// Reads the body of an answer.
-pub(crate) fn parse(body: &str) -> Result<Answer, NoAnswer> {
+/// Reads the body of an answer; `logprobs`: whether log-probabilities were asked for.
+pub(crate) fn parse(body: &str, logprobs: bool) -> Result<Answer, NoAnswer> {
     let value = json(body)?;
     let choice = value.pointer("/choices/0").ok_or_else(|| wrong("it has no field `choices` with an entry"))?;
     let calls = choice.pointer("/message/tool_calls").and_then(Value::as_array).cloned().unwrap_or_default();
@@ -61,7 +66,28 @@ pub(crate) fn parse(body: &str) -> Result<Answer, NoAnswer> {
         truncated: choice.get("finish_reason").and_then(Value::as_str) == Some("length"),
         tokens_read: tokens("/usage/prompt_tokens"),
         tokens_written: tokens("/usage/completion_tokens"),
+        logprobs: if logprobs { token_logprobs(choice)? } else { None },
     })
+}
+
+/// The log-probabilities of a choice; `None` if it has none.
+fn token_logprobs(choice: &Value) -> Result<Option<TokenLogprobs>, NoAnswer> {
+    #[derive(Deserialize)]
+    struct Token {
+        token: String,
+        logprob: f64,
+    }
+    let Some(content) = choice.pointer("/logprobs/content").filter(|content| !content.is_null()) else { return Ok(None) };
+    let refuse = |what: String| NoAnswer {
+        what: format!("its log-probabilities (`logprobs.content`) cannot be used: {what}"),
+        cut: false,
+    };
+    let tokens = Vec::<Token>::deserialize(content).map_err(|error| refuse(error.to_string()))?;
+    if tokens.is_empty() {
+        return Ok(None);
+    }
+    let (tokens, logprobs) = tokens.into_iter().map(|token| (token.token, token.logprob)).unzip();
+    TokenLogprobs::sampled(tokens, logprobs).map(Some).map_err(|error| refuse(error.to_string()))
 }
 
 /// Reads the vectors of so many texts, in their order.
@@ -106,7 +132,7 @@ mod tests {
     #[test]
     fn forms_of_content() {
         let text = |content: &str| {
-            parse(&format!(r#"{{"choices": [{{"message": {content}, "finish_reason": "length"}}]}}"#))
+            parse(&format!(r#"{{"choices": [{{"message": {content}, "finish_reason": "length"}}]}}"#), false)
                 .map(|answer| answer.text)
                 .ok()
         };
@@ -115,6 +141,31 @@ mod tests {
         assert_eq!(text(r#"{"content": null, "refusal": "no"}"#).as_deref(), Some("no"));
         assert_eq!(text(r#"{"content": null}"#), None);
         assert_eq!(text(r#"{"content": null, "tool_calls": [{"id": "a"}]}"#).as_deref(), Some(""));
+    }
+
+    #[test]
+    fn log_probabilities_of_the_tokens() {
+        let body = |logprobs: &str| format!(r#"{{"choices": [{{"message": {{"content": "a b"}}, "logprobs": {logprobs}}}]}}"#);
+        let whole = r#"{"content": [{"token": "a", "logprob": -0.5, "bytes": [97], "top_logprobs": []},
+            {"token": " b", "logprob": 0}]}"#;
+        let asked = |logprobs: &str| parse(&body(logprobs), true).map(|answer| answer.logprobs).map_err(|error| error.what);
+        let found = asked(whole).unwrap().unwrap();
+        assert_eq!(
+            (found.tokens(), found.of("old")),
+            (["a".to_owned(), " b".to_owned()].as_slice(), Some([-0.5, 0.0].as_slice()))
+        );
+        assert!(parse(&body(whole), false).ok().unwrap().logprobs.is_none(), "nobody asked");
+        for none in ["null", "{}", r#"{"content": null}"#, r#"{"content": []}"#] {
+            assert_eq!(asked(none), Ok(None), "{none}");
+        }
+        for (wrong, word) in [
+            (r#"{"content": [{"token": "a", "logprob": 0.5}]}"#, "at most 0"),
+            (r#"{"content": [{"token": "a"}]}"#, "logprob"),
+            (r#"{"content": 3}"#, "sequence"),
+        ] {
+            let error = asked(wrong).unwrap_err();
+            assert!(error.contains("logprobs.content") && error.contains(word), "{error}");
+        }
     }
 
     #[test]
@@ -136,7 +187,7 @@ mod tests {
             (r#"{"choices": []}"#, false, "choices"),
             (r#"{"choices": [{"text": "old"}]}"#, false, "message.content"),
         ] {
-            let error = parse(body).err().unwrap();
+            let error = parse(body, false).err().unwrap();
             assert!(error.cut == cut && error.what.contains(word), "{body}: {}", error.what);
         }
     }

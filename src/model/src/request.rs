@@ -84,6 +84,9 @@ pub(crate) fn body(endpoint: &Endpoint, request: &Request) -> Value {
     body.insert("messages".into(), Value::Array(messages));
     body.insert("temperature".into(), json!(endpoint.temperature));
     body.insert("max_tokens".into(), json!(endpoint.max_tokens));
+    if endpoint.logprobs {
+        body.insert("logprobs".into(), json!(true));
+    }
     if !request.tools.is_null() {
         body.insert("tools".into(), request.tools.clone());
     }

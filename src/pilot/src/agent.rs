@@ -76,7 +76,8 @@ pub(crate) fn no_call() -> ToolCall {
 /// What came with a decision. `raw` is the reply as it came.
 pub(crate) fn output(answer: &Answer, raw: String, reply: &Reply) -> PolicyOutput {
     let tokens = reply.tokens_read.zip(reply.tokens_written).map(|(read, written)| [read, written]);
-    PolicyOutput { raw, tokens, latency_ns: Some(reply.latency_ns), ..answer.output() }
+    let logprobs = reply.logprobs.clone();
+    PolicyOutput { raw, tokens, latency_ns: Some(reply.latency_ns), logprobs, ..answer.output() }
 }
 
 /// The newest picture, where the last call gave one.

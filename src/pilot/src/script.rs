@@ -20,6 +20,10 @@ use serde_json::{Deserializer, Value, json};
 
 /// Numbers in a vector of a text.
 const DIMENSIONS: usize = 256;
+/// Letters of a token.
+const TOKEN: usize = 4;
+/// By how much the log-probabilities of two models differ at most.
+const MODEL_SHARE: f64 = 0.2;
 /// Longest outcome in the log of a prompt.
 const LOGGED: usize = 120;
 /// Characters of a prompt that an error shows.
@@ -392,14 +396,34 @@ fn text_message(text: &str) -> Value {
 /// The body of a chat completion. Four letters are a token, and pictures cost nothing.
 fn completion(request: &Value, message: &Value, reason: &str) -> Value {
     let messages = request["messages"].as_array().into_iter().flatten();
-    let read = messages.map(|message| words(&message["content"]).len()).sum::<usize>() / 4;
-    let written = message.to_string().len() / 4;
+    let read = messages.map(|message| words(&message["content"]).len()).sum::<usize>() / TOKEN;
+    let written = message.to_string().len() / TOKEN;
+    let mut choice = json!({"index": 0, "message": message, "finish_reason": reason});
+    if request["logprobs"] == true {
+        choice["logprobs"] = logprobs(request, &words(&message["content"]));
+    }
     json!({
         "id": format!("chatcmpl-{}", &Digest::of(request.to_string().as_bytes()).to_string()[..12]),
         "object": "chat.completion", "created": 0, "model": request["model"],
-        "choices": [{"index": 0, "message": message, "finish_reason": reason}],
+        "choices": [choice],
         "usage": {"prompt_tokens": read, "completion_tokens": written, "total_tokens": read + written},
     })
+}
+
+/// Log-probabilities of a text, four letters a token. What a token gets depends on the text before it, and a little on the model
+/// that is asked for: two names stand in for two checkpoints.
+fn logprobs(request: &Value, text: &str) -> Value {
+    let share = |text: &str| f64::from(Digest::of(text.as_bytes()).0[0]) / 256.0;
+    let letters: Vec<char> = text.chars().collect();
+    let token = |(at, token): (usize, &[char])| {
+        let token: String = token.iter().collect();
+        let before: String = letters[..at * TOKEN].iter().collect();
+        let by_model = share(&format!("{}/{before}/{token}", request["model"]));
+        let logprob = -2.0 * share(&format!("{before}/{token}")) - MODEL_SHARE * by_model;
+        json!({"token": token, "logprob": logprob, "bytes": token.as_bytes(), "top_logprobs": []})
+    };
+    let content: Vec<Value> = letters.chunks(TOKEN).enumerate().map(token).collect();
+    if content.is_empty() { Value::Null } else { json!({"content": content}) }
 }
 
 fn vector(text: &str) -> Vec<f32> {
@@ -466,6 +490,25 @@ mod tests {
         let calls = [(call.clone(), "Arrived: {}}: there.".to_owned()), (call, "Arrived again.".to_owned())];
         assert_eq!(watched_calls(&prompt), calls);
         assert_eq!(progress(&prompt, &plan()), (1, false));
+    }
+
+    #[test]
+    fn two_models_give_the_same_tokens_a_little_less_or_more() {
+        let of = |model: &str| {
+            let said =
+                completion(&json!({"model": model, "logprobs": true, "messages": []}), &text_message("pick the mug"), "stop");
+            let content = said["choices"][0]["logprobs"]["content"].clone();
+            let field = |name: &str| -> Vec<Value> { content.as_array().unwrap().iter().map(|it| it[name].clone()).collect() };
+            (field("token"), field("logprob"))
+        };
+        let ((tokens, old), (others, new)) = (of("a"), of("b"));
+        assert_eq!((&tokens, &others), (&vec![json!("pick"), json!(" the"), json!(" mug")], &tokens));
+        assert_eq!(of("a").1, old, "it says the same every time");
+        let apart = |(old, new): (&Value, &Value)| (old.as_f64().unwrap() - new.as_f64().unwrap()).abs();
+        let apart: Vec<f64> = old.iter().zip(&new).map(apart).collect();
+        assert!(apart.iter().any(|it| *it > 0.0) && apart.iter().all(|it| *it <= MODEL_SHARE), "{apart:?}");
+        let unasked = completion(&json!({"model": "a", "messages": []}), &text_message("pick"), "stop");
+        assert!(unasked["choices"][0].get("logprobs").is_none());
     }
 
     #[test]

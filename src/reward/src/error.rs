@@ -73,6 +73,34 @@ pub enum RewardError {
         /// The other's.
         old: f64,
     },
+    /// Policies so far apart that their ratio is no number.
+    #[error("log-probabilities differ by {log_ratio}: their ratio is too large for a number; are they of the same tokens?")]
+    Overflow {
+        /// Logarithm of the ratio.
+        log_ratio: f64,
+    },
+    /// A return that is none.
+    #[error("a return of group {group} is {found}; returns must be finite")]
+    Return {
+        /// Index of the group, from 0.
+        group: usize,
+        /// The return.
+        found: f64,
+    },
+    /// A group in which a rollout has nobody to be compared with.
+    #[error("group {group} has one rollout; this estimator needs two at least (ngrpo takes one)")]
+    GroupOfOne {
+        /// Index of the group, from 0.
+        group: usize,
+    },
+    /// A parameter of an estimator that is none.
+    #[error("{name} must be finite and, but for virtual_max, not negative, not {found}")]
+    Parameter {
+        /// Its name.
+        name: &'static str,
+        /// Its value.
+        found: f64,
+    },
     /// A clip radius that is none.
     #[error("a clip radius must be finite and not negative, not {found}")]
     ClipRadius {

@@ -1,14 +1,16 @@
 //! The quantities of GSPO (paper, GSPO Objective; Zheng et al., Group Sequence Policy Optimization, arXiv 2507.18071) from
 //! log-probabilities of sampled tokens. Never holds a model; every result is a function of its arguments.
 //!
-//! Log-probabilities are natural logarithms, one for each token that the model generated in a rollout, in one order for all
-//! policies. The exponential is `libm`'s, so that the bits are equal on every machine.
+//! Log-probabilities are natural logarithms, one for each token that the model wrote in a sequence, in one order for all
+//! policies. A sequence is a rollout with all its decisions, or one decision. The exponential is `libm`'s, so that the bits are equal on every machine.
 
-use crate::error::RewardError;
+use serde::Serialize;
+
+use crate::{advantage::mean, error::RewardError};
 
 /// How far the sequence ratio may leave 1 before the objective stops following it: the ratio is clipped to
 /// `1 - low ..= 1 + high`. The paper names no radius, so there is no default.
-#[derive(Clone, Copy, PartialEq, Debug)]
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
 pub struct ClipRange {
     low: f64,
     high: f64,
@@ -16,7 +18,8 @@ pub struct ClipRange {
 
 /// How the KL divergence is estimated from the log-probabilities of sampled tokens alone (J. Schulman, "Approximating KL
 /// divergence", 2020). With `d = log pi_ref - log pi` of a token drawn from `pi`, and `KL = KL(pi || pi_ref)`.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum KlEstimator {
     /// `-d`: unbiased, of high variance, may be negative.
     K1,
@@ -27,7 +30,7 @@ pub enum KlEstimator {
 }
 
 /// Which ratios are outside of the range, as shares of their number.
-#[derive(Clone, Copy, PartialEq, Debug, Default)]
+#[derive(Clone, Copy, PartialEq, Debug, Default, Serialize)]
 pub struct ClipShare {
     /// Below it with a negative advantage: the objective is clipped.
     pub low: f64,
@@ -35,8 +38,18 @@ pub struct ClipShare {
     pub high: f64,
 }
 
-/// The objective of a group.
-#[derive(Clone, Copy, PartialEq, Debug)]
+/// On which side of the range a ratio is clipped.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ClipSide {
+    /// Below it.
+    Low,
+    /// Above it.
+    High,
+}
+
+/// The objective of sequences.
+#[derive(Clone, Copy, PartialEq, Debug, Serialize)]
 pub struct Objective {
     /// `L = -(mean of the clipped terms) + beta * mean KL`, to be minimised.
     pub loss: f64,
@@ -101,23 +114,14 @@ impl KlEstimator {
     }
 }
 
-/// Group-relative advantages `(J_i - mean) / (std + eps)` (paper, GSPO Objective). `std` is the population's (divided by the
-/// size of the group, not by one less). Equal returns give zeros; no returns give none.
-pub fn advantages(returns: &[f64], eps: f64) -> Vec<f64> {
-    let mean = mean(returns);
-    let squares: Vec<f64> = returns.iter().map(|value| (value - mean) * (value - mean)).collect();
-    let deviation = self::mean(&squares).sqrt();
-    let relative = |value: &f64| if deviation + eps > 0.0 { (value - mean) / (deviation + eps) } else { 0.0 };
-    returns.iter().map(relative).collect()
-}
-
 /// `s = exp(mean of log pi_new - log pi_old)` over the tokens of a rollout: the length-normalized sequence ratio (paper, GSPO
 /// Objective).
 ///
 /// # Errors
-/// When there is no token, when the lengths differ, or when a log-probability is not finite.
+/// Fails if there is no token, the lengths differ, a log-probability is not finite, or the ratio is too large for a number.
 pub fn sequence_ratio(new: &[f64], old: &[f64]) -> Result<f64, RewardError> {
-    Ok(libm::exp(mean(&log_ratios(new, old)?)))
+    let log_ratio = mean(&log_ratios(new, old)?);
+    finite(libm::exp(log_ratio), log_ratio)
 }
 
 /// `exp(log pi_new - log pi_old)` of each token: what GRPO clips and GSPO averages.
@@ -134,8 +138,27 @@ pub fn token_ratios(new: &[f64], old: &[f64]) -> Result<Vec<f64>, RewardError> {
 /// # Errors
 /// As [`sequence_ratio`].
 pub fn kl(estimator: KlEstimator, policy: &[f64], reference: &[f64]) -> Result<f64, RewardError> {
-    let terms: Vec<f64> = log_ratios(reference, policy)?.into_iter().map(|d| estimator.of(d)).collect();
-    Ok(mean(&terms))
+    Ok(mean(&token_kl(estimator, policy, reference)?))
+}
+
+/// The estimate of the KL from each token: what [`kl`] averages.
+///
+/// # Errors
+/// As [`sequence_ratio`].
+pub fn token_kl(estimator: KlEstimator, policy: &[f64], reference: &[f64]) -> Result<Vec<f64>, RewardError> {
+    log_ratios(reference, policy)?.into_iter().map(|d| finite(estimator.of(d), d)).collect()
+}
+
+/// On which side the objective stops following a ratio: below the range where the advantage is negative, above it where it is
+/// positive. `None` where it follows.
+pub fn clip_side(ratio: f64, advantage: f64, range: ClipRange) -> Option<ClipSide> {
+    if ratio < 1.0 - range.low && advantage < 0.0 {
+        Some(ClipSide::Low)
+    } else if ratio > 1.0 + range.high && advantage > 0.0 {
+        Some(ClipSide::High)
+    } else {
+        None
+    }
 }
 
 /// `min(s A, clip(s, 1 - low, 1 + high) A)`: what a rollout adds to the surrogate (paper, GSPO Objective).
@@ -151,14 +174,12 @@ pub fn clipped_term(ratio: f64, advantage: f64, range: ClipRange) -> f64 {
 /// When the lengths differ.
 pub fn clip_share(ratios: &[f64], advantages: &[f64], range: ClipRange) -> Result<ClipShare, RewardError> {
     same_length(ratios, advantages)?;
-    let share = |clipped: &dyn Fn(f64, f64) -> bool| {
-        let count = ratios.iter().zip(advantages).filter(|(ratio, advantage)| clipped(**ratio, **advantage)).count();
+    let share = |side: ClipSide| {
+        let clipped = |(ratio, advantage): &(&f64, &f64)| clip_side(**ratio, **advantage, range) == Some(side);
+        let count = ratios.iter().zip(advantages).filter(clipped).count();
         if ratios.is_empty() { 0.0 } else { count as f64 / ratios.len() as f64 }
     };
-    Ok(ClipShare {
-        low: share(&|ratio, advantage| ratio < 1.0 - range.low && advantage < 0.0),
-        high: share(&|ratio, advantage| ratio > 1.0 + range.high && advantage > 0.0),
-    })
+    Ok(ClipShare { low: share(ClipSide::Low), high: share(ClipSide::High) })
 }
 
 /// The loss of a group: `-(1/G) sum min(s_i A_i, clip(s_i) A_i) + (beta/G) sum kappa_i` (paper, GSPO Objective), with a
@@ -196,7 +217,7 @@ fn same_length(expected: &[f64], found: &[f64]) -> Result<(), RewardError> {
     Err(RewardError::Lengths { expected: expected.len(), found: found.len() })
 }
 
-/// In the order of the values, so that the bits are a function of them.
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
+/// A result, unless the exponential of `log_ratio` was too large for it.
+fn finite(value: f64, log_ratio: f64) -> Result<f64, RewardError> {
+    if value.is_finite() { Ok(value) } else { Err(RewardError::Overflow { log_ratio }) }
 }

@@ -29,6 +29,7 @@
 //! # }
 //! ```
 
+mod advantage;
 mod ambiguity;
 mod difference;
 mod error;
@@ -41,6 +42,7 @@ mod preset;
 mod preset_file;
 mod real_repo;
 mod records;
+mod returns;
 mod score;
 mod terms;
 
@@ -48,6 +50,7 @@ use std::fmt;
 
 use reel_world::record::{RewardTerm, StartRecord, StepRecord};
 
+pub use advantage::{Estimator, PAPER_EPS, Scale, group_relative};
 pub use difference::{ComponentDifference, RewardDifference, difference};
 pub use error::RewardError;
 pub use facts::{
@@ -55,6 +58,7 @@ pub use facts::{
 };
 pub use metrics::{discounted_return, metrics};
 pub use preset::{Preset, rewards};
+pub use returns::Returns;
 pub use score::{EpisodeReward, Fired, Scorer};
 pub use terms::{Base, Term};
 

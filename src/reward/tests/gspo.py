@@ -1,7 +1,8 @@
 """The formulas of GSPO in plain NumPy: what reel-reward is compared with.
 
 Reads cases as JSON from stdin and writes results as JSON to stdout. Formulas: Zheng et al., Group Sequence Policy
-Optimization (arXiv 2507.18071); J. Schulman, Approximating KL divergence (2020); clip shares as TRL's GRPOTrainer logs them.
+Optimization (arXiv 2507.18071); advantages as NGRPO and ms-swift's GRPOTrainer compute them; J. Schulman, Approximating
+KL divergence (2020); clip shares as TRL's GRPOTrainer logs them.
 """
 
 import json
@@ -17,6 +18,18 @@ def group(case):
     returns = np.array(case["rewards"]) @ discounts
     advantages = (returns - returns.mean()) / (returns.std() + case["eps"])
     ratios = np.array([np.exp((a - b).mean()) for a, b in zip(new, old)])
+    best = returns.max()
+    joined = np.append(returns, best + max(0.1 * abs(best), 0.5))
+    centred = returns - returns.mean()
+    others = np.array([np.delete(returns, i).mean() for i in range(len(returns))])
+    std = returns.std(ddof=1) + 1e-4
+    estimates = {
+        "paper": advantages,
+        "ngrpo": (returns - joined.mean()) / np.sqrt(joined.var() + 1e-8),
+        "grpo": centred / std,
+        "rloo": (returns - others) / std,
+        "reinforce++": centred / (centred.std(ddof=1) + 1e-4),
+    }
     estimators = {
         "k1": lambda d: -d,
         "k2": lambda d: d**2 / 2,
@@ -30,7 +43,7 @@ def group(case):
     tokens = np.concatenate(tokens)
     return {
         "returns": returns.tolist(),
-        "advantages": advantages.tolist(),
+        "advantages": {name: estimate.tolist() for name, estimate in estimates.items()},
         "ratios": ratios.tolist(),
         "kl": kl,
         "surrogate": float(surrogate.mean()),

@@ -83,7 +83,7 @@ pub(crate) enum Set {
 }
 
 /// Options of exports that may come from outside: none names a file.
-const EXPORT_OPTIONS: [&str; 21] = [
+const EXPORT_OPTIONS: [&str; 25] = [
     "format",
     "style",
     "failed",
@@ -103,6 +103,10 @@ const EXPORT_OPTIONS: [&str; 21] = [
     "group-size",
     "same-seed",
     "eps",
+    "returns",
+    "advantage",
+    "scale",
+    "virtual-max",
     "no-images",
     "version",
 ];

@@ -11,7 +11,8 @@ use arrow::array::RecordBatch;
 use reel_history::{Checker, Deed, Setting};
 use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
-    Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, ToolSpec, WorldGraph, canonical_json,
+    Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, TokenLogprobs, ToolSpec, WorldGraph,
+    canonical_json,
     record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject},
 };
 use serde::Serialize;
@@ -274,6 +275,8 @@ pub(crate) struct Step<'a> {
     pub(crate) raw: Option<&'a str>,
     pub(crate) tokens_read: Option<u32>,
     pub(crate) tokens_written: Option<u32>,
+    pub(crate) tokens: Option<&'a [String]>,
+    pub(crate) logprobs: Vec<PolicyLogprobs<'a>>,
     pub(crate) contradictions: usize,
     pub(crate) listed: Vec<&'a str>,
     pub(crate) new_objects: Vec<&'a str>,
@@ -296,6 +299,7 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
         let shown = record.visible.iter().map(|visible| &visible.object).chain(&record.listed);
         let new_objects = shown.filter(|object| seen.insert(*object)).map(InstanceId::as_str).collect();
         let policy = record.input.policy.as_ref();
+        let recorded = policy.and_then(|policy| policy.logprobs.as_ref());
         rows.push(Step {
             step: record.step,
             tool: record.tool_name(),
@@ -337,6 +341,8 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
             raw: policy.and_then(|policy| said(&policy.raw)),
             tokens_read: policy.and_then(|policy| policy.tokens).map(|[read, _]| read),
             tokens_written: policy.and_then(|policy| policy.tokens).map(|[_, written]| written),
+            tokens: recorded.map(TokenLogprobs::tokens),
+            logprobs: recorded.into_iter().flat_map(TokenLogprobs::policies).map(policy_logprobs).collect(),
             contradictions: claims.refuted(record),
             listed: record.listed.iter().map(InstanceId::as_str).collect(),
             new_objects,
@@ -497,6 +503,16 @@ fn change(authority: &'static str, event: &GraphEvent) -> Change {
         door_from: doors.map(|(from, _)| from.to_string()),
         door_to: doors.map(|(_, to)| to.to_string()),
     }
+}
+
+#[derive(Serialize)]
+pub(crate) struct PolicyLogprobs<'a> {
+    pub(crate) policy: &'a str,
+    pub(crate) logprobs: &'a [f64],
+}
+
+fn policy_logprobs<'a>((policy, logprobs): (&'a str, &'a [f64])) -> PolicyLogprobs<'a> {
+    PolicyLogprobs { policy, logprobs }
 }
 
 #[derive(Serialize)]

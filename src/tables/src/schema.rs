@@ -93,6 +93,12 @@ const TERM: &[Column] = &[
     must("reason", Text, "which event or rule gave it"),
 ];
 
+/// What a policy gives the tokens of a decision.
+const LOGPROBS: &[Column] = &[
+    must("policy", Text, "`old` sampled the tokens; others, e.g. `new` and `ref`, were added by `reel logprobs`"),
+    must("logprobs", List(&Float), "natural logarithms, at most 0, one a token"),
+];
+
 /// A number of the marker map.
 const MARKER: &[Column] = &[
     must("marker", Int, "the number"),
@@ -162,6 +168,12 @@ pub const STEP: &[Column] = &[
     may("raw", Text, "the policy's output as it came"),
     may("tokens_read", Int, "tokens that the model read"),
     may("tokens_written", Int, "tokens that it wrote"),
+    may(
+        "tokens",
+        List(&Text),
+        "the tokens that it wrote, as the endpoint names them; null: their log-probabilities were not recorded",
+    ),
+    must("logprobs", List(&Struct(LOGPROBS)), "what policies give these tokens; the view `logprobs`"),
     must("contradictions", Int, "claims of the policy's own summary that the record refutes"),
     must("listed", List(&Text), "instances of whose existence the policy was told in words"),
     must("new_objects", List(&Text), "instances seen or listed for the first time"),
@@ -551,6 +563,14 @@ pub fn views(available: impl Fn(&str) -> bool) -> Vec<View> {
             ),
         ),
         view(
+            "logprobs",
+            "`episode_id, step, policy, tokens, logprobs`: one row a decision and policy whose log-probabilities are known.",
+            "SELECT episode_id, step, l['policy'] AS policy, tokens, l['logprobs'] AS logprobs \
+             FROM (SELECT episode_id, s['step'] AS step, s['tokens'] AS tokens, unnest(s['logprobs']) AS l \
+             FROM (SELECT episode_id, unnest(steps) AS s FROM episodes))"
+                .into(),
+        ),
+        view(
             "dialogue",
             "`episode_id, step, question, reply, source`: one row a question.",
             "SELECT episode_id, s['step'] AS step, s['question'] AS question, s['reply'] AS reply, \
@@ -609,9 +629,10 @@ pub fn document() -> String {
 }
 
 /// Nested structs with a section of their own.
-const NESTED: [(&str, &[Column]); 10] = [
+const NESTED: [(&str, &[Column]); 11] = [
     ("A step (`episodes.steps`, view `steps`)", STEP),
     ("What a robot measured (`episodes.measured`, view `measurements`)", MEASURED),
+    ("Log-probabilities (`steps.logprobs`, view `logprobs`)", LOGPROBS),
     ("A change (`steps.changes`, `episodes.start_changes`, view `world_diffs`)", CHANGE),
     ("A reward term (`steps.terms`, view `rewards`)", TERM),
     ("A marker (`steps.marker_map`, view `markers`)", MARKER),

@@ -390,6 +390,8 @@ impl<'a> Play<'a, '_> {
             raw: None,
             tokens_read: Some(900 + self.chance.below(600) as u32),
             tokens_written: Some(60 + self.chance.below(200) as u32),
+            tokens: None,
+            logprobs: Vec::new(),
             contradictions: 0,
             listed: Vec::new(),
             new_objects: Vec::new(),

@@ -247,6 +247,12 @@ impl<'a> Assembly<'a> {
                 let draft = self.draft(message.step)?;
                 once(&mut draft.policy, codec::read_policy_output(message))
             }
+            schema::LOGPROBS => {
+                let message: reel::TokenLogprobs = decode(data)?;
+                let policy =
+                    self.draft(message.step)?.policy.as_mut().ok_or("the policy output of its step is missing before it")?;
+                once(&mut policy.logprobs, codec::read_logprobs(message)?)
+            }
             schema::USER_DIALOGUE => {
                 let message: reel::UserDialogue = decode(data)?;
                 let draft = self.draft(message.step)?;

@@ -2,7 +2,7 @@
 
 use std::{io, path::PathBuf};
 
-use reel_world::Digest;
+use reel_world::{Digest, LogprobError};
 
 /// Every error of this crate.
 #[derive(Debug, thiserror::Error)]
@@ -158,6 +158,36 @@ pub enum TraceError {
         /// The step; none: the start.
         step: Option<u32>,
         /// What is wrong with it.
+        what: String,
+    },
+    /// Log-probabilities that are not of the recorded tokens.
+    #[error("log-probabilities of step {step} are refused: {source}: {path}")]
+    Logprobs {
+        /// The trace that they should be added to.
+        path: PathBuf,
+        /// The decision.
+        step: u32,
+        /// What is wrong with them.
+        source: LogprobError,
+    },
+    /// A decision without recorded tokens.
+    #[error("step {step} has no recorded tokens to score; record the episode with `reel bench --logprobs`: {path}")]
+    NoTokens {
+        /// The trace.
+        path: PathBuf,
+        /// The decision.
+        step: u32,
+    },
+    /// A line that holds no log-probabilities of a decision.
+    #[error(
+        "line {line} is no JSON object of episode_id, step, policy, logprobs and, if known, tokens ({what}); `reel logprobs list` shows the form: {path}"
+    )]
+    ScoredLine {
+        /// The file.
+        path: PathBuf,
+        /// From 1.
+        line: u32,
+        /// What the parser says.
         what: String,
     },
     /// The recorder was called out of turn.

@@ -167,6 +167,9 @@ impl<W: Write + Seek> Journal<W> {
         self.message(schema::TOOL_CALL, &codec::tool_call(step, &input.call, input.lookup.as_ref()))?;
         if let Some(policy) = &input.policy {
             self.message(schema::POLICY_OUTPUT, &codec::policy_output(step, policy))?;
+            if let Some(logprobs) = &policy.logprobs {
+                self.message(schema::LOGPROBS, &codec::logprobs(step, logprobs))?;
+            }
         }
         if let Some(reply) = &input.user_reply {
             self.message(schema::USER_DIALOGUE, &codec::user_dialogue(step, "outside", reply))?;

@@ -298,9 +298,15 @@ fn holds(path: &Path, recording: Option<&Trace>) -> bool {
     // What a robot measured is not in the chain.
     let read = recording.robot.before(recording.steps.len() as u32);
     let robot = whole.robot.before(recording.steps.len() as u32) == read;
+    // Nor are log-probabilities.
+    let logprobs = |trace: &Trace, step: usize| {
+        trace.steps.get(step).and_then(|step| step.input.policy.as_ref()).and_then(|policy| policy.logprobs.clone())
+    };
+    let logprobs = (0..recording.steps.len()).all(|step| logprobs(recording, step) == logprobs(&whole, step));
     link == Some(recording.chain())
         && end
         && robot
+        && logprobs
         && recording.images.keys().all(|step| whole.images.contains_key(step))
         && recording.originals.keys().all(|step| whole.originals.contains_key(step))
 }

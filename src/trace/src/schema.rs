@@ -63,6 +63,7 @@ channels! {
     VLA = 19, "/robot/vla", "reel.v1.VlaLatency";
     ALIGNMENT = 20, "/robot/alignment", "reel.v1.Alignment";
     CAMERA_ORIGINAL = 21, "/camera/original", "foxglove.CompressedImage";
+    LOGPROBS = 22, "/logprobs", "reel.v1.TokenLogprobs";
 }
 
 /// Finds a channel by its topic.

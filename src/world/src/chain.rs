@@ -1,6 +1,6 @@
 //! The hash chain of an episode: each link covers the link before it, the step's inputs and its outputs, so
-//! that nothing can be changed, left out or put elsewhere without being seen. Wall-clock values and the
-//! version of Reel are not covered: they do not belong to what an episode is a function of.
+//! that nothing can be changed, left out or put elsewhere without being seen. Wall-clock values,
+//! log-probabilities and the version of Reel are not covered: they do not belong to what an episode is a function of.
 
 use crate::{
     Digest, canonical_json,
@@ -22,6 +22,7 @@ pub fn step_link(before: &Digest, step: &StepRecord) -> Digest {
     step.digests.chain = Digest::default();
     if let Some(policy) = &mut step.input.policy {
         policy.latency_ns = None;
+        policy.logprobs = None;
     }
     Digest::of(canonical_json(&(before, &step)).as_bytes())
 }

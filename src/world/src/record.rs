@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::{
-    AssetId, Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, Skills, ToolCall, WorldGraph,
+    AssetId, Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, Skills, TokenLogprobs,
+    ToolCall, WorldGraph,
 };
 
 /// Where an episode ran.
@@ -128,6 +129,9 @@ pub struct PolicyOutput {
     /// How long the policy took, in nanoseconds; outside every digest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latency_ns: Option<u64>,
+    /// Log-probabilities of the tokens that it wrote, where the endpoint gave them; outside every digest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub logprobs: Option<TokenLogprobs>,
 }
 
 /// Who answered an `ask`.

@@ -48,6 +48,7 @@ const JOBS_WITH_MODELS: usize = 8;
 ///   reel bench --tasks tasks --agent real-agent --endpoint http://localhost:8000/v1 --model qwen3-vl --repeat 3 --out bench/qwen
 ///   reel bench --tasks tasks --agent function-calling --endpoint https://api.example/v1 --model m --key-from API_KEY
 ///     --user-model m --prices 0.5,1.5 --max-cost 20 --out bench/m
+///   reel bench --tasks tasks --agent real-agent --endpoint http://localhost:8000/v1 --model student --logprobs --out bench/old
 ///   reel bench --compare bench/planner bench/qwen     # the same tasks and seeds, paired
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
@@ -158,7 +159,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
     let all = jobs.len();
     let (mut reports, mut open) = (Vec::new(), Vec::new());
     for job in jobs {
-        match played(&job, &cast)? {
+        match played(&job, &cast, arguments.players.logprobs)? {
             Some(report) => reports.push(report),
             None => open.push(job),
         }
@@ -204,6 +205,9 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
         print!("{}", table(&name, arguments.skills, &reports, prices));
         println!("traces: {}", arguments.out.display());
     }
+    if arguments.players.logprobs {
+        tell_missing_logprobs(&reports)?;
+    }
     if skipped > 0 {
         eprintln!(
             "reel: {skipped} episodes were not begun: {}; the same command goes on",
@@ -221,7 +225,7 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
 
 /// The report of an episode that was played before; none where it was not, or did not come to its end. Another episode of that
 /// name is refused: it would be written over.
-fn played(job: &Job, cast: &Cast) -> anyhow::Result<Option<EpisodeReport>> {
+fn played(job: &Job, cast: &Cast, logprobs: bool) -> anyhow::Result<Option<EpisodeReport>> {
     let path = &job.record.as_ref().expect("every episode is recorded").path;
     if !path.exists() {
         return Ok(None);
@@ -243,7 +247,25 @@ fn played(job: &Job, cast: &Cast) -> anyhow::Result<Option<EpisodeReport>> {
         );
     }
     let report = EpisodeReport::of_trace(&trace, path);
-    Ok(report.filter(|report| report.end_reason != EndReason::Aborted))
+    let report = report.filter(|report| report.end_reason != EndReason::Aborted);
+    if logprobs && report.is_some() && trace.logprobs().next().is_none() {
+        bail!("{} was played without --logprobs; give another folder with --out", path.display());
+    }
+    Ok(report)
+}
+
+/// Says where the log-probabilities that were asked for are missing.
+fn tell_missing_logprobs(reports: &[EpisodeReport]) -> anyhow::Result<()> {
+    let (mut given, mut all) = (0, 0);
+    for path in reports.iter().filter_map(|report| report.trace.as_deref()) {
+        let trace = Trace::read(path)?;
+        given += trace.logprobs().count();
+        all += trace.steps.len();
+    }
+    if given < all {
+        eprintln!("reel: the endpoint gave log-probabilities for {given} of {all} decisions");
+    }
+    Ok(())
 }
 
 /// What a run may cost.

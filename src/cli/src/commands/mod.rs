@@ -24,6 +24,8 @@ pub mod export;
 pub mod faults;
 pub mod frames;
 pub mod gate;
+#[cfg(feature = "analytics")]
+pub mod gspo;
 pub mod import;
 #[cfg(feature = "analytics")]
 pub mod ingest;
@@ -31,6 +33,7 @@ pub mod ingest;
 pub mod judge;
 #[cfg(feature = "analytics")]
 pub mod label;
+pub mod logprobs;
 pub mod mint;
 #[cfg(feature = "service")]
 pub mod mock_llm;

@@ -19,13 +19,13 @@ use serde_json::Value;
 use crate::{complaint, expect, reel};
 
 /// A stand-in for a model, until it is dropped.
-struct Mock {
+pub struct Mock {
     child: Child,
-    url: String,
+    pub url: String,
 }
 
 impl Mock {
-    fn start(folder: &Path, arguments: &[&str]) -> Self {
+    pub fn start(folder: &Path, arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_reel"))
             .current_dir(folder)
             .args(["mock-llm", "plans", "--listen", "127.0.0.1:0"])
@@ -48,7 +48,7 @@ impl Drop for Mock {
 }
 
 /// Tasks, and what the oracle does in them.
-fn plans(folder: &Path, count: &str) {
+pub fn plans(folder: &Path, count: &str) {
     expect(folder, 0, &["tasks", "draw", "--count", count, "--seed", "31", "--out", "tasks"]);
     expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oracle", "--out", "plans", "--no-images"]);
 }
@@ -80,7 +80,7 @@ fn all(printed: &str) -> Value {
 }
 
 /// Files of a folder that end so, in order; none where there is no folder yet.
-fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
+pub fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten();
     let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
     paths.retain(|path| path.extension().is_some_and(|extension| extension == ending));

@@ -10,6 +10,8 @@ mod cluster;
 mod endpoint;
 mod films;
 mod gate;
+#[cfg(feature = "analytics")]
+mod gspo;
 mod import;
 mod making;
 mod moments;

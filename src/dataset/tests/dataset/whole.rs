@@ -6,7 +6,7 @@ use reel_dataset::{
     DatasetWriter, Description, ExampleOptions, Format, MANIFEST, Manifest, PictureOptions, Pictures, Rollout, Secrets, Split,
     Style, WriterOptions, examples, files,
 };
-use reel_world::Digest;
+use reel_world::{Digest, TokenLogprobs};
 use serde_json::{Value, json};
 
 use crate::sample::{episode, put_pictures, told};
@@ -98,6 +98,7 @@ fn rollouts_carry_what_decisions_were_worth() {
             episode_return: 7.5,
             advantage: 1.25,
             success: true,
+            logprobs: Some(TokenLogprobs::sampled(vec!["{".into(), "}".into()], vec![-0.5, -0.25]).unwrap()),
         };
         step.rollout = Some(worth);
     }
@@ -107,6 +108,7 @@ fn rollouts_carry_what_decisions_were_worth() {
         format.write_row(&made.examples[2], &pictures, &mut row).unwrap();
         let row: Value = serde_json::from_slice(&row).unwrap();
         assert_eq!((&row["return"], &row["advantage"], &row["reward"]), (&json!(7.5), &json!(1.25), &json!(-0.03)));
+        assert_eq!((&row["tokens"], &row["logprobs"]), (&json!(["{", "}"]), &json!({"old": [-0.5, -0.25]})));
         assert_eq!((&row["group"], &row["step"], &row["rollout"]), (&json!("g"), &json!(2), &json!(5)));
         assert!(!row[answers].as_array().unwrap().is_empty());
         assert_eq!(row["provenance"]["call"], 2);

@@ -3,6 +3,7 @@
 
 pub mod blame;
 mod conditions;
+pub mod gspo;
 mod parts;
 pub mod sequence;
 pub mod simulator;
@@ -27,7 +28,7 @@ pub struct FunctionHelp {
 
 /// Every function, in the order of the documents.
 pub fn help() -> impl Iterator<Item = FunctionHelp> {
-    sequence::HELP.iter().chain(statistics::HELP).chain(simulator::HELP).chain([&blame::HELP]).copied()
+    sequence::HELP.iter().chain(statistics::HELP).chain(gspo::HELP).chain(simulator::HELP).chain([&blame::HELP]).copied()
 }
 
 /// Whether a function opens traces.
@@ -40,6 +41,7 @@ pub(crate) fn all(control: &std::sync::Arc<Control>) -> Vec<ScalarUDF> {
     sequence::functions()
         .into_iter()
         .chain(statistics::functions())
+        .chain(gspo::functions())
         .chain(simulator::functions(control))
         .chain([blame::function(control), parts::function()])
         .collect()

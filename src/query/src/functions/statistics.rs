@@ -128,7 +128,7 @@ fn advantages(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
         let group = returns.value(row);
         let group = group.as_primitive::<Float64Type>();
         let known: Vec<f64> = group.iter().flatten().collect();
-        let mut advantages = reel_reward::gspo::advantages(&known, eps.value(row)).into_iter();
+        let mut advantages = reel_reward::group_relative(&known, eps.value(row)).into_iter();
         for value in group {
             lists.values().append_option(value.and_then(|_| advantages.next()));
         }

@@ -7,8 +7,8 @@ use std::{
 
 use proptest::{prelude::*, strategy::ValueTree, test_runner::TestRunner};
 use reel_reward::{
-    RewardError, discounted_return,
-    gspo::{ClipRange, KlEstimator, advantages, clip_share, clipped_term, kl, objective, sequence_ratio, token_ratios},
+    Estimator, RewardError, Scale, discounted_return, group_relative,
+    gspo::{ClipRange, KlEstimator, clip_share, clipped_term, kl, objective, sequence_ratio, token_ratios},
 };
 use serde_json::{Value, json};
 
@@ -22,12 +22,12 @@ fn equal(found: f64, expected: f64) {
 
 #[test]
 fn advantages_are_relative_to_the_group() {
-    let found = advantages(&[1.0, 2.0, 3.0, 6.0], 0.0);
+    let found = group_relative(&[1.0, 2.0, 3.0, 6.0], 0.0);
     let deviation = 3.5_f64.sqrt();
     found.iter().zip([-2.0, -1.0, 0.0, 3.0]).for_each(|(found, above)| equal(*found, above / deviation));
-    equal(advantages(&[1.0, 3.0], 1.0)[1], 0.5);
-    assert_eq!(advantages(&[4.0; 3], 0.0), [0.0; 3]);
-    assert!(advantages(&[], 0.1).is_empty());
+    equal(group_relative(&[1.0, 3.0], 1.0)[1], 0.5);
+    assert_eq!(group_relative(&[4.0; 3], 0.0), [0.0; 3]);
+    assert!(group_relative(&[], 0.1).is_empty());
     equal(discounted_return(&[1.0, 1.0, 1.0], 0.99), 1.0 + 0.99 + 0.9801);
 }
 
@@ -71,6 +71,8 @@ fn what_does_not_fit_together_is_refused() {
     assert_eq!(error, RewardError::LogProbability { token: 1, new: f64::NEG_INFINITY, old: -1.0 });
     assert_eq!(ClipRange::new(0.1, -0.1), Err(RewardError::ClipRadius { found: -0.1 }));
     assert!(ClipRange::symmetric(f64::NAN).is_err());
+    assert_eq!(sequence_ratio(&[0.0], &[-9999.0]), Err(RewardError::Overflow { log_ratio: 9999.0 }));
+    assert!(kl(KlEstimator::K3, &[-9999.0], &[0.0]).is_err());
     let range = ClipRange::symmetric(0.2).unwrap();
     assert_eq!(objective(&[], &[], &[], range, 0.0), Err(RewardError::Empty));
     assert_eq!(objective(&[1.0], &[1.0, 1.0], &[0.0], range, 0.0), Err(RewardError::Lengths { expected: 1, found: 2 }));
@@ -95,8 +97,14 @@ fn numpy_finds_the_same() {
         let returns: Vec<f64> =
             lists(&case["rewards"]).iter().map(|rewards| discounted_return(rewards, number("gamma"))).collect();
         all(&returns, &expected["returns"]);
-        let advantages = advantages(&returns, number("eps"));
-        all(&advantages, &expected["advantages"]);
+        let advantages = group_relative(&returns, number("eps"));
+        for name in Estimator::NAMES {
+            let estimator = match Estimator::named(name, Scale::Group).unwrap() {
+                Estimator::Paper { .. } => Estimator::Paper { eps: number("eps") },
+                other => other,
+            };
+            all(&estimator.advantages(std::slice::from_ref(&returns)).unwrap()[0], &expected["advantages"][name]);
+        }
         let ratios: Vec<f64> = new.iter().zip(&old).map(|(new, old)| sequence_ratio(new, old).unwrap()).collect();
         all(&ratios, &expected["ratios"]);
         let mut of_k3 = Vec::new();

@@ -1,5 +1,6 @@
 //! The rules of both presets, their laws, preset files and the quantities of GSPO, on a flat without physics.
 
+mod advantage;
 mod columns;
 mod flat;
 mod gspo;

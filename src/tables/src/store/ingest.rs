@@ -242,12 +242,13 @@ impl Store {
                     verdicts.overwritten.insert(read.path.clone());
                 }
                 match known.episodes.get(&key(&read.episode_id)) {
-                    // the trace was moved, or its old file is another one by now: its row learns where it is
+                    // the trace was moved, its old file is another one by now, or its file holds more beside the records (pictures,
+                    // log-probabilities): its row learns where and how it is
                     Some(digest)
                         if *digest == key(&read.digest)
                             && same_content
                                 .get(&read.episode_id)
-                                .is_some_and(|path| *path != read.path && !known.files.contains(&file_key(Path::new(path)))) =>
+                                .is_some_and(|path| !known.files.contains(&file_key(Path::new(path)))) =>
                     {
                         other_content.insert(read.episode_id.clone());
                     }

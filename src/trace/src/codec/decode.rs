@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use prost::Message;
 use reel_world::{
-    Digest, ErrorCode, FrameDigests, GraphEvent, Outcome, ReceptacleState, Skills, ToolCall, WorldGraph,
+    Digest, ErrorCode, FrameDigests, GraphEvent, Outcome, ReceptacleState, Skills, TokenLogprobs, ToolCall, WorldGraph,
     record::{
         BodyState, EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, Marker, MarkerTarget, Metrics, Parent, PolicyInfo,
         PolicyOutput, RewardTerm, RobotState, StateDigests, UserReply, VisibleObject,
@@ -111,7 +111,18 @@ pub(crate) fn read_policy_output(message: reel::PolicyOutput) -> PolicyOutput {
         plan: message.plan,
         tokens: message.tokens.map(|tokens| [tokens.input, tokens.output]),
         latency_ns: message.latency_ns,
+        logprobs: None,
     }
+}
+
+pub(crate) fn read_logprobs(message: reel::TokenLogprobs) -> Read<TokenLogprobs> {
+    let mut policies = BTreeMap::new();
+    for reel::PolicyLogprobs { policy, logprobs } in message.policies {
+        if policies.insert(policy.clone(), logprobs).is_some() {
+            return Err(format!("policy {policy:?} stands there twice"));
+        }
+    }
+    TokenLogprobs::new(message.tokens, policies).map_err(|error| error.to_string())
 }
 
 pub(crate) fn read_reply(message: reel::UserDialogue) -> Read<UserReply> {

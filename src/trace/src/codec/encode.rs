@@ -1,7 +1,7 @@
 //! From records to messages.
 
 use reel_world::{
-    Digest, ErrorClass, FrameDigests, GraphEvent, ToolCall, WorldGraph,
+    Digest, ErrorClass, FrameDigests, GraphEvent, TokenLogprobs, ToolCall, WorldGraph,
     record::{
         BodyState, EndRecord, EpisodeHeader, Graphs, Lookup, MarkerTarget, PolicyOutput, RobotState, StartRecord, StateDigests,
         StepRecord, UserReply, VisibleObject,
@@ -97,6 +97,14 @@ pub(crate) fn policy_output(step: u32, policy: &PolicyOutput) -> reel::PolicyOut
         tokens: policy.tokens.map(|[input, output]| reel::TokenCount { input, output }),
         latency_ns: policy.latency_ns,
     }
+}
+
+/// What policies give the tokens of a decision.
+pub(crate) fn logprobs(step: u32, logprobs: &TokenLogprobs) -> reel::TokenLogprobs {
+    let policies = logprobs.policies();
+    let policies =
+        policies.map(|(policy, logprobs)| reel::PolicyLogprobs { policy: policy.to_owned(), logprobs: logprobs.to_vec() });
+    reel::TokenLogprobs { step, tokens: logprobs.tokens().to_vec(), policies: policies.collect() }
 }
 
 /// When a call was made, and how long it took.

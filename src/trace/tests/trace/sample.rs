@@ -134,7 +134,17 @@ impl Source {
             plan: self.text(),
             tokens: self.maybe(|s| [s.next() as u32, s.next() as u32]),
             latency_ns: self.maybe(Self::next),
+            logprobs: self.maybe(Self::logprobs),
         }
+    }
+    fn logprobs(&mut self) -> TokenLogprobs {
+        let tokens: Vec<String> = (0..=self.below(3)).map(|_| self.text()).collect();
+        let logprobs = |s: &mut Self| tokens.iter().map(|_| -(s.next() as f64) / 1e9).collect::<Vec<f64>>();
+        let mut of = TokenLogprobs::sampled(tokens.clone(), logprobs(self)).unwrap();
+        if let Some(new) = self.maybe(logprobs) {
+            of.add("new", new, Some(&tokens)).unwrap();
+        }
+        of
     }
     fn step(&mut self, step: u32) -> StepRecord {
         let error = self.maybe(|s| ErrorCode::ALL[s.below(ErrorCode::ALL.len())]);

@@ -13,7 +13,9 @@ mod sft;
 mod shared;
 
 #[cfg(feature = "analytics")]
-pub use shared::format;
+pub use rl::Grouping;
+#[cfg(feature = "analytics")]
+pub use shared::{StoreSource, format};
 
 use std::path::PathBuf;
 

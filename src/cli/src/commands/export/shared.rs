@@ -13,9 +13,9 @@ use reel_tables::Store;
 
 use crate::{Answer, inputs, progress, prompt::PromptArguments};
 
-/// What every training set is asked.
+/// Which episodes of which store.
 #[derive(clap::Args)]
-pub struct Shared {
+pub struct StoreSource {
     /// The store: a folder or s3://bucket/folder
     #[arg(long, value_name = "STORE", default_value = "store")]
     store: String,
@@ -25,6 +25,36 @@ pub struct Shared {
     /// Only episodes that fulfil this condition on table `episodes`, in SQL, e.g. "family = 'SUL' AND spl > 0.5"
     #[arg(long = "where", value_name = "SQL")]
     condition: Option<String>,
+}
+
+impl StoreSource {
+    /// The store.
+    pub fn open(&self) -> anyhow::Result<Store> {
+        Ok(match self.version {
+            Some(version) => Store::open_at(&self.store, version)?,
+            None => Store::open(&self.store)?,
+        })
+    }
+
+    /// The episodes that fulfil the condition; `None` if there is no condition.
+    pub fn episodes(&self) -> anyhow::Result<Option<BTreeSet<String>>> {
+        let Some(condition) = &self.condition else { return Ok(None) };
+        let batches = Session::new(self.open()?)?
+            .run(&format!("SELECT episode_id FROM episodes WHERE {condition}"))
+            .with_context(|| format!("--where {condition}"))?;
+        let mut found = BTreeSet::new();
+        for batch in &batches {
+            found.extend(reel_tables::rows_from::<(String,)>(batch)?.into_iter().map(|(episode,)| episode));
+        }
+        Ok(Some(found))
+    }
+}
+
+/// What every training set is asked.
+#[derive(clap::Args)]
+pub struct Shared {
+    #[command(flatten)]
+    source: StoreSource,
     /// Whose words: auto (a model's own where it spoke, else written by rules), rules, recorded, notes (of `reel annotate`)
     #[arg(long, value_name = "WORDS", default_value = "auto", value_parser = words)]
     words: Words,
@@ -86,11 +116,7 @@ impl Shared {
         };
         let pixels_max = (self.pixels > 0).then_some(self.pixels);
         Ok(ExportOptions {
-            selection: Selection {
-                episodes: self.condition.as_deref().map(|condition| self.episodes(condition)).transpose()?,
-                seed: self.seed,
-                ..Selection::default()
-            },
+            selection: Selection { episodes: self.source.episodes()?, seed: self.seed, ..Selection::default() },
             writer: WriterOptions {
                 pictures: PictureOptions { encoding: encoding.unwrap_or_default(), pixels_max, ..PictureOptions::default() },
                 rows_max: self.rows_per_file,
@@ -115,7 +141,7 @@ impl Shared {
 
     /// Makes the dataset and tells of it.
     pub fn export(&self, out: &Path, options: &ExportOptions) -> anyhow::Result<Answer> {
-        let store = self.open()?;
+        let store = self.source.open()?;
         let (verifying, writing) = (progress::spinner(), progress::spinner());
         verifying.set_message("episodes verified");
         writing.set_message("episodes written");
@@ -129,25 +155,6 @@ impl Shared {
         verifying.finish_and_clear();
         writing.finish_and_clear();
         tell(&report?, out, self.json)
-    }
-
-    fn open(&self) -> anyhow::Result<Store> {
-        Ok(match self.version {
-            Some(version) => Store::open_at(&self.store, version)?,
-            None => Store::open(&self.store)?,
-        })
-    }
-
-    /// The episodes that fulfil a condition.
-    fn episodes(&self, condition: &str) -> anyhow::Result<BTreeSet<String>> {
-        let batches = Session::new(self.open()?)?
-            .run(&format!("SELECT episode_id FROM episodes WHERE {condition}"))
-            .with_context(|| format!("--where {condition}"))?;
-        let mut found = BTreeSet::new();
-        for batch in &batches {
-            found.extend(reel_tables::rows_from::<(String,)>(batch)?.into_iter().map(|(episode,)| episode));
-        }
-        Ok(found)
     }
 }
 
