@@ -17,8 +17,9 @@
 //! episode.saw(facts.object("red_on_table_1_at_t"));
 //! let call = facts.called("pick", None, Some("1")); // then each step: tool, error_code, argument
 //! let red = facts.object("red_on_table_1_at_t");
-//! let reply = None::<&str>.map(|text| facts.reply(text));
-//! episode.step(StepHead { error: None, object: Some(red), receptacle: None, held: Some(red), reply, ..call });
+//! let reply = None::<&str>.map(|text| facts.text(text));
+//! let told = facts.told(&call, "Picked up the object."); // what the policy read; for `real-trainer`
+//! episode.step(StepHead { error: None, object: Some(red), receptacle: None, held: Some(red), reply, told, ..call });
 //! episode.change(Authority::Registry, facts.change("remove", Some("red_on_table_1_at_t"), "table_1", None, None)?);
 //! episode.saw(facts.object("green_on_table_1_at_t")); // seen or told for the first time
 //! episode.set_markers(); // the whole map after the call; may be left out where it is as before
@@ -31,6 +32,7 @@
 
 mod ambiguity;
 mod difference;
+mod difference_reward;
 mod error;
 mod facts;
 mod goal;
@@ -40,9 +42,11 @@ mod paper;
 mod preset;
 mod preset_file;
 mod real_repo;
+mod real_trainer;
 mod records;
 mod score;
 mod terms;
+pub mod trainer;
 
 use std::fmt;
 
@@ -51,10 +55,12 @@ use reel_world::record::{RewardTerm, StartRecord, StepRecord};
 pub use difference::{ComponentDifference, RewardDifference, difference};
 pub use error::RewardError;
 pub use facts::{
-    Authority, Called, Change, EpisodeFacts, Marked, ObjectKey, PlaceKey, ReplyKey, StartFacts, StepFacts, StepHead, TaskFacts,
+    Authority, Called, Change, Delivery, EpisodeFacts, Marked, ObjectKey, PlaceKey, StartFacts, StepFacts, StepHead, TaskFacts,
+    TextKey, Told,
 };
 pub use metrics::{discounted_return, metrics};
 pub use preset::{Preset, rewards};
+pub use real_trainer::{Ending, TrainerState};
 pub use score::{EpisodeReward, Fired, Scorer};
 pub use terms::{Base, Term};
 
