@@ -41,12 +41,15 @@ mod metrics;
 mod paper;
 mod preset;
 mod preset_file;
+#[cfg(test)]
+mod real_contract;
 mod real_repo;
 mod real_trainer;
 mod records;
 mod score;
 mod terms;
 pub mod trainer;
+mod training_metric;
 
 use std::fmt;
 
@@ -63,6 +66,7 @@ pub use preset::{Preset, rewards};
 pub use real_trainer::{Ending, TrainerState};
 pub use score::{EpisodeReward, Fired, Scorer};
 pub use terms::{Base, Term};
+pub use training_metric::{EpisodeOutcome, MetricOptions, TrainingFigures, TrainingMetric};
 
 /// Gives the reward terms of an episode, step by step, from its records.
 pub trait Rewarder: fmt::Debug + Send {

@@ -125,11 +125,7 @@ impl Preset {
     /// When the term is of another base or the weight is beyond a thousand million: a programmer's error. Files are checked with errors.
     #[must_use]
     pub fn with_weight(mut self, term: Term, weight: f64) -> Self {
-        assert!(
-            term.belongs_to(self.base) && weight.abs() <= WEIGHT_MAX,
-            "{} has no weight {weight} of {term:?}",
-            self.base
-        );
+        assert!(term.belongs_to(self.base) && weight.abs() <= WEIGHT_MAX, "{} has no weight {weight} of {term:?}", self.base);
         self.weights.set(term, weight);
         self
     }
@@ -264,11 +260,7 @@ impl RuleSpec {
         RuleSpec { name: "gamma", bases: &Base::ALL, doc: "Discount of returns, from 0 to 1." },
         RuleSpec { name: "free_steps", bases: &Base::ALL, doc: "So many steps cost no time." },
         RuleSpec { name: "ask_limit", bases: &Base::ALL, doc: "At most so many questions earn `ask`." },
-        RuleSpec {
-            name: "ambiguous_ask_limit",
-            bases: &CLASS,
-            doc: "At most so many questions earn `ask_when_ambiguous`.",
-        },
+        RuleSpec { name: "ambiguous_ask_limit", bases: &CLASS, doc: "At most so many questions earn `ask_when_ambiguous`." },
         RuleSpec { name: "nav_window", bases: &CLASS, doc: "`nav_revisit_window` looks back so many drives." },
         RuleSpec { name: "anti_exploit", bases: &CLASS, doc: "Whether the anti-exploit terms pay." },
         RuleSpec {

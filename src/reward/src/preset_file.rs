@@ -168,7 +168,10 @@ fn integer(value: &DeValue) -> Option<i64> {
 fn schema_of(base: Base) -> Value {
     let preset = Preset::published(base);
     let weight = |term: Term| {
-        (term.name().to_owned(), json!({ "type": "number", "minimum": -WEIGHT_MAX, "maximum": WEIGHT_MAX, "default": preset.weight(term), "description": term.doc() }))
+        (
+            term.name().to_owned(),
+            json!({ "type": "number", "minimum": -WEIGHT_MAX, "maximum": WEIGHT_MAX, "default": preset.weight(term), "description": term.doc() }),
+        )
     };
     let weights: serde_json::Map<String, Value> = base.terms().map(weight).collect();
     let rule = |(rule, value): (&RuleSpec, RuleValue)| {

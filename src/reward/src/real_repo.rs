@@ -43,7 +43,7 @@
 //! -0.2 each in steps 5 and 9. The test `worked_example_of_the_published_code` takes these steps.
 
 use crate::{
-    difference_reward::{DifferenceReward, Dialogue},
+    difference_reward::{Dialogue, DifferenceReward},
     facts::{Called, Identity, Marked, StartFacts, StepFacts, TaskFacts, TextKey},
     score::{Cause, Paid},
     terms::Term,

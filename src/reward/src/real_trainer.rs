@@ -44,7 +44,7 @@
 //! In all 7.23; done with step 11. The test `worked_example_of_the_trainer` takes these steps.
 
 use crate::{
-    difference_reward::{DifferenceReward, Dialogue},
+    difference_reward::{Dialogue, DifferenceReward},
     facts::{Called, Change, Delivery, Identity, KindChange, Marked, StartFacts, StepFacts, StepHead, TaskFacts},
     real_repo::named_marker,
     score::{Cause, Paid},
@@ -164,9 +164,8 @@ impl RealTrainer {
 
     pub(crate) fn state(&self, facts: &TaskFacts) -> TrainerState {
         let kinds = facts.kinds(Identity::Category);
-        let target = |target: KindChange| {
-            (kinds.name(target.kind).to_owned(), facts.place_name(target.place).to_owned(), target.add)
-        };
+        let target =
+            |target: KindChange| (kinds.name(target.kind).to_owned(), facts.place_name(target.place).to_owned(), target.add);
         let standing = self.reward.counts().entries();
         let mut graph: Vec<(String, String, u32)> = standing
             .map(|(kind, place, count)| {
@@ -206,7 +205,7 @@ impl RealTrainer {
                 paid.once(Term::CallTimeout, Cause::None);
                 // as published: the class sees the old graph, and nobody adds up what it pays
                 let mut unpaid = Vec::new();
-                self.take_graph(facts, &step.head, &mut paid.aside(&mut unpaid));
+                self.take_graph(facts, &step.head, &mut Paid::new(paid.preset(), &mut unpaid));
             }
             Delivery::Failed => {
                 self.perceive(facts, step.head.named);

@@ -101,7 +101,7 @@ impl Scorer {
 
     /// Appends the terms of the next step; those that are zero are left out.
     pub fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, terms: &mut Vec<Fired>) {
-        let mut paid = Paid { from: terms.len(), preset: &self.preset, terms };
+        let mut paid = Paid::new(&self.preset, terms);
         match &mut *self.rules {
             State::Paper(rules) => rules.step(facts, step, &mut paid),
             State::RealRepo(rules) => rules.step(facts, step, &mut paid),
@@ -197,7 +197,7 @@ impl EpisodeReward {
 }
 
 impl<'a> Paid<'a> {
-    pub(crate) fn preset(&self) -> &Preset {
+    pub(crate) fn preset(&self) -> &'a Preset {
         self.preset
     }
 
@@ -211,12 +211,9 @@ impl<'a> Paid<'a> {
         self.pay(term, self.preset.weight(term) * factor, cause);
     }
 
-    /// The same preset, paying into another list.
-    pub(crate) fn aside<'b>(&self, terms: &'b mut Vec<Fired>) -> Paid<'b>
-    where
-        'a: 'b,
-    {
-        Paid { preset: self.preset, from: terms.len(), terms }
+    /// Pays into a list.
+    pub(crate) fn new(preset: &'a Preset, terms: &'a mut Vec<Fired>) -> Self {
+        Self { from: terms.len(), preset, terms }
     }
 
     /// Puts the terms of the step into the order of [`Term::ALL`].

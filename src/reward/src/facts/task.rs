@@ -148,7 +148,8 @@ impl TaskFacts {
         for (receptacle, _) in initial.0.iter().chain(&goal.0) {
             facts.place(receptacle);
         }
-        let objects = |graph: &Graph| graph.objects().map(|(name, place)| (name.to_owned(), place.to_owned())).collect::<Vec<_>>();
+        let objects =
+            |graph: &Graph| graph.objects().map(|(name, place)| (name.to_owned(), place.to_owned())).collect::<Vec<_>>();
         facts.set_kinds(&objects(initial), &objects(goal));
         facts.initial_size.is_empty = initial.0.is_empty();
         facts.floor = facts.place(FLOOR);
@@ -464,7 +465,9 @@ impl TaskFacts {
 fn contents(graph: &WorldGraph) -> Vec<(String, String)> {
     let of = |(receptacle, state): (&ReceptacleId, &ReceptacleState)| -> Vec<(String, String)> {
         let objects = state.content.iter();
-        objects.flat_map(|(object, count)| std::iter::repeat_n((object.to_string(), receptacle.to_string()), *count as usize)).collect()
+        objects
+            .flat_map(|(object, count)| std::iter::repeat_n((object.to_string(), receptacle.to_string()), *count as usize))
+            .collect()
     };
     graph.receptacles.iter().flat_map(of).collect()
 }

@@ -16,7 +16,11 @@ impl Categories {
         let text = |value: &Value, key: &str| value.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
         let target = &payload["target_object"];
         let distractors = payload["distractor_metadata"].as_object().into_iter().flatten();
-        Self::new(&text(target, "id"), &text(target, "category"), distractors.map(|(asset, meta)| (asset, text(meta, "category"))))
+        Self::new(
+            &text(target, "id"),
+            &text(target, "category"),
+            distractors.map(|(asset, meta)| (asset, text(meta, "category"))),
+        )
     }
 
     /// From a task, whose payload names every asset.

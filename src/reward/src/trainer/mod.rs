@@ -7,7 +7,6 @@ mod graph;
 mod rollout;
 mod texts;
 
-
 pub use categories::Categories;
 pub(crate) use categories::lower;
 pub use graph::{Graph, GraphSize, OBJECT_DRIFT_MAX, Refusal, is_unknown, refusal};

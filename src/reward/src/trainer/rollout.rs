@@ -14,8 +14,7 @@ use crate::{
 };
 
 /// Texts in place of a task that the trainer knows as the end of the list.
-const ENDS: [&str; 3] =
-    ["All benchmark episodes completed", "All replay episodes completed", "All episodes completed"];
+const ENDS: [&str; 3] = ["All benchmark episodes completed", "All replay episodes completed", "All episodes completed"];
 
 /// What the text of the debug information begins with.
 const DEBUG_INFO: &str = "Debug Info:\n";
@@ -202,7 +201,9 @@ impl Rollout {
             self.held = held.as_deref().map(|held| self.facts.object(held));
         }
         // only texts are compared: a number equals none
-        let of_key = |key: &str| arguments.get(key).map(|value| value.as_str().map_or_else(|| format!("{value} (no text)"), str::to_owned));
+        let of_key = |key: &str| {
+            arguments.get(key).map(|value| value.as_str().map_or_else(|| format!("{value} (no text)"), str::to_owned))
+        };
         let argument = of_key("receptacle_name").or_else(|| of_key("marker_id"));
         let mut head = self.facts.called(tool, None, argument.as_deref());
         head.told = self.facts.told(&head, &observation);
