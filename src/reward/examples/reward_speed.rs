@@ -24,6 +24,7 @@ struct Row {
     receptacle: Option<&'static str>,
     held: Option<&'static str>,
     reply: Option<String>,
+    text: String,
     /// Event and receptacle, the same in both graphs; the object is the row's.
     change: Option<(&'static str, &'static str)>,
     seen: Vec<String>,
@@ -39,7 +40,7 @@ fn main() {
         task.objects.len(),
         scene.receptacles.len()
     );
-    for preset in Preset::built_in().into_iter().chain([all_terms()]) {
+    for preset in Preset::built_in().into_iter().chain(["real-repo", "real-trainer"].map(all_terms)) {
         let mut facts = TaskFacts::new(&task, &scene);
         let prepared: Vec<EpisodeFacts> = rows
             .iter()
@@ -63,7 +64,7 @@ fn main() {
         });
         let mean = sum / (2 * ROUNDS * EPISODES_A_ROUND) as f64;
         let name = preset.name();
-        println!("{name:>10}: {from_facts:>9.0} episodes/s from facts, {from_columns:>8.0} from texts (mean reward {mean:.4})");
+        println!("{name:>20}: {from_facts:>9.0} episodes/s from facts, {from_columns:>8.0} from texts (mean reward {mean:.4})");
     }
 }
 
@@ -79,21 +80,23 @@ fn per_second(mut call: impl FnMut(usize)) -> f64 {
     best
 }
 
-fn all_terms() -> Preset {
-    let text = "name = 'all-terms'\nbase = 'real-repo'\n[rules]\nanti_exploit = true";
-    Preset::from_toml(text).expect("a preset of ours is good")
+fn all_terms(base: &str) -> Preset {
+    let text = format!("name = 'all-of-{base}'\nbase = '{base}'\n[rules]\nanti_exploit = true");
+    Preset::from_toml(&text).expect("a preset of ours is good")
 }
 
 fn fill(facts: &mut TaskFacts, episode: &mut EpisodeFacts, rows: &[Row]) {
     facts.begin(episode);
     for row in rows {
+        let call = facts.called(row.tool, None, row.argument);
         let head = StepHead {
+            told: facts.told(&call, &row.text),
             error: row.error.then_some(reel_world::ErrorClass::Moderate),
             object: row.object.map(|object| facts.object(object)),
             receptacle: row.receptacle.map(|place| facts.place(place)),
             held: row.held.map(|object| facts.object(object)),
-            reply: row.reply.as_deref().map(|text| facts.reply(text)),
-            ..facts.called(row.tool, None, row.argument)
+            reply: row.reply.as_deref().map(|text| facts.text(text)),
+            ..call
         };
         episode.step(head);
         if let Some((event, place)) = row.change {
@@ -123,6 +126,7 @@ fn episode(task: &Task, number: usize) -> Vec<Row> {
         receptacle: None,
         held: None,
         reply: None,
+        text: format!("You are at the coffee table. {tool} shows: 1: a remote control, 2: a remote control, 3: a vase."),
         change: None,
         seen: vec![],
         markers: None,

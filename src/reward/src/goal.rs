@@ -26,14 +26,14 @@ pub(crate) fn count(graph: &WorldGraph, event: &GraphEvent) -> u32 {
     event.object().and_then(|object| content?.get(object).copied()).unwrap_or(0)
 }
 
-/// The graph as preset `real-repo` compares it: assets instead of instances, and no doors.
-pub(crate) fn by_asset(graph: &WorldGraph) -> WorldGraph {
-    let mut assets = WorldGraph::default();
+/// The graph as the published code compares it: kinds (assets, categories) instead of instances, and no doors.
+pub(crate) fn by_kind(graph: &WorldGraph, kind: impl Fn(&InstanceId) -> InstanceId) -> WorldGraph {
+    let mut kinds = WorldGraph::default();
     for (receptacle, state) in &graph.receptacles {
-        let content = &mut assets.receptacles.entry(receptacle.clone()).or_default().content;
+        let content = &mut kinds.receptacles.entry(receptacle.clone()).or_default().content;
         for (instance, count) in &state.content {
-            *content.entry(InstanceId::from(instance.asset().as_str())).or_insert(0) += count;
+            *content.entry(kind(instance)).or_insert(0) += count;
         }
     }
-    assets
+    kinds
 }

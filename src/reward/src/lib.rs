@@ -17,8 +17,9 @@
 //! episode.saw(facts.object("red_on_table_1_at_t"));
 //! let call = facts.called("pick", None, Some("1")); // then each step: tool, error_code, argument
 //! let red = facts.object("red_on_table_1_at_t");
-//! let reply = None::<&str>.map(|text| facts.reply(text));
-//! episode.step(StepHead { error: None, object: Some(red), receptacle: None, held: Some(red), reply, ..call });
+//! let reply = None::<&str>.map(|text| facts.text(text));
+//! let told = facts.told(&call, "Picked up the object."); // what the policy read; for `real-trainer`
+//! episode.step(StepHead { error: None, object: Some(red), receptacle: None, held: Some(red), reply, told, ..call });
 //! episode.change(Authority::Registry, facts.change("remove", Some("red_on_table_1_at_t"), "table_1", None, None)?);
 //! episode.saw(facts.object("green_on_table_1_at_t")); // seen or told for the first time
 //! episode.set_markers(); // the whole map after the call; may be left out where it is as before
@@ -32,6 +33,7 @@
 mod advantage;
 mod ambiguity;
 mod difference;
+mod difference_reward;
 mod error;
 mod facts;
 mod goal;
@@ -40,11 +42,16 @@ mod metrics;
 mod paper;
 mod preset;
 mod preset_file;
+#[cfg(test)]
+mod real_contract;
 mod real_repo;
+mod real_trainer;
 mod records;
 mod returns;
 mod score;
 mod terms;
+pub mod trainer;
+mod training_metric;
 
 use std::fmt;
 
@@ -54,13 +61,16 @@ pub use advantage::{Estimator, PAPER_EPS, Scale, group_relative};
 pub use difference::{ComponentDifference, RewardDifference, difference};
 pub use error::RewardError;
 pub use facts::{
-    Authority, Called, Change, EpisodeFacts, Marked, ObjectKey, PlaceKey, ReplyKey, StartFacts, StepFacts, StepHead, TaskFacts,
+    Authority, Called, Change, Delivery, EpisodeFacts, Marked, ObjectKey, PlaceKey, StartFacts, StepFacts, StepHead, TaskFacts,
+    TextKey, Told,
 };
 pub use metrics::{discounted_return, metrics};
 pub use preset::{Preset, rewards};
+pub use real_trainer::{Ending, TrainerState};
 pub use returns::Returns;
 pub use score::{EpisodeReward, Fired, Scorer};
 pub use terms::{Base, Term};
+pub use training_metric::{EpisodeOutcome, MetricOptions, TrainingFigures, TrainingMetric};
 
 /// Gives the reward terms of an episode, step by step, from its records.
 pub trait Rewarder: fmt::Debug + Send {

@@ -1,26 +1,31 @@
 //! Metrics of one episode (SPEC sections 5 and 6). Never reads a reward rule.
 
 use reel_world::{
-    Task, WorldGraph,
+    InstanceId, Task, WorldGraph,
     record::{Graphs, Metrics, StartRecord, StepRecord},
 };
 
 use crate::{
-    goal::{by_asset, holding},
+    goal::{by_kind, holding},
     preset::Preset,
     terms::Base,
+    trainer::Categories,
 };
 
 /// Metrics of an episode under a preset. `end` are the final graphs; the steps hold their reward terms.
 ///
-/// SR and CR look at the final state: in the physical graph by instance for `paper`, in the registry by asset and without
-/// doors for `real-repo`. An `ask` counts also when nobody answered. SPL is `S * l / max(p, l)` with `l` the shortest path of
+/// SR and CR look at the final state: in the physical graph by instance for `paper`, in the registry and without doors by asset
+/// for `real-repo` and by category for `real-trainer`. An `ask` counts also when nobody answered. SPL is `S * l / max(p, l)` with `l` the shortest path of
 /// the start record and `p` the path driven, both in metres; where both are zero it is `S`.
 pub fn metrics(preset: &Preset, task: &Task, start: &StartRecord, steps: &[StepRecord], end: &Graphs) -> Metrics {
     let end: &WorldGraph = preset.authority(end);
     let (held, wanted) = match preset.base() {
         Base::Paper => holding(&task.initial, &task.goal, end),
-        Base::RealRepo => holding(&by_asset(&task.initial), &by_asset(&task.goal), &by_asset(end)),
+        Base::RealRepo => holding_by(task, end, |instance| InstanceId::from(instance.asset().as_str())),
+        Base::RealTrainer => {
+            let categories = Categories::of_task(task);
+            holding_by(task, end, |instance| InstanceId::from(categories.convert(instance.as_str())))
+        }
     };
     let success = held == wanted;
     let rewards: Vec<f64> = steps.iter().map(StepRecord::reward_total).collect();
@@ -39,6 +44,10 @@ pub fn metrics(preset: &Preset, task: &Task, start: &StartRecord, steps: &[StepR
         asks: steps.iter().filter(|step| step.tool.as_deref() == Some("ask")).count() as u32,
         spl,
     }
+}
+
+fn holding_by(task: &Task, end: &WorldGraph, kind: impl Fn(&InstanceId) -> InstanceId) -> (usize, usize) {
+    holding(&by_kind(&task.initial, &kind), &by_kind(&task.goal, &kind), &by_kind(end, &kind))
 }
 
 /// `J = sum of gamma^(t-1) r_t` over steps t = 1, 2, ... (paper, GSPO Objective).

@@ -13,8 +13,16 @@ use crate::{
     terms::{Base, Term},
 };
 
-/// Counts up when rules change in the code, so that equal weights of other rules get another version.
-const REVISION: u32 = 1;
+/// Counts up when the rules of a base change in the code, so that equal weights of other rules get another version.
+fn revision(base: Base) -> u32 {
+    match base {
+        Base::Paper | Base::RealTrainer => 1,
+        Base::RealRepo => 2,
+    }
+}
+
+/// Largest weight, to either side: sums of such weights stay finite and exact enough, whatever an episode does.
+pub(crate) const WEIGHT_MAX: f64 = 1e9;
 
 /// A set of reward rules: a base, its weights and its limits.
 #[derive(Clone, PartialEq, Debug)]
@@ -37,6 +45,8 @@ pub(crate) struct Rules {
     pub(crate) ask_limit: u32,
     pub(crate) ambiguous_ask_limit: u32,
     pub(crate) nav_window: u32,
+    pub(crate) max_steps: u32,
+    pub(crate) max_turns: u32,
     pub(crate) anti_exploit: bool,
     pub(crate) pick_clears_first: bool,
 }
@@ -64,13 +74,18 @@ impl Preset {
         Self::published(Base::Paper)
     }
 
-    /// The published code, without its anti-exploit terms.
+    /// The reward class of the published code, without its anti-exploit terms.
     pub fn real_repo() -> Self {
         Self::published(Base::RealRepo)
     }
 
+    /// What the published trainer pays, as configured by default.
+    pub fn real_trainer() -> Self {
+        Self::published(Base::RealTrainer)
+    }
+
     /// The presets that need no file.
-    pub fn built_in() -> [Preset; 2] {
+    pub fn built_in() -> [Preset; 3] {
         Base::ALL.map(Self::published)
     }
 
@@ -81,7 +96,7 @@ impl Preset {
 
     /// A base with its published weights and limits, under the base's name.
     pub(crate) fn published(base: Base) -> Self {
-        Self { name: base.as_str().to_owned(), base, weights: Weights::published(), rules: Rules::PUBLISHED }
+        Self { name: base.as_str().to_owned(), base, weights: Weights::published(), rules: Rules::published(base) }
     }
 
     /// As it stands on the command line and in traces.
@@ -107,10 +122,10 @@ impl Preset {
     /// The same preset with another weight: another version.
     ///
     /// # Panics
-    /// When the term is of another base or the weight is not finite: a programmer's error. Files are checked with errors.
+    /// When the term is of another base or the weight is beyond a thousand million: a programmer's error. Files are checked with errors.
     #[must_use]
     pub fn with_weight(mut self, term: Term, weight: f64) -> Self {
-        assert!(term.base() == self.base && weight.is_finite(), "{} has no weight {weight} of {term:?}", self.base);
+        assert!(term.belongs_to(self.base) && weight.abs() <= WEIGHT_MAX, "{} has no weight {weight} of {term:?}", self.base);
         self.weights.set(term, weight);
         self
     }
@@ -120,7 +135,7 @@ impl Preset {
         let weights: Map<String, Value> =
             self.base.terms().map(|term| (term.name().to_owned(), json!(self.weight(term)))).collect();
         let rules: Map<String, Value> = self.rule_values().map(|(rule, value)| (rule.name.to_owned(), value.json())).collect();
-        json!({ "base": self.base.as_str(), "revision": REVISION, "weights": weights, "rules": rules })
+        json!({ "base": self.base.as_str(), "revision": revision(self.base), "weights": weights, "rules": rules })
     }
 
     /// Digest of [`Preset::content`]: equal versions compute equal rewards, whatever they are called.
@@ -137,7 +152,7 @@ impl Preset {
     pub fn authority<'a>(&self, graphs: &'a Graphs) -> &'a WorldGraph {
         match self.base {
             Base::Paper => &graphs.physics,
-            Base::RealRepo => &graphs.registry,
+            Base::RealRepo | Base::RealTrainer => &graphs.registry,
         }
     }
 
@@ -179,15 +194,20 @@ impl Weights {
 }
 
 impl Rules {
-    const PUBLISHED: Rules = Rules {
-        gamma: GAMMA,
-        free_steps: 3,
-        ask_limit: 3,
-        ambiguous_ask_limit: 3,
-        nav_window: 6,
-        anti_exploit: false,
-        pick_clears_first: false,
-    };
+    /// The paper discounts; the published trainer adds up.
+    fn published(base: Base) -> Self {
+        Rules {
+            gamma: if base == Base::RealTrainer { 1.0 } else { GAMMA },
+            free_steps: 3,
+            ask_limit: 3,
+            ambiguous_ask_limit: 3,
+            nav_window: 6,
+            max_steps: 50,
+            max_turns: 50,
+            anti_exploit: false,
+            pick_clears_first: false,
+        }
+    }
 
     /// The value of a rule of [`RuleSpec::ALL`].
     fn get(&self, name: &str) -> RuleValue {
@@ -197,6 +217,8 @@ impl Rules {
             "ask_limit" => RuleValue::Count(self.ask_limit),
             "ambiguous_ask_limit" => RuleValue::Count(self.ambiguous_ask_limit),
             "nav_window" => RuleValue::Count(self.nav_window),
+            "max_steps" => RuleValue::Count(self.max_steps),
+            "max_turns" => RuleValue::Count(self.max_turns),
             "anti_exploit" => RuleValue::Switch(self.anti_exploit),
             "pick_clears_first" => RuleValue::Switch(self.pick_clears_first),
             other => unreachable!("rule {other} stands in RuleSpec::ALL but not here"),
@@ -211,6 +233,8 @@ impl Rules {
             ("ask_limit", RuleValue::Count(value)) => self.ask_limit = value,
             ("ambiguous_ask_limit", RuleValue::Count(value)) => self.ambiguous_ask_limit = value,
             ("nav_window", RuleValue::Count(value)) => self.nav_window = value,
+            ("max_steps", RuleValue::Count(value)) => self.max_steps = value,
+            ("max_turns", RuleValue::Count(value)) => self.max_turns = value,
             ("anti_exploit", RuleValue::Switch(value)) => self.anti_exploit = value,
             ("pick_clears_first", RuleValue::Switch(value)) => self.pick_clears_first = value,
             (name, value) => unreachable!("rule {name} cannot be {value:?}"),
@@ -228,23 +252,32 @@ impl RuleValue {
     }
 }
 
+/// Bases with the published reward class.
+const CLASS: [Base; 2] = [Base::RealRepo, Base::RealTrainer];
+
 impl RuleSpec {
-    const ALL: [RuleSpec; 7] = [
+    const ALL: [RuleSpec; 9] = [
         RuleSpec { name: "gamma", bases: &Base::ALL, doc: "Discount of returns, from 0 to 1." },
         RuleSpec { name: "free_steps", bases: &Base::ALL, doc: "So many steps cost no time." },
         RuleSpec { name: "ask_limit", bases: &Base::ALL, doc: "At most so many questions earn `ask`." },
-        RuleSpec {
-            name: "ambiguous_ask_limit",
-            bases: &[Base::RealRepo],
-            doc: "At most so many questions earn `ask_when_ambiguous`.",
-        },
-        RuleSpec { name: "nav_window", bases: &[Base::RealRepo], doc: "`nav_revisit_window` looks back so many drives." },
-        RuleSpec { name: "anti_exploit", bases: &[Base::RealRepo], doc: "Whether the six anti-exploit terms pay." },
+        RuleSpec { name: "ambiguous_ask_limit", bases: &CLASS, doc: "At most so many questions earn `ask_when_ambiguous`." },
+        RuleSpec { name: "nav_window", bases: &CLASS, doc: "`nav_revisit_window` looks back so many drives." },
+        RuleSpec { name: "anti_exploit", bases: &CLASS, doc: "Whether the anti-exploit terms pay." },
         RuleSpec {
             name: "pick_clears_first",
             bases: &[Base::RealRepo],
             doc: "Whether a successful pick forgets seen candidates and named markers before its own terms are computed, and \
                   only an answer that names a marker counts as an answer, as in the published environment.",
+        },
+        RuleSpec {
+            name: "max_steps",
+            bases: &[Base::RealTrainer],
+            doc: "The environment's step limit: the first call from this step on ends the episode.",
+        },
+        RuleSpec {
+            name: "max_turns",
+            bases: &[Base::RealTrainer],
+            doc: "The scheduler's turn limit: an episode that goes on after so many steps ends.",
         },
     ];
 

@@ -10,7 +10,7 @@ use toml::{
 
 use crate::{
     error::RewardError,
-    preset::{Preset, RuleSpec, RuleValue},
+    preset::{Preset, RuleSpec, RuleValue, WEIGHT_MAX},
     terms::{Base, Term},
 };
 
@@ -23,11 +23,11 @@ const KEYS: [&str; 4] = ["name", "base", "weights", "rules"];
 const NAME: &str = "lower-case letters, digits, '.', '_' and '-', and not the name of a built-in preset";
 
 impl Preset {
-    /// Reads a preset file: `name`, `base` (`paper` or `real-repo`), and what differs from the base under `[weights]` and
+    /// Reads a preset file: `name`, `base` (`paper`, `real-repo` or `real-trainer`), and what differs from the base under `[weights]` and
     /// `[rules]`. `schemas/reward_preset.example.toml` has all keys.
     ///
     /// # Errors
-    /// With line and column, when the text is no TOML, a key is unknown, or a value is of another kind or not finite.
+    /// With line and column, when the text is no TOML, a key is unknown, or a value is of another kind or out of range.
     pub fn from_toml(text: &str) -> Result<Preset, RewardError> {
         let file = File { text };
         let table = DeTable::parse(text).map_err(|error| file.syntax(&error))?.into_inner();
@@ -42,7 +42,7 @@ impl Preset {
                 let known: Vec<&str> = base.terms().map(Term::name).collect();
                 file.unknown(key, &format!("[weights] of base {base}"), &known)
             })?;
-            preset.weights.set(term, file.number(key.get_ref(), value)?);
+            preset.weights.set(term, file.weight(key.get_ref(), value)?);
         }
         for (key, value) in file.entries(table.get("rules"), "rules")? {
             let (rule, kind) = preset.rule_values().find(|(rule, _)| rule.name == key.get_ref()).ok_or_else(|| {
@@ -80,7 +80,7 @@ impl File<'_> {
     }
 
     fn base(&self, value: Option<&Spanned<DeValue>>) -> Result<Base, RewardError> {
-        let expected = "\"paper\" or \"real-repo\"";
+        let expected = "\"paper\", \"real-repo\" or \"real-trainer\"";
         let value = value.ok_or_else(|| RewardError::Missing { key: "base", expected: expected.to_owned() })?;
         value.get_ref().as_str().and_then(Base::parse).ok_or_else(|| self.wrong("base", expected, value))
     }
@@ -117,6 +117,13 @@ impl File<'_> {
                 value.get_ref().as_bool().map(RuleValue::Switch).ok_or_else(|| self.wrong(name, "true or false", value))
             }
         }
+    }
+
+    /// A weight: small enough that the totals of no episode overflow.
+    fn weight(&self, key: &str, value: &Spanned<DeValue>) -> Result<f64, RewardError> {
+        let weight = self.number(key, value)?;
+        let good = (weight.abs() <= WEIGHT_MAX).then_some(weight);
+        good.ok_or_else(|| self.wrong(key, "between -1e9 and 1e9, so that no total overflows", value))
     }
 
     /// A finite number, also one without a point.
@@ -161,7 +168,10 @@ fn integer(value: &DeValue) -> Option<i64> {
 fn schema_of(base: Base) -> Value {
     let preset = Preset::published(base);
     let weight = |term: Term| {
-        (term.name().to_owned(), json!({ "type": "number", "default": preset.weight(term), "description": term.doc() }))
+        (
+            term.name().to_owned(),
+            json!({ "type": "number", "minimum": -WEIGHT_MAX, "maximum": WEIGHT_MAX, "default": preset.weight(term), "description": term.doc() }),
+        )
     };
     let weights: serde_json::Map<String, Value> = base.terms().map(weight).collect();
     let rule = |(rule, value): (&RuleSpec, RuleValue)| {

@@ -8,10 +8,10 @@ use serde_json::Value;
 
 use crate::{
     Rewarder,
-    facts::{Authority, Change, EpisodeFacts, Marked, StepHead, TaskFacts},
+    facts::{Authority, Change, EpisodeFacts, Identity, Marked, StepHead, TaskFacts},
     preset::Preset,
     score::{Cause, Fired, Scorer},
-    terms::Term,
+    terms::{Base, Term},
 };
 
 /// A preset that reads records as they come.
@@ -58,7 +58,7 @@ impl Rewarder for RecordRewarder {
         let term = |fired: &Fired| RewardTerm {
             component: fired.term.component().to_owned(),
             value: fired.value,
-            reason: self.facts.reason(fired, step.outcome.error),
+            reason: self.facts.reason(self.scorer.preset(), fired, step.outcome.error),
         };
         self.fired.iter().map(term).collect()
     }
@@ -111,19 +111,24 @@ impl EpisodeFacts {
 }
 
 impl TaskFacts {
-    /// Why a term paid, for people: which event or rule. The code of the step's error is for the terms of errors.
-    pub fn reason(&self, fired: &Fired, error: Option<ErrorCode>) -> String {
+    /// Why a term of a preset paid, for people: which event or rule. The code of the step's error is for the terms of errors.
+    pub fn reason(&self, preset: &Preset, fired: &Fired, error: Option<ErrorCode>) -> String {
+        let identity = if preset.base() == Base::RealTrainer { Identity::Category } else { Identity::Asset };
+        let kinds = self.kinds(identity);
         let what = match fired.cause {
             Cause::None => String::new(),
-            Cause::Change(change) => self.text(change),
-            Cause::AssetChange(change) => {
+            Cause::Change(change) => self.change_text(change),
+            Cause::Kind(change) => {
                 let sign = if change.add { '+' } else { '-' };
-                format!("{sign}{}@{}", self.asset_name(change.asset), self.place_name(change.place))
+                format!("{sign}{}@{}", kinds.name(change.kind), self.place_name(change.place))
             }
             Cause::Visited(place) | Cause::Opened(place) => self.place_name(place).to_owned(),
             Cause::Object(object) => self.object_name(object).to_owned(),
-            Cause::Asset(asset) => self.asset_name(asset).to_owned(),
+            Cause::Held(kind) => kinds.name(kind).to_owned(),
             Cause::Count(count) => count.to_string(),
+            Cause::Text(text) => self.text_of(text).to_owned(),
+            Cause::Hand(violation) => violation.as_str().to_owned(),
+            Cause::Listed(error) => error.pattern().to_owned(),
         };
         match (fired.term, fired.cause) {
             (Term::Matched, Cause::Visited(_)) => format!("first visit of {what}"),
@@ -143,6 +148,7 @@ impl TaskFacts {
                 error.map_or_else(|| format!("{class} error"), |code| format!("{class} error {code}"))
             }
             (Term::DiffMatch, _) => format!("target {what}"),
+            (Term::NeutralDiff, _) => format!("no target: {what}"),
             (Term::WrongDiff, _) => format!("reverse of a target: {what}"),
             (Term::PlaceWrongFurniture, _) => format!("wrong place: {what}"),
             (Term::PerfectMatch, _) => "no target remains".to_owned(),
@@ -159,10 +165,19 @@ impl TaskFacts {
             (Term::AskTool | Term::AskWhenAmbiguous, _) => format!("question {what}"),
             (Term::UsedMarkerFromAnswer, _) => format!("the answer named marker {what}"),
             (Term::BlindPick, _) => "several were seen and nobody was asked".to_owned(),
+            (Term::HandViolation, _) => what,
+            (Term::ListedSevere | Term::ListedModerate, _) => format!("the answer says '{what}'"),
+            (Term::FinishComplete, _) => "finished with no target left".to_owned(),
+            (Term::FinishIncomplete | Term::FinishCompletion, _) => format!("finished while {what} targets remain"),
+            (Term::UnreadableAnswer, _) => "the model's answer holds no call".to_owned(),
+            (Term::CallTimeout, _) => "the call took too long".to_owned(),
+            (Term::CallFailed, _) => "the call failed for good".to_owned(),
+            (Term::StepLimit, _) => format!("step limit after {what} steps"),
+            (Term::TurnLimit, _) => format!("turn limit after {what} steps"),
         }
     }
 
-    fn text(&self, change: Change) -> String {
+    fn change_text(&self, change: Change) -> String {
         match change {
             Change::Remove { object, place } => format!("-{}@{}", self.object_name(object), self.place_name(place)),
             Change::Add { object, place } => format!("+{}@{}", self.object_name(object), self.place_name(place)),
@@ -175,11 +190,12 @@ fn head(facts: &mut TaskFacts, step: &StepRecord) -> StepHead {
     let error = step.outcome.error.map(ErrorCode::as_str);
     let called = facts.called(step.tool_name(), error, argument(step).as_deref());
     StepHead {
+        told: facts.told(&called, &step.outcome.text),
         error: step.outcome.error.map(ErrorCode::class),
         object: step.object.as_ref().map(|object| facts.object(object.as_str())),
         receptacle: step.receptacle.as_ref().map(|receptacle| facts.place(receptacle.as_str())),
         held: step.held.as_ref().map(|object| facts.object(object.as_str())),
-        reply: step.reply.as_ref().map(|reply| facts.reply(&reply.text)),
+        reply: step.reply.as_ref().map(|reply| facts.text(&reply.text)),
         ..called
     }
 }

@@ -1,12 +1,14 @@
 //! From facts to rewards: the engine that runs a preset over an episode, and what it paid. Never reads a record or a word.
 
 use crate::{
-    facts::{AssetChange, AssetKey, Change, EpisodeFacts, ObjectKey, PlaceKey, StartFacts, StepFacts, TaskFacts},
+    facts::{Change, EpisodeFacts, KindChange, KindKey, ObjectKey, PlaceKey, StartFacts, StepFacts, TaskFacts, TextKey},
     metrics::discounted_return,
     paper::Paper,
     preset::Preset,
     real_repo::RealRepo,
+    real_trainer::{Ending, RealTrainer, TrainerState},
     terms::{Base, Term},
+    trainer::{HandViolation, TextError},
 };
 
 /// Runs a preset over episodes of any task, one after the other. Give each step once, in order.
@@ -21,6 +23,7 @@ pub struct Scorer {
 enum State {
     Paper(Paper),
     RealRepo(RealRepo),
+    RealTrainer(RealTrainer),
 }
 
 /// One term that a step paid.
@@ -39,12 +42,15 @@ pub struct Fired {
 pub(crate) enum Cause {
     None,
     Change(Change),
-    AssetChange(AssetChange),
+    Kind(KindChange),
     Visited(PlaceKey),
     Opened(PlaceKey),
     Object(ObjectKey),
-    Asset(AssetKey),
+    Held(KindKey),
     Count(u32),
+    Text(TextKey),
+    Hand(HandViolation),
+    Listed(TextError),
 }
 
 /// The rewards of one episode. A buffer for [`Scorer::score`].
@@ -56,6 +62,7 @@ pub struct EpisodeReward {
     totals: Vec<f64>,
     total: f64,
     discounted_return: f64,
+    ending: Option<(u32, Ending)>,
 }
 
 /// Where the terms of a step go.
@@ -72,7 +79,8 @@ impl Scorer {
     pub fn new(preset: &Preset) -> Self {
         let rules = match preset.base() {
             Base::Paper => State::Paper(Paper::default()),
-            Base::RealRepo => State::RealRepo(RealRepo::default()),
+            Base::RealRepo => State::RealRepo(RealRepo::new()),
+            Base::RealTrainer => State::RealTrainer(RealTrainer::new()),
         };
         Self { preset: preset.clone(), rules: Box::new(rules) }
     }
@@ -87,24 +95,44 @@ impl Scorer {
         match &mut *self.rules {
             State::Paper(rules) => rules.start(&self.preset, facts, start),
             State::RealRepo(rules) => rules.start(facts, start),
+            State::RealTrainer(rules) => rules.start(facts, start),
         }
     }
 
     /// Appends the terms of the next step; those that are zero are left out.
     pub fn step(&mut self, facts: &mut TaskFacts, step: &StepFacts, terms: &mut Vec<Fired>) {
-        let mut paid = Paid { from: terms.len(), preset: &self.preset, terms };
+        let mut paid = Paid::new(&self.preset, terms);
         match &mut *self.rules {
             State::Paper(rules) => rules.step(facts, step, &mut paid),
             State::RealRepo(rules) => rules.step(facts, step, &mut paid),
+            State::RealTrainer(rules) => rules.step(facts, step, &mut paid),
         }
     }
 
     /// The share of the targets that was matched so far, once an episode started: `rho` of preset `paper`, the completion of
-    /// `real-repo`.
+    /// `real-repo` and `real-trainer`.
     pub fn progress(&self) -> f64 {
         match &*self.rules {
             State::Paper(rules) => rules.progress(),
             State::RealRepo(rules) => rules.completion(),
+            State::RealTrainer(rules) => rules.completion(),
+        }
+    }
+
+    /// Why the rules are done with the episode, so that later steps pay nothing; `None` if they go on. Only those of
+    /// `real-trainer` end before the record does.
+    pub fn ending(&self) -> Option<Ending> {
+        match &*self.rules {
+            State::Paper(_) | State::RealRepo(_) => None,
+            State::RealTrainer(rules) => rules.ending(),
+        }
+    }
+
+    /// What the trainer holds of the episode; `None` for other presets than `real-trainer`.
+    pub fn trainer_state(&self, facts: &TaskFacts) -> Option<TrainerState> {
+        match &*self.rules {
+            State::Paper(_) | State::RealRepo(_) => None,
+            State::RealTrainer(rules) => Some(rules.state(facts)),
         }
     }
 
@@ -113,12 +141,16 @@ impl Scorer {
         reward.fired.clear();
         reward.ends.clear();
         reward.totals.clear();
+        reward.ending = None;
         self.start(facts, &episode.start());
         for step in episode.steps() {
             let from = reward.fired.len();
             self.step(facts, &step, &mut reward.fired);
             reward.ends.push(reward.fired.len());
             reward.totals.push(reward.fired[from..].iter().map(|fired| fired.value).sum());
+            if reward.ending.is_none() {
+                reward.ending = self.ending().map(|ending| (reward.totals.len() as u32 - 1, ending));
+            }
         }
         reward.total = reward.totals.iter().sum();
         reward.discounted_return = discounted_return(&reward.totals, self.preset.gamma());
@@ -141,6 +173,11 @@ impl EpisodeReward {
         self.discounted_return
     }
 
+    /// The step (from 0) with which the rules were done, and why; `None` if they read the record to its end.
+    pub fn ending(&self) -> Option<(u32, Ending)> {
+        self.ending
+    }
+
     /// What a step paid; nothing after the last one.
     pub fn terms(&self, step: usize) -> &[Fired] {
         let Some(end) = self.ends.get(step) else { return &[] };
@@ -159,8 +196,8 @@ impl EpisodeReward {
     }
 }
 
-impl Paid<'_> {
-    pub(crate) fn preset(&self) -> &Preset {
+impl<'a> Paid<'a> {
+    pub(crate) fn preset(&self) -> &'a Preset {
         self.preset
     }
 
@@ -172,6 +209,11 @@ impl Paid<'_> {
     /// Pays a multiple of the weight of a term.
     pub(crate) fn times(&mut self, term: Term, factor: f64, cause: Cause) {
         self.pay(term, self.preset.weight(term) * factor, cause);
+    }
+
+    /// Pays into a list.
+    pub(crate) fn new(preset: &'a Preset, terms: &'a mut Vec<Fired>) -> Self {
+        Self { from: terms.len(), preset, terms }
     }
 
     /// Puts the terms of the step into the order of [`Term::ALL`].

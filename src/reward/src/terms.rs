@@ -1,4 +1,4 @@
-//! Every term of both presets by name: its component, its published weight and what it pays for. The one place that
+//! Every term of the built-in presets by name: its component, its published weight and what it pays for. The one place that
 //! preset files, their schema and the documentation are made from. Never computes a reward.
 
 use std::fmt;
@@ -8,19 +8,22 @@ use std::fmt;
 pub enum Base {
     /// The paper's Detailed Reward Configuration (`src/reward/src/paper.rs`).
     Paper,
-    /// The published code (`src/reward/src/real_repo.rs`).
+    /// The reward class of the published code (`src/reward/src/real_repo.rs`).
     RealRepo,
+    /// What the published trainer pays (`src/reward/src/real_trainer.rs`).
+    RealTrainer,
 }
 
 impl Base {
-    /// Both.
-    pub const ALL: [Base; 2] = [Base::Paper, Base::RealRepo];
+    /// Every base.
+    pub const ALL: [Base; 3] = [Base::Paper, Base::RealRepo, Base::RealTrainer];
 
     /// As it stands in preset files.
     pub fn as_str(self) -> &'static str {
         match self {
             Base::Paper => "paper",
             Base::RealRepo => "real-repo",
+            Base::RealTrainer => "real-trainer",
         }
     }
 
@@ -31,7 +34,7 @@ impl Base {
 
     /// Its terms, in the order in which a step pays them.
     pub fn terms(self) -> impl Iterator<Item = Term> {
-        Term::ALL.iter().copied().filter(move |term| term.base() == self)
+        Term::ALL.iter().copied().filter(move |term| term.belongs_to(self))
     }
 
     /// Its components, in the order of its terms.
@@ -49,7 +52,7 @@ impl fmt::Display for Base {
 }
 
 macro_rules! terms {
-    ($($(#[doc = $doc:literal])* $name:ident = $base:ident, $component:literal, $text:literal, $weight:literal;)*) => {
+    ($($(#[doc = $doc:literal])* $name:ident = $bases:expr, $component:literal, $text:literal, $weight:literal;)*) => {
         /// One term of a preset. Its weight is what it pays once (or by how much it multiplies).
         #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
         pub enum Term { $($(#[doc = $doc])* $name,)* }
@@ -59,8 +62,8 @@ macro_rules! terms {
             pub const ALL: &[Term] = &[$(Term::$name,)*];
 
             /// The rules it belongs to.
-            pub fn base(self) -> Base {
-                match self { $(Term::$name => Base::$base,)* }
+            pub fn bases(self) -> &'static [Base] {
+                match self { $(Term::$name => $bases,)* }
             }
 
             /// As it stands under `[weights]`; unique within its base.
@@ -86,73 +89,109 @@ macro_rules! terms {
     };
 }
 
+const PAPER: &[Base] = &[Base::Paper];
+/// The reward class alone pays the trainer's graph, tool and anti-exploit terms too.
+const CLASS: &[Base] = &[Base::RealRepo, Base::RealTrainer];
+const TRAINER: &[Base] = &[Base::RealTrainer];
+
 terms! {
     /// For each newly matched element of the task's changes: goal changes, first visits, doors to be opened.
-    Matched = Paper, "task", "matched", 1.5;
+    Matched = PAPER, "task", "matched", 1.5;
     /// Once, the first time that all goal changes hold.
-    AllHold = Paper, "task", "all_hold", 2.0;
+    AllHold = PAPER, "task", "all_hold", 2.0;
     /// Times the change of the share of the task's changes that were matched.
-    Progress = Paper, "prog", "progress", 2.0;
+    Progress = PAPER, "prog", "progress", 2.0;
     /// For each event that reverses an achieved goal change.
-    Reversed = Paper, "phys", "reversed", -0.5;
+    Reversed = PAPER, "phys", "reversed", -0.5;
     /// For placing a goal object on a receptacle that is not its goal.
-    WrongReceptacle = Paper, "phys", "wrong_receptacle", -2.0;
+    WrongReceptacle = PAPER, "phys", "wrong_receptacle", -2.0;
     /// For the first pick of an object that the goal moves away.
-    ValidPick = Paper, "phys", "valid_pick", 0.3;
+    ValidPick = PAPER, "phys", "valid_pick", 0.3;
     /// The first time that an object is carried between its source and its goal.
-    InTransit = Paper, "phys", "in_transit", 0.5;
+    InTransit = PAPER, "phys", "in_transit", 0.5;
     /// Once, for picking a goal object after a wrong one was put back.
-    Recovery = Paper, "phys", "recovery", 1.0;
+    Recovery = PAPER, "phys", "recovery", 1.0;
     /// For a question while it is needed and its budget lasts.
-    Ask = Paper, "ask", "ask", 1.0;
+    Ask = PAPER, "ask", "ask", 1.0;
     /// For each decision after the free ones.
-    Time = Paper, "time", "time", -0.03;
+    Time = PAPER, "time", "time", -0.03;
     /// For an invisible target or a call that is none.
-    Severe = Paper, "safe", "severe", -0.5;
+    Severe = PAPER, "safe", "severe", -0.5;
     /// For an error of perception or of the gripper.
-    Moderate = Paper, "safe", "moderate", -0.3;
+    Moderate = PAPER, "safe", "moderate", -0.3;
+
+    /// For `pick`, `open` or `close` while the hand counts as occupied, and for `place` while it counts as empty.
+    HandViolation = TRAINER, "hand", "hand_violation", -0.3;
+    /// For an answer that holds a listed severe text.
+    ListedSevere = TRAINER, "listed_error", "listed_severe", -0.5;
+    /// For an answer that holds another listed text.
+    ListedModerate = TRAINER, "listed_error", "listed_moderate", -0.3;
 
     /// For each change that is among the remaining targets, which it leaves.
-    DiffMatch = RealRepo, "diff_match", "diff_match", 1.5;
+    DiffMatch = CLASS, "diff_match", "diff_match", 1.5;
     /// For each change whose reverse is a target.
-    WrongDiff = RealRepo, "wrong_diff", "wrong_diff", -0.5;
+    WrongDiff = CLASS, "wrong_diff", "wrong_diff", -0.5;
+    /// For each change that is neither a remaining target nor the reverse of a target.
+    NeutralDiff = CLASS, "neutral_diff", "neutral_diff", 0.0;
     /// For adding an object that has a target to a place where no target is left for it.
-    PlaceWrongFurniture = RealRepo, "place_wrong_furniture", "place_wrong_furniture", -2.0;
+    PlaceWrongFurniture = CLASS, "place_wrong_furniture", "place_wrong_furniture", -2.0;
     /// Once, when no target remains.
-    PerfectMatch = RealRepo, "perfect_match", "perfect_match", 2.0;
+    PerfectMatch = CLASS, "perfect_match", "perfect_match", 2.0;
     /// Times the change of completion.
-    ProgressShaping = RealRepo, "progress_shaping", "progress_shaping", 2.0;
+    ProgressShaping = CLASS, "progress_shaping", "progress_shaping", 2.0;
     /// For each step after the free ones.
-    StepPenalty = RealRepo, "step_penalty", "step_penalty", -0.03;
+    StepPenalty = CLASS, "step_penalty", "step_penalty", -0.03;
     /// Once an object, when one is held that has a target `remove`.
-    PickCorrectObject = RealRepo, "pick_correct_object", "pick_correct_object", 0.3;
+    PickCorrectObject = CLASS, "pick_correct_object", "pick_correct_object", 0.3;
     /// Once an object, when something is held and the object is neither at its source nor at its goal.
-    PartialMove = RealRepo, "partial_move", "partial_move", 0.5;
+    PartialMove = CLASS, "partial_move", "partial_move", 0.5;
     /// Once, when a target object is held after a wrong one was returned.
-    ReplanRecoverPick = RealRepo, "replan_recover_pick", "replan_recover_pick", 1.0;
+    ReplanRecoverPick = CLASS, "replan_recover_pick", "replan_recover_pick", 1.0;
     /// The first time that a target object has a marker (anti-exploit).
-    TargetFirstDiscovered = RealRepo, "target_first_discovered", "target_first_discovered", 1.0;
+    TargetFirstDiscovered = CLASS, "target_first_discovered", "target_first_discovered", 1.0;
     /// The first call of `nav_to` for a receptacle of a target (anti-exploit).
-    FirstVisitTargetFurniture = RealRepo, "first_visit_target_furniture", "first_visit_target_furniture", 0.3;
+    FirstVisitTargetFurniture = CLASS, "first_visit_target_furniture", "first_visit_target_furniture", 0.3;
     /// Times how often the receptacle is among the last ones driven to (anti-exploit).
-    NavRevisitWindow = RealRepo, "nav_revisit_window", "nav_revisit_window", -0.2;
+    NavRevisitWindow = CLASS, "nav_revisit_window", "nav_revisit_window", -0.2;
     /// For a perception call that marks what the one before marked (anti-exploit).
-    RepeatedPerception = RealRepo, "repeated_perception", "repeated_perception", -0.3;
+    RepeatedPerception = CLASS, "repeated_perception", "repeated_perception", -0.3;
     /// For a gaze at the marker of the gaze before (anti-exploit).
-    RepeatedGaze = RealRepo, "repeated_gaze", "repeated_gaze", -0.2;
-    /// For `finish` while targets remain (anti-exploit).
-    PrematureFinish = RealRepo, "premature_finish", "premature_finish", -3.0;
+    RepeatedGaze = CLASS, "repeated_gaze", "repeated_gaze", -0.2;
+    /// For `finish` while targets remain (`real-repo`: anti-exploit).
+    PrematureFinish = CLASS, "premature_finish", "premature_finish", -3.0;
     /// For the first questions.
-    AskTool = RealRepo, "ask", "ask", 1.0;
+    AskTool = CLASS, "ask", "ask", 1.0;
     /// For the first questions while several objects of the target's category were seen.
-    AskWhenAmbiguous = RealRepo, "ask_when_ambiguous", "ask_when_ambiguous", 0.5;
+    AskWhenAmbiguous = CLASS, "ask_when_ambiguous", "ask_when_ambiguous", 0.5;
     /// For a pick with the marker that the last answer named.
-    UsedMarkerFromAnswer = RealRepo, "used_marker_from_answer", "used_marker_from_answer", 0.5;
+    UsedMarkerFromAnswer = CLASS, "used_marker_from_answer", "used_marker_from_answer", 0.5;
     /// For any other pick while several were seen and nobody was asked.
-    BlindPick = RealRepo, "blind_pick", "blind_pick", -0.15;
+    BlindPick = CLASS, "blind_pick", "blind_pick", -0.15;
+
+    /// For `finish` when no target remains.
+    FinishComplete = TRAINER, "finish", "finish_complete", 2.0;
+    /// For `finish` while targets remain.
+    FinishIncomplete = TRAINER, "finish", "finish_incomplete", -1.0;
+    /// Times the completion, for `finish` while targets remain.
+    FinishCompletion = TRAINER, "finish", "finish_completion", 1.0;
+    /// For an answer of the model that holds no call.
+    UnreadableAnswer = TRAINER, "unreadable_answer", "unreadable_answer", -0.5;
+    /// For a call that took longer than the trainer waits.
+    CallTimeout = TRAINER, "call_timeout", "call_timeout", -0.3;
+    /// For a call that failed for good, which ends the episode.
+    CallFailed = TRAINER, "call_failed", "call_failed", -1.0;
+    /// At the environment's step limit while targets remain.
+    StepLimit = TRAINER, "step_limit", "step_limit", -1.0;
+    /// At the scheduler's turn limit, if the episode did not end before.
+    TurnLimit = TRAINER, "turn_limit", "turn_limit", -1.0;
 }
 
 impl Term {
+    /// Whether presets of a base have it.
+    pub fn belongs_to(self, base: Base) -> bool {
+        self.bases().contains(&base)
+    }
+
     /// Whether it is one of the published anti-exploit terms, which are off unless a preset says otherwise.
     pub fn is_anti_exploit(self) -> bool {
         (Term::TargetFirstDiscovered..=Term::PrematureFinish).contains(&self)

@@ -83,6 +83,7 @@ const COLUMNS: &[&str] = &[
 ];
 /// What only some presets read.
 const MARKERS: &str = "steps.list.element.marker_map";
+const TEXT: &str = "steps.list.element.text";
 
 /// What is prepared once a task.
 type Prepared = HashMap<(String, String), TaskFacts>;
@@ -112,10 +113,12 @@ impl Store {
         mut visit: impl FnMut(&ScoredEpisode<'_>, &[EpisodeReward]) -> bool,
     ) -> Result<(), StoreError> {
         let mut columns = COLUMNS.to_vec();
-        let markers = presets.iter().any(|preset| preset.base() == Base::RealRepo);
-        if markers {
-            columns.push(MARKERS);
-        }
+        let wanted = Wanted {
+            markers: presets.iter().any(|preset| preset.base() != Base::Paper),
+            text: presets.iter().any(|preset| preset.base() == Base::RealTrainer),
+        };
+        columns.extend(wanted.markers.then_some(MARKERS));
+        columns.extend(wanted.text.then_some(TEXT));
         let (tasks, scenes) = (self.documents(Table::Tasks, "task")?, self.documents(Table::Scenes, "scene")?);
         let mut prepared = Prepared::new();
         let mut scorers: Vec<Scorer> = presets.iter().map(Scorer::new).collect();
@@ -123,7 +126,7 @@ impl Store {
         let mut facts = EpisodeFacts::default();
         let mut going = true;
         self.read_in(Table::Episodes, files, &columns, |batch| {
-            let columns = Columns::new(&batch, markers);
+            let columns = Columns::new(&batch, wanted);
             for row in 0..batch.num_rows() {
                 if !going {
                     return Ok(());
@@ -155,6 +158,13 @@ impl Store {
     }
 }
 
+/// Which of the columns that only some presets read were read.
+#[derive(Clone, Copy)]
+struct Wanted {
+    markers: bool,
+    text: bool,
+}
+
 /// The columns of a batch by their types.
 struct Columns<'a> {
     episode_id: &'a StringArray,
@@ -180,6 +190,7 @@ struct Columns<'a> {
     changes: Changes<'a>,
     terms: &'a ListArray,
     markers: Option<Markers<'a>>,
+    text: Option<&'a StringArray>,
 }
 
 struct Changes<'a> {
@@ -200,14 +211,14 @@ struct Markers<'a> {
 }
 
 impl<'a> Columns<'a> {
-    fn new(batch: &'a RecordBatch, markers: bool) -> Self {
+    fn new(batch: &'a RecordBatch, wanted: Wanted) -> Self {
         let plain = |name: &str| batch[name].as_string::<i32>();
         let steps = batch["steps"].as_list::<i32>();
         let step = steps.values().as_struct();
         let of_step = |name: &str| list(step, name);
         let start_objects = batch["start_objects"].as_list::<i32>();
         let new_objects = of_step("new_objects");
-        let markers = markers.then(|| {
+        let markers = wanted.markers.then(|| {
             let list = of_step("marker_map");
             let fields = list.values().as_struct();
             let marker = fields.column_by_name("marker").expect("a marker has a number").as_primitive::<Int32Type>();
@@ -237,6 +248,7 @@ impl<'a> Columns<'a> {
             changes: Changes::new(of_step("changes")),
             terms: of_step("terms"),
             markers,
+            text: wanted.text.then(|| text(step, "text")),
         }
     }
 
@@ -279,14 +291,16 @@ impl<'a> Columns<'a> {
         range(list, row).for_each(|index| episode.saw(facts.object(objects.value(index))));
         let mut marked = false;
         for step in range(self.steps, row) {
+            let call = facts.called(self.tool.value(step), optional(self.error_code, step), optional(self.argument, step));
             let head = StepHead {
+                told: self.text.map(|text| facts.told(&call, text.value(step))).unwrap_or_default(),
                 error: optional(self.error_class, step)
                     .map(|class| if class == "severe" { ErrorClass::Severe } else { ErrorClass::Moderate }),
                 object: optional(self.object, step).map(|object| facts.object(object)),
                 receptacle: optional(self.receptacle, step).map(|place| facts.place(place)),
                 held: optional(self.held, step).map(|object| facts.object(object)),
-                reply: optional(self.reply, step).map(|text| facts.reply(text)),
-                ..facts.called(self.tool.value(step), optional(self.error_code, step), optional(self.argument, step))
+                reply: optional(self.reply, step).map(|text| facts.text(text)),
+                ..call
             };
             episode.step(head);
             self.changes.fill(step, facts, episode);

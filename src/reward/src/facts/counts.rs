@@ -40,6 +40,11 @@ impl Counts {
         }
     }
 
+    /// Things, their places and how many there are, in no order.
+    pub(crate) fn entries(&self) -> impl Iterator<Item = (u32, PlaceKey, u32)> {
+        self.entries.iter().map(|entry| (entry.thing, entry.place, entry.count))
+    }
+
     /// The places that hold a thing, in no order.
     pub(crate) fn places_of(&self, thing: u32) -> impl Iterator<Item = PlaceKey> {
         self.entries.iter().filter(move |entry| entry.thing == thing).map(|entry| entry.place)

@@ -5,13 +5,17 @@
 
 mod counts;
 mod episode;
+mod kinds;
 mod names;
 mod task;
 
 use reel_world::{DoorState, ErrorClass, ErrorCode};
 
+use crate::trainer::TextError;
+
 pub(crate) use counts::Counts;
 pub use episode::{EpisodeFacts, StartFacts, StepFacts};
+pub(crate) use kinds::{Identity, KindChange, KindKey, Kinds};
 pub(crate) use task::Target;
 pub use task::TaskFacts;
 
@@ -26,13 +30,10 @@ pub struct ObjectKey(pub(crate) u32);
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct PlaceKey(pub(crate) u32);
 
-/// An asset, numbered within a [`TaskFacts`].
+/// A text of an episode (what the user or a tool said, a marker's argument), numbered within a [`TaskFacts`]; valid for one
+/// episode.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub(crate) struct AssetKey(pub(crate) u32);
-
-/// A reply of the user, numbered within a [`TaskFacts`]; valid for one episode.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
-pub struct ReplyKey(pub(crate) u32);
+pub struct TextKey(pub(crate) u32);
 
 /// One element of a graph difference.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -73,14 +74,6 @@ impl Change {
     }
 }
 
-/// An element of a difference of graphs whose objects are assets: what preset `real-repo` compares.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(crate) struct AssetChange {
-    pub(crate) asset: AssetKey,
-    pub(crate) place: PlaceKey,
-    pub(crate) add: bool,
-}
-
 /// Whose graph changed (SPEC section 1, "Authority").
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Authority {
@@ -114,6 +107,10 @@ pub enum Called {
     Pick,
     /// `place`
     Place,
+    /// `open`
+    Open,
+    /// `close`
+    Close,
     /// `ask`
     Ask,
     /// `finish`
@@ -124,17 +121,17 @@ pub enum Called {
 }
 
 impl Called {
-    /// By the tool's name in the paper and the code of the step's error. A call that was not understood (`unknown_tool`,
-    /// `bad_arguments`, `unparsable_output`) called none, whatever name it had.
-    pub fn parse(tool: &str, error_code: Option<&str>) -> Called {
+    /// The tool that a name means, in either name set.
+    pub fn named(tool: &str) -> Called {
         match tool {
-            _ if error_code.is_some_and(|code| NOT_UNDERSTOOD.iter().any(|other| other.as_str() == code)) => Called::Other,
-            "nav_to" => Called::NavTo,
-            "walk_around" => Called::WalkAround,
-            "show_object_by_category" => Called::ShowObjectByCategory,
-            "gaze_at" => Called::GazeAt,
+            "nav_to" | "navigate_to" => Called::NavTo,
+            "walk_around" | "explore_receptacle" => Called::WalkAround,
+            "show_object_by_category" | "find_objects" => Called::ShowObjectByCategory,
+            "gaze_at" | "focus_on" => Called::GazeAt,
             "pick" => Called::Pick,
-            "place" => Called::Place,
+            "place" | "place_on_top" => Called::Place,
+            "open" => Called::Open,
+            "close" => Called::Close,
             "ask" => Called::Ask,
             "finish" => Called::Finish,
             _ => Called::Other,
@@ -142,15 +139,41 @@ impl Called {
     }
 }
 
+/// How the trainer got the answer of a call.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub enum Delivery {
+    /// As it should.
+    #[default]
+    Answered,
+    /// The model's answer held no call, and none was made.
+    Unreadable,
+    /// Not within the time that the trainer waits. Records and tables do not say this.
+    TimedOut,
+    /// Never: the call failed for good. Records and tables do not say this.
+    Failed,
+}
+
+/// What the trainer reads from the text of a result.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Told {
+    pub(crate) error: Option<TextError>,
+    /// Of an `ask`: the words, if any reach the policy.
+    pub(crate) words: Option<TextKey>,
+}
+
 /// The columns of one step that hold one value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct StepHead {
-    /// The tool.
+    /// The tool; none if the call was not understood (`unknown_tool`, `bad_arguments`, `unparsable_output`).
     pub tool: Called,
+    /// The tool that the call names, understood or not.
+    pub named: Called,
+    /// How the answer came.
+    pub delivery: Delivery,
     /// None: the call did what it should.
     pub error: Option<ErrorClass>,
-    /// The marker that the call names.
-    pub marker: Option<u32>,
+    /// The marker that the call names, as text.
+    pub marker: Option<TextKey>,
     /// The receptacle that a `nav_to` names, reached or not.
     pub driven_to: Option<PlaceKey>,
     /// The object that the call acted on.
@@ -160,11 +183,18 @@ pub struct StepHead {
     /// What the gripper holds after the call.
     pub held: Option<ObjectKey>,
     /// What the user said.
-    pub reply: Option<ReplyKey>,
+    pub reply: Option<TextKey>,
+    /// What the text of the result says; only preset `real-trainer` reads it.
+    pub told: Told,
 }
 
 impl StepHead {
     pub(crate) fn succeeded(&self, tool: Called) -> bool {
         self.error.is_none() && self.tool == tool
     }
+}
+
+/// Whether a call with this error was none, whatever name it had.
+fn is_no_call(error_code: Option<&str>) -> bool {
+    error_code.is_some_and(|code| NOT_UNDERSTOOD.iter().any(|other| other.as_str() == code))
 }

@@ -42,6 +42,11 @@ impl Names {
         self.known = self.names.len();
     }
 
+    /// Whether a name is one of those that stay.
+    pub(crate) fn is_kept(&self, number: u32) -> bool {
+        (number as usize) < self.known
+    }
+
     /// Forgets names beyond those that stay, if there are too many; true if so.
     pub(crate) fn trim(&mut self) -> bool {
         let too_many = self.names.len() > self.known + EXTRA_MAX;

@@ -2,12 +2,19 @@
 
 use std::collections::BTreeSet;
 
-use reel_world::{DoorState, FLOOR, GraphEvent, InstanceId, ObjectInstance, Scene, Task, WorldGraph, language};
+use reel_world::{
+    DoorState, ErrorCode, FLOOR, GraphEvent, InstanceId, ObjectInstance, ReceptacleId, ReceptacleState, Scene, Task, WorldGraph,
+    language,
+};
 
 use crate::{
     ambiguity,
-    facts::{AssetChange, AssetKey, Called, Change, Counts, EpisodeFacts, ObjectKey, PlaceKey, ReplyKey, StepHead, names::Names},
+    facts::{
+        Called, Change, Counts, Delivery, EpisodeFacts, Identity, KindKey, Kinds, Marked, ObjectKey, PlaceKey, StepHead, TextKey,
+        Told, is_no_call, names::Names,
+    },
     goal,
+    trainer::{Categories, Graph, GraphSize, TextError, is_dropped, is_unknown, lower},
 };
 
 /// A task as a reward reads it, and the numbers of everything that its episodes name. One can serve any number of
@@ -16,19 +23,26 @@ use crate::{
 pub struct TaskFacts {
     objects: Names,
     object_facts: Vec<ObjectFacts>,
-    assets: Names,
+    pub(crate) assets: Kinds,
+    pub(crate) categories: Kinds,
+    /// Translates names into categories.
+    mapping: Categories,
+    /// In lower case.
+    target_category: String,
     places: Names,
-    replies: Names,
+    /// What the name of a marked object or receptacle holds, once it was asked for; by number.
+    object_mentions: Vec<Option<Mentions>>,
+    place_mentions: Vec<Option<Mentions>>,
+    texts: Names,
     /// Which candidates each reply leaves, once it was asked for.
     reply_fits: Vec<Option<Box<[bool]>>>,
     /// `Delta_goal`
     pub(crate) goal: Vec<GoalChange>,
     /// `Delta_task`
     pub(crate) targets: Vec<Target>,
-    /// The target diffs of preset `real-repo`.
-    pub(crate) asset_goal: Vec<AssetChange>,
     pub(crate) initial: Counts,
-    pub(crate) initial_assets: Counts,
+    /// Of the initial graph, by which the trainer judges the next one.
+    pub(crate) initial_size: GraphSize,
     /// By place.
     pub(crate) initial_doors: Vec<Option<DoorState>>,
     pub(crate) floor: PlaceKey,
@@ -63,14 +77,40 @@ pub(crate) struct GoalChange {
 #[derive(Clone, Debug)]
 pub(crate) struct Candidate {
     pub(crate) object: ObjectKey,
-    pub(crate) asset: AssetKey,
+    pub(crate) asset: KindKey,
     instance: ObjectInstance,
+}
+
+/// What occurs in the name of something that has a marker.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Mentions {
+    /// Assets of target differences.
+    assets: Box<[KindKey]>,
+    /// Categories of target differences.
+    categories: Box<[KindKey]>,
+    /// Whether the target's category does, whatever its case.
+    pub(crate) target_category: bool,
+}
+
+impl Mentions {
+    pub(crate) fn targets(&self, identity: Identity) -> &[KindKey] {
+        match identity {
+            Identity::Asset => &self.assets,
+            Identity::Category => &self.categories,
+        }
+    }
 }
 
 /// What counts of an object.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ObjectFacts {
-    pub(crate) asset: AssetKey,
+    pub(crate) asset: KindKey,
+    /// Its category; an unknown name is one of its own.
+    pub(crate) category: KindKey,
+    /// What the trainer takes it for while it is held.
+    held_category: KindKey,
+    /// Whether the trainer refuses graphs that hold it.
+    pub(crate) is_unknown: bool,
     /// Whether its category is, or contains, the target's.
     pub(crate) like_target: bool,
     /// Whether a goal change names it.
@@ -82,39 +122,70 @@ pub(crate) struct ObjectFacts {
 }
 
 impl TaskFacts {
-    /// Prepares a task. The scene says which captions tell like receptacles apart.
+    /// Prepares a task. The scene says which captions tell like receptacles apart, and in which order graphs come.
     pub fn new(task: &Task, scene: &Scene) -> Self {
         let fits = |object: &&ObjectInstance| language::fits(&task.instruction, object, task.purpose.as_deref());
-        let mut facts = TaskFacts {
-            objects: Names::default(),
-            object_facts: Vec::new(),
-            assets: Names::default(),
-            places: Names::default(),
-            replies: Names::default(),
-            reply_fits: Vec::new(),
-            goal: Vec::new(),
-            targets: Vec::new(),
-            asset_goal: Vec::new(),
-            initial: Counts::default(),
-            initial_assets: Counts::default(),
-            initial_doors: Vec::new(),
-            floor: PlaceKey(0),
-            candidates: Vec::new(),
-            ask_budget: ambiguity::budget(task, scene),
-        };
+        let category = task.object(&task.target).map(|target| target.category.as_str()).unwrap_or_default();
+        let mut facts = Self::empty(Categories::of_task(task), category);
+        facts.ask_budget = ambiguity::budget(task, scene);
         facts.name_all(task, scene);
         facts.set_goal(task);
         facts.set_start(&task.initial);
+        facts.set_kinds(&contents(&task.initial), &contents(&task.goal));
+        facts.initial_size.is_empty = task.initial.receptacles.is_empty();
         for object in task.objects.iter().filter(fits) {
             let key = facts.object(object.instance.as_str());
-            let asset = AssetKey(facts.assets.number(object.asset.as_str()));
-            facts.candidates.push(Candidate { object: key, asset, instance: object.clone() });
+            facts.candidates.push(Candidate { object: key, asset: facts.of(key).asset, instance: object.clone() });
         }
         facts.candidates.sort_by_key(|candidate| candidate.asset);
-        facts.objects.keep();
-        facts.places.keep();
-        facts.assets.keep();
+        facts.keep();
         facts
+    }
+
+    /// Prepares what preset `real-trainer` reads, from what the trainer is told of a task. The rest is empty.
+    pub(crate) fn for_trainer(mapping: Categories, category: &str, initial: &Graph, goal: &Graph) -> Self {
+        let mut facts = Self::empty(mapping, category);
+        for (receptacle, _) in initial.0.iter().chain(&goal.0) {
+            facts.place(receptacle);
+        }
+        let objects =
+            |graph: &Graph| graph.objects().map(|(name, place)| (name.to_owned(), place.to_owned())).collect::<Vec<_>>();
+        facts.set_kinds(&objects(initial), &objects(goal));
+        facts.initial_size.is_empty = initial.0.is_empty();
+        facts.floor = facts.place(FLOOR);
+        facts.keep();
+        facts
+    }
+
+    fn empty(mapping: Categories, category: &str) -> Self {
+        TaskFacts {
+            objects: Names::default(),
+            object_facts: Vec::new(),
+            assets: Kinds::default(),
+            categories: Kinds::default(),
+            mapping,
+            target_category: category.to_lowercase(),
+            places: Names::default(),
+            object_mentions: Vec::new(),
+            place_mentions: Vec::new(),
+            texts: Names::default(),
+            reply_fits: Vec::new(),
+            goal: Vec::new(),
+            targets: Vec::new(),
+            initial: Counts::default(),
+            initial_size: GraphSize::default(),
+            initial_doors: Vec::new(),
+            floor: PlaceKey(0),
+            candidates: Vec::new(),
+            ask_budget: 0,
+        }
+    }
+
+    fn keep(&mut self) {
+        self.objects.keep();
+        self.places.keep();
+        self.assets.keep();
+        self.categories.keep();
     }
 
     /// Starts another episode: empties its facts, and forgets names that only earlier episodes had, if they became many.
@@ -122,11 +193,15 @@ impl TaskFacts {
         episode.clear();
         if self.objects.trim() {
             self.object_facts.truncate(self.objects.len());
+            self.object_mentions.truncate(self.objects.len());
+            self.assets.trim();
+            self.categories.trim();
         }
-        self.places.trim();
-        self.assets.trim();
-        if self.replies.trim() {
-            self.reply_fits.truncate(self.replies.len());
+        if self.places.trim() {
+            self.place_mentions.truncate(self.places.len());
+        }
+        if self.texts.trim() {
+            self.reply_fits.truncate(self.texts.len());
         }
     }
 
@@ -134,9 +209,17 @@ impl TaskFacts {
     pub fn object(&mut self, instance: &str) -> ObjectKey {
         let number = self.objects.number(instance);
         if number as usize == self.object_facts.len() {
-            let asset = AssetKey(self.assets.number(instance.split_once("_on_").map_or(instance, |(asset, _)| asset)));
-            let unknown = ObjectFacts { asset, like_target: false, in_goal: false, moves_away: false, has_destination: false };
-            self.object_facts.push(unknown);
+            let converted = self.mapping.convert(instance);
+            self.object_facts.push(ObjectFacts {
+                asset: self.assets.key(instance.split_once("_on_").map_or(instance, |(asset, _)| asset)),
+                category: self.categories.key(converted),
+                held_category: self.categories.key(self.mapping.of_held(instance)),
+                is_unknown: is_unknown(converted),
+                like_target: false,
+                in_goal: false,
+                moves_away: false,
+                has_destination: false,
+            });
         }
         ObjectKey(number)
     }
@@ -146,25 +229,31 @@ impl TaskFacts {
         PlaceKey(self.places.number(receptacle))
     }
 
-    /// The number of a reply. Numbers of replies hold until the next [`TaskFacts::begin`].
-    pub fn reply(&mut self, text: &str) -> ReplyKey {
-        let number = self.replies.number(text);
-        if number as usize == self.reply_fits.len() {
-            self.reply_fits.push(None);
-        }
-        ReplyKey(number)
+    /// The number of a text, such as a reply. It holds until the next [`TaskFacts::begin`].
+    pub fn text(&mut self, text: &str) -> TextKey {
+        TextKey(self.texts.number(text))
     }
 
     /// The call of a step, from its tool, the code of its error and the text of its argument: the marker or the receptacle that
     /// it names. The rest of the head is empty.
     pub fn called(&mut self, tool: &str, error_code: Option<&str>, argument: Option<&str>) -> StepHead {
-        let tool = Called::parse(tool, error_code);
-        let marker = match tool {
-            Called::GazeAt | Called::Pick | Called::Place => argument.and_then(|text| text.trim().parse().ok()),
-            _ => None,
-        };
+        let named = Called::named(tool);
+        let tool = if is_no_call(error_code) { Called::Other } else { named };
+        let unreadable = error_code == Some(ErrorCode::UnparsableOutput.as_str());
+        let delivery = if unreadable { Delivery::Unreadable } else { Delivery::Answered };
+        let takes_marker = matches!(named, Called::GazeAt | Called::Pick);
+        let marker = argument.filter(|_| takes_marker).map(|text| self.text(text));
         let driven_to = argument.filter(|_| tool == Called::NavTo).map(|receptacle| self.place(receptacle));
-        StepHead { tool, marker, driven_to, ..StepHead::default() }
+        StepHead { tool, named, delivery, marker, driven_to, ..StepHead::default() }
+    }
+
+    /// What the trainer reads from the text of a call's result.
+    pub fn told(&mut self, call: &StepHead, text: &str) -> Told {
+        if is_dropped(text) {
+            return Told::default();
+        }
+        let words = (call.named == Called::Ask).then(|| self.text(text));
+        Told { error: TextError::find(text), words }
     }
 
     /// A change from the columns of the tables: event (`add`, `remove`, `door`) and its operands; none where they do not
@@ -200,40 +289,85 @@ impl TaskFacts {
         self.objects.name(object.0)
     }
 
-    pub(crate) fn asset_name(&self, asset: AssetKey) -> &str {
-        self.assets.name(asset.0)
+    /// The kinds of a task under an identity.
+    pub(crate) fn kinds(&self, identity: Identity) -> &Kinds {
+        match identity {
+            Identity::Asset => &self.assets,
+            Identity::Category => &self.categories,
+        }
+    }
+
+    /// The kind of an object under an identity.
+    pub(crate) fn kind_of(&self, identity: Identity, object: ObjectKey) -> KindKey {
+        match identity {
+            Identity::Asset => self.of(object).asset,
+            Identity::Category => self.of(object).category,
+        }
+    }
+
+    /// The kind that a held object is taken for.
+    pub(crate) fn held_kind(&self, identity: Identity, object: ObjectKey) -> KindKey {
+        match identity {
+            Identity::Asset => self.of(object).asset,
+            Identity::Category => self.of(object).held_category,
+        }
+    }
+
+    /// What occurs in the name of something marked. The name is searched once.
+    pub(crate) fn mentions(&mut self, marked: Marked) -> &Mentions {
+        let (name, number, known) = match marked {
+            Marked::Object(object) => (self.objects.name(object.0), object.0 as usize, &mut self.object_mentions),
+            Marked::Place(place) => (self.places.name(place.0), place.0 as usize, &mut self.place_mentions),
+        };
+        if known.len() <= number {
+            known.resize_with(number + 1, || None);
+        }
+        known[number].get_or_insert_with(|| {
+            let among = |kinds: &Kinds| -> Box<[KindKey]> {
+                let mut found: Vec<KindKey> = kinds.goal.iter().map(|change| change.kind).collect();
+                found.sort_unstable();
+                found.dedup();
+                found.into_iter().filter(|kind| name.contains(kinds.name(*kind))).collect()
+            };
+            let category = &self.target_category;
+            let target_category = !category.is_empty() && lower(name).contains(category.as_str());
+            Mentions { assets: among(&self.assets), categories: among(&self.categories), target_category }
+        })
     }
 
     pub(crate) fn place_name(&self, place: PlaceKey) -> &str {
         self.places.name(place.0)
     }
 
-    pub(crate) fn reply_text(&self, reply: ReplyKey) -> &str {
-        self.replies.name(reply.0)
+    pub(crate) fn text_of(&self, text: TextKey) -> &str {
+        self.texts.name(text.0)
     }
 
     pub(crate) fn of(&self, object: ObjectKey) -> &ObjectFacts {
         &self.object_facts[object.0 as usize]
     }
 
-    pub(crate) fn asset_of(&self, object: ObjectKey) -> AssetKey {
-        self.of(object).asset
-    }
-
     pub(crate) fn object_count(&self) -> usize {
         self.objects.len()
     }
 
-    /// The first place, in the order of identifiers, that holds a thing.
+    /// The first place, in the order of the scene, that holds a thing. Places that the task does not know come last, by name.
     pub(crate) fn first_place(&self, counts: &Counts, thing: u32) -> Option<PlaceKey> {
-        counts.places_of(thing).min_by(|a, b| self.place_name(*a).cmp(self.place_name(*b)))
+        let order = |place: &PlaceKey| {
+            let known = self.places.is_kept(place.0);
+            (!known, known.then_some(place.0), (!known).then(|| self.place_name(*place)))
+        };
+        counts.places_of(thing).min_by(|a, b| order(a).cmp(&order(b)))
     }
 
     /// Which candidates a reply leaves; none said is an empty one. The words are read once a reply.
-    pub(crate) fn fits(&mut self, reply: Option<ReplyKey>) -> &[bool] {
-        let reply = reply.unwrap_or_else(|| self.reply(""));
-        let (text, candidates) = (self.replies.name(reply.0), &self.candidates);
-        self.reply_fits[reply.0 as usize]
+    pub(crate) fn fits(&mut self, reply: Option<TextKey>) -> &[bool] {
+        let reply = reply.unwrap_or_else(|| self.text("")).0;
+        if self.reply_fits.len() <= reply as usize {
+            self.reply_fits.resize(reply as usize + 1, None);
+        }
+        let (text, candidates) = (self.texts.name(reply), &self.candidates);
+        self.reply_fits[reply as usize]
             .get_or_insert_with(|| candidates.iter().map(|candidate| language::fits(text, &candidate.instance, None)).collect())
     }
 
@@ -246,7 +380,10 @@ impl TaskFacts {
         for object in &objects {
             self.object(object.as_str());
         }
-        let mut places: BTreeSet<&str> = scene.receptacles.iter().map(|receptacle| receptacle.id.as_str()).collect();
+        for receptacle in &scene.receptacles {
+            self.place(receptacle.id.as_str());
+        }
+        let mut places: BTreeSet<&str> = BTreeSet::new();
         places.extend(task.initial.receptacles.keys().chain(task.goal.receptacles.keys()).map(|id| id.as_str()));
         places.extend([task.src.as_str(), task.dest.as_str(), FLOOR]);
         for place in places {
@@ -285,13 +422,26 @@ impl TaskFacts {
                 self.targets.push(Target::Opening(place));
             }
         }
-        for event in goal::by_asset(&task.goal).difference(&goal::by_asset(&task.initial)) {
-            let Some(asset) = event.object() else { continue };
-            let add = matches!(event, GraphEvent::Add { .. });
-            let (asset, place) = (AssetKey(self.assets.number(asset.as_str())), self.place(event.receptacle().as_str()));
-            self.asset_goal.push(AssetChange { asset, place, add });
+    }
+
+    /// Sets the graphs by kind, from objects with their receptacles.
+    fn set_kinds(&mut self, initial: &[(String, String)], goal: &[(String, String)]) {
+        let mut standing = |objects: &[(String, String)]| -> Vec<(ObjectKey, PlaceKey)> {
+            objects.iter().map(|(object, place)| (self.object(object), self.place(place))).collect()
+        };
+        let (initial, goal) = (standing(initial), standing(goal));
+        for identity in [Identity::Asset, Identity::Category] {
+            let kinds = |objects: &[(ObjectKey, PlaceKey)]| -> Vec<(KindKey, PlaceKey)> {
+                objects.iter().map(|(object, place)| (self.kind_of(identity, *object), *place)).collect()
+            };
+            let (initial, goal) = (kinds(&initial), kinds(&goal));
+            match identity {
+                Identity::Asset => self.assets.set_graphs(&initial, &goal),
+                Identity::Category => self.categories.set_graphs(&initial, &goal),
+            }
         }
-        self.asset_goal.sort_by_key(|change| (change.place, !change.add, change.asset));
+        self.initial_size.objects = initial.len();
+        self.initial_size.unknown = initial.iter().filter(|(object, _)| self.of(*object).is_unknown).count();
     }
 
     fn set_start(&mut self, initial: &WorldGraph) {
@@ -305,11 +455,21 @@ impl TaskFacts {
                 let object = self.object(instance.as_str());
                 for _ in 0..*count {
                     self.initial.add(object.0, place);
-                    self.initial_assets.add(self.asset_of(object).0, place);
                 }
             }
         }
     }
+}
+
+/// The objects of a graph with their receptacles, each as often as it stands there.
+fn contents(graph: &WorldGraph) -> Vec<(String, String)> {
+    let of = |(receptacle, state): (&ReceptacleId, &ReceptacleState)| -> Vec<(String, String)> {
+        let objects = state.content.iter();
+        objects
+            .flat_map(|(object, count)| std::iter::repeat_n((object.to_string(), receptacle.to_string()), *count as usize))
+            .collect()
+    };
+    graph.receptacles.iter().flat_map(of).collect()
 }
 
 fn door(text: &str) -> Option<DoorState> {

@@ -29,6 +29,7 @@ struct StepRow {
     receptacle: Option<String>,
     held: Option<String>,
     reply: Option<String>,
+    text: String,
     changes: Vec<ChangeRow>,
     /// Objects seen or told for the first time.
     seen: Vec<String>,
@@ -43,7 +44,9 @@ pub fn facts_from_columns(facts: &mut TaskFacts, task: &Task, start: &StartRecor
     facts.begin(&mut episode);
     for (index, row) in rows.iter().enumerate() {
         if index > 0 {
+            let call = facts.called(&row.tool, row.error_code.as_deref(), row.argument.as_deref());
             let head = StepHead {
+                told: facts.told(&call, &row.text),
                 error: row.error_class.as_deref().map(|class| match class {
                     "severe" => ErrorClass::Severe,
                     _ => ErrorClass::Moderate,
@@ -51,8 +54,8 @@ pub fn facts_from_columns(facts: &mut TaskFacts, task: &Task, start: &StartRecor
                 object: row.object.as_deref().map(|object| facts.object(object)),
                 receptacle: row.receptacle.as_deref().map(|place| facts.place(place)),
                 held: row.held.as_deref().map(|object| facts.object(object)),
-                reply: row.reply.as_deref().map(|text| facts.reply(text)),
-                ..facts.called(&row.tool, row.error_code.as_deref(), row.argument.as_deref())
+                reply: row.reply.as_deref().map(|text| facts.text(text)),
+                ..call
             };
             episode.step(head);
         }
@@ -102,6 +105,7 @@ fn columns(task: &Task, start: &StartRecord, steps: &[StepRecord]) -> Vec<StepRo
             receptacle: step.receptacle.as_ref().map(ToString::to_string),
             held: step.held.as_ref().map(ToString::to_string),
             reply: step.reply.as_ref().map(|reply| reply.text.clone()),
+            text: step.outcome.text.clone(),
             changes: change_rows(&step.changes),
             seen: shown.filter(|object| known.insert(object.clone())).collect(),
             markers: (step.markers != map).then(|| {

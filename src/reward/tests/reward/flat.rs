@@ -145,7 +145,9 @@ impl Flat {
         let (tool, error) = self.change(act, &mut step);
         step.tool = tool.map(str::to_owned);
         if let Some(error) = error {
-            step.outcome = Outcome::error(error, "");
+            step.outcome = Outcome::error(error, said(error));
+        } else if let Some(reply) = &step.reply {
+            step.outcome = Outcome::ok(&reply.text);
         }
         step.held = self.held.clone();
         step.markers.clone_from(&self.markers);
@@ -225,5 +227,17 @@ impl Flat {
             self.graph.apply(&[GraphEvent::Door { receptacle: at.into(), from, to }]);
         }
         (Some(tool), None)
+    }
+}
+
+/// What the published server says of a failure; of others something that is not listed.
+fn said(error: ErrorCode) -> &'static str {
+    match error {
+        ErrorCode::UnknownTool => "Action 'x' not recognized.",
+        ErrorCode::BadArguments => "Error executing x: a traceback",
+        ErrorCode::UnknownReceptacle => "Receptacle x not found in the scene.",
+        ErrorCode::UnknownMarker => "Marker ID 99 not found in the marker map.",
+        ErrorCode::NothingHeld => "No object in the inventory to place.",
+        _ => "It did not work.",
     }
 }

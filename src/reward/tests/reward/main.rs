@@ -1,4 +1,4 @@
-//! The rules of both presets, their laws, preset files and the quantities of GSPO, on a flat without physics.
+//! The rules of the presets, their laws, preset files and the quantities of GSPO, on a flat without physics.
 
 mod advantage;
 mod columns;
@@ -7,14 +7,16 @@ mod gspo;
 mod laws;
 mod paper;
 mod presets;
+mod real_contract;
 mod real_repo;
+mod real_trainer;
 
 use flat::{Act, GREEN, RED};
 use reel_world::{ErrorCode, record::RewardTerm};
 
 const REPLY: &str = "I mean the red one.";
 
-/// The calls of the worked examples of both presets. The answer names the red apple, and marker 1.
+/// The calls of the worked examples. The answer names the red apple, and marker 1.
 fn worked_example(reply: &'static str) -> Vec<Act> {
     use Act::*;
     vec![

@@ -22,7 +22,8 @@ fn presets_have_names_and_versions() {
     assert!(built_in.iter().all(|preset| Preset::parse(preset.name()).as_ref() == Some(preset)));
     assert_eq!(Preset::parse("none"), None);
     assert_eq!(Preset::default(), Preset::paper());
-    assert_ne!(Preset::paper().version(), Preset::real_repo().version());
+    let versions: std::collections::BTreeSet<_> = built_in.iter().map(Preset::version).collect();
+    assert_eq!(versions.len(), built_in.len());
 }
 
 #[test]
@@ -43,8 +44,8 @@ fn the_versions_of_the_built_in_presets_are_known() {
     let versions = Preset::built_in().map(|preset| preset.version().short());
     assert_eq!(
         versions,
-        ["fc65e7ea1855", "2844ba55ebed"],
-        "if the rules changed, count up REVISION and write the new versions here"
+        ["fc65e7ea1855", "NEW-REPO", "NEW-TRAINER"],
+        "if the rules changed, count up the base's revision and write the new versions here"
     );
 }
 
@@ -85,6 +86,9 @@ fn errors_say_where_and_what_to_do() {
     assert_eq!(error(&file("paper", "[weights]\ntime = nan")), "line 4, column 8: time must be a finite number, not nan");
     assert_eq!(error(&file("paper", "[weights]\ntime = -inf")), "line 4, column 8: time must be a finite number, not -inf");
     assert_eq!(error(&file("paper", "[weights]\ntime = 1e999")), "line 4, column 8: time must be a finite number, not 1e999");
+    let huge = "line 4, column 8: time must be between -1e9 and 1e9, so that no total overflows, not ";
+    assert_eq!(error(&file("paper", "[weights]\ntime = 1e308")), format!("{huge}1e308"));
+    assert_eq!(error(&file("paper", "[weights]\ntime = -1000000001")), format!("{huge}-1000000001"));
     assert_eq!(error(&file("paper", "[weights]\ntime = \"1\"")), "line 4, column 8: time must be a finite number, not \"1\"");
     assert_eq!(error(&file("paper", "[rules]\ngamma = 1.5")), "line 4, column 9: gamma must be a number from 0 to 1, not 1.5");
     assert_eq!(
@@ -95,8 +99,11 @@ fn errors_say_where_and_what_to_do() {
         error(&file("real-repo", "[rules]\nanti_exploit = 1")),
         "line 4, column 16: anti_exploit must be true or false, not 1"
     );
-    assert_eq!(error(&file("papers", "")), "line 2, column 8: base must be \"paper\" or \"real-repo\", not \"papers\"");
-    assert_eq!(error("name = \"mine\""), "a reward preset needs 'base': \"paper\" or \"real-repo\"");
+    assert_eq!(
+        error(&file("papers", "")),
+        "line 2, column 8: base must be \"paper\", \"real-repo\" or \"real-trainer\", not \"papers\""
+    );
+    assert_eq!(error("name = \"mine\""), "a reward preset needs 'base': \"paper\", \"real-repo\" or \"real-trainer\"");
     assert!(error("base = \"paper\"").starts_with("a reward preset needs 'name': lower-case letters"));
     assert!(error("name = \"paper\"\nbase = \"paper\"").contains("not the name of a built-in preset, not \"paper\""));
     assert_eq!(error(&file("paper", "weights = 3")), "line 3, column 11: weights must be a table, not 3");
@@ -108,11 +115,13 @@ fn the_page_about_rewards_has_every_term_with_its_weight() {
     for term in Term::ALL {
         let (component, name, doc) = (term.component(), term.name(), term.doc());
         let weight = format!("{:?}", term.published_weight());
-        let row = match term.base() {
-            Base::Paper => format!("| {component} | `{name}` | {weight} |"),
-            Base::RealRepo => format!("| `{name}` | {weight} |"),
-        };
-        assert!(page.contains(&row), "docs/rewards.md has no row that begins with {row}");
+        for base in term.bases() {
+            let row = match base {
+                Base::RealRepo => format!("| `{name}` | {weight} |"),
+                Base::Paper | Base::RealTrainer => format!("| {component} | `{name}` | {weight} |"),
+            };
+            assert!(page.contains(&row), "docs/rewards.md has no row that begins with {row}");
+        }
         assert!(!doc.is_empty());
     }
     for base in Preset::json_schema()["oneOf"].as_array().unwrap() {
@@ -137,6 +146,10 @@ fn schema_and_reader_agree() {
         file("paper", "[weights]\ntime = 1"),
         file("paper", "[weights]\nwrong_diff = 1.0"),
         file("paper", "[weights]\ntime = true"),
+        file("paper", "[weights]\ntime = 1e9"),
+        file("paper", "[weights]\ntime = 1e10"),
+        file("real-trainer", "[rules]\nmax_steps = 30"),
+        file("real-repo", "[rules]\nmax_steps = 30"),
         file("paper", "[rules]\nanti_exploit = true"),
         file("real-repo", "[rules]\nanti_exploit = true\ngamma = 0\nnav_window = 0"),
         file("real-repo", "[rules]\nnav_window = 4294967296"),
@@ -153,7 +166,7 @@ fn schema_and_reader_agree() {
     for text in &texts {
         assert_eq!(valid(text), Preset::from_toml(text).is_ok(), "{text}");
     }
-    assert_eq!(texts.iter().filter(|text| valid(text)).count(), 4);
+    assert_eq!(texts.iter().filter(|text| valid(text)).count(), 6);
 }
 
 /// What a TOML file is made of, and what it is not.

@@ -27,7 +27,7 @@ const ROWS_PER_PORTION: usize = 200_000;
 pub struct RescoreReport {
     /// Episodes that were scored now.
     pub scored: usize,
-    /// Episodes that had this version already.
+    /// Episodes that had these rewards already: as recorded, or from an earlier scoring.
     pub unchanged: usize,
     /// Mean total reward of what was scored now.
     pub mean_total: Option<f64>,
@@ -80,7 +80,8 @@ impl Rescored {
 }
 
 impl Store {
-    /// Scores all episodes under a preset and keeps the result under the preset's version; what is there already stays.
+    /// Scores all episodes under a preset and keeps the result under the preset's version; what is there already stays, and
+    /// what was recorded under the preset with the same terms is not kept a second time.
     /// `progress` gets the number of episodes scored.
     ///
     /// # Errors
@@ -101,7 +102,9 @@ impl Store {
         let mut scored = Rescored::default();
         let (mut rows, mut count) = (Rows::new(preset.name(), &version), 0_usize);
         self.score_in(files, std::slice::from_ref(preset), |episode, rewards| {
-            if known.contains(episode.trace_digest) {
+            // what was recorded under the preset stands in its own rows already
+            let recorded = episode.preset == preset.name() && episode.was_recorded_as(&rewards[0]);
+            if recorded || known.contains(episode.trace_digest) {
                 scored.unchanged += 1;
                 return true;
             }
