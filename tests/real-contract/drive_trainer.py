@@ -15,6 +15,7 @@ import live
 import oracle
 import trainer
 import vectors
+import yaml
 from vectors import Report
 
 VARIANTS = ("real-repo", "real-gspo")
@@ -56,11 +57,24 @@ class Player:
         return oracle.answer(tool, arguments)
 
 
-def payload_problem(payload):
-    """What a trainer misses in a payload, or `None`."""
+def payload_problem(payload, variant, task):
+    """What is wrong with a payload for the trainer, or `None`. `task` is the episode of the task's YAML file."""
     missing = [key for key in PAYLOAD if key not in payload]
     if missing:
         return f"lacks {missing}"
+    instruction = (
+        task["task_description"] if variant == "real-gspo" else task.get("benchmark_instruction", task["task_description"])
+    )
+    told = {
+        "task_description": instruction,
+        "distractor_metadata": task.get("obj_distractor_meta") or {},
+        "object_distractors": task.get("obj_distractors") or [],
+        "source_furniture": task["src"],
+        "destination_furniture": task["dest"],
+    }
+    for key, value in told.items():
+        if payload[key] != value:
+            return f"{key} is {payload[key]!r}, the file says {value!r}"
     mapping = trainer.asset_categories(payload)
     graph = payload["initial_world_graph"]
     unknown = [name for name in trainer.names_of(graph) if trainer.category_of(mapping, name) == name]
@@ -73,8 +87,12 @@ def payload_problem(payload):
     return f"graph entries hold {sorted(extra)}" if extra else None
 
 
-async def play(url, task_id, plan, reports, label):
+async def play(url, task_id, plan, reports, family, variant):
     """One rollout, as the scheduler starts it: a connection of its own, over whatever ran. Returns its record, or `None`."""
+    name = task_id.rsplit("/", 1)[-1]
+    label = f"{variant} {family}/{name}"
+    file = live.real_bench() / "tasks" / family / f"{name}.yaml"
+    task = yaml.safe_load(file.read_text(encoding="utf-8"))["episodes"][0]
     async with live.Session(url) as session:
         environment = trainer.Environment(session)
         player = Player(environment, plan)
@@ -85,7 +103,7 @@ async def play(url, task_id, plan, reports, label):
             return None
         if not reports["resets"].check(label, not reset["error"] and not reset["done"], reset.get("observation")):
             return None
-        reports["payloads"].check(label, (problem := payload_problem(environment.payload)) is None, problem)
+        reports["payloads"].check(label, (problem := payload_problem(environment.payload, variant, task)) is None, problem)
         reports["diffs"].check(label, reset["target_diffs"] > 0, "the goal equals the start")
         if steps and steps[-1]["info"].get("world_graph_rejected"):
             player.refused.append(steps[-1]["info"]["world_graph_rejected"])
@@ -122,7 +140,7 @@ async def drive_family(server, family, count, workers, reports, variant):
             at, task_id = waiting.pop(0)
             plan = oracle.clumsy_then_right if at < CLUMSY_TASKS else oracle.plan
             try:
-                record = await play(url, task_id, plan, reports, f"{label} {task_id}")
+                record = await play(url, task_id, plan, reports, family, variant)
             except Exception as error:
                 reports["done"].check(f"{label} {task_id}", False, f"{type(error).__name__}: {error}")
                 continue
