@@ -26,11 +26,27 @@ WORKERS = 4
 CLUMSY_TASKS = 2
 """Tasks of each family that are played clumsily first."""
 
-PAYLOAD = (
-    "task_id episode_idx episode_local_idx episode_range task_description scene_id rooms_and_furniture initial_world_graph "
-    "target_world_graph target_object source_furniture destination_furniture source_distractors destination_distractors "
-    "execution_plan object_distractors distractor_metadata"
-).split()
+BENCHMARK_FIELDS = ["benchmark_task_id", "family", "global_index"]
+"""Fields that only branch main's server tells, after `task_id`."""
+
+PAYLOAD = [
+    "episode_idx",
+    "episode_local_idx",
+    "episode_range",
+    "task_description",
+    "scene_id",
+    "rooms_and_furniture",
+    "initial_world_graph",
+    "target_world_graph",
+    "target_object",
+    "source_furniture",
+    "destination_furniture",
+    "source_distractors",
+    "destination_distractors",
+    "object_distractors",
+    "distractor_metadata",
+    "execution_plan",
+]
 
 
 class Player:
@@ -59,9 +75,9 @@ class Player:
 
 def payload_problem(payload, variant, task):
     """What is wrong with a payload for the trainer, or `None`. `task` is the episode of the task's YAML file."""
-    missing = [key for key in PAYLOAD if key not in payload]
-    if missing:
-        return f"lacks {missing}"
+    keys = ["task_id"] + (BENCHMARK_FIELDS if variant == "real-repo" else []) + PAYLOAD
+    if list(payload) != keys:
+        return f"the keys are {list(payload)}, not {keys}"
     instruction = (
         task["task_description"] if variant == "real-gspo" else task.get("benchmark_instruction", task["task_description"])
     )
@@ -73,8 +89,8 @@ def payload_problem(payload, variant, task):
         "destination_furniture": task["dest"],
     }
     for key, value in told.items():
-        if payload[key] != value:
-            return f"{key} is {payload[key]!r}, the file says {value!r}"
+        if found := vectors.difference(value, payload[key], key):
+            return f"not what the file says: {found}"
     mapping = trainer.asset_categories(payload)
     graph = payload["initial_world_graph"]
     unknown = [name for name in trainer.names_of(graph) if trainer.category_of(mapping, name) == name]
