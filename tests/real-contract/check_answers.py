@@ -1,4 +1,5 @@
 """Reads the answers of training sets with the four published parsers, and counts the actions and memories that each would lose.
+Marker ids have to be texts, as the published schema wants them.
 
 check_answers.py PATH...    # files (.parquet, .json, .jsonl) of `reel export sft` in any format, or folders of them
 """
@@ -96,6 +97,9 @@ def check(path, reports):
                 reports[parser, "actions"].check(
                     label, action is not None and action == wanted, f"{action}, not {wanted}: {text[:200]!r}"
                 )
+                if parser == "trainer" and action and "marker_id" in action[1]:
+                    marker = action[1]["marker_id"]
+                    reports[parser, "markers"].check(label, isinstance(marker, str), f"marker_id {marker!r} is no text")
                 if memory is not None:
                     reports[parser, "memory"].check(label, bool(memory), f"empty: {text[:200]!r}")
     return count
@@ -115,7 +119,7 @@ def main():
     arguments = parser.parse_args()
     for path in arguments.paths:
         parts = [(name, "actions") for name in ("agent", "trainer", "gym", "scheduler")]
-        parts += [(name, "memory") for name in ("agent", "gym", "scheduler")]
+        parts += [("trainer", "markers")] + [(name, "memory") for name in ("agent", "gym", "scheduler")]
         reports = {part: Report(path.name, " ".join(part)) for part in parts}
         for file in files_of(path):
             check(file, reports)

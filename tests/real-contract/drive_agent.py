@@ -100,10 +100,13 @@ def written(folder):
     return found
 
 
-def store_of(traces, folder):
+def store_of(traces, folder, report):
     live.reel("ingest", traces, "--store", folder)
     for preset in PRESETS:
-        live.reel("reward", "--store", folder, "--preset", preset)
+        try:
+            live.reel("reward", "--store", folder, "--preset", preset)
+        except RuntimeError as error:
+            report.check(f"{folder.name} under {preset}", False, str(error))
     return episodes_of(folder)
 
 
@@ -111,8 +114,8 @@ def compare_import(folder, bench, reports):
     """Compares what was written, what is imported of it, and what the server recorded."""
     live.reel("import", "real-eval", folder / "eval_output", "--out", folder / "imported", "--tasks", bench / "tasks")
     wrote = written(folder / "eval_output")
-    imported = store_of(folder / "imported", folder / "imported-store")
-    recorded = store_of(folder / "data" / "traces", folder / "recorded-store")
+    imported = store_of(folder / "imported", folder / "imported-store", reports["import rewards"])
+    recorded = store_of(folder / "data" / "traces", folder / "recorded-store", reports["import rewards"])
     for key, episode in sorted(wrote.items()):
         got = imported.get(key)
         if not reports["import"].check(f"{key} imported", got is not None, "not among the imported traces"):

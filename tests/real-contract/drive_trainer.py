@@ -15,6 +15,7 @@ import live
 import oracle
 import trainer
 import vectors
+import yaml
 from vectors import Report
 
 VARIANTS = ("real-repo", "real-gspo")
@@ -25,11 +26,27 @@ WORKERS = 4
 CLUMSY_TASKS = 2
 """Tasks of each family that are played clumsily first."""
 
-PAYLOAD = (
-    "task_id episode_idx episode_local_idx episode_range task_description scene_id rooms_and_furniture initial_world_graph "
-    "target_world_graph target_object source_furniture destination_furniture source_distractors destination_distractors "
-    "execution_plan object_distractors distractor_metadata"
-).split()
+BENCHMARK_FIELDS = ["benchmark_task_id", "family", "global_index"]
+"""Fields that only branch main's server tells, after `task_id`."""
+
+PAYLOAD = [
+    "episode_idx",
+    "episode_local_idx",
+    "episode_range",
+    "task_description",
+    "scene_id",
+    "rooms_and_furniture",
+    "initial_world_graph",
+    "target_world_graph",
+    "target_object",
+    "source_furniture",
+    "destination_furniture",
+    "source_distractors",
+    "destination_distractors",
+    "object_distractors",
+    "distractor_metadata",
+    "execution_plan",
+]
 
 
 class Player:
@@ -56,11 +73,24 @@ class Player:
         return oracle.answer(tool, arguments)
 
 
-def payload_problem(payload):
-    """What a trainer misses in a payload, or `None`."""
-    missing = [key for key in PAYLOAD if key not in payload]
-    if missing:
-        return f"lacks {missing}"
+def payload_problem(payload, variant, task):
+    """What is wrong with a payload for the trainer, or `None`. `task` is the episode of the task's YAML file."""
+    keys = ["task_id"] + (BENCHMARK_FIELDS if variant == "real-repo" else []) + PAYLOAD
+    if list(payload) != keys:
+        return f"the keys are {list(payload)}, not {keys}"
+    instruction = (
+        task["task_description"] if variant == "real-gspo" else task.get("benchmark_instruction", task["task_description"])
+    )
+    told = {
+        "task_description": instruction,
+        "distractor_metadata": task.get("obj_distractor_meta") or {},
+        "object_distractors": task.get("obj_distractors") or [],
+        "source_furniture": task["src"],
+        "destination_furniture": task["dest"],
+    }
+    for key, value in told.items():
+        if found := vectors.difference(value, payload[key], key):
+            return f"not what the file says: {found}"
     mapping = trainer.asset_categories(payload)
     graph = payload["initial_world_graph"]
     unknown = [name for name in trainer.names_of(graph) if trainer.category_of(mapping, name) == name]
@@ -73,8 +103,12 @@ def payload_problem(payload):
     return f"graph entries hold {sorted(extra)}" if extra else None
 
 
-async def play(url, task_id, plan, reports, label):
+async def play(url, task_id, plan, reports, family, variant):
     """One rollout, as the scheduler starts it: a connection of its own, over whatever ran. Returns its record, or `None`."""
+    name = task_id.rsplit("/", 1)[-1]
+    label = f"{variant} {family}/{name}"
+    file = live.real_bench() / "tasks" / family / f"{name}.yaml"
+    task = yaml.safe_load(file.read_text(encoding="utf-8"))["episodes"][0]
     async with live.Session(url) as session:
         environment = trainer.Environment(session)
         player = Player(environment, plan)
@@ -85,7 +119,7 @@ async def play(url, task_id, plan, reports, label):
             return None
         if not reports["resets"].check(label, not reset["error"] and not reset["done"], reset.get("observation")):
             return None
-        reports["payloads"].check(label, (problem := payload_problem(environment.payload)) is None, problem)
+        reports["payloads"].check(label, (problem := payload_problem(environment.payload, variant, task)) is None, problem)
         reports["diffs"].check(label, reset["target_diffs"] > 0, "the goal equals the start")
         if steps and steps[-1]["info"].get("world_graph_rejected"):
             player.refused.append(steps[-1]["info"]["world_graph_rejected"])
@@ -122,7 +156,7 @@ async def drive_family(server, family, count, workers, reports, variant):
             at, task_id = waiting.pop(0)
             plan = oracle.clumsy_then_right if at < CLUMSY_TASKS else oracle.plan
             try:
-                record = await play(url, task_id, plan, reports, f"{label} {task_id}")
+                record = await play(url, task_id, plan, reports, family, variant)
             except Exception as error:
                 reports["done"].check(f"{label} {task_id}", False, f"{type(error).__name__}: {error}")
                 continue

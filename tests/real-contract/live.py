@@ -7,6 +7,7 @@ import json
 import logging
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,7 +27,7 @@ SHORT_TASKS = 4
 
 
 def reel_binary():
-    return os.environ["REEL"]
+    return os.environ.get("REEL") or shutil.which("reel") or sys.exit("set REEL to the binary of reel")
 
 
 def real_bench():
