@@ -1,10 +1,12 @@
 //! Rollout groups for reinforcement learning (SPEC section 5): which episodes are rollouts of the same prompt, and how much
-//! better each was than its group. Owns the grouping; returns are the table's, advantages are computed by `reel-reward`.
+//! better each was than its group. Owns the grouping; returns are the table's or those of a preset, advantages are computed by
+//! `reel-reward`.
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use reel_reward::gspo::advantages;
-use serde::Serialize;
+use reel_reward::{Preset, gspo::advantages};
+use reel_tables::{Store, StoreError};
+use serde::{Serialize, Serializer};
 
 use crate::select::{Candidate, LeftOut, count, draw};
 
@@ -18,11 +20,19 @@ pub struct RolloutOptions {
     pub group_size: Option<usize>,
     /// Keeps groups of equal returns from dividing by nothing.
     pub eps: f64,
+    /// Scores the episodes again under this preset. Without it rewards and returns are those of the record.
+    #[serde(serialize_with = "preset_json", skip_serializing_if = "Option::is_none")]
+    pub preset: Option<Preset>,
+}
+
+fn preset_json<S: Serializer>(preset: &Option<Preset>, to: S) -> Result<S::Ok, S::Error> {
+    let named = |preset: &Preset| serde_json::json!({ "name": preset.name(), "version": preset.version().to_string() });
+    preset.as_ref().map(named).serialize(to)
 }
 
 impl Default for RolloutOptions {
     fn default() -> Self {
-        Self { same_seed: false, group_size: None, eps: 1e-6 }
+        Self { same_seed: false, group_size: None, eps: 1e-6, preset: None }
     }
 }
 
@@ -34,6 +44,33 @@ pub(crate) struct Worth {
     pub rollout: u32,
     pub episode_return: f64,
     pub advantage: f64,
+    /// What each step pays under the preset of the export; `None`: what was recorded.
+    pub rewards: Option<Arc<[f64]>>,
+}
+
+/// Scores episodes again. Decisions after the step with which the preset is done with an episode are left out: whoever pays
+/// by it never asks for them.
+pub(crate) fn rescore(found: &mut [Candidate], store: &Store, preset: &Preset, left_out: &mut LeftOut) -> Result<(), StoreError> {
+    let mut wanted: BTreeMap<String, &mut Candidate> =
+        found.iter_mut().map(|candidate| (candidate.trace_digest.clone(), candidate)).collect();
+    let mut later = 0;
+    store.score(std::slice::from_ref(preset), |episode, rewards| {
+        if let Some(candidate) = wanted.remove(episode.trace_digest) {
+            let reward = &rewards[0];
+            candidate.rewards = Some(reward.steps().into());
+            // an episode that breaks off before the preset is done has no return
+            let ended = candidate.discounted_return.is_some() || reward.ending().is_some();
+            candidate.discounted_return = ended.then(|| reward.discounted_return());
+            if let Some((last, _)) = reward.ending() {
+                let before = candidate.decisions.len();
+                candidate.decisions.retain(|decision| decision.call <= last);
+                later += before - candidate.decisions.len();
+            }
+        }
+        !wanted.is_empty()
+    })?;
+    count(left_out, "decisions after the reward preset was done", later);
+    Ok(())
 }
 
 /// Puts the episodes into groups; those that are in none are left out, with the reason.
@@ -62,7 +99,8 @@ pub(crate) fn group(found: &mut Vec<Candidate>, how: &RolloutOptions, seed: u64,
         let (group, group_size) = (Arc::from(name), members.len() as u32);
         for (rollout, ((index, episode_return), advantage)) in members.iter().zip(advantages(&returns, how.eps)).enumerate() {
             let (group, rollout, episode_return) = (Arc::clone(&group), rollout as u32, *episode_return);
-            found[*index].worth = Some(Worth { group, group_size, rollout, episode_return, advantage });
+            let rewards = found[*index].rewards.clone();
+            found[*index].worth = Some(Worth { group, group_size, rollout, episode_return, advantage, rewards });
         }
     }
     found.retain(|candidate| candidate.worth.is_some());

@@ -79,6 +79,8 @@ pub(crate) struct Candidate {
     pub group_id: Option<String>,
     /// None where it has no end.
     pub discounted_return: Option<f64>,
+    /// What each step pays under the preset of the export; `None`: what was recorded.
+    pub rewards: Option<Arc<[f64]>>,
     /// What it was worth in its group, once that is known.
     pub worth: Option<Worth>,
 }
@@ -101,6 +103,7 @@ impl Candidate {
             seed: String::new(),
             group_id: None,
             discounted_return: None,
+            rewards: None,
             worth: None,
         }
     }
@@ -249,6 +252,7 @@ fn candidate(
         seed: row.seed.clone(),
         group_id: row.group_id.map(str::to_owned),
         discounted_return: row.discounted_return,
+        rewards: None,
         worth: None,
     })
 }

@@ -6,7 +6,7 @@ use reel_dataset::{Format, Style};
 use reel_export::{RolloutOptions, Selection};
 
 use super::shared::{Shared, format, style};
-use crate::Answer;
+use crate::{Answer, commands::reward::Named};
 
 /// Rollout groups from the episodes of a store, for GRPO and GSPO: every decision of every rollout, failed ones too, with its
 /// reward, the return of its episode and the advantage in its group, `(J - mean) / (std + eps)`. A group is the prompt group
@@ -15,6 +15,7 @@ use crate::Answer;
 ///
 /// Example:
 ///   reel export rl --store store --out rl --group-size 8
+///   reel export rl --store store --out rl --preset real-trainer
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -36,6 +37,10 @@ pub struct Arguments {
     /// Keeps groups of equal returns from dividing by nothing
     #[arg(long, value_name = "EPS", default_value_t = 1e-6)]
     eps: f64,
+    /// Score the episodes under this preset instead of taking the recorded rewards: paper, real-repo, real-trainer or a TOML
+    /// file. Decisions after the preset is done with an episode are left out
+    #[arg(long, value_name = "PRESET")]
+    preset: Option<String>,
     /// What the dataset is called
     #[arg(long, value_name = "NAME", default_value = "reel-rl")]
     name: String,
@@ -61,7 +66,9 @@ fn rollout_style(name: &str) -> Result<Style, String> {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let mut options = arguments.shared.options(arguments.format, arguments.style, &arguments.name)?;
     let Arguments { same_seed, eps, .. } = *arguments;
-    options.rollouts = Some(RolloutOptions { same_seed, eps, group_size: arguments.group_size.map(|size| size as usize) });
+    let preset = arguments.preset.as_deref().map(Named::find).transpose()?.map(|named| named.preset);
+    let group_size = arguments.group_size.map(|size| size as usize);
+    options.rollouts = Some(RolloutOptions { same_seed, eps, group_size, preset });
     options.selection =
         Selection { failed: true, mistakes: true, after_decisive: true, contradictions: true, ..options.selection };
     arguments.shared.export(&arguments.out, &options)
