@@ -170,7 +170,7 @@ impl Row<'_> {
 
     /// What a decision was worth.
     pub fn rollout(&self, worth: &Worth, call: u32) -> Option<Rollout> {
-        let step = self.steps.iter().find(|step| step.step == call)?;
+        let (index, step) = self.steps.iter().enumerate().find(|(_, step)| step.step == call)?;
         Some(Rollout {
             group: worth.group.to_string(),
             group_size: worth.group_size,
@@ -178,7 +178,7 @@ impl Row<'_> {
             seed: self.seed.parse().unwrap_or_default(),
             step: call,
             steps: self.steps.len() as u32,
-            reward: step.reward,
+            reward: *worth.rewards.get(index)?,
             episode_return: worth.episode_return,
             advantage: worth.advantage,
             success: self.success == Some(true),

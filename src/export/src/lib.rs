@@ -242,6 +242,9 @@ pub fn export(
     select::cap_tasks(&mut chosen, &options.selection, &mut report.left_out);
     select::balance(&mut chosen, &options.selection, &mut report.left_out);
     if let Some(how) = &options.rollouts {
+        if let Some(preset) = &how.preset {
+            rollouts::rescore(&mut chosen, store, preset, &mut report.left_out)?;
+        }
         rollouts::group(&mut chosen, how, options.selection.seed, &mut report.left_out)?;
     }
     let group = |candidate: &select::Candidate| match options.split_by {

@@ -1,10 +1,12 @@
 //! Rollout groups for reinforcement learning (SPEC section 5): which episodes are rollouts of the same prompt, and how much
-//! better each was than its group. Owns the grouping; returns and advantages are computed by `reel-reward`.
+//! better each was than its group. Owns the grouping; rewards are the table's or those of a preset, returns and advantages are
+//! computed by `reel-reward`.
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use reel_reward::{Estimator, PAPER_EPS, Returns, RewardError};
-use serde::Serialize;
+use reel_reward::{Estimator, PAPER_EPS, Preset, Returns, RewardError};
+use reel_tables::{Store, StoreError};
+use serde::{Serialize, Serializer};
 
 use crate::select::{Candidate, LeftOut, count, draw};
 
@@ -20,12 +22,20 @@ pub struct RolloutOptions {
     pub returns: Returns,
     /// How returns become advantages.
     pub advantage: Estimator,
+    /// Scores the episodes again under this preset. `None` if the recorded rewards count.
+    #[serde(serialize_with = "preset_json", skip_serializing_if = "Option::is_none")]
+    pub preset: Option<Preset>,
+}
+
+fn preset_json<S: Serializer>(preset: &Option<Preset>, to: S) -> Result<S::Ok, S::Error> {
+    let named = |preset: &Preset| serde_json::json!({ "name": preset.name(), "version": preset.version().to_string() });
+    preset.as_ref().map(named).serialize(to)
 }
 
 impl Default for RolloutOptions {
     fn default() -> Self {
         let advantage = Estimator::Paper { eps: PAPER_EPS };
-        Self { same_seed: false, group_size: None, returns: Returns::PAPER, advantage }
+        Self { same_seed: false, group_size: None, returns: Returns::PAPER, advantage, preset: None }
     }
 }
 
@@ -37,6 +47,33 @@ pub(crate) struct Worth {
     pub rollout: u32,
     pub episode_return: f64,
     pub advantage: f64,
+    /// What each step pays: as recorded, or under the preset of the export.
+    pub rewards: Arc<[f64]>,
+}
+
+/// Scores episodes again. Decisions after the step with which the preset is done with an episode are left out: whoever pays
+/// by it never asks for them.
+pub(crate) fn rescore(found: &mut [Candidate], store: &Store, preset: &Preset, left_out: &mut LeftOut) -> Result<(), StoreError> {
+    let mut wanted: BTreeMap<String, &mut Candidate> =
+        found.iter_mut().map(|candidate| (candidate.trace_digest.clone(), candidate)).collect();
+    let mut later = 0;
+    store.score(std::slice::from_ref(preset), |episode, rewards| {
+        if let Some(candidate) = wanted.remove(episode.trace_digest) {
+            let reward = &rewards[0];
+            candidate.rewards = reward.steps().into();
+            // an episode that breaks off before the preset is done has no return
+            let ended = candidate.discounted_return.is_some() || reward.ending().is_some();
+            candidate.discounted_return = ended.then(|| reward.discounted_return());
+            if let Some((last, _)) = reward.ending() {
+                let before = candidate.decisions.len();
+                candidate.decisions.retain(|decision| decision.call <= last);
+                later += before - candidate.decisions.len();
+            }
+        }
+        !wanted.is_empty()
+    })?;
+    count(left_out, "decisions after the reward preset was done", later);
+    Ok(())
 }
 
 /// Puts the episodes into groups; those that are in none are left out, with the reason.
@@ -82,7 +119,8 @@ pub(crate) fn group(
         let group_size = members.len() as u32;
         for (rollout, ((index, episode_return), advantage)) in members.iter().zip(advantages).enumerate() {
             let (group, rollout, episode_return) = (Arc::clone(group), rollout as u32, *episode_return);
-            found[*index].worth = Some(Worth { group, group_size, rollout, episode_return, advantage });
+            let rewards = Arc::clone(&found[*index].rewards);
+            found[*index].worth = Some(Worth { group, group_size, rollout, episode_return, advantage, rewards });
         }
     }
     found.retain(|candidate| candidate.worth.is_some());
@@ -143,7 +181,7 @@ mod tests {
     fn returns_and_estimator_are_those_that_were_asked_for() {
         let long = |id: &str, reward: f64| {
             let decisions = (0..60).map(|call| Decision { call, tool: 0 }).collect();
-            Candidate { rewards: vec![reward; 60], decisions, ..episode(id, "mug", 0, Some(0.0)) }
+            Candidate { rewards: vec![reward; 60].into(), decisions, ..episode(id, "mug", 0, Some(0.0)) }
         };
         let grouped = |returns: Returns, advantage: Estimator| {
             let (mut found, mut left_out) = (vec![long("a", 0.0), long("b", 1.0)], LeftOut::default());

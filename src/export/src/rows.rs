@@ -16,6 +16,7 @@ use reel_dataset::{
     DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, Manifest, Picture, Pictures, Prepared, Source,
     Split, Step, Style, TASK_LIST, TokenizerFile, examples, task_list,
 };
+use reel_reward::Preset;
 use reel_tables::{Store, Table};
 use reel_trace::Trace;
 use reel_world::{Digest, FRAME_HEIGHT, FRAME_WIDTH, NameSet, Profile, record::StepRecord};
@@ -212,13 +213,15 @@ impl Maker<'_> {
 
     fn source(&self, row: &Row<'_>, candidate: &Candidate, annotator: String) -> Source {
         let verified = candidate.verified;
+        let preset = self.options.rollouts.as_ref().and_then(|how| how.preset.as_ref());
         Source {
             trace_digest: row.trace_digest.to_owned(),
             trace_uri: row.trace.to_owned(),
             verdict: if verified { "exact" } else { "unverified" }.into(),
             verdict_sim_version: if verified { reel_replay::SIM_VERSION.to_string() } else { String::new() },
-            preset: row.preset.to_owned(),
-            preset_digest: self.known.preset_digest_of(row).to_owned(),
+            preset: preset.map_or(row.preset, Preset::name).to_owned(),
+            preset_digest: preset
+                .map_or_else(|| self.known.preset_digest_of(row).to_owned(), |preset| preset.version().to_string()),
             rules_version: candidate.rules_version.as_deref().unwrap_or_default().to_owned(),
             table_version: self.table_version,
             annotator,

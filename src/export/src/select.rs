@@ -79,8 +79,8 @@ pub(crate) struct Candidate {
     pub group_id: Option<String>,
     /// None where it has no end.
     pub discounted_return: Option<f64>,
-    /// Of every decision, in order.
-    pub rewards: Vec<f64>,
+    /// What each step pays: as recorded, or under the preset of the export.
+    pub rewards: Arc<[f64]>,
     /// What it was worth in its group, once that is known.
     pub worth: Option<Worth>,
 }
@@ -103,7 +103,7 @@ impl Candidate {
             seed: String::new(),
             group_id: None,
             discounted_return: None,
-            rewards: Vec::new(),
+            rewards: Arc::new([]),
             worth: None,
         }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::score::EpisodeReward;
+use crate::{real_trainer::Ending, score::EpisodeReward};
 
 /// How the reward of an episode changes from one preset to another.
 #[derive(Clone, PartialEq, Debug)]
@@ -15,6 +15,8 @@ pub struct RewardDifference {
     pub components: BTreeMap<&'static str, ComponentDifference>,
     /// Steps whose terms differ, from 0, in order.
     pub steps: Vec<u32>,
+    /// The step with which the rules of each preset were done with the episode, and why; `None` if they read it to its end.
+    pub endings: [Option<(u32, Ending)>; 2],
 }
 
 /// How one component changes over an episode.
@@ -41,7 +43,8 @@ pub fn difference(before: &EpisodeReward, after: &EpisodeReward) -> Option<Rewar
             changed.entry(name).or_insert_with(sums);
         }
     }
-    let found = RewardDifference { before: before.total(), after: after.total(), components: changed, steps };
+    let endings = [before.ending(), after.ending()];
+    let found = RewardDifference { before: before.total(), after: after.total(), components: changed, steps, endings };
     (!found.steps.is_empty()).then_some(found)
 }
 

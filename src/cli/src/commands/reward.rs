@@ -4,19 +4,20 @@ use std::{fs, path::PathBuf};
 
 use anyhow::{Context, bail};
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
-use reel_reward::{Preset, RewardDifference, difference};
+use reel_reward::{Ending, Preset, RewardDifference, difference};
 use reel_tables::{Rescored, Store, StoreError, Table};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::{Answer, elsewhere::Elsewhere, progress};
 
-/// Score the episodes of a store again, from its tables, under any preset: `paper`, `real-repo`, or a TOML file of your own
+/// Score the episodes of a store again, from its tables, under any preset: `paper`, `real-repo` (the published reward class),
+/// `real-trainer` (what the published trainer pays, until it stops), or a TOML file of your own
 /// (schemas/reward_preset.example.toml). The result is kept beside the recorded rewards under the preset's version, and the
-/// view `rewards` has both.
+/// view `rewards` has both; an episode that was recorded with these very terms is not kept twice.
 ///
 /// Examples:
-///   reel reward --store store --preset real-repo
+///   reel reward --store store --preset real-trainer
 ///   reel reward --store store --check
 ///   reel reward --store store --diff paper my_preset.toml
 ///   reel reward --list
@@ -98,7 +99,7 @@ fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result
     } else {
         let mean = report.mean_total.map(|mean| format!(", mean total {mean:.3}")).unwrap_or_default();
         println!(
-            "{} episodes scored under '{}' (version {}){mean}; {} had it already",
+            "{} episodes scored under '{}' (version {}){mean}; {} had these rewards already",
             report.scored,
             preset.name(),
             preset.version().short(),
@@ -151,7 +152,7 @@ fn differences(
 }
 
 fn line(as_json: bool, episode: &reel_tables::ScoredEpisode<'_>, found: &RewardDifference) -> String {
-    let RewardDifference { before, after, components, steps } = found;
+    let RewardDifference { before, after, components, steps, endings } = found;
     if as_json {
         let components: serde_json::Map<String, serde_json::Value> = components
             .iter()
@@ -160,13 +161,16 @@ fn line(as_json: bool, episode: &reel_tables::ScoredEpisode<'_>, found: &RewardD
         let line = json!({
             "episode_id": episode.episode_id, "policy": episode.policy, "task_id": episode.task_id, "trace": episode.trace,
             "before": before, "after": after, "components": components, "steps": steps,
+            "done": endings.map(|ending| ending.map(|(step, why)| json!({ "step": step, "why": why.as_str() }))),
         });
         return line.to_string();
     }
     let parts: Vec<String> =
         components.iter().map(|(name, change)| format!("{name} {:+.3}", change.after - change.before)).collect();
+    let done = |ending: (u32, Ending)| format!("; done at step {}: {}", ending.0, ending.1.as_str());
+    let done: String = endings.iter().flatten().copied().map(done).collect();
     format!(
-        "{}  {} {}  {before:.3} -> {after:.3} ({:+.3}): {}; steps {steps:?}",
+        "{}  {} {}  {before:.3} -> {after:.3} ({:+.3}): {}; steps {steps:?}{done}",
         episode.episode_id,
         episode.policy,
         episode.task_id,
@@ -302,14 +306,14 @@ pub fn work() -> reel_cluster::Work {
 }
 
 /// A preset with the text that says it: the name of a built-in one, or TOML.
-struct Named {
-    preset: Preset,
+pub(crate) struct Named {
+    pub(crate) preset: Preset,
     text: String,
 }
 
 impl Named {
     /// A built-in preset, or one in a file.
-    fn find(name: &str) -> anyhow::Result<Self> {
+    pub(crate) fn find(name: &str) -> anyhow::Result<Self> {
         if let Some(preset) = Preset::parse(name) {
             return Ok(Self { preset, text: name.to_owned() });
         }

@@ -94,7 +94,7 @@ pub fn observation(content: &[Value]) -> String {
     for item in shown {
         let line = match item["type"].as_str() {
             Some("image") => IMAGE,
-            _ => item["text"].as_str().filter(|text| !is_dropped(text)).unwrap_or_default(),
+            _ => item["text"].as_str().map(str::trim).filter(|text| !is_dropped(text)).unwrap_or_default(),
         };
         if !line.is_empty() {
             lines.push_str(line);

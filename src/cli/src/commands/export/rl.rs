@@ -8,7 +8,7 @@ use reel_export::{RolloutOptions, Selection};
 use reel_reward::{Estimator, PAPER_EPS, Returns, Scale};
 
 use super::shared::{Shared, format, style};
-use crate::Answer;
+use crate::{Answer, commands::reward::Named};
 
 /// Rollout groups from the episodes of a store, for GRPO and GSPO: every decision of every rollout, failed ones too, with its
 /// reward, the return of its episode, the advantage in its group and, where they were recorded, the tokens with their
@@ -19,6 +19,7 @@ use crate::Answer;
 ///   reel export rl --store store --out rl --group-size 8
 ///   reel export rl --store store --out rl --group-size 8 --returns published    # plain sum, 50 decisions, NGRPO
 ///   reel export rl --store store --out rl --group-size 8 --advantage rloo --scale none
+///   reel export rl --store store --out rl --preset real-trainer
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -33,6 +34,10 @@ pub struct Arguments {
     style: Style,
     #[command(flatten)]
     grouping: Grouping,
+    /// Score the episodes under this preset instead of taking the recorded rewards: paper, real-repo, real-trainer or a TOML
+    /// file. Decisions after the preset is done with an episode are left out
+    #[arg(long, value_name = "PRESET")]
+    preset: Option<String>,
     /// What the dataset is called
     #[arg(long, value_name = "NAME", default_value = "reel-rl")]
     name: String,
@@ -92,7 +97,7 @@ impl Grouping {
             return Err(foreign("scale", "grpo, rloo and reinforce++"));
         }
         let group_size = self.group_size.map(|size| size as usize);
-        Ok(RolloutOptions { same_seed: self.same_seed, group_size, returns: self.returns, advantage })
+        Ok(RolloutOptions { same_seed: self.same_seed, group_size, returns: self.returns, advantage, preset: None })
     }
 }
 
@@ -121,7 +126,8 @@ fn rollout_style(name: &str) -> Result<Style, String> {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let mut options = arguments.shared.options(arguments.format, arguments.style, &arguments.name)?;
-    options.rollouts = Some(arguments.grouping.options()?);
+    let preset = arguments.preset.as_deref().map(Named::find).transpose()?.map(|named| named.preset);
+    options.rollouts = Some(RolloutOptions { preset, ..arguments.grouping.options()? });
     options.selection =
         Selection { failed: true, mistakes: true, after_decisive: true, contradictions: true, ..options.selection };
     arguments.shared.export(&arguments.out, &options)
