@@ -89,10 +89,11 @@ pub(crate) fn sentences(text: &str) -> Vec<Range<usize>> {
     found.into_iter().filter_map(|range| trimmed(text, range)).collect()
 }
 
-/// The tokens of a sentence.
+/// The tokens of a sentence, without the number of its line: `3) I went.` counts no things.
 pub(crate) fn tokens(sentence: &str) -> Vec<Token> {
     let mut found: Vec<Token> = Vec::new();
-    let mut letters = sentence.char_indices().peekable();
+    let begin = line_number(sentence);
+    let mut letters = sentence.char_indices().skip_while(move |(at, _)| *at < begin).peekable();
     while let Some((at, letter)) = letters.next() {
         if found.len() >= LONGEST_SENTENCE {
             break;
@@ -126,6 +127,13 @@ pub(crate) fn tokens(sentence: &str) -> Vec<Token> {
         found.push(Token { kind, text: String::new(), span: at..at + letter.len_utf8() });
     }
     found
+}
+
+/// Length of the `3)` with which a sentence begins, in bytes; 0 without one.
+fn line_number(sentence: &str) -> usize {
+    let rest = sentence.trim_start_matches(|letter: char| letter.is_ascii_digit());
+    let digits = sentence.len() - rest.len();
+    if digits > 0 && rest.starts_with(')') { digits + 1 } else { 0 }
 }
 
 fn is_letter(letter: char) -> bool {
@@ -230,6 +238,7 @@ mod tests {
     #[test]
     fn words_that_are_written_together_are_split() {
         let words: Vec<String> = tokens("I've, didn't (it's) table_1's 3 \"Yes.\"").into_iter().map(|token| token.text).collect();
+        assert_eq!(tokens("3) I saw 2 cups.").into_iter().map(|token| token.text).collect::<Vec<_>>(), ["i", "saw", "2", "cups"]);
         assert_eq!(words, ["i", "have", "", "did", "not", "", "it", "is", "", "table_1", "3", "\"yes.\""]);
     }
 }

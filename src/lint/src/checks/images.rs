@@ -34,9 +34,13 @@ impl Check for Images {
             let told = format!("a picture in a turn of the {}: only the user's turns may show one", role.as_str());
             found.add("wrong turn", Severity::Error, &places, || (told, String::new()));
         }
-        // Where the format has no tags, a tag in the text is five letters to the model.
+        // Where the format has no tags, a tag in the text is seven characters to the model. REAL's trainer puts one into the
+        // text of a message whose images follow.
         if !has_tags(example.format) && !example.images.is_empty() {
-            let literal = parts().any(|(_, part)| matches!(part, Part::Text(text) if text.contains("<image>")));
+            let literal = example.turns.iter().any(|turn| {
+                let images = turn.parts.iter().filter(|part| matches!(part, Part::Image(_))).count();
+                turn.texts().map(|text| text.matches("<image>").count()).sum::<usize>() > images
+            });
             if literal {
                 let told = "the text says <image>, which this format does not know: the model reads it as text";
                 found.add("literal tag", Severity::Warning, &places, || (told.to_owned(), String::new()));

@@ -31,6 +31,9 @@ impl Check for Published {
         let places = [seen.place()];
         for said in seen.answers.iter().filter(|said| !said.by_function) {
             let text = seen.example.turns[said.turn].text();
+            if text.contains(TOOL_CALL_TAG) {
+                continue;
+            }
             let lost = losses(&text);
             self.answers += 1;
             self.acting += u64::from(lost.iter().all(|loss| loss.kind != NO_ACTION));
@@ -49,6 +52,9 @@ impl Check for Published {
         }
     }
 }
+
+/// What opens a native tool call that is written into the text.
+const TOOL_CALL_TAG: &str = "<tool_call>";
 
 /// The kind of an answer without a call.
 const NO_ACTION: &str = "trainer: no action";
