@@ -15,6 +15,7 @@ mod making;
 mod moments;
 #[cfg(feature = "analytics")]
 mod pages;
+mod real_formats;
 mod recovery;
 #[cfg(feature = "analytics")]
 mod service;
