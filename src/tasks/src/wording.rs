@@ -41,11 +41,11 @@ impl Phrases<'_> {
 /// A caption as a phrase that means one thing: `A small red mug.` as `the small red mug`; empty for an empty caption.
 pub fn definite(caption: &str) -> String {
     let caption = caption.trim().trim_end_matches(['.', ',']);
-    let bare = |article: &&str| {
+    let bare = |article: &str| {
         let head = caption.get(..article.len())?;
         head.eq_ignore_ascii_case(article).then(|| caption[article.len()..].trim_start())
     };
-    let caption = ["a ", "an ", "the "].iter().find_map(|article| bare(&article)).unwrap_or(caption);
+    let caption = ["a ", "an ", "the "].iter().find_map(|article| bare(article)).unwrap_or(caption);
     let mut letters = caption.chars();
     let Some(first) = letters.next() else { return String::new() };
     format!("the {}{}", first.to_lowercase(), letters.as_str())

@@ -20,6 +20,7 @@ mod pages;
 mod real_bench;
 #[cfg(feature = "analytics")]
 mod real_contract;
+mod real_formats;
 mod recovery;
 #[cfg(feature = "analytics")]
 mod service;
