@@ -276,7 +276,7 @@ fn tokens(
     count(left_out, "decisions without log-probabilities", silent.len());
     let mut by_policy = by_policy.into_iter().map(Vec::into_iter);
     let (mut old, mut new, mut reference) = (by_policy.next(), by_policy.next(), by_policy.next());
-    let mut next = |list: &mut Option<std::vec::IntoIter<Vec<f64>>>| list.as_mut().and_then(Iterator::next);
+    let next = |list: &mut Option<std::vec::IntoIter<Vec<f64>>>| list.as_mut().and_then(Iterator::next);
     let of = |decision: &StepRow| Tokens {
         step: decision.step,
         old: next(&mut old).unwrap_or_default(),

@@ -4,6 +4,7 @@
 mod buckets;
 #[path = "../../../replay/tests/replay/episodes.rs"]
 mod episodes;
+mod gspo;
 mod played;
 
 use std::{

@@ -62,7 +62,7 @@ pub(crate) fn functions() -> Vec<ScalarUDF> {
     };
     let two = vec![list.clone(), list.clone()];
     vec![
-        function("group_advantages", vec![groups.clone(), text.clone(), text.clone()], groups, estimated_advantages),
+        function("estimated_advantages", vec![groups.clone(), text.clone(), text.clone()], groups, estimated_advantages),
         function("sequence_ratio", two.clone(), float.clone(), |arguments| {
             floats(arguments, |lists, _| sequence_ratio(&lists[0], &lists[1]).map_err(refused))
         }),

@@ -5,7 +5,10 @@ use std::{collections::BTreeSet, path::PathBuf, time::Duration};
 
 use reel_query::{Lasting, Parameters, QueryError, Session, Stopped, functions};
 use reel_tables::Store;
-use reel_world::{Family, record::EndReason};
+use reel_world::{
+    Family, TokenLogprobs,
+    record::{EndReason, PolicyOutput},
+};
 use tempfile::TempDir;
 
 use crate::{
@@ -196,4 +199,43 @@ fn a_running_query_can_be_stopped() {
     stopper.join().unwrap();
     let functions: BTreeSet<&str> = functions().map(|function| function.call).collect();
     assert!(functions.len() > 10);
+}
+
+#[test]
+fn log_probabilities_of_two_policies() {
+    let dir = TempDir::new().unwrap();
+    let words = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
+    let mut pick = TokenLogprobs::sampled(words(&["pick", " 1"]), vec![-1.0, -0.5]).unwrap();
+    pick.add("new", vec![-0.5, -0.5], None).unwrap();
+    let finish = TokenLogprobs::sampled(words(&["finish"]), vec![-2.0]).unwrap();
+    let said = |logprobs| PolicyOutput { logprobs: Some(logprobs), ..PolicyOutput::default() };
+    let play = Play::new("model", Family::SUL, 1).nav("table_1").find("alarm clock").thinking(said(pick));
+    let session = Session::new(store(dir.path(), &[play.pick(DISTRACTOR).thinking(said(finish)).finish()])).unwrap();
+    let rows = ask(
+        &session,
+        "SELECT step, policy, array_to_string(tokens, '|') AS t, logprobs[1] AS l FROM logprobs ORDER BY step, policy",
+    );
+    assert_eq!(rows.len(), 3, "{rows:?}");
+    assert!(
+        rows[0].contains("new,pick| 1,-0.5") && rows[1].contains("old,pick| 1,-1.0") && rows[2].contains("old,finish,-2.0"),
+        "{rows:?}"
+    );
+    let ratio = "SELECT sequence_ratio(n.logprobs, o.logprobs) > 1.28 AS r FROM logprobs n JOIN logprobs o \
+                 ON o.step = n.step AND o.policy = 'old' WHERE n.policy = 'new'";
+    assert_eq!(ask(&session, ratio), ["true"]);
+    assert_eq!(ask(&session, "SELECT sequence_ratio(NULL, [-1.0]) IS NULL AS n"), ["true"]);
+    assert_eq!(ask(&session, "SELECT estimated_advantages([[1.0, 3.0]], 'rloo', 'none')[1][2] AS a"), ["2.0"]);
+    assert_eq!(ask(&session, "SELECT clip_share([0.5, 1.5], [-1.0, 1.0], 0.2, 0.6).low AS a"), ["0.5"]);
+    for (sql, words) in [
+        ("SELECT sequence_ratio([-1.0], [-1.0, -2.0])", "1 values on one side and 2"),
+        ("SELECT token_ratios([-1.0, NULL], [-1.0, -2.0])", "holds null"),
+        ("SELECT kl([-1.0], [-1.0], 'k4')", "there are k1, k2, k3"),
+        ("SELECT clip_share([1.0], [1.0], -0.2, 0.2)", "clip radius"),
+        ("SELECT gspo([1.0], [1.0, 2.0], [0.0], 0.2, 0.2, 0.0)", "values on one side"),
+        ("SELECT estimated_advantages([[1.0]], 'grpo', 'group')", "one rollout"),
+        ("SELECT estimated_advantages([[1.0]], 'best', 'group')", "no estimator is called 'best'"),
+    ] {
+        let error = session.run(sql).unwrap_err().to_string();
+        assert!(error.contains(words), "{sql}: {error}");
+    }
 }
