@@ -113,7 +113,9 @@ impl SceneFinder {
         if **known == *scene {
             return Ok(known.clone());
         }
-        let name = |path: &Option<PathBuf>| path.as_ref().map_or("the one that comes with Reel".to_owned(), |path| path.display().to_string());
+        let name = |path: &Option<PathBuf>| {
+            path.as_ref().map_or("the one that comes with Reel".to_owned(), |path| path.display().to_string())
+        };
         Err(format!("two different scenes have this id: {} and {}", name(first), name(&path)))
     }
 

@@ -52,8 +52,14 @@ fn an_incomplete_checkout_plays_what_is_there() {
     let torn = sorted(&folder.join("REAL/benchmark/tasks/FDP")).remove(0);
     fs::write(&torn, "scene_id: [").unwrap();
     let text = expect(folder, 3, &["tasks", "real-bench", "REAL/benchmark", "--out", "real-bench"]);
-    assert!(text.contains(&format!("broken: REAL/benchmark/tasks/FDP/{}:1:", torn.file_name().unwrap().to_str().unwrap())), "{text}");
-    assert!(text.contains("bundle: REAL/benchmark/manifest.yaml: family_counts.FDP is 2, but 1 good task files are there"), "{text}");
+    assert!(
+        text.contains(&format!("broken: REAL/benchmark/tasks/FDP/{}:1:", torn.file_name().unwrap().to_str().unwrap())),
+        "{text}"
+    );
+    assert!(
+        text.contains("bundle: REAL/benchmark/manifest.yaml: family_counts.FDP is 2, but 1 good task files are there"),
+        "{text}"
+    );
     assert!(text.contains("6 of 7 tasks load"), "{text}");
     assert!(complaint(folder, 2, &["tasks", "real-bench", "elsewhere", "--out", "x"]).contains("give a checkout of"));
 }
@@ -68,7 +74,8 @@ fn tasks_of_several_scenes_are_played_in_one_run() {
         fs::remove_file(folder.join("made").join(format!("{scene}.json"))).unwrap();
     }
     let played = expect(folder, 0, &["run", "--tasks", "made", "--no-images", "--out", "traces", "--json"]);
-    let scenes: std::collections::BTreeSet<&str> = played.lines().filter_map(|line| ["S1", "S3"].into_iter().find(|scene| line.contains(&format!("/{scene}_")))).collect();
+    let scenes: std::collections::BTreeSet<&str> =
+        played.lines().filter_map(|line| ["S1", "S3"].into_iter().find(|scene| line.contains(&format!("/{scene}_")))).collect();
     assert_eq!((played.lines().count(), scenes.len()), (4, 2), "{played}");
     expect(folder, 0, &["replay", "traces"]);
     let refused = complaint(folder, 2, &["run", "--tasks", "made", "--scene", "S7", "--out", "traces"]);

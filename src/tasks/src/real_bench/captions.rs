@@ -46,7 +46,8 @@ pub(super) fn of_receptacles(files: &[(&Path, Field<'_>)], receptacles: &[String
     }
     let mut captions: BTreeMap<String, Captions> = BTreeMap::new();
     for (text, readings) in texts.iter().zip(&readings) {
-        let support = |reading: &Reading| text.mentions(reading).map(|mention| votes[&mention]).into_iter().fold(f64::MAX, f64::min);
+        let support =
+            |reading: &Reading| text.mentions(reading).map(|mention| votes[&mention]).into_iter().fold(f64::MAX, f64::min);
         let best = readings.iter().reduce(|best, other| if support(other) > support(best) { other } else { best });
         for (place, caption) in best.into_iter().flat_map(|reading| text.mentions(reading)) {
             *captions.entry(receptacles[place].clone()).or_default().entry(caption.to_owned()).or_default() += 1.0;
@@ -302,8 +303,12 @@ mod tests {
     #[test]
     fn captions_are_what_sentences_leave_over() {
         let mut tasks = Vec::new();
-        let called =
-            [("table_1", "the table to eat at"), ("table_1", "a big  table"), ("table_2", "the low table"), ("bed_1", "the bed with a net")];
+        let called = [
+            ("table_1", "the table to eat at"),
+            ("table_1", "a big  table"),
+            ("table_2", "the low table"),
+            ("bed_1", "the bed with a net"),
+        ];
         for (src, source) in called {
             for (dest, destination) in called.iter().filter(|(dest, _)| *dest != src) {
                 tasks.push(task(&format!("Bring the mug from {source} to {destination}."), src, dest));

@@ -212,7 +212,8 @@ fn graphs(episode: &Field<'_>, placements: &Field<'_>) -> Result<(), Problem> {
     let holds = |graph: &BTreeMap<&str, Vec<&str>>, key: &str| -> Result<bool, Problem> {
         let field = episode.get(key)?;
         let content = graph.get(field.text()?);
-        Ok(content.ok_or_else(|| field.problem(format!("{} is missing in a world graph", field.text().unwrap_or_default())))?
+        Ok(content
+            .ok_or_else(|| field.problem(format!("{} is missing in a world graph", field.text().unwrap_or_default())))?
             .contains(&target))
     };
     holds(&before, "dest")?;

@@ -72,7 +72,8 @@ pub(super) fn place(room: usize, side_m: f64, tiles: &[Tile], taken: &[Rect]) ->
     let mut best: Option<(f64, Rect)> = None;
     for tile in tiles.iter().filter(|tile| tile.room == room) {
         for (axis, high) in [(0, false), (0, true), (1, false), (1, true)] {
-            let (low, room_there) = (tile.rect.min.map(|c| c + FROM_WALL_M), [0, 1].map(|a| extent(&tile.rect, a) - 2.0 * FROM_WALL_M - side_m));
+            let (low, room_there) =
+                (tile.rect.min.map(|c| c + FROM_WALL_M), [0, 1].map(|a| extent(&tile.rect, a) - 2.0 * FROM_WALL_M - side_m));
             if room_there.iter().any(|free| *free < 0.0) {
                 continue;
             }

@@ -17,8 +17,8 @@ use std::{
 
 use reel_world::Scene;
 
-pub use self::rebuild::{Evidence, Rebuilt};
 use self::checks::Facts;
+pub use self::rebuild::{Evidence, Rebuilt};
 use crate::{
     LoadReport, TaskError,
     document::{self, Node},
@@ -137,8 +137,8 @@ impl Checkout {
     /// The manifest, if there is a good one; else a complaint.
     fn manifest(&mut self) -> Option<Manifest> {
         let file = self.root.join("manifest.yaml").display().to_string();
-        let read = read_file(Path::new(&file), &file)
-            .and_then(|text| Manifest::parse(&text).map_err(|problem| problem.in_file(&file)));
+        let read =
+            read_file(Path::new(&file), &file).and_then(|text| Manifest::parse(&text).map_err(|problem| problem.in_file(&file)));
         read.map_err(|error| self.complaints.push(error)).ok()
     }
 
@@ -194,7 +194,11 @@ impl Checkout {
         }
         let mut complain = |problem: String| self.complaints.push(TaskError::Bundle { file: file.clone(), problem });
         if listed.len() != manifest.mesa_required_count {
-            complain(format!("lists {} meshes, the manifest's mesa_required_count is {}", listed.len(), manifest.mesa_required_count));
+            complain(format!(
+                "lists {} meshes, the manifest's mesa_required_count is {}",
+                listed.len(),
+                manifest.mesa_required_count
+            ));
         }
         let listed: BTreeSet<&str> = listed.into_iter().map(|(_, name)| name).collect();
         let named: BTreeSet<&str> = self.files.iter().flat_map(|file| &file.facts.meshes).map(String::as_str).collect();
@@ -272,7 +276,8 @@ impl Manifest {
             family_counts.insert(family.to_owned(), positive(count)?);
         }
         let order = root.get("family_order")?;
-        let family_order = order.items()?.iter().map(|name| Ok(name.any_text()?.to_owned())).collect::<Result<Vec<_>, Problem>>()?;
+        let family_order =
+            order.items()?.iter().map(|name| Ok(name.any_text()?.to_owned())).collect::<Result<Vec<_>, Problem>>()?;
         if family_order.is_empty() || !family_order.iter().collect::<BTreeSet<_>>().into_iter().eq(family_counts.keys()) {
             return Err(order.problem("does not list the families of family_counts"));
         }

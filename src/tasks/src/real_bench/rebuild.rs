@@ -117,7 +117,14 @@ pub(super) fn rebuild(scene_id: &str, files: &[(&Path, Field<'_>)]) -> Result<Re
         receptacles.push(receptacle);
         let extents_m = [0, 1].map(|axis| tenth_mm(rect.max[axis] - rect.min[axis]));
         let (receptacle, room) = (id.clone(), room_of(id));
-        evidence.push(Evidence { receptacle, room, placements: placed.len(), height_m: tenth_mm(height), extents_m, door: *door });
+        evidence.push(Evidence {
+            receptacle,
+            room,
+            placements: placed.len(),
+            height_m: tenth_mm(height),
+            extents_m,
+            door: *door,
+        });
     }
     let mut document = json!({
         "scene_id": scene_id,
@@ -159,10 +166,7 @@ fn read_file(root: &Field<'_>, known: &mut BTreeMap<String, Known>) -> Result<Ve
         for (key, placement) in episode.get("placements")?.entries()? {
             let [width, depth, height] = objects.get(key)?.get("size")?.vector()?;
             let [x, y, z] = placement.get("position")?.vector()?;
-            let footprint = Rect {
-                min: [x - width / 2.0, y - depth / 2.0],
-                max: [x + width / 2.0, y + depth / 2.0],
-            };
+            let footprint = Rect { min: [x - width / 2.0, y - depth / 2.0], max: [x + width / 2.0, y + depth / 2.0] };
             let id = placement.get("furniture")?.text()?;
             known.entry(id.to_owned()).or_default().placed.push((footprint, z - height / 2.0 - SPAWN_GAP_M));
         }

@@ -28,7 +28,8 @@ fn every_published_task_loads_in_the_scene_that_the_placements_prove() {
         for object in &task.objects {
             let Rect { min, max } = rebuilt.scene.receptacle(&object.receptacle).unwrap().surface_rect();
             let inside = (0..2).all(|axis| {
-                object.position[axis] - object.size[axis] / 2.0 >= min[axis] && object.position[axis] + object.size[axis] / 2.0 <= max[axis]
+                object.position[axis] - object.size[axis] / 2.0 >= min[axis]
+                    && object.position[axis] + object.size[axis] / 2.0 <= max[axis]
             });
             assert!(inside, "{}: {} reaches out of {}", task.task_id, object.instance, object.receptacle);
         }
@@ -167,9 +168,7 @@ fn a_folder_without_tasks_is_no_checkout() {
 fn task(name: &str, index: usize) -> Value {
     let key = format!("mug_on_table_1_at_{name}");
     let meta = json!({ "category": "mug", "usd_path": "mug.usd", "size": [0.1, 0.1, 0.1] });
-    let graph = |table: &[&str], sink: &[&str]| {
-        json!({ "table_1": { "room": "kitchen/0", "content": table }, "sink_1": { "room": "bath/0", "content": sink } })
-    };
+    let graph = |table: &[&str], sink: &[&str]| json!({ "table_1": { "room": "kitchen/0", "content": table }, "sink_1": { "room": "bath/0", "content": sink } });
     json!({
         "scene_id": "house",
         "paths": {

@@ -78,9 +78,12 @@ impl Bundle {
         let first = vectors["bench_task"].clone();
         let mut second = first.clone();
         let episode = &mut second["episodes"][0];
-        for (key, value) in
-            [("benchmark_task_id", json!("SUL/t1")), ("family", json!("SUL")), ("task_id", json!("t1")), ("global_index", json!(1))]
-        {
+        for (key, value) in [
+            ("benchmark_task_id", json!("SUL/t1")),
+            ("family", json!("SUL")),
+            ("task_id", json!("t1")),
+            ("global_index", json!(1)),
+        ] {
             episode[key] = value;
         }
         Self {
