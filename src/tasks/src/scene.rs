@@ -126,9 +126,11 @@ fn warnings(scene: &Scene) -> Vec<String> {
         if !corners.iter().all(|corner| room.footprint().iter().any(|rect| rect.contains(*corner))) {
             warnings.push(format!("{} reaches out of its room {}", receptacle.id, room.name));
         }
-        if receptacle.captions.is_empty() {
-            warnings.push(format!("{} has no caption: no instruction can name it", receptacle.id));
-        }
+    }
+    let unnamed: Vec<&str> =
+        scene.receptacles.iter().filter(|receptacle| receptacle.captions.is_empty()).map(|r| r.id.as_str()).collect();
+    if !unnamed.is_empty() {
+        warnings.push(format!("no instruction can name what has no caption: {}", unnamed.join(", ")));
     }
     warnings
 }

@@ -1,8 +1,12 @@
 //! The floor of a rebuilt scene: rooms that hold their furniture and tile a rectangle, and places for furniture that has none.
 //! Task files say which room a receptacle is in, and nothing about walls, so everything here is assumed.
 
+use std::collections::BTreeSet;
+
 use reel_world::Rect;
 
+/// A gap between furniture that leaves room on both sides of a wall, in metres.
+const WIDE_M: f64 = 0.6;
 /// Free floor between the outermost furniture and the outer walls, in metres.
 const OUTER_FLOOR_M: f64 = 1.4;
 /// Side of a room of which nothing is known but its name, in metres.
@@ -135,7 +139,8 @@ fn split(bounds: Rect, pieces: Vec<Tile>, tiles: &mut Vec<Tile>) {
     split(high, above, tiles);
 }
 
-/// The cut that crosses the fewest pieces, then leaves the most rooms whole, then runs through the widest gap.
+/// The cut that crosses the fewest pieces, then leaves the most rooms whole, then runs through the widest gap. A gap in which the wall
+/// would stand at the furniture counts like a room in two parts: it takes away places to stand.
 fn best_cut(bounds: &Rect, pieces: &[Tile]) -> Option<Cut> {
     let mut best: Option<((usize, usize, i64), Cut)> = None;
     for axis in 0..2 {
@@ -153,7 +158,8 @@ fn best_cut(bounds: &Rect, pieces: &[Tile]) -> Option<Cut> {
                 continue;
             }
             let crossed = pieces.iter().filter(|piece| piece.rect.min[axis] < cut.at && cut.at < piece.rect.max[axis]).count();
-            let torn = below.iter().filter(|piece| above.iter().any(|other| other.room == piece.room)).count();
+            let rooms = |pieces: &[Tile]| pieces.iter().map(|piece| piece.room).collect::<BTreeSet<_>>();
+            let torn = rooms(below).intersection(&rooms(above)).count() + usize::from(high - low < WIDE_M);
             #[expect(clippy::cast_possible_truncation, reason = "a flat is not so wide")]
             let gap_mm = ((high - low) * 1000.0).round() as i64;
             let score = (crossed, torn, -gap_mm);

@@ -23,6 +23,8 @@ fn every_published_task_loads_in_the_scene_that_the_placements_prove() {
     assert!(report.broken.is_empty(), "{:#?}", report.broken);
     assert_eq!(report.tasks.len(), 180);
     assert_eq!(checkout.rebuild(scene_id).unwrap().text, rebuilt.text, "equal files, equal bytes");
+    assert!(crate::scenes::schema().is_valid(&serde_json::from_str(&rebuilt.text).unwrap()), "a scene file like any other");
+    assert_eq!(rebuilt.warnings, Vec::<String>::new());
 
     for task in &report.tasks {
         for object in &task.objects {

@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 
 use crate::{data, real_bench};
 
-fn schema() -> jsonschema::Validator {
+pub(crate) fn schema() -> jsonschema::Validator {
     let schema: Value = serde_json::from_str(include_str!("../../../../schemas/scene.schema.json")).unwrap();
     jsonschema::validator_for(&schema).unwrap()
 }
