@@ -99,7 +99,7 @@ fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result
     } else {
         let mean = report.mean_total.map(|mean| format!(", mean total {mean:.3}")).unwrap_or_default();
         println!(
-            "{} episodes scored under '{}' (version {}){mean}; {} had these rewards already",
+            "{} episodes scored under '{}' (version {}){mean}; {} had it already",
             report.scored,
             preset.name(),
             preset.version().short(),

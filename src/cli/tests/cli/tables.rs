@@ -96,6 +96,18 @@ fn one_weight_changes_the_episodes_in_which_it_paid() {
     assert!(expect(folder, 0, &["reward", "--preset", "mine.toml"]).contains(&format!("{GOLDEN} had it already")));
     let sums = "SELECT count(*) FROM rescored WHERE preset = 'mine'";
     assert_eq!(count(folder, sums), GOLDEN);
-    assert!(expect(folder, 0, &["reward", "--list"]).contains("real-repo"));
+    // the same terms are not kept twice
+    let recorded = count(folder, "SELECT count(*) FROM episodes WHERE preset = 'paper'");
+    let rows = count(folder, "SELECT count(*) FROM rewards WHERE preset = 'paper'");
+    assert!(recorded > 0 && expect(folder, 0, &["reward", "--preset", "paper"]).contains(&format!("{recorded} had it already")));
+    assert_eq!(count(folder, "SELECT count(*) FROM rewards WHERE preset = 'paper'"), rows);
+    // from tables as from traces
+    expect(folder, 0, &["reward", "--preset", "real-trainer"]);
+    let equal = "SELECT count(*) FROM rescored r JOIN episodes e ON e.episode_id = r.episode_id \
+                 WHERE r.preset = 'real-trainer' AND r.total_reward = reward(e.trace, 'real-trainer')['total_reward']";
+    let ended = "SELECT count(*) FROM episodes WHERE end_reason IS NOT NULL";
+    assert_eq!(count(folder, equal), count(folder, ended));
+    let listed = expect(folder, 0, &["reward", "--list"]);
+    assert!(["paper", "real-repo", "real-trainer"].iter().all(|preset| listed.contains(preset)), "{listed}");
     expect(folder, 2, &["reward", "--preset", "nobody"]);
 }
