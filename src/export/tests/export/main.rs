@@ -333,7 +333,7 @@ fn words_come_from_the_notes_beside_the_traces() {
     assert!(report.refused[0].reason.contains("annotate the trace first"), "{:?}", report.refused);
     for row in rows(&dir.path().join("notes"), "train") {
         assert_eq!(row["provenance"]["annotator"], format!("a-model-{}", version.short()));
-        assert!(row["messages"][2]["content"].as_str().unwrap().starts_with("<think>I wonder.</think>"));
+        assert!(row["messages"][1]["content"].as_str().unwrap().starts_with("<think>I wonder.</think>"));
     }
 }
 
