@@ -106,7 +106,10 @@ fn action(record: &StepRecord, markers: &[reel_world::record::Marker]) -> Map<St
         Some(Tool::Ask { .. }) => json!({ "question": question(arguments) }),
         _ => arguments.clone(),
     };
-    let name = tool.as_ref().map_or(name.as_str(), Tool::paper_name);
+    let name = match &tool {
+        Some(tool) => tool.paper_name(),
+        None => name.as_str(),
+    };
     Map::from_iter([(name.to_owned(), payload)])
 }
 

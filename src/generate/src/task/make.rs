@@ -281,7 +281,8 @@ fn place(task: &mut Task, ground: &Ground, placing: Placing, stream: &mut Stream
                 Placing::Grid => {
                     let footprint = [size[0], size[1]];
                     let best = grid.best(footprint, |at| site.free_floor_near(at));
-                    let at = best.first().copied().ok_or(Misfit::OutOfReach)?;
+                    // Whole micrometres, as the generator's files have them.
+                    let at = best.first().ok_or(Misfit::OutOfReach)?.map(|length_m| (length_m * 1e6).round() / 1e6);
                     grid.put(at, footprint);
                     [at[0], at[1], site.receptacle.surface_height() + size[2] / 2.0]
                 }
