@@ -146,6 +146,7 @@ pub fn unknown_task(task_id: String, instruction: String, scene_id: String, init
     let mut goal = initial.clone();
     goal.add(&place, &target.instance);
     let task = Task {
+        placement_order: Vec::new(),
         task_id,
         family: Family::FDP,
         task_type: None,
@@ -242,6 +243,7 @@ fn from_meta(told: &mut Told<'_>, names: Names, scene_id: String, seen: &Seen) -
     });
     let receptacles = |key: &str| list(meta, key).map(Into::into).collect();
     Ok(Task {
+        placement_order: Vec::new(),
         objects: objects(&initial, seen, &target, text(wanted, "category")),
         task_id: names.task_id,
         family,

@@ -13,10 +13,11 @@ const MOST_LEVELS: usize = 64;
 /// Most nodes that anchors and aliases may copy, in a whole file.
 const MOST_COPIES: usize = 100_000;
 
-/// A node and the line it starts at, from 1.
+/// A node, the line it starts at, from 1, and the character of the text.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Node {
     pub line: usize,
+    pub offset: usize,
     pub content: Content,
 }
 
@@ -86,6 +87,7 @@ struct Builder {
 struct Frame {
     anchor: usize,
     line: usize,
+    offset: usize,
     container: Container,
 }
 
@@ -96,19 +98,21 @@ enum Container {
 
 impl Builder {
     fn take(&mut self, event: Event<'_>, span: Span) -> Result<(), Problem> {
-        let line = span.start.line();
+        let (line, offset) = (span.start.line(), span.start.index());
         match event {
             Event::DocumentStart(_) if self.root.is_some() => Err(Problem::syntax(line, "a second document; one is expected")),
             Event::Nothing | Event::StreamStart | Event::StreamEnd | Event::DocumentStart(_) | Event::DocumentEnd => Ok(()),
-            Event::SequenceStart(anchor, _) => self.begin(anchor, line, Container::List(Vec::new())),
-            Event::MappingStart(anchor, _) => self.begin(anchor, line, Container::Map { entries: BTreeMap::new(), key: None }),
+            Event::SequenceStart(anchor, _) => self.begin(anchor, [line, offset], Container::List(Vec::new())),
+            Event::MappingStart(anchor, _) => {
+                self.begin(anchor, [line, offset], Container::Map { entries: BTreeMap::new(), key: None })
+            }
             Event::SequenceEnd | Event::MappingEnd => {
                 let frame = self.open.pop().expect("the parser ends only what it began");
                 let content = match frame.container {
                     Container::List(items) => Content::List(items),
                     Container::Map { entries, .. } => Content::Map(entries),
                 };
-                self.add(Node { line: frame.line, content }, frame.anchor)
+                self.add(Node { line: frame.line, offset: frame.offset, content }, frame.anchor)
             }
             Event::Scalar(text, style, anchor, tag) => {
                 if self.wants_key() {
@@ -124,7 +128,7 @@ impl Builder {
                     Scalar::FloatingPoint(_) => return Err(Problem::syntax(line, "a number that is not finite")),
                     Scalar::String(value) => Content::Text(value.into_owned()),
                 };
-                self.add(Node { line, content }, anchor)
+                self.add(Node { line, offset, content }, anchor)
             }
             Event::Alias(anchor) => {
                 let unknown = || Problem::syntax(line, "an alias of something that holds the alias itself");
@@ -139,14 +143,14 @@ impl Builder {
         }
     }
 
-    fn begin(&mut self, anchor: usize, line: usize, container: Container) -> Result<(), Problem> {
+    fn begin(&mut self, anchor: usize, [line, offset]: [usize; 2], container: Container) -> Result<(), Problem> {
         if self.wants_key() {
             return Err(no_text_key(line));
         }
         if self.open.len() == MOST_LEVELS {
             return Err(Problem::syntax(line, format!("nested deeper than {MOST_LEVELS} levels")));
         }
-        self.open.push(Frame { anchor, line, container });
+        self.open.push(Frame { anchor, line, offset, container });
         Ok(())
     }
 

@@ -25,6 +25,11 @@ impl<'a> Field<'a> {
         &self.path
     }
 
+    /// Where it begins in the file, in characters.
+    pub fn offset(&self) -> usize {
+        self.node.offset
+    }
+
     /// A problem here.
     pub fn problem(&self, problem: impl Into<String>) -> Problem {
         let field = if self.path.is_empty() { "the document".to_owned() } else { self.path.clone() };

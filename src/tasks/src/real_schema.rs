@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use reel_world::{Attributes, DoorState, Family, InstanceId, ObjectInstance, PlanStep, ReceptacleId, Scene, Task, WorldGraph};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::{Oddity, OddityKind, attributes, error::Problem, field::Field};
 
@@ -60,15 +60,6 @@ pub(crate) fn read(root: &Field<'_>, scene: &Scene) -> Result<(Task, Vec<Oddity>
     Ok((task, oddities))
 }
 
-/// How `obj_meta` and `obj_distractor_meta` repeat an object.
-pub(crate) fn derived_meta(object: &ObjectInstance) -> Value {
-    let mut meta = json!({ "category": object.category, "size": object.size });
-    if let Some(caption) = &object.caption {
-        meta["detailed_caption"] = json!(caption);
-    }
-    meta
-}
-
 struct Reader<'a> {
     root: &'a Field<'a>,
     episode: &'a Field<'a>,
@@ -99,6 +90,7 @@ impl<'a> Reader<'a> {
         };
 
         let objects = self.objects()?;
+        let placement_order = self.placement_order(&objects)?;
         let initial = self.initial_graph(&objects)?;
         let target_field = episode.get("target_object_id")?;
         let target = self.target(&target_field, &objects, &src)?;
@@ -119,6 +111,7 @@ impl<'a> Reader<'a> {
             fuzzy: family == Family::SUL || told_less,
             purpose: text_of(episode, "purpose")?,
             objects,
+            placement_order,
             initial,
             goal,
             target,
@@ -202,6 +195,15 @@ impl<'a> Reader<'a> {
             return Err(listed.problem("no object with a placement"));
         }
         Ok(objects)
+    }
+
+    /// The objects in the order of `placements`; empty if that is the order of `objects`.
+    fn placement_order(&self, objects: &[ObjectInstance]) -> Result<Vec<InstanceId>, Problem> {
+        let mut placements = self.episode.get("placements")?.entries()?;
+        placements.sort_by_key(|(_, field)| field.offset());
+        let known = |key: &InstanceId| objects.iter().any(|object| object.instance == *key);
+        let order: Vec<InstanceId> = placements.into_iter().map(|(key, _)| key.into()).filter(known).collect();
+        Ok(if order.is_sorted() { Vec::new() } else { order })
     }
 
     fn object(
@@ -372,7 +374,7 @@ impl<'a> Reader<'a> {
                     self.odd(OddityKind::ZeroSizeDistractor, format!("{asset} has the size {:?}", size.vector()?));
                 }
                 let json = meta.json();
-                if placed.is_none_or(|object| derived_meta(object) != json) {
+                if placed.is_none_or(|object| object.asset_meta() != json) {
                     self.extra.insert(meta.path().to_owned(), json);
                 }
             }

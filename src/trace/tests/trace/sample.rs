@@ -300,6 +300,7 @@ fn task_and_scene() -> (Task, Scene) {
     goal.remove(&"table_0".into(), &objects[1].instance);
     goal.add(&"table_1".into(), &objects[1].instance);
     let task = Task {
+        placement_order: Vec::new(),
         task_id: "FDP/t".into(),
         family: Family::FDP,
         task_type: None,
