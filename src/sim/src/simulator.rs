@@ -238,7 +238,9 @@ impl Simulator {
         hasher.update(&self.seed.to_le_bytes());
         hasher.update(&self.sim_step.to_le_bytes());
         if self.profile.is_published() {
-            self.arrivals.iter().for_each(|index| drop(hasher.update(&(*index as u32).to_le_bytes())));
+            for index in &self.arrivals {
+                hasher.update(&(*index as u32).to_le_bytes());
+            }
         }
         Digest(*hasher.finalize().as_bytes())
     }

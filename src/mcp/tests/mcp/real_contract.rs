@@ -10,7 +10,7 @@ use std::{
 };
 
 use reel_live::{Limits, Pool, Setup, Stages};
-use reel_mcp::{Options, Questions, ToolServer, Worker};
+use reel_mcp::{Options, ToolServer, Worker};
 use reel_reward::Preset;
 use reel_sim::{Perception, Segment, Simulator, Stage, geometry::Camera, nav::Viewpoint, render::Mark};
 use reel_trace::{Images, Trace};
@@ -19,12 +19,9 @@ use reel_world::{
     Frame, Meshes, Profile, Scene, Skills, Task,
     record::{MarkerTarget, StepRecord},
 };
-use rmcp::{
-    RoleClient, ServiceExt as _,
-    model::{CallToolRequestParams, ClientConfig, ContentBlock},
-    service::RunningService,
-};
+use rmcp::ServiceExt as _;
 use serde_json::{Value, json};
+use tokio::io::{AsyncBufReadExt as _, AsyncWriteExt as _, BufReader, DuplexStream};
 
 const TOKEN: &str = "⟦traceback ending in⟧ ";
 const TRACEBACK: &str = "Traceback (most recent call last):\n";
@@ -162,8 +159,38 @@ fn bench(id: &str) -> Option<(Scene, Vec<Arc<Task>>)> {
     Some((scene, tasks))
 }
 
+/// A client that speaks the protocol's messages, a line each.
+struct Client {
+    stream: BufReader<DuplexStream>,
+    asked: u32,
+}
+
+impl Client {
+    async fn new(stream: DuplexStream) -> Self {
+        let mut client = Self { stream: BufReader::new(stream), asked: 0 };
+        let hello = json!({ "protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": { "name": "case", "version": "1" } });
+        client.ask("initialize", hello).await;
+        client.send(json!({ "jsonrpc": "2.0", "method": "notifications/initialized" })).await;
+        client
+    }
+
+    async fn ask(&mut self, method: &str, params: Value) -> Value {
+        self.asked += 1;
+        self.send(json!({ "jsonrpc": "2.0", "id": self.asked, "method": method, "params": params })).await;
+        let mut line = String::new();
+        self.stream.read_line(&mut line).await.unwrap();
+        let mut answer: Value = serde_json::from_str(&line).unwrap();
+        assert_eq!(answer["id"], self.asked, "{answer}");
+        answer["result"].take()
+    }
+
+    async fn send(&mut self, message: Value) {
+        self.stream.get_mut().write_all(format!("{message}\n").as_bytes()).await.unwrap();
+    }
+}
+
 struct Table {
-    client: RunningService<RoleClient, ClientConfig>,
+    client: Client,
     tables: Arc<Tables>,
     folder: tempfile::TempDir,
     pool: Arc<Pool>,
@@ -207,26 +234,25 @@ impl Table {
         let server = ToolServer::of_worker(pool.clone(), Arc::default(), Arc::new(Options::default()), worker);
         let (theirs, ours) = tokio::io::duplex(1 << 20);
         tokio::spawn(async move { server.serve(ours).await.unwrap().waiting().await });
-        let client = ClientConfig::default().serve(theirs).await.unwrap();
+        let client = Client::new(theirs).await;
         Self { client, tables, folder, pool, _stages: stages }
     }
 
     /// Makes a call; the items of the answer as the vectors have them.
-    async fn call(&self, step: &Value) -> Value {
+    async fn call(&mut self, step: &Value) -> Value {
         let visible = items(&step["visible"]).iter().map(|name| text(name).to_owned()).collect();
         *self.tables.now.lock().unwrap() = Now { visible, drawn: None };
         let call = &step["call"];
-        let arguments = call["arguments"].as_object().cloned().unwrap_or_default();
-        let request = CallToolRequestParams::new(text(&call["name"]).to_owned()).with_arguments(arguments);
-        let result = self.client.call_tool(request).await.unwrap();
-        assert_ne!(result.is_error, Some(true));
-        result.content.iter().map(item).collect()
+        let params = json!({ "name": call["name"], "arguments": call["arguments"] });
+        let result = self.client.ask("tools/call", params).await;
+        assert_ne!(result["isError"], true, "{result}");
+        items(&result["content"]).iter().map(item).collect()
     }
 
     /// Ends the session; every recorded step, the steps of physics before the first call of an episode included.
     async fn records(self) -> Vec<(StepRecord, u64)> {
         let Self { client, folder, pool, .. } = self;
-        client.cancel().await.unwrap();
+        drop(client);
         pool.close_all().await;
         let mut paths: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
         paths.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
@@ -244,13 +270,13 @@ impl Table {
     }
 }
 
-fn item(block: &ContentBlock) -> Value {
-    if let Some(image) = block.as_image() {
-        let png = base64::Engine::decode(&base64::engine::general_purpose::STANDARD, &image.data).unwrap();
+fn item(block: &Value) -> Value {
+    if block["type"] == "image" {
+        let png = base64::Engine::decode(&base64::engine::general_purpose::STANDARD, text(&block["data"])).unwrap();
         assert_eq!((&png[16..20], &png[20..24]), (&640u32.to_be_bytes()[..], &480u32.to_be_bytes()[..]));
-        return json!({ "type": "image", "mimeType": image.mime_type });
+        return json!({ "type": "image", "mimeType": block["mimeType"] });
     }
-    let said = &block.as_text().unwrap().text;
+    let said = text(&block["text"]);
     let parsed = |text: &str| serde_json::from_str::<Value>(text).ok();
     if let Some(debug) = said.strip_prefix("Debug Info:\n").and_then(parsed) {
         return json!({ "type": "text", "debug": debug });
@@ -353,7 +379,7 @@ async fn real_contract_server() {
                 (scene, tasks)
             }
         };
-        let table = Table::new(&document, case, scene, tasks).await;
+        let mut table = Table::new(&document, case, scene, tasks).await;
         let (mut answers, mut after_pick, mut differences) = (Vec::new(), false, Vec::new());
         for (at, step) in items(&case["steps"]).iter().enumerate() {
             if deviation(case, at).is_some() {
