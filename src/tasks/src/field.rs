@@ -118,7 +118,10 @@ fn json(node: &Node) -> Value {
         Content::Text(text) => Value::from(text.as_str()),
         Content::List(items) => Value::Array(items.iter().map(json).collect()),
         Content::Map(entries) => {
-            Value::Object(entries.iter().map(|(key, node)| (key.clone(), json(node))).collect::<Map<_, _>>())
+            // In the order of the file.
+            let mut entries: Vec<_> = entries.iter().collect();
+            entries.sort_by_key(|(_, node)| node.offset);
+            Value::Object(entries.into_iter().map(|(key, node)| (key.clone(), json(node))).collect::<Map<_, _>>())
         }
     }
 }

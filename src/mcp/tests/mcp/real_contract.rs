@@ -26,8 +26,8 @@ use tokio::io::{AsyncBufReadExt as _, AsyncWriteExt as _, BufReader, DuplexStrea
 const TOKEN: &str = "⟦traceback ending in⟧ ";
 const TRACEBACK: &str = "Traceback (most recent call last):\n";
 const START_STEPS: u64 = 550;
-/// How far a placed object may have moved while it came to rest, in metres.
-const REST_M: f64 = 0.05;
+/// How far a placed object may have moved while it came to rest, or was pushed by what stood there, in metres.
+const REST_M: f64 = 0.2;
 
 const TEXT_PLANS: &str = "a plan of texts is no plan of REAL-Bench: the loader refuses the file";
 const AFTER_THE_END: &str = "after the end text no episode runs: calls say so instead of acting on the last task";
@@ -168,7 +168,8 @@ struct Client {
 impl Client {
     async fn new(stream: DuplexStream) -> Self {
         let mut client = Self { stream: BufReader::new(stream), asked: 0 };
-        let hello = json!({ "protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": { "name": "case", "version": "1" } });
+        let hello =
+            json!({ "protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": { "name": "case", "version": "1" } });
         client.ask("initialize", hello).await;
         client.send(json!({ "jsonrpc": "2.0", "method": "notifications/initialized" })).await;
         client
