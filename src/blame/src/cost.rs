@@ -7,7 +7,7 @@ use reel_agents::{GoalHint, Planner, Policy, retrace};
 use reel_plan::Objection;
 use reel_trace::Trace;
 use reel_world::{
-    DoorState, FLOOR, HORIZON, InstanceId, Profile, ReceptacleId, Task, Tool, ToolCall, WorldGraph,
+    DoorState, FLOOR, HORIZON, InstanceId, ReceptacleId, Task, Tool, ToolCall, WorldGraph,
     record::{EndReason, StepRecord},
 };
 use serde::{Deserialize, Serialize};
