@@ -44,7 +44,7 @@ class Episode:
     async def mark(self, tool, wanted, **arguments):
         """Calls a tool that marks things; the number of the wanted one."""
         await self.call(tool, **arguments)
-        markers = self.state["CURRENT_MARKER_MAP"]
+        markers = self.state["CURRENT_MARKER_MAP"] or {}
         return next((int(number) for number, thing in markers.items() if thing == wanted), None)
 
     async def drive(self, verb, receptacle):
@@ -54,24 +54,20 @@ class Episode:
             return
         await self.call("navigate_to", receptacle_name=receptacle)
         marker = await self.mark("highlight_receptacles", receptacle)
-        await self.call(verb, marker_id=marker)
+        await self.call(verb, marker_id=str(marker))
 
     async def play(self):
         """Moves the target as the task says."""
         task = self.task
         source, destination, target = task["source_furniture"], task["destination_furniture"], task["target_object"]
-        # A door wants a free hand.
         await self.drive("open", destination)
         await self.drive("open", source)
         await self.call("navigate_to", receptacle_name=source)
         marker = await self.mark("explore_receptacle", target["name"])
-        await self.call("focus_on", marker_id=marker)
-        marker = await self.mark("find_objects", target["name"], target_category=target["category"])
-        await self.call("pick", marker_id=marker)
+        await self.call("pick", marker_id=str(marker))
         await self.call("navigate_to", receptacle_name=destination)
         marker = await self.mark("highlight_receptacles", destination)
-        await self.call("focus_on", marker_id=marker)
-        await self.call("place", marker_id=marker)
+        await self.call("place", marker_id=str(marker))
         await self.drive("close", source)
         await self.drive("close", destination)
 
@@ -103,9 +99,9 @@ async def main():
             try:
                 await episode.play()
             except Gone:
-                print(json.dumps({"gone": episode.calls, "state": episode.state, "task": episode.task["task_id"]}), flush=True)
+                print(json.dumps({"gone": episode.calls, "state": episode.state, "task": episode.task["benchmark_task_id"]}), flush=True)
                 os._exit(0)
-            line = {"task_id": episode.task["task_id"], "family": episode.task["family"], "success": episode.success()}
+            line = {"task_id": episode.task["benchmark_task_id"], "family": episode.task["family"], "success": episode.success()}
             print(json.dumps({**line, "calls": episode.calls, "texts": episode.texts, "tools": len(tools)}), flush=True)
     print(json.dumps({"end": first}), flush=True)
 

@@ -38,7 +38,7 @@ def play_published_client_over_sse():
     with Server("--profile", "real-repo") as server:
         lines = run(python, "client_sse.py", f"{server.url}/sse", "--episodes", 2)
         assert [line["success"] for line in lines[:2]] == [True, True], lines
-        assert lines[0]["tools"] == 14, lines[0]
+        assert lines[0]["tools"] == 12, lines[0]
         assert server.stop() == 0
         assert exact(server) == 2
 

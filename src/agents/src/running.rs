@@ -8,7 +8,7 @@ use std::{
 
 use reel_episode::{Briefing, Episode, EpisodeConfig, Observation, StepOutput};
 use reel_world::{
-    Frame, InstanceId, Scene, Task, Tool, WorldGraph,
+    Frame, HORIZON, InstanceId, Scene, Task, Tool, WorldGraph,
     record::{EpisodeHeader, StartRecord, StepInput, StepRecord},
 };
 
@@ -93,12 +93,12 @@ impl Running {
         self.step(input)
     }
 
-    /// Lets a policy play to the end.
+    /// Lets a policy play to the end, or for as many decisions as an episode of the paper has.
     ///
     /// # Errors
     /// When the trace cannot be written, or somebody does not answer. The episode can be ended even so.
     pub fn play(&mut self, policy: &mut dyn Policy) -> Result<(), AgentError> {
-        while self.episode.ended().is_none() {
+        while self.episode.ended().is_none() && self.known.calls < HORIZON {
             let input = {
                 let truth = policy.wants_truth().then(|| self.episode.privileged());
                 policy.act(&Context { truth: truth.as_ref(), ..self.known.context() })
@@ -162,12 +162,14 @@ impl Running {
     }
 
     fn step(&mut self, input: StepInput) -> Result<(), AgentError> {
+        let profile = self.episode.header().profile;
+        let input = StepInput { call: profile.spoken(input.call), ..input };
         let input = self.asked_outside(input).map_err(|source| self.unanswered(source))?;
         let Self { episode, sink, path, known, .. } = self;
         sink.input(known.calls, &input).map_err(|source| unwritten(episode.header(), path, source))?;
         let StepOutput { record, frame } = episode.step(input);
         sink.step(&record, frame.as_ref()).map_err(|source| unwritten(episode.header(), path, source))?;
-        known.after(episode.task(), episode.scene(), episode.privileged().graph, &record, frame);
+        known.after(episode.task(), episode.scene(), &episode.graphs().physics, &record, frame);
         Ok(())
     }
 }

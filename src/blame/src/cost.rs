@@ -7,7 +7,7 @@ use reel_agents::{GoalHint, Planner, Policy, retrace};
 use reel_plan::Objection;
 use reel_trace::Trace;
 use reel_world::{
-    DoorState, FLOOR, HORIZON, InstanceId, Profile, ReceptacleId, Task, Tool, ToolCall, WorldGraph,
+    DoorState, FLOOR, HORIZON, InstanceId, ReceptacleId, Task, Tool, ToolCall, WorldGraph,
     record::{EndReason, StepRecord},
 };
 use serde::{Deserialize, Serialize};
@@ -131,7 +131,7 @@ const OUT_OF_REACH: u32 = 1_000;
 
 impl<'t> Truth<'t> {
     fn new(trace: &'t Trace) -> Self {
-        let by_registry = trace.header.profile == Profile::RealRepo;
+        let by_registry = trace.header.profile.is_published();
         let graphs = &trace.start.graphs;
         let graph = if by_registry { graphs.registry.clone() } else { graphs.physics.clone() };
         Self { task: &trace.task, by_registry, graph, held: None, taken: BTreeSet::new() }

@@ -3,16 +3,16 @@
 use std::{fmt, sync::Arc};
 
 use reel_reward::{Rewarder, metrics};
-use reel_sim::{Given, Luck, SIM_VERSION, Simulator, Snapshot, Stage, ToolResult, render::Detail};
+use reel_sim::{Given, Luck, Simulator, Snapshot, Stage, ToolResult, render::Detail, sim_version};
 use reel_world::{
-    Digest, ErrorCode, Frame, HORIZON, InstanceId, Lifecycle, Meshes, Outcome, Scene, Task, Tool, chain, invariants,
+    Digest, ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool, WorldGraph, chain, invariants,
     record::{
         Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord, StateDigests, StepInput,
         StepRecord, UserReply,
     },
 };
 
-use crate::{Briefing, EpisodeConfig, EpisodeError, Privileged, StepOutput, user::RuleUser};
+use crate::{Briefing, EpisodeConfig, EpisodeError, Privileged, StepOutput, published_user, user::RuleUser};
 
 /// What a policy is told whose answer holds no call.
 const NO_CALL: &str = "No tool selected: the answer holds no call that can be read. Answer with one call of one of the tools.";
@@ -173,7 +173,7 @@ impl Episode {
         }
         let (header, graphs) = (header(&config), simulator.graphs());
         let mut episode = Episode { header, simulator, user, rewarder, graphs, start, steps, ended: None, config };
-        let tool = episode.steps.last().and_then(|step| Tool::parse(&step.input.call).ok());
+        let tool = episode.steps.last().and_then(|step| episode.config.profile.tool(&step.input.call).ok());
         episode.ended = episode.end_reason(tool.as_ref());
         Ok(episode)
     }
@@ -234,6 +234,11 @@ impl Episode {
         &self.steps
     }
 
+    /// Both authorities' graphs after the last call.
+    pub fn graphs(&self) -> &Graphs {
+        &self.graphs
+    }
+
     /// What the agent is told.
     pub fn briefing(&self) -> Briefing {
         Briefing::new(&self.config.task, &self.config.scene)
@@ -244,9 +249,11 @@ impl Episode {
     /// # Panics
     /// When the simulator breaks an invariant of its own: a programmer's error.
     pub fn step(&mut self, input: StepInput) -> StepOutput {
-        let parsed = Tool::parse(&input.call);
+        let profile = self.config.profile;
+        let parsed = profile.tool(&input.call);
         let (result, reply) = match &parsed {
             _ if self.ended.is_some() => (refused(ErrorCode::EpisodeOver, "The episode is over."), None),
+            _ if profile.is_published() && !is_runners(&parsed) && !says_no_call(&input) => self.dispatch_published(&input),
             Ok(tool) => self.dispatch(tool, &input),
             Err(_) if says_no_call(&input) => (refused(ErrorCode::UnparsableOutput, NO_CALL), None),
             Err(error) => (refused(error.code(), &error.to_string()), None),
@@ -299,11 +306,16 @@ impl Episode {
         Privileged {
             task: &self.config.task,
             scene: &self.config.scene,
-            graph: &self.graphs.physics,
+            graph: self.authority(),
             markers: self.simulator.markers(),
             held: self.simulator.held(),
             landmark: self.simulator.landmark(),
         }
+    }
+
+    /// The graph that counts: where physics says the objects are, and with the published servers where picks and places do.
+    fn authority(&self) -> &WorldGraph {
+        if self.config.profile.is_published() { &self.graphs.registry } else { &self.graphs.physics }
     }
 
     /// Keeps the motion states after one physics step of the next call (from 0); see [`Episode::take_watched`].
@@ -331,6 +343,24 @@ impl Episode {
         end(self.ended, &self.config, &self.start, &self.steps, self.graphs)
     }
 
+    /// A call of a published server, which reads the arguments itself.
+    fn dispatch_published(&mut self, input: &StepInput) -> (ToolResult, Option<UserReply>) {
+        let call = &input.call;
+        if self.config.profile == Profile::RealRepo && call.name == "ask" {
+            let reply = input.user_reply.as_ref();
+            let said = published_user::answer(call, &self.config.task, reply);
+            return (self.simulator.say_published("ask", said), reply.cloned());
+        }
+        let luck = self.luck();
+        (self.simulator.call_published(call, Given { luck, lookup: input.lookup.as_ref() }), None)
+    }
+
+    /// The luck of the next call.
+    fn luck(&self) -> Luck {
+        let call = u32::try_from(self.steps.len()).expect("an episode has few steps");
+        Luck::of(self.config.skills, self.config.seed, &self.config.task.task_id, call)
+    }
+
     fn dispatch(&mut self, tool: &Tool, input: &StepInput) -> (ToolResult, Option<UserReply>) {
         match tool {
             Tool::Ask { question } => {
@@ -344,8 +374,7 @@ impl Episode {
                 (refused(ErrorCode::BadArguments, &text), None)
             }
             tool => {
-                let call = u32::try_from(self.steps.len()).expect("an episode has few steps");
-                let luck = Luck::of(self.config.skills, self.config.seed, &self.config.task.task_id, call);
+                let luck = self.luck();
                 (self.simulator.call(tool, Given { luck, lookup: input.lookup.as_ref() }), None)
             }
         }
@@ -357,7 +386,7 @@ impl Episode {
         } else if tool == Some(&Tool::Finish) {
             Some(EndReason::Finished)
         } else {
-            (self.steps.len() >= HORIZON as usize).then_some(EndReason::Horizon)
+            (self.steps.len() >= self.config.profile.horizon() as usize).then_some(EndReason::Horizon)
         }
     }
 
@@ -437,7 +466,7 @@ fn header(config: &EpisodeConfig) -> EpisodeHeader {
         task_digest: Digest::of_json(&*config.task),
         scene_digest: Digest::of_json(&*config.scene),
         seed: config.seed,
-        sim_version: SIM_VERSION,
+        sim_version: sim_version(config.profile),
         build: String::new(),
         profile: config.profile,
         reward_preset: config.preset.name().to_owned(),
@@ -464,6 +493,15 @@ fn digests(simulator: &mut Simulator, frame: Option<&Frame>) -> StateDigests {
 /// What an auxiliary observation holds: what is in the picture and what was told in words.
 fn seen(visible: &[reel_world::record::VisibleObject], listed: &[InstanceId]) -> Vec<InstanceId> {
     visible.iter().map(|object| object.object.clone()).chain(listed.iter().cloned()).collect()
+}
+
+/// Whether a call begins, ends or lists episodes, which is no tool's business.
+fn is_runners(parsed: &Result<Tool, reel_world::CallError>) -> bool {
+    match parsed {
+        Ok(Tool::Finish) => true,
+        Ok(Tool::Lifecycle(lifecycle)) => *lifecycle != Lifecycle::ListReceptacles,
+        _ => false,
+    }
 }
 
 /// Whether a policy said something that holds no call.

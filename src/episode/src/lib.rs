@@ -2,6 +2,7 @@
 //! reward, digests and the hash chain. Never files, clocks or threads; the caller owns those.
 
 mod episode;
+mod published_user;
 pub mod user;
 
 use std::sync::Arc;
@@ -132,7 +133,7 @@ pub struct Privileged<'a> {
     pub task: &'a Task,
     /// The scene.
     pub scene: &'a Scene,
-    /// Where physics says the objects are.
+    /// Where the objects are, by the authority of the profile: physics, or with the published servers the registry.
     pub graph: &'a WorldGraph,
     /// The current marker map with what the numbers stand for.
     pub markers: &'a [Marker],

@@ -198,7 +198,7 @@ impl Maker<'_> {
             policy: row.policy.to_owned(),
             split,
             told: Arc::clone(&known.told),
-            names: if row.profile == "real-repo" { Profile::RealRepo.names() } else { NameSet::Paper },
+            names: Profile::parse(&row.profile).map_or(NameSet::Paper, Profile::names),
             steps,
             source: self.source(row, candidate, annotator),
         };

@@ -145,6 +145,7 @@ pub fn unknown_task(task_id: String, instruction: String, scene_id: String, init
     let mut goal = initial.clone();
     goal.add(&place, &target.instance);
     let task = Task {
+        placement_order: Vec::new(),
         task_id,
         family: Family::FDP,
         task_type: None,
@@ -155,7 +156,6 @@ pub fn unknown_task(task_id: String, instruction: String, scene_id: String, init
         purpose: None,
         target: target.instance.clone(),
         objects: vec![target],
-        placement_order: Vec::new(),
         initial,
         goal,
         src: place.clone(),
@@ -242,8 +242,8 @@ fn from_meta(told: &mut Told<'_>, names: Names, scene_id: String, seen: &Seen) -
     });
     let receptacles = |key: &str| list(meta, key).map(Into::into).collect();
     Ok(Task {
-        objects: objects(&initial, seen, &target, text(wanted, "category")),
         placement_order: Vec::new(),
+        objects: objects(&initial, seen, &target, text(wanted, "category")),
         task_id: names.task_id,
         family,
         task_type: None,

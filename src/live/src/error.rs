@@ -19,7 +19,7 @@ pub enum LiveError {
     })]
     Over(EndReason),
     /// A task that is not among those served.
-    #[error("no task is called '{0}'; 'list_tasks' says which there are")]
+    #[error("task '{0}' not found: 'list_tasks' says which there are")]
     UnknownTask(String),
     /// No household of this name.
     #[error("there is no session '{0}': it was closed, or never opened")]

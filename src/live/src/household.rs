@@ -10,7 +10,7 @@ use std::{
 use reel_episode::{Briefing, Episode, Parked, StepOutput};
 use reel_trace::Recorder;
 use reel_world::{
-    Frame, InstanceId, Profile, ReceptacleId, Scene, Task,
+    Frame, InstanceId, ReceptacleId, Scene, Task,
     record::{EndReason, EndRecord, Graphs, Marker, Metrics, RobotState, StepInput, StepRecord},
 };
 use serde::Serialize;
@@ -60,6 +60,8 @@ pub struct Begun {
     pub task: Arc<Task>,
     /// What the agent is told.
     pub briefing: Briefing,
+    /// The id by which the task was asked for, if it was.
+    pub requested: Option<String>,
     /// Index of the task among those served.
     pub index: usize,
     /// How many tasks are served.
@@ -79,7 +81,7 @@ pub struct Made {
     pub step: StepRecord,
     /// The picture, where the tool returns one.
     pub frame: Option<Frame>,
-    /// In profile `real-repo`, which answers everything with a picture: what the head sees, where the tool returns none.
+    /// With the published servers, which answer everything with a picture: what the head sees, where the tool returns none.
     pub look: Option<Frame>,
     /// The state after the call.
     pub view: View,
@@ -92,8 +94,10 @@ pub struct Made {
 pub struct View {
     /// Where the objects are, by both authorities.
     pub graphs: Graphs,
-    /// The marker map.
-    pub markers: Vec<Marker>,
+    /// Objects on each receptacle by the registry, in the order of the scene and of their arrival.
+    pub shelves: Vec<(ReceptacleId, Vec<InstanceId>)>,
+    /// The marker map; `None` if there is none.
+    pub markers: Option<Vec<Marker>>,
     /// What the gripper holds.
     pub held: Option<InstanceId>,
     /// The receptacle the robot stands at.
@@ -186,21 +190,23 @@ impl Household {
         Ok(Some(begun))
     }
 
-    /// Ends what runs and begins the episode of a certain task.
+    /// Ends what runs and begins the episode of a certain task, by its id or by the part after the family where no other task
+    /// is called so.
     ///
     /// # Errors
     /// When the task is unknown, the episode cannot start or its trace cannot be written.
     pub fn begin(&mut self, task_id: &str) -> Result<Begun, LiveError> {
         let unknown = || LiveError::UnknownTask(task_id.to_owned());
-        let index = self.setup.tasks.iter().position(|task| task.task_id == task_id).ok_or_else(unknown)?;
-        let elsewhere = self.lease.as_ref().is_some_and(|lease| lease.task_id != task_id);
+        let index = self.setup.find(task_id).ok_or_else(unknown)?;
+        let task = self.setup.tasks[index].clone();
+        let elsewhere = self.lease.as_ref().is_some_and(|lease| lease.task_id != task.task_id);
         if elsewhere {
             return Err(unknown());
         }
         self.leave()?;
-        let begun = self.start(self.setup.tasks[index].clone())?;
+        let begun = self.start(task)?;
         self.next = index + 1;
-        Ok(begun)
+        Ok(Begun { requested: Some(task_id.to_owned()), ..begun })
     }
 
     /// Makes a call. It is on tape when this returns.
@@ -213,7 +219,7 @@ impl Household {
         playing.recorder.input(step, &input)?;
         let StepOutput { record, frame } = playing.episode.step(input);
         playing.recorder.step(&record, frame.as_ref())?;
-        let shows_all = frame.is_none() && self.setup.profile == Profile::RealRepo;
+        let shows_all = frame.is_none() && self.setup.profile.is_published();
         let look = shows_all.then(|| playing.episode.look());
         let view = view(&playing.episode);
         let ended = playing.episode.ended();
@@ -336,7 +342,7 @@ impl Household {
         recorder.start(&start, Some(&frame))?;
         let index = self.setup.tasks.iter().position(|other| Arc::ptr_eq(other, &task)).unwrap_or(0);
         let (of, view) = (self.setup.tasks.len(), view(&episode));
-        let begun = Begun { briefing: episode.briefing(), task, index, of, number, frame, view };
+        let begun = Begun { briefing: episode.briefing(), task, requested: None, index, of, number, frame, view };
         self.now = Now::Playing(Box::new(Playing { episode, recorder, path }));
         Ok(begun)
     }
@@ -388,7 +394,8 @@ fn view(episode: &Episode) -> View {
     let simulator = episode.simulator();
     View {
         graphs: simulator.graphs(),
-        markers: simulator.markers().to_vec(),
+        shelves: simulator.shelves(),
+        markers: simulator.has_marker_map().then(|| simulator.markers().to_vec()),
         held: simulator.held().cloned(),
         landmark: simulator.landmark().cloned(),
         robot: simulator.robot(),

@@ -67,6 +67,14 @@ pub(crate) struct Place<'a> {
     pub lease: Option<&'a Lease>,
 }
 
+impl Stages {
+    /// Lets the episodes of a task be played on this stage while somebody holds it.
+    pub fn keep(&self, stage: &Arc<Stage>) {
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        known.insert(stage.task().task_id.clone(), Arc::downgrade(stage));
+    }
+}
+
 impl Setup {
     /// Finds a task by its id.
     pub fn task(&self, task_id: &str) -> Option<&Arc<Task>> {
@@ -79,6 +87,13 @@ impl Setup {
     /// Panics if it is not among the scenes: tasks are loaded with theirs.
     pub fn scene(&self, task: &Task) -> &Arc<Scene> {
         self.scenes.of(task).expect("tasks are loaded with their scenes")
+    }
+
+    /// The index of the task that an id means: the whole id, or the part after the family where only one task has it.
+    pub(crate) fn find(&self, id: &str) -> Option<usize> {
+        let whole = self.tasks.iter().position(|task| task.task_id == id);
+        let mut short = self.tasks.iter().enumerate().filter(|(_, task)| task.short_id() == id).map(|(index, _)| index);
+        whole.or_else(|| short.next().filter(|_| short.next().is_none()))
     }
 
     /// The stage of one of the tasks.

@@ -7,7 +7,7 @@ use rmcp::model::{JsonObject, Tool, ToolAnnotations};
 use serde_json::{Value, json};
 
 /// Tools around an episode, which are no decisions of the policy: name, argument, description.
-const LIFECYCLE: [(&str, Option<&str>, &str); 3] = [
+const LIFECYCLE: [(&str, Option<&'static str>, &str); 3] = [
     ("list_receptacles", None, "List the rooms and the furniture in them."),
     ("list_tasks", None, "List the ids of the tasks that are served here, as JSON."),
     ("finish_with_id", Some("task_id"), "Abort the episode that runs, if one does, and begin that of a certain task."),
@@ -16,45 +16,85 @@ const LIFECYCLE: [(&str, Option<&str>, &str); 3] = [
 const FINISH: &str = "End the episode when the task is done, and begin the next one: the answer holds its task. The first call \
                       begins the first episode.";
 
-/// The tools of a profile, in the order of the paper, then those around an episode.
+/// The published servers' tools in their order. Branch `gspo` lists the first ten only, and takes lifecycle tools unlisted.
+const PUBLISHED: [&str; 12] = [
+    "list_receptacles",
+    "navigate_to",
+    "explore_receptacle",
+    "focus_on",
+    "find_objects",
+    "highlight_receptacles",
+    "pick",
+    "place",
+    "open",
+    "close",
+    "finish",
+    "ask",
+];
+const LISTED_BY_GSPO: usize = 10;
+
+/// The tools of a profile: those of the paper in its order, then those around an episode; those of a published server in its own.
 pub fn tools(profile: Profile) -> Vec<Tool> {
-    let policy = ToolSpec::POLICY.iter().map(|spec| {
-        let arguments: Vec<(&str, &str, &str)> = match (profile, spec.paper_name) {
-            (Profile::RealRepo, "ask") => vec![
-                ("target_category", "string", "The category of the object that is asked about."),
-                ("target_description", "string", "How it is described so far."),
-            ],
-            _ => spec.argument.iter().map(|it| (it.name, it.json_type, meaning(it.name))).collect(),
-        };
-        let description = if spec.paper_name == "finish" { FINISH } else { spec.description };
-        tool(profile, spec.name(profile.names()), description, &arguments)
-    });
-    let lifecycle = LIFECYCLE.iter().map(|(name, argument, description)| {
-        let arguments: Vec<(&str, &str, &str)> = argument.iter().map(|name| (*name, "string", meaning(name))).collect();
-        tool(profile, name, description, &arguments)
-    });
-    policy.chain(lifecycle).collect()
+    match profile {
+        Profile::Paper => {
+            let policy = ToolSpec::POLICY.iter().map(|spec| {
+                let description = if spec.paper_name == "finish" { FINISH } else { spec.description };
+                let arguments: Vec<Property> =
+                    spec.argument.iter().map(|argument| property(argument.name, argument.json_type)).collect();
+                tool(spec.paper_name, description, arguments)
+            });
+            let lifecycle = LIFECYCLE.iter().map(|(name, argument, description)| {
+                tool(name, description, argument.iter().map(|argument| property(argument, "string")).collect())
+            });
+            policy.chain(lifecycle).map(|tool| tool.with_raw_output_schema(Arc::new(output()))).collect()
+        }
+        Profile::RealRepo => PUBLISHED.iter().map(|name| published(name)).collect(),
+        Profile::RealGspo => PUBLISHED[..LISTED_BY_GSPO].iter().map(|name| published(name)).collect(),
+    }
 }
 
-fn tool(profile: Profile, name: &'static str, description: &'static str, arguments: &[(&str, &str, &str)]) -> Tool {
-    let properties: JsonObject =
-        arguments.iter().map(|(name, kind, text)| ((*name).to_owned(), json!({"type": kind, "description": text}))).collect();
-    let required: Vec<&str> = arguments.iter().map(|(name, ..)| *name).collect();
+/// A tool of a published server. All its arguments are texts.
+fn published(name: &'static str) -> Tool {
+    let spec = ToolSpec::by_name(name);
+    let arguments = match name {
+        "ask" => vec![filled(property("target_category", "string")), filled(property("target_description", "string"))],
+        _ => spec.and_then(|spec| spec.argument).iter().map(|argument| property(argument.name, "string")).collect(),
+    };
+    let description = match (name, spec) {
+        ("finish", _) => FINISH,
+        (_, Some(spec)) => spec.description,
+        (_, None) => LIFECYCLE[0].2,
+    };
+    tool(name, description, arguments)
+}
+
+/// An argument and its schema.
+type Property = (&'static str, Value);
+
+fn property(name: &'static str, json_type: &str) -> Property {
+    (name, json!({"type": json_type, "description": meaning(name)}))
+}
+
+/// An argument that must not be empty.
+fn filled((name, mut schema): Property) -> Property {
+    schema["minLength"] = json!(1);
+    (name, schema)
+}
+
+fn tool(name: &'static str, description: &'static str, arguments: Vec<Property>) -> Tool {
+    let required: Vec<&str> = arguments.iter().map(|(name, _)| *name).collect();
+    let properties: JsonObject = arguments.iter().map(|(name, schema)| ((*name).to_owned(), schema.clone())).collect();
     let input = object(json!({"type": "object", "properties": properties, "required": required}));
     let reads = matches!(name, "list_receptacles" | "list_tasks");
-    let tool = Tool::new(name, description, Arc::new(input))
-        .with_annotations(ToolAnnotations::new().read_only(reads).destructive(false).open_world(false));
-    match profile {
-        Profile::Paper => tool.with_raw_output_schema(Arc::new(output())),
-        // The published server has none.
-        Profile::RealRepo => tool,
-    }
+    Tool::new(name, description, Arc::new(input))
+        .with_annotations(ToolAnnotations::new().read_only(reads).destructive(false).open_world(false))
 }
 
 fn meaning(argument: &str) -> &'static str {
     match argument {
         "receptacle_name" => "Id of a receptacle, as list_receptacles gives it, e.g. table_1.",
         "target_category" => "What to look for, in plain words, e.g. alarm clock.",
+        "target_description" => "How the object is described so far.",
         "marker_id" => "A number of the current marker map.",
         "question" => "The question, in plain words.",
         "task_id" => "Id of a task, as list_tasks gives it.",

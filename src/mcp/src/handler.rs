@@ -26,7 +26,7 @@ use serde_json::{Value, json};
 use tokio::{runtime::Handle, sync::oneshot};
 
 use crate::{Questions, Worker, catalogue, speech};
-use speech::{AskAnswers, Said};
+use speech::Said;
 
 /// Who answers `ask`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
@@ -51,8 +51,6 @@ pub struct Options {
     pub ask: AskWhom,
     /// How long a person may take to answer.
     pub ask_patience: Duration,
-    /// How answers look in profile `real-repo`.
-    pub answers: AskAnswers,
     /// Name of the policy in the traces; without it, what the client calls itself.
     pub policy: Option<String>,
     /// Who is told of every call.
@@ -61,7 +59,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { ask: AskWhom::Rules, ask_patience: Duration::from_secs(120), answers: AskAnswers::Auto, policy: None, watch: None }
+        Self { ask: AskWhom::Rules, ask_patience: Duration::from_secs(120), policy: None, watch: None }
     }
 }
 
@@ -142,10 +140,10 @@ impl ToolServer {
     }
 
     /// The household of a request.
-    fn session(&self, context: &RequestContext<RoleServer>) -> Result<(String, bool), ErrorData> {
+    fn session(&self, context: &RequestContext<RoleServer>) -> Result<String, ErrorData> {
         match (self.worker(context), &self.home) {
-            (Some(worker), _) => Ok((worker.household(), true)),
-            (None, Home::Own(own)) if !stateless(context) => Ok((own.name.clone(), false)),
+            (Some(worker), _) => Ok(worker.household()),
+            (None, Home::Own(own)) if !stateless(context) => Ok(own.name.clone()),
             _ => {
                 let text = "protocol 2026-07-28 has no sessions, so nothing here says which world is yours: use /w/<name>/mcp \
                             with a name of your own";
@@ -157,19 +155,13 @@ impl ToolServer {
     async fn answer(
         &self,
         session: &str,
-        of_worker: bool,
         call: ToolCall,
         reply: Option<UserReply>,
         context: &RequestContext<RoleServer>,
     ) -> CallToolResult {
         let profile = self.profile();
-        let json = match self.options.answers {
-            AskAnswers::Auto => !of_worker,
-            AskAnswers::Json => true,
-            AskAnswers::Text => false,
-        };
         let (tool, begun) = (call.name.clone(), Instant::now());
-        let known = Tool::parse(&call).map_or("unknown", |tool| tool.paper_name());
+        let known = self.profile().tool(&call).map_or("unknown", |tool| tool.paper_name());
         let said = self.request(session, call, reply, context).await;
         let outcome = match &said {
             Ok(Said::Made(made)) if !made.step.outcome.is_ok() => "error",
@@ -177,7 +169,7 @@ impl ToolServer {
             Err(_) => "refused",
         };
         let result = match said {
-            Ok(said) => speech::say(profile, &said, json),
+            Ok(said) => speech::say(profile, &said),
             Err(error) => {
                 // Not in its own words: they may hold the policy's.
                 tracing::info!(session, known, "refused");
@@ -199,9 +191,13 @@ impl ToolServer {
         context: &RequestContext<RoleServer>,
     ) -> Result<Said, LiveError> {
         let setup = self.pool.setup().clone();
-        let tool = Tool::parse(&call);
+        let tool = self.profile().tool(&call);
+        let published = self.profile().is_published();
         match &tool {
-            Ok(Tool::Lifecycle(Lifecycle::ListReceptacles)) if let Some(scene) = setup.scenes.only() => {
+            Ok(Tool::Lifecycle(Lifecycle::ListReceptacles))
+                if (!published || !self.runs(session))
+                    && let Some(scene) = setup.scenes.only() =>
+            {
                 return Ok(Said::Receptacles(scene.clone()));
             }
             Ok(Tool::Lifecycle(Lifecycle::ListTasks)) => return Ok(Said::Tasks(speech::ids(&setup.tasks))),
@@ -219,7 +215,7 @@ impl ToolServer {
                 Said::Begun(Box::new(begun), scene)
             };
             match tool {
-                Ok(Tool::Lifecycle(Lifecycle::ListReceptacles)) => {
+                Ok(Tool::Lifecycle(Lifecycle::ListReceptacles)) if !published || !household.plays() => {
                     Ok(Said::Receptacles(household.scene().cloned().ok_or(LiveError::NoEpisode)?))
                 }
                 Ok(Tool::Finish) => {
@@ -266,8 +262,7 @@ impl ToolServer {
         let nobody = || UserReply { text: "Nobody answers.".to_owned(), source: UserSource::Human };
         let human = |text: String| UserReply { text, source: UserSource::Human };
         // A question in an episode that does not run is refused, and nobody is bothered with it.
-        let runs = self.pool.entry(session).is_ok_and(|entry| matches!(entry.state.state, "playing" | "parked"));
-        if !runs {
+        if !self.runs(session) {
             return Ok(None);
         }
         match self.options.ask {
@@ -292,6 +287,11 @@ impl ToolServer {
                 Ok(Some(answer.ok().flatten().map_or_else(nobody, |reply| human(reply.answer))))
             }
         }
+    }
+
+    /// Whether an episode runs.
+    fn runs(&self, session: &str) -> bool {
+        self.pool.entry(session).is_ok_and(|entry| matches!(entry.state.state, "playing" | "parked"))
     }
 
     fn policy(&self, context: &RequestContext<RoleServer>) -> String {
@@ -347,15 +347,15 @@ impl ServerHandler for ToolServer {
         request: CallToolRequestParams,
         context: RequestContext<RoleServer>,
     ) -> Result<CallToolResponse, ErrorData> {
-        let (session, of_worker) = self.session(&context)?;
+        let session = self.session(&context)?;
         let arguments = request.arguments.clone().map_or_else(|| json!({}), Value::Object);
         let call = ToolCall::new(request.name.clone(), arguments);
         let work = async {
-            let reply = match Tool::parse(&call) {
+            let reply = match self.profile().tool(&call) {
                 Ok(Tool::Ask { question }) => self.ask_person(&session, &question, &request, &context).await?,
                 _ => None,
             };
-            Ok(self.answer(&session, of_worker, call, reply, &context).await.into())
+            Ok(self.answer(&session, call, reply, &context).await.into())
         };
         // A cancelled call was not made, or is on tape as a whole.
         tokio::select! {

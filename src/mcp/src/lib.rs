@@ -19,4 +19,3 @@ pub use guard::{Guard, Page};
 pub use handler::{AskWhom, Options, ToolServer, Watch};
 pub use questions::{Question, Questions};
 pub use router::{Worker, router, stdio, streamable_http};
-pub use speech::AskAnswers;

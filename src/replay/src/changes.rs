@@ -7,7 +7,7 @@ use std::{
 };
 
 use reel_episode::Episode;
-use reel_sim::{SIM_VERSION, render::Detail};
+use reel_sim::{render::Detail, sim_version};
 use reel_trace::Trace;
 use reel_world::{
     Assets, Outcome,
@@ -94,7 +94,7 @@ impl Changes {
     fn none(trace: &Trace) -> Self {
         Self {
             recorded_sim_version: trace.header.sim_version,
-            sim_version: SIM_VERSION,
+            sim_version: sim_version(trace.header.profile),
             calls: count(trace.steps.len()),
             ..Self::default()
         }

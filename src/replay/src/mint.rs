@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use reel_sim::SIM_VERSION;
+use reel_sim::{SIM_VERSION, sim_version};
 use reel_trace::{Images, Recorder, Trace, TraceError};
 
 use crate::{Changes, Verdict, changes::Executed, verify_trace};
@@ -89,12 +89,14 @@ pub enum MintError {
     },
     /// A trace of this very version gives something else.
     #[error(
-        "{path} was recorded by simulator {SIM_VERSION}, which is this one's number too, but it is not exact: {verdict}; \
+        "{path} was recorded by simulator {version}, which is this one's number too, but it is not exact: {verdict}; \
          raise SIM_VERSION, or find what broke"
     )]
     SameVersion {
         /// The trace.
         path: PathBuf,
+        /// The simulator's version for its profile.
+        version: u32,
         /// The first difference.
         verdict: Box<Verdict>,
     },
@@ -229,13 +231,13 @@ fn write_one(
     if trace.end.is_none() {
         return Err(MintError::NoEnd { path: path() });
     }
-    let recorded = trace.header.sim_version;
-    if added || recorded == SIM_VERSION {
+    let (recorded, this) = (trace.header.sim_version, sim_version(trace.header.profile));
+    if added || recorded == this {
         let verdict = Box::new(verify_trace(&trace));
         if !verdict.is_exact() {
             return Err(match added {
                 true => MintError::NotExact { path: path(), verdict },
-                false => MintError::SameVersion { path: path(), verdict },
+                false => MintError::SameVersion { path: path(), version: this, verdict },
             });
         }
     }
@@ -246,7 +248,7 @@ fn write_one(
     write_lean(&new, &trace, &executed)?;
 
     let target = corpus.join(&name);
-    if recorded != SIM_VERSION {
+    if recorded != this {
         let kept = corpus.join(format!("v{recorded}")).join(&name);
         let copy = workshop.join("old").join(&name);
         if kept.exists() && !same_bytes(&kept, &target)? {

@@ -3,11 +3,11 @@
 
 use reel_episode::{Episode, EpisodeConfig, Rollout, StepOutput};
 use reel_reward::Preset;
-use reel_sim::{SIM_CHANGES, SIM_VERSION, Snapshot, render::Detail};
+use reel_sim::{SIM_CHANGES, Snapshot, render::Detail, sim_version};
 use reel_trace::Trace;
 use reel_world::{
     Frame,
-    record::{Backend, BodyState, StartRecord, StateDigests, StepRecord},
+    record::{Backend, BodyState, EpisodeHeader, StartRecord, StateDigests, StepRecord},
 };
 
 use crate::{Divergence, Verdict, difference};
@@ -134,8 +134,8 @@ impl<'t> Replay<'t> {
 /// What an episode is a function of, from its trace; refuses what no simulator of this version recorded.
 pub(crate) fn config(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
     let header = &trace.header;
-    if header.backend == Backend::Sim && header.sim_version != SIM_VERSION {
-        return Err(other_simulator(header.sim_version));
+    if header.backend == Backend::Sim && header.sim_version != sim_version(header.profile) {
+        return Err(other_simulator(header));
     }
     config_of_any_version(trace)
 }
@@ -186,11 +186,13 @@ fn check_meshes(trace: &Trace) -> Result<(), Verdict> {
     Err(Verdict::Refused { reason })
 }
 
-fn other_simulator(recorded: u32) -> Verdict {
-    let [low, high] = [recorded.min(SIM_VERSION), recorded.max(SIM_VERSION)];
+fn other_simulator(header: &EpisodeHeader) -> Verdict {
+    let (recorded, this) = (header.sim_version, sim_version(header.profile));
+    let [low, high] = [recorded.min(this), recorded.max(this)];
     let between = (1..).zip(SIM_CHANGES).filter(|(version, _)| (low + 1..=high).contains(version));
-    let changes = between.map(|(version, change)| format!("simulator {version}: {change}")).collect();
-    Verdict::OtherSimulator { recorded, this: SIM_VERSION, changes }
+    let concerns = between.filter(|(_, change)| change.profiles.contains(&header.profile));
+    let changes = concerns.map(|(version, change)| format!("simulator {version}: {}", change.text)).collect();
+    Verdict::OtherSimulator { recorded, this, changes }
 }
 
 fn compare_start(recorded: &StartRecord, replayed: &StartRecord, detail: Detail) -> Result<(), Box<Divergence>> {

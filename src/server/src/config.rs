@@ -9,7 +9,7 @@ use std::{
 };
 
 use reel_live::{Setup, Stages};
-use reel_mcp::{AskAnswers, AskWhom};
+use reel_mcp::AskWhom;
 use reel_reward::Preset;
 use reel_tasks::{GenerateOptions, Listed, SceneSource, generate, home};
 use reel_trace::{Durability, Images, RecordOptions};
@@ -75,7 +75,7 @@ pub struct Play {
     pub order: Order,
     /// Seed of everything random, the order included.
     pub seed: u64,
-    /// `paper` or `real-repo`.
+    /// `paper`, `real-repo` or `real-gspo`.
     pub profile: Profile,
     /// How reliable the robot's skills are: `perfect`, or `real-v1` as on the paper's robot.
     pub skills: Skills,
@@ -95,8 +95,6 @@ pub struct Play {
     pub ask: AskWhom,
     /// How long a person may take to answer, in seconds.
     pub ask_patience_s: u64,
-    /// How answers look in profile `real-repo`: `auto` (JSON to sessions, plain words to workers), `json` or `text`.
-    pub ask_answers: AskAnswers,
 }
 
 /// In which order tasks are played.
@@ -182,7 +180,6 @@ impl Default for Play {
             durability: "write".to_owned(),
             ask: AskWhom::Rules,
             ask_patience_s: 120,
-            ask_answers: AskAnswers::Auto,
         }
     }
 }
@@ -421,7 +418,6 @@ impl Config {
         reel_mcp::Options {
             ask: play.ask,
             ask_patience: Duration::from_secs(play.ask_patience_s),
-            answers: play.ask_answers,
             policy: play.policy.clone(),
             watch,
         }

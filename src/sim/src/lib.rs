@@ -8,28 +8,56 @@ pub mod model;
 pub mod nav;
 pub mod physics;
 pub mod placement;
+pub mod published;
 pub mod render;
 pub mod stress;
 
 mod math;
 mod outside;
+mod perception;
 mod simulator;
 mod skills;
 mod snapshot;
 mod stage;
 mod tools;
 
+pub use perception::{Perception, Segment};
 pub use simulator::{SPAWN_SETTLE_STEPS, Simulator, VISIBLE_PIXELS};
 pub use skills::{Luck, Primitive};
 pub use snapshot::{Snapshot, SnapshotError};
 pub use stage::Stage;
 pub use tools::{Given, ToolResult};
 
-/// Changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`, and in a line below.
+use reel_world::Profile;
+
+/// Version of this simulator: changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`, and in a line
+/// below.
 pub const SIM_VERSION: u32 = SIM_CHANGES.len() as u32;
 
+/// A change of the simulator.
+#[derive(Clone, Copy, Debug)]
+pub struct SimChange {
+    /// The profiles whose episodes it changes.
+    pub profiles: &'static [Profile],
+    /// What it changes.
+    pub text: &'static str,
+}
+
 /// What each version of the simulator changed, the first one first.
-pub const SIM_CHANGES: &[&str] = &[
-    "the first simulator",
-    "mathematics from the libm crate instead of the C library: the inertia of compounds differs in its last bits",
+pub const SIM_CHANGES: &[SimChange] = &[
+    SimChange { profiles: &Profile::ALL, text: "the first simulator" },
+    SimChange {
+        profiles: &Profile::ALL,
+        text: "mathematics from the libm crate instead of the C library: the inertia of compounds differs in its last bits",
+    },
+    SimChange {
+        profiles: &[Profile::RealRepo, Profile::RealGspo],
+        text: "the published servers' tools to the letter: what they refuse and say, markers, where things are put, physics steps",
+    },
 ];
+
+/// The version whose episodes of a profile this simulator plays: that of the last change that concerns it.
+pub fn sim_version(profile: Profile) -> u32 {
+    let concerns = |(_, change): &(u32, &SimChange)| change.profiles.contains(&profile);
+    (1..).zip(SIM_CHANGES).filter(concerns).map(|(version, _)| version).last().unwrap_or(SIM_VERSION)
+}

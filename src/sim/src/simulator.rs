@@ -14,6 +14,7 @@ use crate::{
     model::{ObjectModel, SceneModel},
     nav::{CAMERA_HEIGHT_M, NavMap, Viewpoint},
     physics::{Motion, Physics, SPAWN_OFFSET_M},
+    published,
     render::{Detail, Drawable, Mark, Region, overlay, render},
 };
 
@@ -39,6 +40,8 @@ pub struct Simulator {
     pub(crate) seed: u64,
     pub(crate) physics: Physics,
     pub(crate) registry: WorldGraph,
+    /// Objects that stand somewhere, in the order in which they came there; kept by the published servers' tools only.
+    pub(crate) arrivals: Vec<usize>,
     pub(crate) held: Option<usize>,
     pub(crate) markers: Vec<Marker>,
     pub(crate) has_marker_map: bool,
@@ -73,7 +76,7 @@ impl Simulator {
             let pose = Pose::yawed([x, y, z + SPAWN_OFFSET_M], object.yaw as f32);
             simulator.physics.insert_object(index, &stage.object_models[index], pose);
         }
-        simulator.run(SPAWN_SETTLE_STEPS);
+        simulator.run(if profile.is_published() { published::START_STEPS } else { SPAWN_SETTLE_STEPS });
         simulator
     }
 
@@ -112,9 +115,14 @@ impl Simulator {
         self.held.map(|index| &self.stage.task.objects[index].instance)
     }
 
-    /// The current marker map.
+    /// The current marker map; empty if there is none.
     pub fn markers(&self) -> &[Marker] {
         &self.markers
+    }
+
+    /// Whether there is a marker map, an empty one included.
+    pub fn has_marker_map(&self) -> bool {
+        self.has_marker_map
     }
 
     /// The receptacle the robot stands at.
@@ -229,6 +237,11 @@ impl Simulator {
         }
         hasher.update(&self.seed.to_le_bytes());
         hasher.update(&self.sim_step.to_le_bytes());
+        if self.profile.is_published() {
+            for index in &self.arrivals {
+                hasher.update(&(*index as u32).to_le_bytes());
+            }
+        }
         Digest(*hasher.finalize().as_bytes())
     }
 
@@ -308,6 +321,14 @@ impl Simulator {
         furniture_entity(self.stage.model.furniture.len() + index)
     }
 
+    /// The entity that a marker stands for.
+    pub(crate) fn entity(&self, target: &MarkerTarget) -> Option<u16> {
+        match target {
+            MarkerTarget::Object(object) => self.object_index(object).map(|index| self.object_entity(index)),
+            MarkerTarget::Receptacle(id) => self.furniture_index(id).map(furniture_entity),
+        }
+    }
+
     pub(crate) fn object_index(&self, instance: &InstanceId) -> Option<usize> {
         self.stage.task.objects.iter().position(|object| object.instance == *instance)
     }
@@ -321,6 +342,7 @@ impl Simulator {
         let physics = Physics::new(&stage.model, stage.object_models.len());
         Self {
             registry: stage.task.initial.clone(),
+            arrivals: stage.task.placed(),
             robot: start_robot(&stage.scene, &stage.model, &stage.nav),
             stage,
             profile,
@@ -371,15 +393,11 @@ impl Simulator {
             return;
         }
         let sights = self.sights();
-        let entity = |target: &MarkerTarget| match target {
-            MarkerTarget::Object(object) => self.object_index(object).map(|index| self.object_entity(index)),
-            MarkerTarget::Receptacle(id) => self.furniture_index(id).map(furniture_entity),
-        };
         let marks: Vec<Mark> = self
             .markers
             .iter()
             .filter_map(|marker| {
-                let entity = entity(&marker.target)?;
+                let entity = self.entity(&marker.target)?;
                 sights.get(usize::from(entity))?.filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
                 Some(Mark { number: marker.id, region: Region::Entity(entity) })
             })

@@ -17,6 +17,7 @@ pub struct Snapshot {
     physics: Vec<u8>,
     /// World graph and markers as JSON: their tagged forms need a format that describes itself.
     registry: String,
+    arrivals: Vec<u32>,
     markers: String,
     held: Option<u32>,
     has_marker_map: bool,
@@ -86,6 +87,7 @@ impl Simulator {
             digest: self.digest(),
             physics: postcard::to_allocvec(&self.physics).expect("the engine's state can be written"),
             registry: reel_world::canonical_json(&self.registry),
+            arrivals: self.arrivals.iter().copied().map(index).collect(),
             markers: reel_world::canonical_json(&self.markers),
             held: self.held.map(index),
             has_marker_map: self.has_marker_map,
@@ -117,7 +119,9 @@ impl Simulator {
         if pixels != Some((FRAME_WIDTH * FRAME_HEIGHT) as u32) {
             return Err(damaged("its picture has another size"));
         }
+        let arrivals = snapshot.arrivals.iter().filter_map(|object| things(Some(*object), stage.object_models.len()).transpose());
         let restored = Self {
+            arrivals: arrivals.collect::<Result<_, _>>()?,
             profile,
             seed,
             physics,

@@ -9,6 +9,7 @@ use crate::{
     math,
     model::{ObjectModel, SceneModel, meshed_model, object_model, scene_model},
     nav::NavMap,
+    perception::{Measured, Perception},
 };
 
 /// A task in its scene, before anything happens.
@@ -23,6 +24,7 @@ pub struct Stage {
     pub(crate) nav: NavMap,
     /// The door (index into physics) of each piece of furniture.
     pub(crate) door_of: Box<[Option<usize>]>,
+    pub(crate) perception: Arc<dyn Perception>,
 }
 
 impl Stage {
@@ -33,6 +35,12 @@ impl Stage {
 
     /// Sets a task up, the objects that have a mesh as that.
     pub fn with_meshes(scene: Arc<Scene>, task: Arc<Task>, meshes: Meshes) -> Arc<Self> {
+        Self::with_perception(scene, task, meshes, Arc::new(Measured))
+    }
+
+    /// [`Stage::with_meshes`] where the tools of the published servers ask `perception` instead of the simulator's own geometry
+    /// and camera: for tests, which give tables.
+    pub fn with_perception(scene: Arc<Scene>, task: Arc<Task>, meshes: Meshes, perception: Arc<dyn Perception>) -> Arc<Self> {
         math::link();
         let in_use: BTreeSet<_> = task.objects.iter().map(|object| object.receptacle.clone()).collect();
         let model = scene_model(&scene, &in_use);
@@ -43,7 +51,7 @@ impl Stage {
         let object_models = object_models.collect();
         let mut doors = 0..;
         let door_of = model.furniture.iter().map(|furniture| furniture.door.as_ref().and_then(|_| doors.next())).collect();
-        Arc::new(Self { nav: NavMap::new(&model), scene, task, model, object_models, meshes, door_of })
+        Arc::new(Self { nav: NavMap::new(&model), scene, task, model, object_models, meshes, door_of, perception })
     }
 
     /// The scene.

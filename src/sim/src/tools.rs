@@ -1,4 +1,4 @@
-//! The tool handlers: what each call does to the world, what it shows and says (SPEC section 2).
+//! The paper's tool handlers (those of the published servers are in `published`): what each call does to the world, what it shows and says (SPEC section 2).
 //!
 //! Nothing privileged reaches the policy: texts name receptacles (which the agent knows), numbers and
 //! categories, never instances, assets or poses. A failed call changes nothing.
@@ -19,6 +19,7 @@ use crate::{
 };
 
 /// Physics steps after each kind of call.
+const NAV_SETTLE_STEPS: u32 = 20;
 const GAZE_SETTLE_STEPS: u32 = 10;
 const PLACE_SETTLE_STEPS: u32 = 1000;
 const DOOR_SETTLE_STEPS: u32 = 100;
@@ -104,7 +105,7 @@ impl Simulator {
         self.go(&luck.arrive(viewpoint, |base| self.stage.nav.standable(base)));
         self.landmark = Some(index);
         self.clear_markers();
-        self.run(self.profile.nav_settle_steps());
+        self.run(NAV_SETTLE_STEPS);
         let mut result = self.seen(format!("Arrived at {receptacle}."));
         result.receptacle = Some(receptacle.clone());
         Ok(result)
@@ -115,32 +116,25 @@ impl Simulator {
         let landmark =
             self.landmark.ok_or_else(|| (ErrorCode::NoLandmark, format!("No landmark selected. Use '{nav}' first.")))?;
         let id = self.stage.model.furniture[landmark].id.clone();
-        let hidden = self.door_state(landmark) == Some(DoorState::Closed) && !self.profile.inventory_ignores_doors();
-        let objects: Vec<InstanceId> = match self.profile {
-            _ if hidden => Vec::new(),
-            reel_world::Profile::Paper => {
-                let here = |index: &usize| self.place_of(*index) == Some(Some(landmark));
-                (0..self.stage.task.objects.len())
-                    .filter(here)
-                    .map(|index| self.stage.task.objects[index].instance.clone())
-                    .collect()
-            }
-            reel_world::Profile::RealRepo => self.registry.objects_on(&id),
-        };
+        let hidden = self.door_state(landmark) == Some(DoorState::Closed);
+        let here = |index: &usize| !hidden && self.place_of(*index) == Some(Some(landmark));
+        let objects: Vec<InstanceId> = (0..self.stage.task.objects.len())
+            .filter(here)
+            .map(|index| self.stage.task.objects[index].instance.clone())
+            .collect();
         if objects.is_empty() {
             self.clear_markers();
             let text = format!("Seems there is no object on the {id}'s top shelf to observe.");
             return Err((ErrorCode::NothingFound, text));
         }
-        let first = self.profile.first_inventory_number();
         let mut text = String::from("I found the following object(s): ");
-        for (number, object) in (first..).zip(&objects) {
+        for (number, object) in (0..).zip(&objects) {
             let category = &self.stage.task.object(object).expect("what lies here is an object of the task").category;
             text.push_str(&format!("\n\t{number}: a(an) {category}."));
         }
         text.push('\n');
         let targets = objects.iter().cloned().map(MarkerTarget::Object);
-        self.set_markers((first..).zip(targets), true);
+        self.set_markers((0..).zip(targets), true);
         let mut result = ToolResult::new(Outcome::ok(text));
         result.frame = Some(self.take_picture());
         result.listed = objects;
@@ -376,13 +370,13 @@ impl Simulator {
         found.map(|marker| marker.target.clone()).ok_or_else(unknown)
     }
 
-    fn set_markers(&mut self, markers: impl Iterator<Item = (u32, MarkerTarget)>, persist: bool) {
+    pub(crate) fn set_markers(&mut self, markers: impl Iterator<Item = (u32, MarkerTarget)>, persist: bool) {
         self.markers = markers.map(|(id, target)| Marker { id, target }).collect();
         self.has_marker_map = true;
         self.markers_persist = persist;
     }
 
-    fn clear_markers(&mut self) {
+    pub(crate) fn clear_markers(&mut self) {
         self.markers.clear();
         self.has_marker_map = false;
         self.markers_persist = false;

@@ -139,10 +139,8 @@ fn json(node: &Node) -> Value {
         Content::Text(text) => Value::from(text.as_str()),
         Content::List(items) => Value::Array(items.iter().map(json).collect()),
         Content::Map(entries) => {
-            // Sorted, so that what is kept of a file does not depend on the order of its keys.
-            let mut fields: Vec<(String, Value)> = entries.iter().map(|(key, node)| (key.clone(), json(node))).collect();
-            fields.sort_by(|(a, _), (b, _)| a.cmp(b));
-            Value::Object(fields.into_iter().collect::<Map<_, _>>())
+            // In the order of the file.
+            Value::Object(entries.iter().map(|(key, node)| (key.clone(), json(node))).collect::<Map<_, _>>())
         }
     }
 }

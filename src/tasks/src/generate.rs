@@ -168,6 +168,7 @@ impl<'a> Draft<'a> {
         let mut object_distractors: Vec<AssetId> = self.others.iter().map(|other| other.asset.clone()).collect();
         object_distractors.sort();
         let mut task = Task {
+            placement_order: Vec::new(),
             task_id: format!("{}/{name}", self.family),
             family: self.family,
             task_type: self.task_type().map(str::to_owned),
@@ -177,7 +178,6 @@ impl<'a> Draft<'a> {
             fuzzy,
             purpose: fuzzy.then(|| self.target.purpose.clone()),
             objects,
-            placement_order: Vec::new(),
             initial,
             goal,
             target,

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use reel_world::{Attributes, DoorState, Family, InstanceId, ObjectInstance, PlanStep, ReceptacleId, Scene, Task, WorldGraph};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::{Oddity, OddityKind, attributes, error::Problem, field::Field};
 
@@ -58,15 +58,6 @@ pub(crate) fn read(root: &Field<'_>, scene: &Scene) -> Result<(Task, Vec<Oddity>
     let of_task = |(kind, detail)| Oddity { task_id: task.task_id.clone(), kind, detail };
     let oddities = reader.oddities.into_iter().map(of_task).collect();
     Ok((task, oddities))
-}
-
-/// How `obj_meta` and `obj_distractor_meta` repeat an object.
-pub(crate) fn derived_meta(object: &ObjectInstance) -> Value {
-    let mut meta = json!({ "category": object.category, "size": object.size });
-    if let Some(caption) = &object.caption {
-        meta["detailed_caption"] = json!(caption);
-    }
-    meta
 }
 
 struct Reader<'a> {
@@ -206,7 +197,7 @@ impl<'a> Reader<'a> {
         Ok(objects)
     }
 
-    /// The order of `placements`, if it is another one than that of the objects.
+    /// The objects in the order of `placements`; empty if that is the order of `objects`.
     fn placement_order(&self, objects: &[ObjectInstance]) -> Result<Vec<InstanceId>, Problem> {
         let placements = self.episode.get("placements")?.entries_as_written()?;
         let placed = placements.into_iter().map(|(key, _)| InstanceId::from(key));
@@ -383,7 +374,7 @@ impl<'a> Reader<'a> {
                     self.odd(OddityKind::ZeroSizeDistractor, format!("{asset} has the size {:?}", size.vector()?));
                 }
                 let json = meta.json();
-                if placed.is_none_or(|object| derived_meta(object) != json) {
+                if placed.is_none_or(|object| object.asset_meta() != json) {
                     self.extra.insert(meta.path().to_owned(), json);
                 }
             }

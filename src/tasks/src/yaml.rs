@@ -3,10 +3,7 @@
 use reel_world::{DoorState, Family, ObjectInstance, Scene, Task, WorldGraph};
 use serde_json::{Map, Value, json};
 
-use crate::{
-    attributes,
-    real_schema::{DROP_M, derived_meta},
-};
+use crate::{attributes, real_schema::DROP_M};
 
 /// Writes a task as the text of a YAML file.
 pub fn write(task: &Task, scene: &Scene) -> String {
@@ -90,7 +87,7 @@ fn episode(task: &Task, scene: &Scene) -> Value {
         "dest": task.dest,
         "dest_distractors": task.dest_distractors,
         "moves": moves(task),
-        "obj_meta": { target.asset.as_str(): derived_meta(target) },
+        "obj_meta": { target.asset.as_str(): target.asset_meta() },
         "obj_distractors": task.object_distractors,
         "obj_distractor_meta": {},
         "execution_plan": task.plan,
@@ -99,12 +96,12 @@ fn episode(task: &Task, scene: &Scene) -> Value {
         "final_positions": {},
         "target_object_id": target.asset,
     });
-    for object in task.objects_as_placed() {
+    for object in task.placed().into_iter().map(|index| &task.objects[index]) {
         let key = object.instance.as_str();
         episode["placements"][key] =
             json!({ "position": object.position, "furniture": object.receptacle, "original_id": object.asset });
         if task.object_distractors.contains(&object.asset) {
-            episode["obj_distractor_meta"][object.asset.as_str()] = derived_meta(object);
+            episode["obj_distractor_meta"][object.asset.as_str()] = object.asset_meta();
         }
         if let Some(rest) = object.reference_rest {
             let [x, y, z] = object.position;

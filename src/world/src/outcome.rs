@@ -106,7 +106,7 @@ impl ErrorCode {
 /// What the texts of failures hold (SPEC sections 2 and 9).
 const TOLD: &[(&str, ErrorCode)] = &[
     (": the gripper ", ErrorCode::SkillFailed),
-    ("Error executing ", ErrorCode::BackendError),
+    (EXCEPTION, ErrorCode::BackendError),
     ("Input validation error", ErrorCode::BadArguments),
     ("No tool selected", ErrorCode::UnparsableOutput),
     ("not found in the scene", ErrorCode::UnknownReceptacle),
@@ -145,6 +145,9 @@ impl fmt::Display for ErrorCode {
     }
 }
 
+/// How a text begins that a handler of the published servers died with. It comes without an image and without the state.
+pub const EXCEPTION: &str = "Error executing ";
+
 /// The result of a tool call as the policy reads it.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Outcome {
@@ -164,6 +167,11 @@ impl Outcome {
     /// Failure with a text.
     pub fn error(code: ErrorCode, text: impl Into<String>) -> Self {
         Self { text: text.into(), error: Some(code) }
+    }
+
+    /// Whether a published server's handler died of the call.
+    pub fn is_exception(&self) -> bool {
+        self.text.starts_with(EXCEPTION)
     }
 
     /// Whether the call did what it should.

@@ -228,7 +228,27 @@ impl Scene {
         receptacle.placeable && receptacle.covers.is_none() && !covered()
     }
 
-    /// Rooms and furniture as the published `list_receptacles` prints them (SPEC section 9).
+    /// The receptacles of each room, in the order of the file; rooms in the order of their first receptacle.
+    pub fn rooms_and_furniture(&self) -> Vec<(&str, Vec<&ReceptacleId>)> {
+        let mut rooms: Vec<(&str, Vec<&ReceptacleId>)> = Vec::new();
+        for receptacle in &self.receptacles {
+            match rooms.iter_mut().find(|(room, _)| *room == receptacle.room) {
+                Some((_, ids)) => ids.push(&receptacle.id),
+                None => rooms.push((&receptacle.room, vec![&receptacle.id])),
+            }
+        }
+        rooms
+    }
+
+    /// Rooms and furniture as the published servers' `list_receptacles` prints them.
+    pub fn furniture_listing(&self) -> String {
+        let line = |id: &&ReceptacleId| format!("  - {id}\n");
+        let room =
+            |(room, ids): (&str, Vec<&ReceptacleId>)| format!("Room: {room}\n{}", ids.iter().map(line).collect::<String>());
+        self.rooms_and_furniture().into_iter().map(room).collect()
+    }
+
+    /// Rooms and furniture, rooms in the order of the file.
     pub fn room_listing(&self) -> String {
         let mut text = String::new();
         for room in &self.rooms {

@@ -79,6 +79,17 @@ pub struct ObjectInstance {
     pub reference_rest: Option<[f64; 3]>,
 }
 
+impl ObjectInstance {
+    /// What a task file says of its asset in `obj_meta` and `obj_distractor_meta`.
+    pub fn asset_meta(&self) -> Value {
+        let mut meta = serde_json::json!({ "category": self.category, "size": self.size });
+        if let Some(caption) = &self.caption {
+            meta["detailed_caption"] = Value::from(caption.as_str());
+        }
+        meta
+    }
+}
+
 /// One step of a published plan.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct PlanStep {
@@ -112,8 +123,8 @@ pub struct Task {
     pub purpose: Option<String>,
     /// Every object, sorted by instance.
     pub objects: Vec<ObjectInstance>,
-    /// The instances in the order of the file's placements, in which the published server lists the content of a receptacle. Empty
-    /// if that order is the order of `objects`.
+    /// The objects in the order in which the file places them; empty if that order is the order of `objects`. The published
+    /// servers list and number what stands on a receptacle in this order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub placement_order: Vec<InstanceId>,
     /// At the start: all receptacles of the scene, the objects, doors as they stand.
@@ -172,11 +183,22 @@ impl Task {
         self.objects.iter().filter(|object| self.moves(object))
     }
 
-    /// The objects in the order in which the task's file places them.
-    pub fn objects_as_placed(&self) -> impl Iterator<Item = &ObjectInstance> {
-        let in_order = self.placement_order.iter().filter_map(|instance| self.object(instance));
-        let rest = self.objects.iter().filter(|object| !self.placement_order.contains(&object.instance));
-        in_order.chain(rest)
+    /// Its id without the family: what the published files call `task_id`, unique within a family only.
+    pub fn short_id(&self) -> &str {
+        self.benchmark_id().map_or(&self.task_id, |(_, short)| short)
+    }
+
+    /// The two parts of the id of a benchmark task, family and short id; `None` if the id names no family.
+    pub fn benchmark_id(&self) -> Option<(&str, &str)> {
+        self.task_id.split_once('/').filter(|(family, _)| *family == self.family.as_str())
+    }
+
+    /// The indices of its objects in the order in which the file places them.
+    pub fn placed(&self) -> Vec<usize> {
+        let rank = |object: &ObjectInstance| self.placement_order.iter().position(|instance| *instance == object.instance);
+        let mut placed: Vec<usize> = (0..self.objects.len()).collect();
+        placed.sort_by_key(|index| rank(&self.objects[*index]));
+        placed
     }
 
     /// The target object.

@@ -60,38 +60,30 @@ pub enum Profile {
     /// The paper.
     #[default]
     Paper,
-    /// The published repository.
+    /// The published repository's branch `main`: the server that its evaluation agents expect.
     RealRepo,
+    /// The published repository's branch `gspo`: the server that its trainer expects.
+    RealGspo,
 }
 
 impl Profile {
-    /// Physics steps after `nav_to`.
-    pub fn nav_settle_steps(self) -> u32 {
-        match self {
-            Profile::Paper => 20,
-            Profile::RealRepo => 50,
-        }
+    /// All of them.
+    pub const ALL: [Profile; 3] = [Profile::Paper, Profile::RealRepo, Profile::RealGspo];
+
+    /// Whether it is one of the published servers.
+    pub fn is_published(self) -> bool {
+        self != Profile::Paper
     }
 
-    /// Number of the first object in `walk_around`'s inventory.
-    pub fn first_inventory_number(self) -> u32 {
-        match self {
-            Profile::Paper => 0,
-            Profile::RealRepo => 1,
-        }
-    }
-
-    /// Whether `walk_around` looks through closed doors.
-    pub fn inventory_ignores_doors(self) -> bool {
-        self == Profile::RealRepo
+    /// Most decisions in an episode. The published servers have no horizon of their own (their agents stop after 20 or 30
+    /// decisions, their trainer after 50): the number only bounds the length of a trace.
+    pub fn horizon(self) -> u32 {
+        if self.is_published() { 1000 } else { crate::HORIZON }
     }
 
     /// The names this profile speaks.
     pub fn names(self) -> NameSet {
-        match self {
-            Profile::Paper => NameSet::Paper,
-            Profile::RealRepo => NameSet::RealRepo,
-        }
+        if self.is_published() { NameSet::RealRepo } else { NameSet::Paper }
     }
 
     /// As it stands on the command line and in traces.
@@ -99,12 +91,37 @@ impl Profile {
         match self {
             Profile::Paper => "paper",
             Profile::RealRepo => "real-repo",
+            Profile::RealGspo => "real-gspo",
         }
     }
 
     /// Reads what [`Profile::as_str`] wrote.
     pub fn parse(text: &str) -> Option<Self> {
-        [Profile::Paper, Profile::RealRepo].into_iter().find(|profile| profile.as_str() == text)
+        Self::ALL.into_iter().find(|profile| profile.as_str() == text)
+    }
+
+    /// The tool that a call means. The published servers know their own names only, and branch `gspo` has no `ask`.
+    ///
+    /// # Errors
+    /// Fails if it is no tool of this profile, or its arguments are not those of the tool.
+    pub fn tool(self, call: &ToolCall) -> Result<Tool, CallError> {
+        let by_old_name = ToolSpec::by_name(&call.name).is_some_and(|spec| spec.repo_name != call.name);
+        let missing = self == Profile::RealGspo && call.name == "ask";
+        if self.is_published() && (by_old_name || missing) {
+            return Err(CallError::UnknownTool { name: call.name.clone() });
+        }
+        Tool::parse(call)
+    }
+
+    /// The call as this profile's server takes it: the trainer and the agents also rename before they call. The question to the
+    /// user becomes the description that branch `main` asks for. What is no tool of ours stays as it is.
+    pub fn spoken(self, call: ToolCall) -> ToolCall {
+        let Some(spec) = ToolSpec::by_name(&call.name).filter(|_| self.is_published()) else { return call };
+        let mut arguments = call.arguments;
+        if let (Profile::RealRepo, "ask", Some(question)) = (self, spec.repo_name, arguments.get("question").cloned()) {
+            arguments = serde_json::json!({ "target_category": "object", "target_description": question });
+        }
+        ToolCall::new(spec.repo_name, arguments)
     }
 }
 

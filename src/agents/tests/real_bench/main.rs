@@ -18,22 +18,33 @@ const HEIGHT_M: f64 = 0.15;
 
 #[test]
 fn the_oracle_reaches_the_goal_of_every_eighth_task() {
+    every(8, Profile::Paper, &Preset::paper());
+}
+
+#[test]
+fn the_oracle_reaches_the_goal_of_every_eighth_task_with_the_published_servers() {
+    every(8, Profile::RealRepo, &Preset::real_repo());
+    every(8, Profile::RealGspo, &Preset::real_repo());
+}
+
+/// The oracle in every `step`th task of each family.
+fn every(step: usize, profile: Profile, preset: &Preset) {
     let Some((scene, tasks)) = data::real_bench() else { return };
     let mut by_family: Vec<Arc<Task>> = Vec::new();
     for family in Family::ALL {
         by_family.extend(tasks.iter().filter(|task| task.family == family).cloned());
     }
-    let spread: Vec<Arc<Task>> = by_family.into_iter().step_by(8).collect();
+    let spread: Vec<Arc<Task>> = by_family.into_iter().step_by(step).collect();
     assert!(Family::ALL.iter().all(|family| spread.iter().any(|task| task.family == *family)));
     let job = |task: &Arc<Task>| Job {
         config: EpisodeConfig {
             task: task.clone(),
             scene: scene.clone(),
             seed: 1,
-            profile: Profile::Paper,
+            profile,
             skills: Skills::Perfect,
             meshes: reel_world::Meshes::default(),
-            preset: Preset::paper(),
+            preset: preset.clone(),
             run_id: "real-bench".into(),
             policy: PolicyInfo::default(),
             rollout: None,
@@ -52,7 +63,7 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task() {
             Err(error) => Some(error.to_string()),
         })
         .collect();
-    eprintln!("oracle: {} of {} tasks", reports.len() - failed.len(), reports.len());
+    eprintln!("oracle, {}: {} of {} tasks", profile.as_str(), reports.len() - failed.len(), reports.len());
     assert!(failed.is_empty(), "{failed:#?}");
 }
 

@@ -15,7 +15,7 @@ use anyhow::{Context, bail};
 use reel_agents::{AgentError, EpisodeReport, Job, RecordTo, Seats, run_all};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_sim::SIM_VERSION;
+use reel_sim::sim_version;
 use reel_statistics::{bootstrap, mcnemar, wilson};
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions, Trace};
@@ -77,7 +77,8 @@ pub struct Arguments {
     /// Episodes at a time; without it one for each core, 8 where models are asked
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
-    /// How the environment behaves where the paper and the published code differ: paper or real-repo
+    /// How the environment behaves where the paper and the published code differ: paper, real-repo (the published evaluation
+    /// server) or real-gspo (the published training server)
     #[arg(long, value_name = "NAME", default_value = "paper")]
     profile: String,
     /// How reliable the robot's skills are: perfect, or real-v1 as on the paper's robot
@@ -120,7 +121,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 
 fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
     let profile = Profile::parse(&arguments.profile)
-        .with_context(|| format!("no profile is called '{}'; there are paper and real-repo", arguments.profile))?;
+        .with_context(|| format!("no profile is called '{}'; there are paper, real-repo and real-gspo", arguments.profile))?;
     if arguments.prices.is_some() && arguments.prices().is_none() {
         bail!("--prices wants two numbers, of a million tokens read and written, like 0.5,1.5");
     }
@@ -238,7 +239,7 @@ fn played(job: &Job, cast: &Cast, logprobs: bool) -> anyhow::Result<Option<Episo
     let same = header.task_digest == Digest::of_json(&*config.task)
         && header.scene_digest == Digest::of_json(&*config.scene)
         && (header.profile, header.skills, header.seed) == (config.profile, config.skills, config.seed)
-        && header.sim_version == SIM_VERSION
+        && header.sim_version == sim_version(config.profile)
         && header.policy == policy;
     if !same {
         bail!(

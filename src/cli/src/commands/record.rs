@@ -69,7 +69,7 @@ pub struct Arguments {
     /// What stands behind the server: proxy (another simulator), or robot
     #[arg(long, value_name = "KIND", default_value = "proxy")]
     backend: String,
-    /// Whose words the server speaks where they differ: real-repo or paper
+    /// Whose words the server speaks where they differ: real-repo, real-gspo or paper
     #[arg(long, value_name = "NAME", default_value = "real-repo")]
     profile: String,
     /// Reward preset: a built-in name, or a file
@@ -166,8 +166,8 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         other => bail!("--on-full is stop or continue, not '{other}'"),
     };
     let profile = Profile::parse(&arguments.profile);
-    let profile =
-        profile.with_context(|| format!("no profile is called '{}'; there are paper and real-repo", arguments.profile))?;
+    let profile = profile
+        .with_context(|| format!("no profile is called '{}'; there are paper, real-repo and real-gspo", arguments.profile))?;
     let durability = Durability::parse(&arguments.durability);
     let durability = durability.with_context(|| format!("--durability is write or fsync, not '{}'", arguments.durability))?;
     let images = if arguments.no_images { Images::None } else { Images::Full };

@@ -49,7 +49,8 @@ pub struct Arguments {
     /// Episodes at a time; without it one for each core
     #[arg(long, value_name = "N")]
     pub jobs: Option<usize>,
-    /// How the environment behaves where the paper and the published code differ: paper or real-repo
+    /// How the environment behaves where the paper and the published code differ: paper, real-repo (the published evaluation
+    /// server) or real-gspo (the published training server)
     #[arg(long, value_name = "NAME", default_value = "paper")]
     pub profile: String,
     /// How reliable the robot's skills are: perfect, or real-v1 as on the paper's robot (picks, places and doors fail now and
@@ -81,7 +82,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         bail!("no policy is called '{}'; there are\n{}", arguments.policy, known.join("\n"));
     }
     let Some(profile) = Profile::parse(&arguments.profile) else {
-        bail!("no profile is called '{}'; there are paper and real-repo", arguments.profile);
+        bail!("no profile is called '{}'; there are paper, real-repo and real-gspo", arguments.profile);
     };
     let Some(durability) = Durability::parse(&arguments.durability) else {
         bail!("no durability is called '{}'; there are write and fsync", arguments.durability);

@@ -73,7 +73,8 @@ pub struct Settings {
     /// Seed of everything random
     #[arg(long, value_name = "N", env = "REEL_SEED")]
     seed: Option<u64>,
-    /// paper, or real-repo: the published server to the letter
+    /// paper, or a published server to the letter: real-repo (branch main, for its evaluation agents) or real-gspo (branch gspo, for
+    /// its trainer)
     #[arg(long, value_name = "NAME", env = "REEL_PROFILE")]
     profile: Option<String>,
     /// Reward preset: a built-in name, or a file
@@ -101,7 +102,7 @@ impl Settings {
         };
         let play = &mut config.play;
         if let Some(profile) = &self.profile {
-            let known = || format!("no profile is called '{profile}'; there are paper and real-repo");
+            let known = || format!("no profile is called '{profile}'; there are paper, real-repo and real-gspo");
             play.profile = Profile::parse(profile).with_context(known)?;
         }
         play.ask = match self.ask.as_deref() {

@@ -51,6 +51,7 @@ fn task(dest: &str, instruction: &str, purpose: Option<&str>) -> Task {
     ];
     let initial = Task::initial_graph(&scene(), &objects);
     Task {
+        placement_order: Vec::new(),
         task_id: "t7".into(),
         family: Family::SUL,
         task_type: None,
@@ -60,7 +61,6 @@ fn task(dest: &str, instruction: &str, purpose: Option<&str>) -> Task {
         fuzzy: true,
         purpose: purpose.map(str::to_owned),
         objects,
-        placement_order: Vec::new(),
         goal: initial.clone(),
         initial,
         target: TARGET.into(),

@@ -308,6 +308,7 @@ impl<'a> Draft<'a> {
         let assets: BTreeSet<AssetId> = self.others.iter().map(|other| other.asset.clone()).collect();
         let ids = |sites: Vec<usize>| sites.into_iter().map(id).collect::<Vec<ReceptacleId>>();
         let mut task = Task {
+            placement_order: Vec::new(),
             task_id: format!("{family}/{name}"),
             family,
             task_type: Some(self.wanted.task_type.as_str().to_owned()),
@@ -317,7 +318,6 @@ impl<'a> Draft<'a> {
             precise_instruction: precise,
             instruction,
             objects,
-            placement_order: Vec::new(),
             initial,
             goal,
             target: instance(&self.moved[0]),

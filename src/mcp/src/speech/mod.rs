@@ -1,12 +1,12 @@
 //! What a profile says of what happened: the one place from which anything reaches a policy.
 
 mod paper;
-mod real_repo;
+mod payload;
+mod published;
 
 use reel_live::{Begun, LiveError, Made};
 use reel_world::{Frame, Profile, Scene, Task};
 use rmcp::model::{CallToolResult, ContentBlock};
-use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// What came of a request to a session.
@@ -23,24 +23,11 @@ pub(crate) enum Said {
     Receptacles(Arc<Scene>),
 }
 
-/// How `ask` answers in profile `real-repo`: its evaluation agent and its trainer want different things (SPEC sections 9, 11).
-#[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum AskAnswers {
-    /// As JSON to sessions of their own, in plain words to workers.
-    #[default]
-    Auto,
-    /// As JSON.
-    Json,
-    /// In plain words.
-    Text,
-}
-
-/// What a policy is told. `json` is whether an answer of the user comes as JSON.
-pub(crate) fn say(profile: Profile, said: &Said, json: bool) -> CallToolResult {
+/// What a policy is told.
+pub(crate) fn say(profile: Profile, said: &Said) -> CallToolResult {
     match profile {
         Profile::Paper => paper::say(said),
-        Profile::RealRepo => real_repo::say(said, json),
+        Profile::RealRepo | Profile::RealGspo => published::say(profile, said),
     }
 }
 
@@ -48,7 +35,7 @@ pub(crate) fn say(profile: Profile, said: &Said, json: bool) -> CallToolResult {
 pub(crate) fn refuse(profile: Profile, tool: &str, error: &LiveError) -> CallToolResult {
     match profile {
         Profile::Paper => paper::refuse(error),
-        Profile::RealRepo => real_repo::refuse(tool, error),
+        Profile::RealRepo | Profile::RealGspo => published::refuse(tool, error),
     }
 }
 

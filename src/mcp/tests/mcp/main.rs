@@ -1,3 +1,4 @@
 //! The protocol as clients meet it.
 
 mod conformance;
+mod real_contract;

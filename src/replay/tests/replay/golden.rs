@@ -56,7 +56,7 @@ fn the_corpus_holds_what_an_episode_can_hold() {
         }
     }
     assert_eq!(families, Family::ALL.into_iter().collect());
-    assert_eq!(profiles, [Profile::Paper, Profile::RealRepo].map(Profile::as_str).into());
+    assert_eq!(profiles, Profile::ALL.map(Profile::as_str).into());
     for spec in ToolSpec::POLICY {
         assert!(tools.contains(spec.paper_name), "no {} succeeds", spec.paper_name);
     }

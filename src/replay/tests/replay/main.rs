@@ -7,6 +7,7 @@ mod forgeries;
 mod golden;
 mod meshes;
 mod mutations;
+mod published;
 mod restore;
 
 use std::fs;

@@ -57,6 +57,7 @@ pub fn task() -> (Task, Scene) {
     goal.add(&"fridge_0".into(), &RED.into());
     let instruction = "Take an apple from the table and put it into the fridge.".to_owned();
     let task = Task {
+        placement_order: Vec::new(),
         task_id: "t".into(),
         family: Family::SUL,
         task_type: None,
@@ -66,7 +67,6 @@ pub fn task() -> (Task, Scene) {
         fuzzy: true,
         purpose: Some("fruit".into()),
         objects,
-        placement_order: Vec::new(),
         initial,
         goal,
         target: RED.into(),

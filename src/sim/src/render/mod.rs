@@ -26,7 +26,7 @@ use raster::{CameraFromPart, Visibility};
 use shade::{Place, Surface};
 use textured::MeshSurface;
 
-pub use overlay::overlay;
+pub use overlay::{overlay, overlay_tinted};
 
 /// Parts or a mesh to draw with one pose and one entity id.
 #[derive(Clone, Copy, Debug)]

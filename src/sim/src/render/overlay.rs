@@ -11,10 +11,15 @@ use super::{Mark, Region};
 /// Entities without a visible pixel get nothing. Labels lie inside the picture and do not overlap, as long as there
 /// is room for all of them.
 pub fn overlay(frame: &mut Frame, marks: &[Mark]) {
+    overlay_tinted(frame, marks, ENTITY_TINT);
+}
+
+/// [`overlay`] with entities tinted to a coverage of 0 to 255.
+pub fn overlay_tinted(frame: &mut Frame, marks: &[Mark], entity_tint: u16) {
     let masks: Vec<Option<Mask>> = marks.iter().map(|mark| Mask::of(mark.region, &frame.ids)).collect();
     for (mark, mask) in marks.iter().zip(&masks) {
         if let Some(mask) = mask {
-            let tint = if matches!(mark.region, Region::Entity(_)) { ENTITY_TINT } else { RECTANGLE_TINT };
+            let tint = if matches!(mark.region, Region::Entity(_)) { entity_tint } else { RECTANGLE_TINT };
             mask.paint(&mut frame.rgb, color_of(mark.number), tint);
         }
     }

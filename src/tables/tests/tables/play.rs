@@ -335,6 +335,7 @@ fn task(family: Family) -> Task {
     let fuzzy = family == Family::SUL;
     let precise = format!("Move the white alarm clock from the small table to the {}.", dest.split('_').next().unwrap());
     Task {
+        placement_order: Vec::new(),
         task_id: format!("{family}/t"),
         family,
         task_type: Some("basic".into()),
@@ -345,7 +346,6 @@ fn task(family: Family) -> Task {
         purpose: fuzzy.then(|| "timekeeping device".into()),
         target: TARGET.into(),
         objects,
-        placement_order: Vec::new(),
         initial,
         goal,
         src: "table_1".into(),

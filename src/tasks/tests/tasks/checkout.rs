@@ -100,8 +100,11 @@ fn what_the_server_tells_of_a_task_survives_loading() {
         }
         // The order of placements is the order of their lines.
         let placements = &text[text.find("\n  placements:").unwrap()..];
-        let lines: Vec<usize> =
-            task.objects_as_placed().map(|object| placements.find(&format!("\n    {}:", object.instance)).unwrap()).collect();
+        let lines: Vec<usize> = task
+            .placed()
+            .into_iter()
+            .map(|index| placements.find(&format!("\n    {}:", task.objects[index].instance)).unwrap())
+            .collect();
         assert!(lines.is_sorted(), "{}: {lines:?}", task.task_id);
     }
 }

@@ -116,6 +116,7 @@ fn task(name: &str, instruction: &str, fuzzy: bool, dest: &str, objects: &[(&str
         others.filter(|other| category(other) == category(of)).cloned().collect()
     };
     Task {
+        placement_order: Vec::new(),
         task_id: format!("paper/{name}"),
         family: if fuzzy { Family::SUL } else { Family::FODP },
         task_type: None,
@@ -135,7 +136,6 @@ fn task(name: &str, instruction: &str, fuzzy: bool, dest: &str, objects: &[(&str
         dest: dest.into(),
         target: target.instance,
         objects: placed,
-        placement_order: Vec::new(),
         initial,
         goal,
         plan: vec![],

@@ -310,6 +310,7 @@ fn task_and_scene() -> (Task, Scene) {
     goal.remove(&"table_0".into(), &objects[1].instance);
     goal.add(&"table_1".into(), &objects[1].instance);
     let task = Task {
+        placement_order: Vec::new(),
         task_id: "FDP/t".into(),
         family: Family::FDP,
         task_type: None,
@@ -320,7 +321,6 @@ fn task_and_scene() -> (Task, Scene) {
         purpose: None,
         target: objects[1].instance.clone(),
         objects,
-        placement_order: Vec::new(),
         initial,
         goal,
         src: "table_0".into(),

@@ -1,0 +1,81 @@
+//! The published servers (profiles `real-repo` and `real-gspo`) to the letter: which items an answer has, and the debug
+//! information that is always the last of them. What a tool says is the outcome's text.
+
+use reel_live::{LiveError, Made, View};
+use reel_world::{
+    Frame, Profile,
+    outcome::EXCEPTION,
+    record::{Marker, MarkerTarget},
+};
+use rmcp::model::{CallToolResult, ContentBlock};
+use serde_json::{Map, Value, json};
+
+use super::{
+    COMPLETED, Said,
+    payload::{self, OrderedGraph},
+    picture, task_ids,
+};
+
+/// A failure of the domain is text and no protocol error: the trainer would take that for a broken connection.
+pub(super) fn say(profile: Profile, said: &Said) -> CallToolResult {
+    CallToolResult::success(match said {
+        Said::Made(made) => call(made),
+        Said::Begun(begun, scene) => vec![ContentBlock::text(payload::payload(profile, begun, scene).to_string())],
+        Said::Completed => vec![ContentBlock::text(COMPLETED)],
+        Said::Tasks(tasks) => vec![ContentBlock::text(task_ids(tasks))],
+        // Only before the first episode; in an episode it is a call like others.
+        Said::Receptacles(scene) => {
+            let before = json!({
+                "CURRENT_LANDMARK": null, "CURRENT_POS": null, "CURRENT_INV": null, "CURRENT_MARKER_MAP": null,
+                "world_graph": {}, "WORLD_GRAPH": "",
+            });
+            vec![ContentBlock::text(scene.furniture_listing()), picture(&Frame::new()), debug_text(&before)]
+        }
+    })
+}
+
+pub(super) fn refuse(tool: &str, error: &LiveError) -> CallToolResult {
+    CallToolResult::success(vec![ContentBlock::text(format!("{EXCEPTION}{tool}: {error}"))])
+}
+
+fn call(made: &Made) -> Vec<ContentBlock> {
+    let outcome = &made.step.outcome;
+    let mut content = Vec::new();
+    if !outcome.text.is_empty() {
+        content.push(ContentBlock::text(&outcome.text));
+    }
+    if outcome.is_exception() {
+        return content;
+    }
+    content.extend(made.frame.as_ref().or(made.look.as_ref()).map(picture));
+    content.push(debug_text(&state(&made.view)));
+    content
+}
+
+fn debug_text(state: &Value) -> ContentBlock {
+    ContentBlock::text(format!("Debug Info:\n{state}"))
+}
+
+fn state(view: &View) -> Value {
+    let name = |target: &MarkerTarget| match target {
+        MarkerTarget::Object(object) => object.to_string(),
+        MarkerTarget::Receptacle(receptacle) => receptacle.to_string(),
+    };
+    let map = |markers: &Vec<Marker>| -> Map<String, Value> {
+        markers.iter().map(|marker| (marker.id.to_string(), Value::from(name(&marker.target)))).collect()
+    };
+    let graph = OrderedGraph::of(&view.shelves, &view.graphs.registry);
+    json!({
+        "CURRENT_LANDMARK": view.landmark,
+        "CURRENT_POS": view.landmark.as_ref().map(|_| view.robot.camera.map(decimal)),
+        "CURRENT_INV": view.held,
+        "CURRENT_MARKER_MAP": view.markers.as_ref().map(map),
+        "world_graph": graph.json(),
+        "WORLD_GRAPH": graph.text(),
+    })
+}
+
+/// A coordinate with the digits it has as a 32-bit number, not those that widening adds.
+fn decimal(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
+}
