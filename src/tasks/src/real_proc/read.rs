@@ -76,7 +76,7 @@ impl Reader<'_> {
         let name = format!("{}_{kind}_{}", self.scene.scene_id, episode.get("task_id")?.text()?);
         let instruction = episode.get("task_description")?.text()?.to_owned();
         let precise = self.text("detailed_task_description")?.unwrap_or_else(|| instruction.clone());
-        let objects = self.objects(&name)?;
+        let (objects, placement_order) = self.objects(&name)?;
         let moved = self.moved(&objects)?;
         let (src, dest) = (self.object(&objects, &moved[0]).receptacle.clone(), self.receptacle(&episode.get("dest")?)?);
         if let Some(field) = episode.find("src")?
@@ -120,15 +120,16 @@ impl Reader<'_> {
             published_goal: None,
             extra: self.extra(&objects)?,
             objects,
+            placement_order,
         })
     }
 
-    /// What the episode places, sorted by instance.
-    fn objects(&self, name: &str) -> Result<Vec<ObjectInstance>, Problem> {
+    /// What the episode places, sorted by instance, and the order in which it places them if that is another one.
+    fn objects(&self, name: &str) -> Result<(Vec<ObjectInstance>, Vec<InstanceId>), Problem> {
         let listed = self.root.get("objects")?;
         let placements = self.episode.get("placements")?;
         let mut objects: Vec<ObjectInstance> = Vec::new();
-        for (key, placement) in placements.entries()? {
+        for (key, placement) in placements.entries_as_written()? {
             let Some(field) = listed.find(key)? else {
                 return Err(placement.problem(format!("{key} is not among the objects of the file")));
             };
@@ -160,8 +161,9 @@ impl Reader<'_> {
         if objects.is_empty() {
             return Err(placements.problem("no object is placed"));
         }
+        let order: Vec<InstanceId> = objects.iter().map(|object| object.instance.clone()).collect();
         objects.sort_by(|a, b| a.instance.cmp(&b.instance));
-        Ok(objects)
+        Ok((objects, if order.is_sorted() { Vec::new() } else { order }))
     }
 
     /// The instances that shall go to the destination; at least one.
