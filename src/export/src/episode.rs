@@ -37,7 +37,6 @@ const COLUMNS: &[&str] = &[
     "seed",
     "success",
     "steps.list.element.step",
-    "steps.list.element.reward",
     "steps.list.element.tool",
     "steps.list.element.call_name",
     "steps.list.element.arguments",
@@ -88,7 +87,6 @@ pub(crate) struct Row<'a> {
 #[derive(Deserialize)]
 pub(crate) struct StepRow<'a> {
     pub step: u32,
-    reward: f64,
     tool: &'a str,
     call_name: &'a str,
     arguments: &'a str,

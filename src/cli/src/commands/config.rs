@@ -42,7 +42,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 broken += 1;
             })?;
             print!("{}", config.to_toml());
-            println!("# fine: {} tasks in scene {}", setup.tasks.len(), setup.scene.scene_id);
+            let scenes: Vec<&str> = setup.scenes.iter().map(|scene| scene.scene_id.as_str()).collect();
+            println!("# fine: {} tasks in scene {}", setup.tasks.len(), scenes.join(", "));
             return Ok(if broken > 0 { Answer::Loss } else { Answer::Yes });
         }
     }
