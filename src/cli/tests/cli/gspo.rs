@@ -158,7 +158,7 @@ fn log_probabilities_of_other_tokens_are_refused() {
         assert!(before == after, "nothing is written unless everything fits");
         told
     };
-    assert!(refused(&|line| drop(line.logprobs.pop())).contains("log-probabilities for"));
+    assert!(refused(&|line| _ = line.logprobs.pop()).contains("log-probabilities for"));
     assert!(refused(&|line| line.logprobs[1] = 0.5).contains("at most 0"));
     assert!(refused(&|line| line.tokens.as_mut().unwrap()[1].push('x')).contains("must be of the recorded tokens"));
     assert!(refused(&|line| line.step = 99).contains("step 99"));

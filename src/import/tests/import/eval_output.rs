@@ -11,7 +11,7 @@ use reel_import::{
     eval_client::{RunSettings, replay::Recorded, run},
 };
 use reel_trace::Trace;
-use reel_world::{Tool, ToolCall, record::EndReason};
+use reel_world::{Scenes, Tool, ToolCall, record::EndReason};
 use serde_json::{Map, Value, json};
 
 use crate::imported_with;
@@ -55,7 +55,8 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
         }
         let episodes = reel_import::episodes(&root).unwrap();
         let tasks = [Arc::new((*trace.task).clone())];
-        let options = Options { run_id: "again", tasks: &tasks, scene: Some(&trace.scene) };
+        let scenes = Scenes::from(trace.scene.clone());
+        let options = Options { run_id: "again", tasks: &tasks, scenes: Some(&scenes) };
         let (report, again) = imported_with(&episodes[0], &out, &options);
         assert_eq!(report.losses, [], "{}", path.display());
         let tools = |trace: &Trace| -> Vec<Result<Tool, ToolCall>> {
