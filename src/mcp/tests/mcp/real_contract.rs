@@ -217,7 +217,7 @@ impl Table {
         stages.iter().for_each(|stage| known.keep(stage));
         let setup = Setup {
             tasks,
-            scene,
+            scenes: scene.into(),
             meshes: Meshes::default(),
             seed: 0,
             profile: if case["branch"] == "gspo" { Profile::RealGspo } else { Profile::RealRepo },
