@@ -253,6 +253,7 @@ impl<'a> StepRow<'a> {
             receptacle: self.receptacle,
             held: self.held.and_then(thing),
         }
+        .settled()
     }
 }
 

@@ -40,6 +40,7 @@ fn decode_all(path: &str) -> u64 {
             "/world/graph" => decode::<reel::WorldGraphs>(data),
             "/reward" => decode::<reel::Reward>(data),
             "/timing" => decode::<reel::Timing>(data),
+            "/logprobs" => decode::<reel::TokenLogprobs>(data),
             "/robot/odometry" => decode::<reel::Odometry>(data),
             "/robot/primitive" => decode::<reel::PrimitiveOutcome>(data),
             "/robot/vla" => decode::<reel::VlaLatency>(data),

@@ -35,7 +35,7 @@ pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
 pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};
 pub use logprobs::{LogprobError, OLD_POLICY, TokenLogprobs};
 pub use mesh::{Assets, Mesh, Meshes, NoAssets};
-pub use outcome::{ErrorClass, ErrorCode, Outcome};
+pub use outcome::{ErrorClass, ErrorCode, Outcome, search_error};
 pub use scene::{Door, Receptacle, Rect, Room, Scene, Scenes, Wall};
 pub use skills::Skills;
 pub use spaced_json::spaced_json;
