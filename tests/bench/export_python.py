@@ -6,9 +6,10 @@ them, but only the channels that a row needs are decoded and no hash chain is co
 task have in common is written once; rows become flat Arrow columns, a file of the dataset at a time. `--build generator` is the
 way that the documentation of datasets names for more data than memory holds.
 
-A row is what ours is: the decisions of episodes that succeeded, mistakes left out, as system, user and assistant with the words
-that were recorded, and the columns of provenance. `export.py` compares them. With `--images` the latest picture before a
-decision is decoded from the trace, scaled to the pixel budget and encoded as PNG.
+A row is what ours is: the decisions of episodes that succeeded, mistakes left out, as prompt and answer in the form of REAL's
+trainer (`export_prompt.py`) with the words that were recorded, and the columns of provenance. `export.py` compares them. With
+`--images` the latest picture before a decision, the first one excepted, is decoded from the trace, scaled to the pixel budget
+and encoded as PNG.
 
 It does what `reel export sft` does beside: whole traces are decoded and their hash chains verified, as rows say where they come
 from; every text is looked at for what an agent must not know (`export_checks.py`) and decisions with such a text are left out;
@@ -31,7 +32,6 @@ import itertools
 import json
 import math
 import os
-import re
 import resource
 from collections import Counter
 from io import BytesIO
@@ -47,10 +47,10 @@ from datasets import Dataset, Features, Image, List, Value
 from PIL import Image as Picture
 
 from export_checks import NO_SECRETS, Secrets, clean, refused, strip
+from export_prompt import Decisions, prompts, tools, values_of
 from ingest_python import READERS, TAKERS, Trace, cpu_seconds, files_of
 from ingest_rows import arguments_of
 
-SOURCES = Path(__file__).parents[2] / "src"
 # Rows of a file, without pictures and with them.
 ROWS = {False: 5000, True: 500}
 PIXELS_MAX = 100_352
@@ -58,7 +58,6 @@ PIXELS_MAX = 100_352
 PICTURES_KEPT = 64
 # Tasks whose part of the prompt is kept.
 TASKS_KEPT = 1024
-OUTCOME_LENGTH_MAX = 120
 
 TEXTS = (
     "example", "episode_id", "task_id", "family", "scene_id", "policy", "tool", "trace_uri", "trace_digest", "verdict",
@@ -66,7 +65,7 @@ TEXTS = (
 )  # fmt: skip
 NUMBERS = ("call", "table_version")
 NAMES = (*TEXTS, *NUMBERS, "prompt_digest", "messages", "images")
-ROLES = ("system", "user", "assistant")
+ROLES = ("user", "assistant")
 TOOL, MESSAGES = NAMES.index("tool"), NAMES.index("messages")
 # As `src/dataset/src/tokens.rs` has it.
 CONTEXT_TOKENS, TOKENS_PER_TURN, BAR_TOKENS = 8192, 5, 1024
@@ -123,7 +122,7 @@ def table(rows):
     columns = dict(zip(NAMES, zip(*rows)))
     messages, images = columns.pop("messages"), columns.pop("images")
     turns = [pa.array(ROLES * len(rows)), pa.array(list(chain.from_iterable(messages)))]
-    offsets = pa.array(range(0, 3 * len(rows) + 1, 3), pa.int32())
+    offsets = pa.array(range(0, len(ROLES) * len(rows) + 1, len(ROLES)), pa.int32())
     columns["messages"] = pa.ListArray.from_arrays(offsets, pa.StructArray.from_arrays(turns, ("role", "content")))
     shown = list(chain.from_iterable(images))
     files = [pa.array([file for file, _ in shown], pa.binary()), pa.array([path for _, path in shown], pa.string())]
@@ -162,7 +161,7 @@ def examples(paths, reader, images, made):
             if made:
                 made.left_out["episodes that did not succeed"] += 1
             continue
-        told = told_of(trace.task, trace.scene, trace.start.profile, bool(made))
+        told = told_of(trace.task, trace.scene, bool(made))
         rows = decisions(trace, told, made)
         if made and rows:
             made.add(trace.start, told, rows)
@@ -214,8 +213,11 @@ class Step(NamedTuple):
     name: str
     args: str
     reasoning: str
-    state: dict
+    history: str
+    schedule: str
+    subtask: str
     outcome: str
+    held: str
     mistake: bool
 
 
@@ -223,59 +225,60 @@ def steps_of(trace):
     for step, (call, result) in enumerate(zip(trace.calls, trace.results)):
         tool = result.tool or call.name
         said = trace.policies.get(step)
-        reasoning, state = words(said) if said else ("", NO_STATE)
         args = arguments_of(call.name, call.arguments_json)[0]
         args = "{}" if args == "null" else args
-        yield Step(tool, call.name, args, reasoning, state, strip(result.text), is_mistake(tool, result, trace.task))
+        told = words(said) if said else ("", "", "", "")
+        yield Step(tool, call.name, args, *told, strip(result.text), result.held, is_mistake(tool, result, trace.task))
 
 
 def decisions(trace, told, made):
     """The rows of an episode."""
-    start, (system, prompt_digest) = trace.start, prompts()
+    start, task = trace.start, trace.task
     episode = start.episode_id, start.task_id, start.family, start.scene_id, start.policy.name
     source = trace.path, trace.end.chain.hex(), "unverified", "", start.reward_preset, "", "", start.policy.name, ""
     steps = [*steps_of(trace)]
-    refused = refusals(steps, told) if made else ()
+    refused, untold = refusals(steps, told) if made else ((), ())
     pictures = getattr(trace, "pictures", {})
-    situation = f"\nProgress:\n{NOTHING}\nLast action: none\nLast outcome: The episode begins.\n"
-    log, view, rows = "", None, []
+    turn, view, rows = Decisions(told.values), None, []
     for number, step in enumerate(steps):
-        action = f'{{"tool_name":{quoted(step.name)},"args":{step.args}}}'
         view = pictures.get(number, view)
         if step.tool in tools() and not step.mistake and number not in refused:
             example = f"{start.episode_id}/{number}"
-            seen = "\nCurrent view: <image>" if view else ""
-            thought = f"<think>{step.reasoning}</think>\n" if step.reasoning else ""
-            answer = f'{thought}{orjson.dumps(step.state)[:-1].decode()},"next_action":{action}}}'
-            images = [(picture(view()), f"{example}.png")] if view else []
-            messages = system, f"{told.text}{situation}{seen}", answer
-            rows.append((example, *episode, step.tool, *source, number, 0, prompt_digest, messages, images))
-        elif made:
-            reason = "decisions that were mistakes" if step.mistake else "episodes and decisions refused"
-            made.left_out["decisions that call no tool" if step.tool not in tools() else reason] += 1
-        noted = step.state["History"] or step.state.get("New Schedule")
-        progress = "".join(f"{title}: {part}\n" for title, part in step.state.items() if part) if noted else log or NOTHING
-        situation = f"\nProgress:\n{progress}\nLast action: {action}\nLast outcome: {step.outcome}\n"
-        log += f"{number + 1}. {action}: {' '.join(step.outcome.split())[:OUTCOME_LENGTH_MAX]}\n"
+            # REAL's first prompt holds no observation yet, and so no image
+            shown = view if number else None
+            user = told.text + turn.prompt(bool(shown))
+            answer = turn.answer(step)
+            images = [(picture(shown()), f"{example}.png")] if shown else []
+            rows.append((example, *episode, step.tool, *source, number, 0, prompts().digest, (user, answer), images))
+        else:
+            turn.answer(step)
+            if made:
+                reason = "decisions that were mistakes" if step.mistake else "episodes and decisions refused"
+                made.left_out["decisions that call no tool" if step.tool not in tools() else reason] += 1
+        turn.observe(step, task.objects[step.held]["category"] if step.held in task.objects else None, number in untold)
     return rows
 
 
 def refusals(steps, told):
-    """The decisions that may not go out, for a text of theirs or of the one before."""
+    """The decisions that may not go out, for a text of theirs, a History up to theirs or the call before; and the calls that no
+    History may tell of."""
     everything = range(len(steps))
     if told.refused:
-        return everything
-    texts = ((step.reasoning, *step.state.values(), step.name, step.args, step.outcome) for step in steps)
+        return everything, everything
+    texts = (
+        (step.reasoning, step.history, step.schedule, step.subtask, step.name, step.args, step.outcome) for step in steps
+    )
     if clean(chain.from_iterable(texts), told.secrets):
-        return ()
+        return (), ()
 
     def bad(*texts):
         return any(refused(text, told.secrets) for text in texts)
 
-    said = [bad(step.reasoning) for step in steps]
-    noted = [bad(*step.state.values(), step.name, step.args) for step in steps]
-    answered = [bad(step.outcome) for step in steps]
-    return {at for at in everything if said[at] or noted[at] or at and (noted[at - 1] or answered[at - 1])}
+    said = [bad(step.reasoning, step.schedule, step.subtask) for step in steps]
+    remembered = [*accumulate((bad(step.history) for step in steps), lambda before, now: before or now)]
+    called = [bad(step.name, step.args) for step in steps]
+    untold = {at for at, step in enumerate(steps) if called[at] or bad(step.outcome)}
+    return {at for at in everything if said[at] or remembered[at] or called[at] or at - 1 in untold}, untold
 
 
 class Counts:
@@ -290,12 +293,10 @@ class Counts:
         self.examples += len(rows)
         self.by["families"][start.family] += len(rows)
         self.by["policies"][start.policy.name] += len(rows)
-        shared = tokens(prompts()[0]) + told.tokens
         for row in rows:
             self.by["tools"][row[TOOL]] += 1
-            _, user, answer = row[MESSAGES]
-            situation = user[len(told.text) :].removesuffix("<image>")
-            count = shared + tokens(situation) + tokens(answer) + len(ROLES) * TOKENS_PER_TURN
+            user, answer = row[MESSAGES]
+            count = told.tokens + tokens(user[len(told.text) :]) + tokens(answer) + len(ROLES) * TOKENS_PER_TURN
             self.tokens += count
             self.longest = max(self.longest, count)
             self.over += count > CONTEXT_TOKENS
@@ -331,75 +332,38 @@ def is_mistake(tool, result, task):
     return tool == "place" and moved and bool(result.receptacle) and (result.object, result.receptacle) not in task.goal_places
 
 
-NOTHING = "Nothing done yet.\n"
-NO_STATE = {"History": "", "Current subtask": ""}
-
-
 def words(said):
-    """The reasoning, and the state as it stands in the answer."""
+    """The reasoning, the History, the schedule and the subtask."""
     schedule, _, subtask = said.plan.partition("Current subtask:")
     schedule, subtask = (part.strip().removeprefix("New Schedule:").strip() for part in (schedule, subtask))
-    plan = {"New Schedule": schedule} if schedule else {}
-    return said.reasoning, {"History": said.history, **plan, "Current subtask": subtask}
+    return said.reasoning, said.history, schedule, subtask
 
 
-@functools.lru_cache(4096)
-def quoted(text):
-    return orjson.dumps(text).decode()
-
-
-# What many rows share; the wording is read from where it stands.
-
-
-@functools.cache
-def prompts():
-    """The system message, and the digest of the wording."""
-    texts = [(SOURCES / f"prompt/texts/agent-{style}.txt").read_text() for style in ("single-turn", "multi-turn")]
-    return texts[0].rstrip(), blake3("".join(texts).encode()).hexdigest()
-
-
-@functools.cache
-def tools():
-    """The tools' names in the published code, arguments and descriptions by their names in the paper."""
-    code = (SOURCES / "world/src/tool.rs").read_text()
-    argument = re.compile(r'const (\w+): Option<Argument> = Some\(Argument \{ name: "(\w+)", json_type: "(\w+)" \}\)')
-    arguments = {constant: (name, kind) for constant, name, kind in argument.findall(code)}
-    specs = re.findall(r'\bspec\("(\w+)", "(\w+)", (\w+), "(.+?)"\)', code)
-    return {paper: (repo, arguments.get(constant), description) for paper, repo, constant, description in specs}
-
-
-@functools.cache
-def tool_list(profile):
-    functions = []
-    for paper, (repo, argument, description) in tools().items():
-        properties = {argument[0]: {"type": argument[1]}} if argument else {}
-        parameters = {"type": "object", "properties": properties, "required": list(properties)}
-        name = repo if profile == "real-repo" else paper
-        functions.append({"name": name, "description": description, "parameters": parameters})
-    return orjson.dumps(functions).decode()
+# What many rows share.
 
 
 class Told(NamedTuple):
-    """What the episodes of a task have in common."""
+    """What the episodes of a task have in common: the beginning of their prompts, and values for the rest."""
 
     text: str
+    values: dict
     tokens: int
     secrets: Secrets
     refused: bool
 
 
 @functools.lru_cache(TASKS_KEPT)
-def told_of(task, scene, profile, checked):
-    """What the user's turn has in all decisions of a task."""
+def told_of(task, scene, checked):
+    """What the prompts have in all decisions of a task."""
     instruction, receptacles = task.fields["instruction"], orjson.loads(scene)["receptacles"]
-    listed = [f"{it['id']} ({it['category']}, {it['room']})" for it in receptacles]
-    lines = "".join(f"- {it}\n" for it in listed)
-    text = f"Task: {instruction}\n\nTools:\n{tool_list(profile)}\n\nReceptacles:\n{lines}"
+    values = values_of(instruction, receptacles)
+    text = prompts().shared.format(**values)
     if not checked:
-        return Told(text, 0, NO_SECRETS, False)
+        return Told(text, values, 0, NO_SECRETS, False)
     secrets = Secrets.of_task(task.fields)
+    listed = [f"{it['id']} ({it['category']}, {it['room']})" for it in receptacles]
     bad = not clean([instruction, *listed], secrets) and any(refused(it, secrets) for it in (instruction, *listed))
-    return Told(text, tokens(text), secrets, bad)
+    return Told(text, values, tokens(text), secrets, bad)
 
 
 @functools.lru_cache(PICTURES_KEPT)

@@ -157,7 +157,7 @@ class Trace:
         self.calls, self.results, self.diffs, self.rewards, self.moments, self.offsets = [], [], [], [], [], []
         self.graphs = []
         # where a step has them
-        self.policies, self.outside, self.answers = {}, {}, {}
+        self.policies, self.logprobs, self.outside, self.answers = {}, {}, {}, {}
 
 
 class Reader:
@@ -304,12 +304,17 @@ def taking_events(decode, trace):
     return take
 
 
-def taking_policies(decode, trace):
-    def take(data, offset):
-        output = decode(data)
-        trace.policies[output.step] = output
+def by_step(kind):
+    def make(decode, trace):
+        known = getattr(trace, kind)
 
-    return take
+        def take(data, offset):
+            message = decode(data)
+            known[message.step] = message
+
+        return take
+
+    return make
 
 
 def taking_replies(decode, trace):
@@ -327,7 +332,8 @@ TAKERS = {
     "/episode": taking_events,
     "/world/graph": appending("graphs"),
     "/tool/call": taking_calls,
-    "/policy/output": taking_policies,
+    "/policy/output": by_step("policies"),
+    "/logprobs": by_step("logprobs"),
     "/user/dialogue": taking_replies,
     "/tool/result": appending("results"),
     "/world/diff": appending("diffs"),

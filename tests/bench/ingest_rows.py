@@ -45,7 +45,8 @@ STEP_COLUMNS = (
     "text", "error_code", "error_class", "object", "receptacle", "held",
     "goal_object", "goal_receptacle", "object_like", "receptacle_like", "put_back", "fell", "markers", "visible", "candidates", "reward",
     "sim_step", "robot_x_m", "robot_y_m", "robot_yaw_rad", "path_length_m", "latency_ns",
-    "reasoning", "history", "plan", "raw", "question", "reply", "reply_source", "tokens_read", "tokens_written",
+    "reasoning", "history", "plan", "raw", "question", "reply", "reply_source",
+    "tokens_read", "tokens_written", "tokens",
     "state_digest", "chain_digest", "trace_offset",
 )  # fmt: skip
 VISIBLE_COLUMNS = ("object", "pixels", "x_min", "y_min", "x_max", "y_max")
@@ -84,6 +85,7 @@ class Rows:
         self.listed, self.listed_counts = [], []
         self.new_objects, self.new_object_counts, self.changes, self.change_counts = [], [], [], []
         self.terms, self.term_counts, self.markers, self.marker_counts = [], [], [], []
+        self.logprobs, self.logprob_counts = [], []
         self.visible, self.visible_counts = [], []
         self.tasks, self.scenes = [], []
 
@@ -127,7 +129,7 @@ class Rows:
         self.add_steps(trace)
 
     def add_steps(self, trace):
-        task, policies, answers = trace.task, trace.policies, trace.answers
+        task, policies, logprobs, answers = trace.task, trace.policies, trace.logprobs, trace.answers
         categories = categories_of(trace.scene)
         goal_objects, goal_places, is_candidate = task.goal_objects, task.goal_places, task.candidates.__contains__
         seen = {visible.object for visible in trace.settled.visible}
@@ -177,6 +179,10 @@ class Rows:
                 latency_ns = policy.latency_ns if policy.HasField("latency_ns") else None
                 if policy.HasField("tokens"):
                     tokens_read, tokens_written = policy.tokens.input, policy.tokens.output
+            scored = logprobs.get(step)
+            if scored:
+                self.logprobs += sorted((of.policy, of.logprobs[:]) for of in scored.policies)
+            self.logprob_counts.append(len(scored.policies) if scored else 0)
             answer = answers.get(step)
             robot = moment.robot
             x, y = robot.base
@@ -195,7 +201,8 @@ class Rows:
                     len(markers), len(visible), candidates, total,
                     moment.sim_step, x, y, robot.yaw, robot.path_length_m, latency_ns,
                     *said, (arguments if argument is None else argument) if tool == "ask" else None,
-                    answer and answer.text, answer and answer.source, tokens_read, tokens_written,
+                    answer and answer.text, answer and answer.source,
+                    tokens_read, tokens_written, scored and scored.tokens[:],
                     moment.state.hex(), moment.chain.hex(), offset,
                 )
             )  # fmt: skip
@@ -212,6 +219,7 @@ class Rows:
         for name in ("error_code", "error_class", "object", "receptacle", "held", "reasoning", "history", "plan", "raw"):
             steps[name] = [value or None for value in steps[name]]
         steps["listed"] = Nested(self.listed_counts, self.listed)
+        steps["logprobs"] = Nested(self.logprob_counts, columns_of(("policy", "logprobs"), self.logprobs))
         steps["contradictions"] = [0] * len(self.steps)
         # Clocks of servers and robots: the simulator's traces have none.
         steps["took_ns"] = [None] * len(self.steps)

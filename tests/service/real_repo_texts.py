@@ -107,7 +107,7 @@ def errors(agent):
     door = next(name for name in closed if name != source)
     agent.do("navigate_to", receptacle_name=door)
     expect(f"The door of '{door}' is closed. Use 'open' first.", tell("place", marker_id=agent.number_of(door)))
-    assert len(cases) == 17, len(cases)
+    assert len(cases) == 16, len(cases)
     # The user says what the task's file does, here nothing.
     asked = agent.tell("ask", target_category="clock", target_description="the red one")
     assert json.loads(asked) == {"error": "simulated_user_context_unavailable", "source": "task_metadata"}, asked

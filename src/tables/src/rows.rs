@@ -300,6 +300,7 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
         let new_objects = shown.filter(|object| seen.insert(*object)).map(InstanceId::as_str).collect();
         let policy = record.input.policy.as_ref();
         let recorded = policy.and_then(|policy| policy.logprobs.as_ref());
+        let by_policy = |(policy, logprobs)| PolicyLogprobs { policy, logprobs };
         rows.push(Step {
             step: record.step,
             tool: record.tool_name(),
@@ -342,7 +343,7 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
             tokens_read: policy.and_then(|policy| policy.tokens).map(|[read, _]| read),
             tokens_written: policy.and_then(|policy| policy.tokens).map(|[_, written]| written),
             tokens: recorded.map(TokenLogprobs::tokens),
-            logprobs: recorded.into_iter().flat_map(TokenLogprobs::policies).map(policy_logprobs).collect(),
+            logprobs: recorded.into_iter().flat_map(TokenLogprobs::policies).map(by_policy).collect(),
             contradictions: claims.refuted(record),
             listed: record.listed.iter().map(InstanceId::as_str).collect(),
             new_objects,
@@ -509,10 +510,6 @@ fn change(authority: &'static str, event: &GraphEvent) -> Change {
 pub(crate) struct PolicyLogprobs<'a> {
     pub(crate) policy: &'a str,
     pub(crate) logprobs: &'a [f64],
-}
-
-fn policy_logprobs<'a>((policy, logprobs): (&'a str, &'a [f64])) -> PolicyLogprobs<'a> {
-    PolicyLogprobs { policy, logprobs }
 }
 
 #[derive(Serialize)]

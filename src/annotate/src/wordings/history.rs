@@ -10,7 +10,7 @@ wordings! {
         "So far nothing has been done.",
         "So far I have done nothing.",
         "I have done nothing so far.",
-        "No action has been taken yet.",
+        "I have yet to begin.",
     ];
     WENT = [
         "I went to {place}.",

@@ -233,9 +233,10 @@ fn the_loaders_get_the_frames_that_are_drawn_again() {
         assert_eq!(report.episodes, 2, "{}", format.as_str());
     }
     assert!(!sets.join("parquet/images").exists() && !sets.join("parquet/.pictures").exists());
-    // every row's frame, drawn again
+    // every row's frame, drawn again; the first decision of an episode is shown none, as with REAL's trainer
     let frames: Vec<u8> = rows(&sets.join("trl"), "train")
         .iter()
+        .filter(|row| row["provenance"]["call"] != 0)
         .flat_map(|row| {
             let provenance = &row["provenance"];
             let trace = Trace::read(Path::new(provenance["trace_uri"].as_str().unwrap())).unwrap();

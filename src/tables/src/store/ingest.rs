@@ -242,13 +242,14 @@ impl Store {
                     verdicts.overwritten.insert(read.path.clone());
                 }
                 match known.episodes.get(&key(&read.episode_id)) {
-                    // the trace was moved, its old file is another one by now, or its file holds more beside the records (pictures,
+                    // the trace was moved, its old file is another one by now, or its file holds more beside the records (frames,
                     // log-probabilities): its row learns where and how it is
                     Some(digest)
                         if *digest == key(&read.digest)
-                            && same_content
-                                .get(&read.episode_id)
-                                .is_some_and(|path| !known.files.contains(&file_key(Path::new(path)))) =>
+                            && same_content.get(&read.episode_id).is_some_and(|(path, bytes)| match *path == read.path {
+                                true => file_facts(Path::new(path)).is_ok_and(|facts| facts.bytes != *bytes),
+                                false => !known.files.contains(&file_key(Path::new(path))),
+                            }) =>
                     {
                         other_content.insert(read.episode_id.clone());
                     }
@@ -285,7 +286,7 @@ impl Store {
             match traces.get(&read.episode_id) {
                 None => report.added += 1,
                 // it is as it was when it was read, stands later, and won then too
-                Some(trace)
+                Some((trace, _))
                     if *trace > read.path
                         && paths.contains(Path::new(trace))
                         && known.files.contains(&file_key(Path::new(trace))) =>
@@ -407,17 +408,19 @@ impl Store {
         Ok(keys)
     }
 
-    /// The traces that some episodes were read from.
-    fn traces_of(&self, episodes: &BTreeSet<String>) -> Result<HashMap<String, String>, StoreError> {
+    /// The traces that some episodes were read from, and their sizes in bytes.
+    fn traces_of(&self, episodes: &BTreeSet<String>) -> Result<HashMap<String, (String, u64)>, StoreError> {
         let mut traces = HashMap::new();
         if episodes.is_empty() {
             return Ok(traces);
         }
         let table = &self.tables[&Table::Episodes];
-        self.read_parts(table, &self.parts(Table::Episodes), Some(&["episode_id", "trace"]), |_, batch| {
+        self.read_parts(table, &self.parts(Table::Episodes), Some(&["episode_id", "trace", "trace_bytes"]), |_, batch| {
             let (ids, files) = (batch["episode_id"].as_string::<i32>(), batch["trace"].as_string::<i32>());
-            let wanted = ids.iter().zip(files).filter_map(|(id, file)| Some((id?, file?)));
-            traces.extend(wanted.filter(|(id, _)| episodes.contains(*id)).map(|(id, file)| (id.to_owned(), file.to_owned())));
+            let sizes = batch["trace_bytes"].as_primitive::<Int64Type>();
+            let wanted = ids.iter().zip(files).zip(sizes).filter_map(|((id, file), size)| Some((id?, file?, size?)));
+            let wanted = wanted.filter(|(id, ..)| episodes.contains(*id));
+            traces.extend(wanted.map(|(id, file, size)| (id.to_owned(), (file.to_owned(), size.max(0) as u64))));
             Ok(())
         })?;
         Ok(traces)

@@ -85,7 +85,7 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rand_chacha", &["sim", "tasks", "agents", "annotate", "statistics"]),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["pattern", "reward"]),
-    ("toml", &["import", "proxy", "reward", "server"]),
+    ("toml", &["cli", "import", "proxy", "reward", "server"]),
     ("ureq", &["model"]),
     ("gltf*", &["assets"]),
     ("zune*", &["assets", "import"]),
