@@ -148,7 +148,7 @@ pub fn gspo(store: &Store, options: &GspoOptions) -> Result<GspoReport, ExportEr
         Ok(())
     })?;
     // in the order of groups and rollouts
-    let mut scored: BTreeMap<(Arc<str>, u32), (String, Worth, Vec<Tokens>)> = BTreeMap::new();
+    let mut scored = BTreeMap::new();
     for (episode_id, Rollout { worth, decisions }) in rollouts {
         match tokens(&episode_id, decisions, options, &mut left_out)? {
             Some(tokens) => {

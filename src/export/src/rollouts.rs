@@ -100,7 +100,7 @@ pub(crate) fn group(
     }
     count(left_out, "episodes without an end", endless);
     count(left_out, "decisions beyond the horizon", late);
-    let mut batch: Vec<(Arc<str>, Vec<(usize, f64)>)> = Vec::new();
+    let mut batch: Vec<(Arc<str>, _)> = Vec::new();
     for (name, mut members) in groups {
         if members.len() < how.group_size.unwrap_or(2).max(1) {
             count(left_out, "episodes of groups with too few rollouts", members.len());

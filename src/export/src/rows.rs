@@ -198,7 +198,7 @@ impl Maker<'_> {
             policy: row.policy.to_owned(),
             split,
             told: Arc::clone(&known.told),
-            names: Profile::parse(&row.profile).map_or(NameSet::Paper, Profile::names),
+            names: Profile::parse(row.profile).map_or(NameSet::Paper, Profile::names),
             steps,
             source: self.source(row, candidate, annotator),
         };

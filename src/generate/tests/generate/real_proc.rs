@@ -10,7 +10,7 @@ use reel_world::{Family, Task};
 fn a_file_for_each_type_reads_back_as_the_tasks() {
     let scene = Arc::new(home());
     let options = Options {
-        scenes: &[scene.clone()],
+        scenes: std::slice::from_ref(&scene),
         library: objects(),
         table: Compatibility::committed(),
         families: &Family::ALL,
