@@ -3,10 +3,13 @@
 
 use reel_sim::published::{Refusal, argument, python_text};
 use reel_world::{
-    AskContext, Task, ToolCall, ask_context,
+    Task, ToolCall,
     record::{UserReply, UserSource},
 };
-use serde_json::json;
+use serde_json::{Value, json};
+
+/// Where the task file's own description is kept (see [`Task::extra`]).
+const DESCRIPTION: &str = "episodes[0].target_description";
 
 /// The text of an answer. `reply` is what somebody outside said, who goes before the file.
 ///
@@ -20,10 +23,8 @@ pub(crate) fn answer(call: &ToolCall, task: &Task, reply: Option<&UserReply>) ->
     Ok(match reply {
         Some(UserReply { text, source: UserSource::Human }) => description_of(&category, text, "human"),
         Some(UserReply { text, .. }) => description_of(&category, text, "model"),
-        None => match ask_context(task) {
-            Some(AskContext { target_category, target_description }) => {
-                description_of(&target_category, &target_description, SOURCE)
-            }
+        None => match described(task) {
+            Some((category, description)) => description_of(&category, &description, SOURCE),
             None => error("simulated_user_context_unavailable"),
         },
     })
@@ -31,6 +32,18 @@ pub(crate) fn answer(call: &ToolCall, task: &Task, reply: Option<&UserReply>) ->
 
 /// Who answers where the file does.
 const SOURCE: &str = "task_metadata";
+
+/// Category and description of the target: those of the plan's first question that has a description, else the task's own. Unlike
+/// [`reel_world::ask_context`], the server names the category of the target object, whatever category the file gives.
+fn described(task: &Task) -> Option<(String, String)> {
+    let of_target = || task.target_object().category.clone();
+    let text = |value: &Value| value.as_str().filter(|text| !text.trim().is_empty()).map(str::to_owned);
+    let planned = task.plan.iter().filter(|step| step.action == "ask").find_map(|step| {
+        let description = step.args.get("target_description").and_then(text)?;
+        Some((step.args.get("target_category").and_then(text).unwrap_or_else(of_target), description))
+    });
+    planned.or_else(|| Some((of_target(), task.extra.get(DESCRIPTION).and_then(text)?)))
+}
 
 fn description_of(category: &str, description: &str, source: &str) -> String {
     let [category, description, source] = [category, description, source].map(|text| json!(text));
