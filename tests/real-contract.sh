@@ -23,7 +23,7 @@ echo "== vector tests of the crates ==" >&2
 cargo test --locked --workspace --tests --no-fail-fast -- real_contract --show-output >"$log" 2>&1 || failed=1
 ((failed == 0)) || grep -E '^(error|warning: unused|---- |test .* FAILED)|cases differ' "$log" >&2 || true
 echo "== clients in Python ==" >&2
-[[ -n ${REEL:-} ]] || cargo build --locked --quiet -p reel-cli
+[[ -n ${REEL:-} ]] || cargo build --locked --quiet --workspace --bin reel
 export REEL="${REEL:-$CARGO_TARGET_DIR/debug/reel}"
 tests/real-contract/run.sh 2>&1 | tee -a "$log" || failed=1
 
