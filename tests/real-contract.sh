@@ -20,7 +20,7 @@ log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 failed=0
 echo "== vector tests of the crates ==" >&2
-cargo test --locked --workspace --tests --no-fail-fast -- real_contract --show-output >"$log" 2>&1 || failed=1
+cargo test --locked --workspace --tests --no-fail-fast -- real_contract --skip the_published_clients --show-output >"$log" 2>&1 || failed=1
 ((failed == 0)) || grep -E '^(error|warning: unused|---- |test .* FAILED)|cases differ' "$log" >&2 || true
 echo "== clients in Python ==" >&2
 [[ -n ${REEL:-} ]] || cargo build --locked --quiet --workspace --bin reel
