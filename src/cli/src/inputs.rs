@@ -47,7 +47,7 @@ const BROKEN_SHOWN: usize = 10;
 pub struct Tasks {
     /// The tasks, in the order of their files.
     pub tasks: Vec<Arc<Task>>,
-    /// Their scenes.
+    /// The scenes in which these tasks play.
     pub scenes: Scenes,
     /// How many files failed to load.
     pub broken: usize,

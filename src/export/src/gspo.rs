@@ -76,9 +76,9 @@ impl Default for GspoOptions {
 /// What the objective makes of a sequence.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct Sequence {
-    /// Its prompt group.
+    /// The prompt group that the sequence was rolled out in.
     pub group: Arc<str>,
-    /// The episode.
+    /// Id of the episode that the sequence is from.
     pub episode_id: String,
     /// The decision; `None` if the sequence is the episode.
     pub step: Option<u32>,
@@ -89,7 +89,7 @@ pub struct Sequence {
     pub episode_return: f64,
     /// Advantage of the episode in its group.
     pub advantage: f64,
-    /// `exp(mean(new - old))`.
+    /// Importance ratio of the sequence, `exp(mean(new - old))` over its tokens.
     pub ratio: f64,
     /// On which side it is clipped; `None` if it is not.
     pub clipped: Option<ClipSide>,
@@ -100,7 +100,7 @@ pub struct Sequence {
 /// The objective of a prompt group.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct GroupObjective {
-    /// Its name.
+    /// Name of the prompt group, as in the rows of `reel export rl`.
     pub group: Arc<str>,
     /// How many sequences it has.
     pub sequences: usize,
@@ -112,7 +112,7 @@ pub struct GroupObjective {
 /// The objective over all sequences, by group and by sequence.
 #[derive(Clone, PartialEq, Debug, Serialize)]
 pub struct GspoReport {
-    /// Of all sequences.
+    /// The same figures over the sequences of all groups.
     #[serde(flatten)]
     pub objective: Objective,
     /// Mean of the sequences' KL by each estimator; empty if there is no reference.

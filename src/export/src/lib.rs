@@ -183,7 +183,7 @@ pub enum ExportError {
     /// Log-probabilities of which nothing can be computed.
     #[error("episode {episode_id}{}: {reason}", step.map_or_else(String::new, |step| format!(", step {step}")))]
     Logprobs {
-        /// The episode.
+        /// Id of the episode whose log-probabilities do not fit.
         episode_id: String,
         /// The decision; `None` if it is about the whole episode.
         step: Option<u32>,

@@ -145,7 +145,7 @@ impl SingleTurn {
         })
     }
 
-    /// The next prompt.
+    /// The whole prompt of the next decision.
     pub fn prompt(&self) -> String {
         self.episode.shared() + &self.rest()
     }
@@ -163,7 +163,7 @@ impl SingleTurn {
         self.observe(outcome);
     }
 
-    /// The memory.
+    /// What the trainer's memory holds after the decisions so far.
     pub fn memory(&self) -> &SchedulerMemory {
         &self.memory
     }

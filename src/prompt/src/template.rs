@@ -17,15 +17,15 @@ pub enum TemplateError {
     /// A brace that opens or closes nothing.
     #[error("line {line}: a single '{brace}'; write {brace}{brace} for a brace of the text, or a placeholder such as {{TASK}}")]
     SingleBrace {
-        /// From 1.
+        /// Line of the template, counted from 1.
         line: usize,
-        /// `{` or `}`.
+        /// The brace that stands alone, `{` or `}`.
         brace: char,
     },
     /// A placeholder is missing.
     #[error("the template lacks {}: REAL's trainer refuses it without", placeholders(names))]
     MissingPlaceholders {
-        /// Sorted.
+        /// The placeholders that the template lacks, in alphabetical order.
         names: Vec<&'static str>,
     },
     /// A tool is missing.
@@ -37,9 +37,9 @@ pub enum TemplateError {
     /// A tool by the name of an earlier version.
     #[error("line {line}: \"{legacy}\" is a former tool name; write \"{canonical}\"")]
     LegacyTool {
-        /// From 1.
+        /// Line of the template, counted from 1.
         line: usize,
-        /// The former name.
+        /// The tool's former name, which the trainer refuses.
         legacy: &'static str,
         /// What it is called now.
         canonical: &'static str,
@@ -47,7 +47,7 @@ pub enum TemplateError {
     /// A placeholder that nobody fills in. REAL's check lets it pass and its first prompt fails.
     #[error("line {line}: unknown placeholder {{{name}}}; the placeholders are {}", placeholders(&FIELDS.map(|(name, _)| name)))]
     UnknownPlaceholder {
-        /// From 1.
+        /// Line of the template, counted from 1.
         line: usize,
         /// As it stands between the braces.
         name: String,
@@ -90,25 +90,25 @@ enum Piece {
 /// The values of one prompt.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Slots<'a> {
-    /// `{SCENE_DESCRIPTION}`
+    /// Rooms and their receptacles, for `{SCENE_DESCRIPTION}`.
     pub scene: &'a str,
-    /// `{TASK}`
+    /// The instruction, for `{TASK}`.
     pub task: &'a str,
-    /// `{TASK_PROGRESS}`
+    /// What the memory holds, for `{TASK_PROGRESS}`.
     pub task_progress: &'a str,
-    /// `{LAST_ACTION}`
+    /// The latest action as JSON, for `{LAST_ACTION}`.
     pub last_action: &'a str,
-    /// `{LAST_OBS}`
+    /// The latest observation with its image marks, for `{LAST_OBS}`.
     pub last_observation: &'a str,
-    /// `{max_ask_limit}`
+    /// Most questions of an episode, for `{max_ask_limit}`.
     pub max_ask_limit: u32,
-    /// `{ask_count}`
+    /// Questions asked so far, for `{ask_count}`.
     pub ask_count: u32,
-    /// `{hand_state_description}`
+    /// What the hand holds, in words, for `{hand_state_description}`.
     pub hand: &'a str,
 }
 
-/// A checked template.
+/// A prompt template that passed the published checks.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Template {
     pieces: Vec<Piece>,
@@ -142,7 +142,7 @@ impl Template {
         Ok(Self { pieces, shared })
     }
 
-    /// The prompt.
+    /// Fills all placeholders and gives the whole prompt.
     pub fn render(&self, slots: &Slots<'_>) -> String {
         self.render_shared(slots) + &self.render_rest(slots)
     }
@@ -152,7 +152,7 @@ impl Template {
         render(&self.pieces[..self.shared], slots)
     }
 
-    /// What follows [`Template::render_shared`].
+    /// Fills what follows the part of [`Template::render_shared`].
     pub fn render_rest(&self, slots: &Slots<'_>) -> String {
         render(&self.pieces[self.shared..], slots)
     }

@@ -125,7 +125,7 @@ pub struct Setup {
     pub preset: Preset,
     /// Known tasks; the one that a server names is taken instead of what it says, the only one for a server that names none.
     pub tasks: Vec<Arc<Task>>,
-    /// Their scenes.
+    /// The scenes in which the known tasks play.
     pub scenes: Scenes,
     /// Name of the policy; without it, what agents call themselves.
     pub policy: Option<String>,

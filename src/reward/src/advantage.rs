@@ -35,18 +35,18 @@ pub enum Estimator {
     },
     /// `(J - mean) / (std + 1e-4)`, `std` the sample's.
     Grpo {
-        /// Whose `std`.
+        /// Whether the deviation of the group, of the batch or none divides.
         scale: Scale,
     },
     /// `J` minus the mean of the group's others, over `std + 1e-4` of the returns.
     Rloo {
-        /// Whose `std`.
+        /// Whether the deviation of the group, of the batch or none divides.
         scale: Scale,
     },
     /// `J - mean`, over `std + 1e-4` of these differences.
     #[serde(rename = "reinforce++")]
     ReinforcePlusPlus {
-        /// Whose `std`.
+        /// Whether the deviation of the group, of the batch or none divides.
         scale: Scale,
     },
 }
@@ -65,7 +65,7 @@ pub enum Scale {
 }
 
 impl Scale {
-    /// All of them.
+    /// All scales, in the order in which errors list them.
     pub const ALL: [Scale; 3] = [Scale::Group, Scale::Batch, Scale::None];
 
     /// As it is named on the command line.

@@ -49,7 +49,7 @@ enum Recovery {
     None,
     /// An object was held that no target names.
     Wrong { kind: KindKey, origin: Option<PlaceKey>, returned: bool },
-    /// Rewarded.
+    /// The recovery was paid; it is paid once.
     Done,
 }
 
@@ -147,7 +147,7 @@ impl DifferenceReward {
         targets.filter(|(_, matched)| !**matched).map(|(target, _)| *target).collect()
     }
 
-    /// What stands where.
+    /// How many objects of each kind stand on each receptacle.
     pub(crate) fn counts(&self) -> &Counts {
         &self.counts
     }

@@ -84,7 +84,7 @@ pub enum RewardError {
     Return {
         /// Index of the group, from 0.
         group: usize,
-        /// The return.
+        /// The return that is not finite.
         found: f64,
     },
     /// A group in which a rollout has nobody to be compared with.
@@ -96,9 +96,9 @@ pub enum RewardError {
     /// A parameter of an estimator that is none.
     #[error("{name} must be finite and, but for virtual_max, not negative, not {found}")]
     Parameter {
-        /// Its name.
+        /// Name of the number that is out of range, as on the command line.
         name: &'static str,
-        /// Its value.
+        /// The value that was given for it.
         found: f64,
     },
     /// A clip radius that is none.

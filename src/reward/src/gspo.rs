@@ -42,9 +42,9 @@ pub struct ClipShare {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ClipSide {
-    /// Below it.
+    /// The ratio was below the range and was clipped.
     Low,
-    /// Above it.
+    /// The ratio was above the range and was clipped.
     High,
 }
 

@@ -55,7 +55,7 @@ use crate::{
 /// Why the trainer is done with an episode.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Ending {
-    /// No target remains.
+    /// Every target of the task was reached.
     Complete,
     /// The model called `finish`.
     Finished,

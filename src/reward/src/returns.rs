@@ -21,7 +21,7 @@ impl Returns {
     pub const PAPER: Returns = Returns { name: "paper", gamma: GAMMA, horizon: HORIZON };
     /// Of the published trainer: the plain sum of 50 decisions.
     pub const PUBLISHED: Returns = Returns { name: "published", gamma: 1.0, horizon: 50 };
-    /// All of them.
+    /// The presets of returns that have a name.
     pub const ALL: [Returns; 2] = [Returns::PAPER, Returns::PUBLISHED];
 
     /// The one of a name; `None` if there is none.

@@ -15,7 +15,7 @@ pub enum Base {
 }
 
 impl Base {
-    /// Every base.
+    /// All bases, in the order in which they are listed for people.
     pub const ALL: [Base; 3] = [Base::Paper, Base::RealRepo, Base::RealTrainer];
 
     /// As it stands in preset files.

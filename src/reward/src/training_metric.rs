@@ -13,7 +13,7 @@ const SUCCESS_MIN: f64 = 1.0;
 /// What counts of a finished episode.
 #[derive(Clone, Copy, PartialEq, Debug, Default)]
 pub struct EpisodeOutcome {
-    /// Turns.
+    /// Number of turns of the episode.
     pub steps: u32,
     /// Sum of what was paid.
     pub reward: f64,
@@ -65,7 +65,7 @@ impl Default for MetricOptions {
 pub struct TrainingFigures {
     /// How many episodes the rates cover.
     pub episodes: usize,
-    /// Share of successes.
+    /// Share of the episodes that succeeded, 0 to 1.
     pub success_rate: f64,
     /// Share of episodes that ended for want of time.
     pub timeout_rate: f64,
@@ -83,7 +83,7 @@ pub struct TrainingFigures {
 #[derive(Clone, Debug, Default)]
 pub struct TrainingMetric {
     options: MetricOptions,
-    /// The last episodes.
+    /// The episodes that figures are computed over, the oldest first.
     history: VecDeque<EpisodeOutcome>,
     episodes: usize,
     successes: usize,
@@ -92,12 +92,12 @@ pub struct TrainingMetric {
 }
 
 impl TrainingMetric {
-    /// An empty metric.
+    /// A metric that has seen no episode.
     pub fn new(options: MetricOptions) -> Self {
         Self { options, ..Self::default() }
     }
 
-    /// Counts an episode.
+    /// Adds an episode; the oldest one goes when the history is full.
     pub fn push(&mut self, episode: EpisodeOutcome) {
         self.episodes += 1;
         self.successes += usize::from(self.is_success(&episode));

@@ -39,7 +39,7 @@ pub const SIM_VERSION: u32 = SIM_CHANGES.len() as u32;
 pub struct SimChange {
     /// The profiles whose episodes it changes.
     pub profiles: &'static [Profile],
-    /// What it changes.
+    /// What the version changes, in words for people.
     pub text: &'static str,
 }
 

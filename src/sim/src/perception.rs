@@ -14,7 +14,7 @@ use crate::{
 /// Something in the current picture.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Segment {
-    /// What it is.
+    /// The object or receptacle that the segment shows.
     pub target: MarkerTarget,
     /// How many pixels of it are seen; 0 if the segmentation lists it all the same.
     pub pixels: u32,

@@ -63,7 +63,7 @@ pub enum TaskError {
          tasks/<family>/<task>.yaml"
     )]
     NoBenchmark {
-        /// The folder.
+        /// The folder in which tasks were searched.
         folder: String,
     },
     /// A published bundle whose files do not fit together.
@@ -71,7 +71,7 @@ pub enum TaskError {
     Bundle {
         /// The file that shows it.
         file: String,
-        /// What is wrong.
+        /// What the check found wrong, for people.
         problem: String,
     },
     /// The scene of a task was not found.
@@ -80,11 +80,11 @@ pub enum TaskError {
          with --scene, or let `reel tasks real-bench CHECKOUT --out DIR` rebuild a published one"
     )]
     NoScene {
-        /// The task file.
+        /// The task file whose scene is missing.
         file: String,
         /// The line of its `scene_id`, from 1.
         line: usize,
-        /// The scene.
+        /// The id of the scene that no file and no built-in scene has.
         scene_id: String,
     },
     /// Two files hold a task of the same name.

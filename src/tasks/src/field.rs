@@ -90,7 +90,7 @@ impl<'a> Field<'a> {
         if let Content::Text(text) = &self.node.content { Ok(text) } else { Err(self.expected("text")) }
     }
 
-    /// A whole number.
+    /// Reads the value as a whole number.
     pub fn integer(&self) -> Result<i64, Problem> {
         if let Content::Integer(value) = self.node.content { Ok(value) } else { Err(self.expected("a whole number")) }
     }

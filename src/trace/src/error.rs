@@ -165,7 +165,7 @@ pub enum TraceError {
     Logprobs {
         /// The trace that they should be added to.
         path: PathBuf,
-        /// The decision.
+        /// Number of the decision, from 0.
         step: u32,
         /// What is wrong with them.
         source: LogprobError,
@@ -173,9 +173,9 @@ pub enum TraceError {
     /// A decision without recorded tokens.
     #[error("step {step} has no recorded tokens to score; record the episode with `reel bench --logprobs`: {path}")]
     NoTokens {
-        /// The trace.
+        /// Path of the trace that has no such decision.
         path: PathBuf,
-        /// The decision.
+        /// Number of the decision, from 0.
         step: u32,
     },
     /// A line that holds no log-probabilities of a decision.
@@ -183,9 +183,9 @@ pub enum TraceError {
         "line {line} is no JSON object of episode_id, step, policy, logprobs and, if known, tokens ({what}); `reel logprobs list` shows the form: {path}"
     )]
     ScoredLine {
-        /// The file.
+        /// Path of the file of log-probabilities.
         path: PathBuf,
-        /// From 1.
+        /// Line of the file, counted from 1.
         line: u32,
         /// What the parser says.
         what: String,

@@ -12,7 +12,7 @@ use crate::{Images, Trace, TraceError, TraceSummary, files, limits::Limits, rewr
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ScoredTokens {
-    /// The episode.
+    /// Id of the episode whose decision was scored.
     pub episode_id: String,
     /// The decision, from 0.
     pub step: u32,

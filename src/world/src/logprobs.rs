@@ -34,7 +34,7 @@ pub enum LogprobError {
     /// A list of another length than the tokens.
     #[error("policy '{policy}' has {found} log-probabilities for {expected} tokens; give one for each")]
     Lengths {
-        /// Whose they are.
+        /// Name of the policy whose list has another length than the tokens.
         policy: String,
         /// How many tokens there are.
         expected: usize,
@@ -44,11 +44,11 @@ pub enum LogprobError {
     /// A number that is no log-probability.
     #[error("the log-probability of token {token} under policy '{policy}' is {found}; it must be finite and at most 0")]
     Value {
-        /// Whose it is.
+        /// Name of the policy that gave the number.
         policy: String,
         /// Index of the token, from 0.
         token: usize,
-        /// The number.
+        /// The number that is no log-probability.
         found: f64,
     },
     /// Log-probabilities of other tokens.

@@ -67,7 +67,7 @@ pub enum Profile {
 }
 
 impl Profile {
-    /// All of them.
+    /// All profiles, in the order in which they are listed for people.
     pub const ALL: [Profile; 3] = [Profile::Paper, Profile::RealRepo, Profile::RealGspo];
 
     /// Whether it is one of the published servers.

@@ -39,7 +39,7 @@ pub struct Thought {
     pub history: String,
     /// `New Schedule`; `None` if the answer has none.
     pub schedule: Option<Vec<String>>,
-    /// `Current subtask`
+    /// What the agent does now; key `Current subtask` of the answer.
     pub subtask: String,
     /// `Last Action`, as the answer has it.
     pub last_action: Option<Value>,

@@ -12,7 +12,7 @@ use super::{
 /// Sentences that surround the facts of a request.
 #[derive(Clone, Copy, Debug)]
 pub struct Wording<'a> {
-    /// The system message.
+    /// Text of the system message, the first of a record.
     pub system: &'a str,
     /// First entry of every History, with its number 1.
     pub first_history: &'a str,
@@ -25,7 +25,7 @@ pub struct Wording<'a> {
 }
 
 impl Wording<'static> {
-    /// Ours.
+    /// The sentences that Reel writes where the published ones are not given.
     pub const OURS: Self = Self {
         system: "You write down what a household robot thinks before each of its actions.",
         first_history: "1) The episode began.",
@@ -45,7 +45,7 @@ impl Wording<'static> {
 /// What is told of a task: `<n>_meta.json`.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct TaskMeta {
-    /// The instruction.
+    /// The instruction that the agent was given.
     pub task_description: String,
     /// Where the target is.
     pub src: String,
@@ -71,7 +71,7 @@ impl TaskMeta {
 /// An action and what was observed after it.
 #[derive(Clone, PartialEq, Debug)]
 pub struct StreamStep {
-    /// Normalised: `{tool: payload}`.
+    /// The action in its normal form, `{tool: payload}`, under the tool's old name.
     pub action: Map<String, Value>,
     /// Text of the observation.
     pub text: String,
@@ -82,20 +82,20 @@ pub struct StreamStep {
 /// An episode as the annotation reads it.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Episode {
-    /// From 1: `ep_000001`.
+    /// Number of the episode in the job, counted from 1; it makes the id `ep_000001`.
     pub number: u32,
     /// The model that played it, if it is to be named.
     pub model_name: Option<String>,
     /// The part of the benchmark, if it is to be named.
     pub eval_subset: Option<String>,
-    /// Its task.
+    /// Instruction, source, destination and distractors of the episode's task.
     pub task: TaskMeta,
     /// Its actions without the final `finish`.
     pub steps: Vec<StreamStep>,
 }
 
 impl Episode {
-    /// `ep_000001`
+    /// The id by which the published script names the episode's files, e.g. `ep_000001`.
     pub fn id(&self) -> String {
         format!("ep_{:06}", self.number)
     }

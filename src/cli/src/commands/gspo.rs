@@ -66,7 +66,7 @@ fn sequence_unit(name: &str) -> Result<SequenceUnit, String> {
     }
 }
 
-/// Runs the command.
+/// Computes the objective and prints it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let Arguments { source, old, new, reference, epsilon, epsilon_high, beta, kl, sequence, grouping, seed, .. } = arguments;
     if !beta.is_finite() {

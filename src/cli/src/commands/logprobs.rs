@@ -50,7 +50,7 @@ enum Command {
     },
 }
 
-/// Runs the command.
+/// Lists or adds log-probabilities.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
         Command::List { traces } => list(traces),

@@ -20,10 +20,10 @@ pub enum EvalError {
     /// The server does not end episodes.
     #[error("the server lists no tool `finish`; the evaluation gets its tasks from it")]
     NoFinish,
-    /// `finish` failed.
+    /// The server did not answer a call of `finish` as a task or an end.
     #[error("`finish` failed: {what}; see the server's log")]
     Finish {
-        /// What it said.
+        /// The text that the server sent instead.
         what: String,
     },
     /// `finish` did not answer with a task.
@@ -40,7 +40,7 @@ pub enum EvalError {
     Write {
         /// The file or folder.
         path: PathBuf,
-        /// The system's word.
+        /// What the operating system reports.
         source: io::Error,
     },
 }

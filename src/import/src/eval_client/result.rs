@@ -8,7 +8,7 @@ pub(crate) const DEBUG_TEXT: &str = "Debug Info:\n";
 /// An item of a result.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Content {
-    /// A text.
+    /// A text item of the result.
     Text(String),
     /// An image, in Base64.
     Image(String),

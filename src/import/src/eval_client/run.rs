@@ -75,7 +75,7 @@ pub trait Play {
     /// Why the call failed. (Refusals of the server are results.)
     fn call(&mut self, tool: &str, args: &Value) -> Result<Vec<Content>, String>;
 
-    /// A task begins.
+    /// Tells the policy that an episode of this task begins.
     fn begin(&mut self, task: &Map<String, Value>);
 
     /// What the agent does next.

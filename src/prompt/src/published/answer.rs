@@ -30,7 +30,7 @@ pub struct AgentAnswer {
     pub summary: Map<String, Value>,
     /// The tool by its canonical name.
     pub tool_name: String,
-    /// The arguments.
+    /// Arguments of the call, by name; empty if the answer gives none.
     pub arguments: Map<String, Value>,
 }
 
@@ -91,7 +91,7 @@ pub struct TrainerAction {
     pub requested_tool_name: String,
     /// The tool by its canonical name.
     pub tool_name: String,
-    /// The arguments.
+    /// Arguments of the call, by name; empty if the answer gives none.
     pub arguments: Map<String, Value>,
 }
 
@@ -251,7 +251,7 @@ fn after_think(text: &str) -> &str {
     text.rsplit_once(THINK_END).map_or(text, |(_, rest)| rest)
 }
 
-/// Python's `bool(value)`.
+/// Whether Python's `bool(value)` is true: empty, zero and null values are false.
 fn is_true(value: &Value) -> bool {
     match value {
         Value::Null => false,

@@ -51,7 +51,7 @@ impl SchedulerMemory {
         }
     }
 
-    /// The numbered lines.
+    /// The remembered History, one numbered line for each answer that had one.
     pub fn lines(&self) -> &[String] {
         &self.lines
     }
@@ -137,7 +137,7 @@ impl AgentMemory {
 pub struct GymMemory {
     /// The latest summary, of any type.
     pub task_progress: Value,
-    /// The latest action.
+    /// The latest action that could be read, or the raw text of the answer that could not.
     pub last_action: Value,
 }
 

@@ -5,9 +5,9 @@ use crate::{Wording, python};
 /// One content of a tool's result.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Item<'a> {
-    /// A text.
+    /// A text item of the result.
     Text(&'a str),
-    /// An image.
+    /// An image item of the result.
     Image,
 }
 

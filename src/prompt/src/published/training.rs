@@ -43,9 +43,9 @@ impl Default for Compression {
 pub struct TrainingTurn {
     /// The prompt that the model answered.
     pub prompt: String,
-    /// The answer.
+    /// The model's answer of this turn, as it came.
     pub answer: String,
-    /// The instruction.
+    /// The instruction of the episode.
     pub task: String,
     /// The last line of the memory before the answer; `{}` before the first.
     pub latest_progress: String,
@@ -55,7 +55,7 @@ pub struct TrainingTurn {
     pub observation: String,
     /// The text graph that came with it, shown in shortened prompts only; empty if there is none.
     pub text_graph: String,
-    /// Questions so far.
+    /// How many questions were asked before this turn.
     pub ask_count: u32,
     /// The hand, in words.
     pub hand: String,

@@ -25,7 +25,7 @@ pub struct VlmDecision {
     pub tool_name: Option<String>,
     /// The arguments; empty where they do not read as an object.
     pub arguments: Map<String, Value>,
-    /// The call's id.
+    /// Id of the tool call that is answered, as the endpoint gave it.
     pub tool_call_id: Option<String>,
     /// The answer as the agent files it.
     pub raw_response: Value,

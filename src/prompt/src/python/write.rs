@@ -4,23 +4,23 @@ use std::fmt::Write as _;
 
 use serde_json::Value;
 
-/// `ensure_ascii` of `json.dumps`.
+/// Whether characters beyond ASCII are escaped: the option `ensure_ascii` of Python's `json.dumps`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Ascii {
-    /// Everything else becomes `\uXXXX`: the default.
+    /// Other characters become a backslash, `u` and four hexadecimal digits, as Python writes them by default.
     Escaped,
     /// Characters stay as they are.
     Plain,
 }
 
-/// `json.dumps(value)`.
+/// The text that Python's `json.dumps(value)` writes: a space after each colon and comma.
 pub fn dumps(value: &Value, ascii: Ascii) -> String {
     let mut out = String::new();
     json(&mut out, value, ascii, None, 0);
     out
 }
 
-/// `json.dumps(value, indent=2)`.
+/// The text that Python's `json.dumps(value, indent=2)` writes.
 pub fn dumps_indented(value: &Value, ascii: Ascii) -> String {
     let mut out = String::new();
     json(&mut out, value, ascii, Some(2), 0);

@@ -107,9 +107,9 @@ pub enum Called {
     Pick,
     /// `place`
     Place,
-    /// `open`
+    /// The call opens a door.
     Open,
-    /// `close`
+    /// The call closes a door.
     Close,
     /// `ask`
     Ask,
@@ -142,7 +142,7 @@ impl Called {
 /// How the trainer got the answer of a call.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Delivery {
-    /// As it should.
+    /// The call did what it should.
     #[default]
     Answered,
     /// The model's answer held no call, and none was made.

@@ -27,7 +27,7 @@ pub struct TaskFacts {
     pub(crate) categories: Kinds,
     /// Translates names into categories.
     mapping: Categories,
-    /// In lower case.
+    /// Category of the target object, in lower case.
     target_category: String,
     places: Names,
     /// What the name of a marked object or receptacle holds, once it was asked for; by number.

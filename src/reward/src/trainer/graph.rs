@@ -33,7 +33,7 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// The published word.
+    /// The reason as the published trainer writes it in its log.
     pub fn as_str(self) -> &'static str {
         match self {
             Refusal::UnknownObjects => "unknown_objects",

@@ -28,9 +28,9 @@ pub enum Turn<'a> {
     Finish,
     /// A call and the items of its result.
     Call {
-        /// As sent.
+        /// Name of the tool as the model sent it.
         tool: &'a str,
-        /// As sent.
+        /// Arguments of the call as the model sent them.
         arguments: &'a Value,
         /// Text and image items, as MCP has them.
         content: &'a [Value],
@@ -44,7 +44,7 @@ pub enum Turn<'a> {
 /// What the trainer makes of a turn.
 #[derive(Clone, PartialEq, Debug)]
 pub struct TrainerStep {
-    /// What it pays.
+    /// Reward of the step, all terms together.
     pub reward: f64,
     /// By term, in the order of the sum.
     pub terms: Vec<Fired>,
@@ -62,19 +62,19 @@ pub enum ResetError {
     /// The list of tasks is at its end.
     #[error("no task is left: {text}")]
     AllDone {
-        /// As sent.
+        /// The text as the server sent it.
         text: String,
     },
     /// The server does not know the task, so that the trainer tries another scene.
     #[error("the server does not have the task: {text}")]
     NotFound {
-        /// As sent.
+        /// The text as the server sent it.
         text: String,
     },
     /// The text is no payload.
     #[error("the text is no task: {text}")]
     NoTask {
-        /// As sent.
+        /// The text as the server sent it.
         text: String,
     },
     /// The payload is of another task.
@@ -82,7 +82,7 @@ pub enum ResetError {
     OtherTask {
         /// The id that was asked for.
         asked: String,
-        /// The payload's.
+        /// The id that the payload gives.
         found: String,
     },
     /// The payload has no start graph.

@@ -50,7 +50,7 @@ impl TextError {
         self.0 < SEVERE
     }
 
-    /// The listed text.
+    /// The listed text that was found in the observation, in lower case.
     pub fn pattern(self) -> &'static str {
         LISTED[usize::from(self.0)]
     }
@@ -70,7 +70,7 @@ pub enum HandViolation {
 }
 
 impl HandViolation {
-    /// The published word.
+    /// The kind of error as the published trainer writes it in its log.
     pub fn as_str(self) -> &'static str {
         match self {
             HandViolation::Pick => "pick_while_hand_occupied",

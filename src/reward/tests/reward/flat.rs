@@ -230,7 +230,7 @@ impl Flat {
     }
 }
 
-/// What the published server says of a failure; of others something that is not listed.
+/// The published text of a failure, or an unlisted text if the published server does not know the failure.
 fn said(error: ErrorCode) -> &'static str {
     match error {
         ErrorCode::UnknownTool => "Action 'x' not recognized.",

@@ -54,7 +54,7 @@ impl Merge {
 pub(super) struct Part {
     /// Within the table's folder.
     pub path: String,
-    /// Milliseconds since 1970.
+    /// When the file was written, in milliseconds since 1970.
     pub written_ms: i64,
     pub size: u64,
     /// The action that takes it out of the table.

@@ -90,13 +90,13 @@ impl Words {
     }
 }
 
-/// An instruction.
+/// An instruction with the words that may describe its receptacles.
 struct Text {
     raw: String,
     /// Its words, with the object as one of them, and where in `raw` they stand.
     words: Vec<u32>,
     spans: Vec<(usize, usize)>,
-    /// Source and destination.
+    /// Indices of source and destination among the receptacles.
     places: [usize; 2],
 }
 

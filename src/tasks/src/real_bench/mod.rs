@@ -47,7 +47,7 @@ pub struct Checkout {
 /// A task file of the published layout.
 #[derive(Debug)]
 pub struct TaskFile {
-    /// Where it lies.
+    /// Path of the file as the check names it.
     pub path: PathBuf,
     facts: Facts,
     root: Node,
@@ -249,7 +249,7 @@ pub fn check_runtime(text: &str, file: &str) -> Result<(), TaskError> {
     check().map_err(|problem| problem.in_file(file))
 }
 
-/// What `manifest.yaml` promises.
+/// The counts and the order of families that `manifest.yaml` states.
 #[derive(Debug)]
 struct Manifest {
     total_tasks: usize,

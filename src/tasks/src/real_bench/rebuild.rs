@@ -24,10 +24,10 @@ const ASSUMED_HEIGHT_M: [f64; 2] = [0.85, 0.35];
 /// number, the bound is close.
 const FEW_MANY: [usize; 2] = [10, 60];
 
-/// A rebuilt scene.
+/// A scene rebuilt from placements, and how certain each receptacle of it is.
 #[derive(Clone, Debug)]
 pub struct Rebuilt {
-    /// The scene.
+    /// The scene, in the form of a scene file.
     pub scene: Scene,
     /// The text of its file.
     pub text: String,
@@ -40,9 +40,9 @@ pub struct Rebuilt {
 /// What the task files prove of a receptacle.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Evidence {
-    /// The receptacle.
+    /// Id of the receptacle, e.g. `table_1`.
     pub receptacle: String,
-    /// Its room.
+    /// Id of the room that the receptacle stands in, e.g. `kitchen/0`.
     pub room: String,
     /// How many objects are placed on it, in all tasks. With none, its place, height and extents are assumed; else the height is
     /// proven and the extents are a lower bound.
@@ -224,7 +224,7 @@ fn room(name: &str, index: usize, tiles: &[floor::Tile]) -> Value {
     json!({ "name": name, "min": min, "max": max, "rects": rects })
 }
 
-/// `table` of `table_1`.
+/// The category in a receptacle's id: `table` of `table_1`.
 fn category(id: &str) -> &str {
     id.rsplit_once('_').filter(|(_, number)| number.chars().all(|c| c.is_ascii_digit())).map_or(id, |(category, _)| category)
 }

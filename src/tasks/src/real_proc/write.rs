@@ -10,13 +10,13 @@ use crate::{wording, yaml};
 /// A task type of the generator, with what only its episodes have.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum ProcKind {
-    /// One object moves.
+    /// One object moves; look-alike furniture stands in for distractors.
     Basic,
     /// One object moves, and others distract from it.
     Distractor,
     /// One object moves into or out of something with a door; `subtype` is `store` or `retrieve`.
     Articulation {
-        /// Which way.
+        /// `store` or `retrieve`: whether the object goes behind the door or comes from there.
         subtype: String,
     },
     /// One object moves, and the instruction does not say which.
@@ -65,13 +65,13 @@ impl ProcKind {
 /// Where an object of a gathering is.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Source {
-    /// The receptacle.
+    /// Id of the receptacle, e.g. `table_1`.
     pub name: String,
-    /// Its room.
+    /// Id of the room that the receptacle stands in, e.g. `kitchen/0`.
     pub room: String,
     /// How it is called.
     pub reference: String,
-    /// The object.
+    /// The object that is collected from there.
     pub object: String,
 }
 
@@ -80,7 +80,7 @@ pub struct Source {
 pub struct ProcObject {
     /// Its asset; a leading `_` is dropped in files.
     pub asset: String,
-    /// e.g. `mug`
+    /// Category of the object, e.g. `mug`.
     pub category: String,
     /// Path of its USD file.
     pub usd_path: String,
@@ -97,19 +97,19 @@ pub struct ProcObject {
 /// An episode of such a file.
 #[derive(Clone, PartialEq, Debug)]
 pub struct ProcEpisode {
-    /// The scene.
+    /// Id of the scene that the file's episodes play in.
     pub scene_id: String,
-    /// The type.
+    /// Type of the tasks in the file.
     pub kind: ProcKind,
     /// What the agent is told.
     pub instruction: String,
     /// Where the target is.
     pub src: String,
-    /// Receptacles like it.
+    /// Other receptacles of the source's kind.
     pub src_distractors: Vec<String>,
     /// Where the target shall go.
     pub dest: String,
-    /// Receptacles like it.
+    /// Other receptacles of the destination's kind.
     pub dest_distractors: Vec<String>,
     /// Assets of what moves; one but for gatherings.
     pub targets: Vec<String>,
@@ -124,7 +124,7 @@ pub struct ProcEpisode {
 /// A file: its path below the folder of the set, and what it holds.
 #[derive(Clone, PartialEq, Debug)]
 pub struct ProcFile {
-    /// `<scene>/<type>.yaml`
+    /// Path below the output folder, `<scene>/<type>.yaml`.
     pub path: String,
     /// The document, keys in the generator's order.
     pub document: Value,

@@ -40,12 +40,12 @@ pub struct Arguments {
     /// Of the rules' choice of words
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Print JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Runs `reel export real-annotation`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let paths = inputs::traces(&arguments.paths)?;
     let out = &arguments.out;

@@ -45,7 +45,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Runs the command.
+/// Runs `reel export real-eval`.
 pub fn execute(arguments: &Arguments) -> anyhow::Result<Answer> {
     let mut models: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
     for path in inputs::traces(&arguments.paths)? {

@@ -28,7 +28,7 @@ pub struct StoreSource {
 }
 
 impl StoreSource {
-    /// The store.
+    /// Opens the store that the arguments name.
     pub fn open(&self) -> anyhow::Result<Store> {
         Ok(match self.version {
             Some(version) => Store::open_at(&self.store, version)?,

@@ -33,18 +33,18 @@ const BROKEN_SHOWN: usize = 20;
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// The checkout
+    /// Checkout of REAL, or its folder `benchmark`
     #[arg(value_name = "CHECKOUT")]
     checkout: PathBuf,
     /// Folder for tasks and scenes
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Print JSON
+    /// Print the result as JSON
     #[arg(long)]
     json: bool,
 }
 
-/// Runs the command.
+/// Runs `reel tasks real-bench`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let Arguments { checkout, out, json: as_json } = arguments;
     let checkout = Checkout::read(checkout)?;
