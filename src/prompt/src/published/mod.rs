@@ -15,7 +15,7 @@ pub use answer::{
     gym_answer, scheduler_action, trainer_action,
 };
 pub use memory::{AgentMemory, GymMemory, SchedulerMemory};
-pub use observation::{Hand, Item, Observation, REPORTED_ERRORS, asked_marker};
+pub use observation::{Hand, Item, Observation};
 pub use scene::{agent_scene, openai_tools, prompt_tools, tools_description, trainer_scene};
 pub use training::{
     Compression, MAX_CONTEXT_CHARS, MAX_TURNS, TrainingTurn, ask_limit, keep_last_user_message, training_messages,

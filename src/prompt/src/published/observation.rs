@@ -1,5 +1,7 @@
 //! What came back from a tool, as the published clients put it into a prompt.
 
+use reel_reward::trainer::{TextError, is_dropped};
+
 use crate::{Wording, python};
 
 /// One content of a tool's result.
@@ -25,11 +27,10 @@ impl Observation {
     /// like it, or like JSON. A result without anything to show says that the tool was called.
     pub fn of_result(tool: &str, contents: &[Item<'_>], wording: &Wording) -> Self {
         let shown = if contents.len() > 1 { &contents[..contents.len() - 1] } else { contents };
-        let hidden = |text: &str| text.starts_with('{') || text.starts_with("Debug Info:");
         let (mut text, mut images) = (String::new(), 0);
         for item in shown {
             match item {
-                Item::Text(line) if hidden(python::strip(line)) => continue,
+                Item::Text(line) if is_dropped(python::strip(line)) => continue,
                 Item::Text(line) => text.push_str(python::strip(line)),
                 Item::Image => {
                     text.push_str(&wording.image_mark);
@@ -69,41 +70,6 @@ impl Observation {
     }
 }
 
-/// The marker that a user's reply names: the longest number of the marker map that stands in it, else the word after `marker`,
-/// if the map is empty or has it.
-pub fn asked_marker<'m>(reply: &'m str, markers: &[&'m str]) -> Option<&'m str> {
-    let mut known = markers.to_vec();
-    known.sort_by_key(|marker| std::cmp::Reverse(marker.chars().count()));
-    if let Some(marker) = known.into_iter().find(|marker| reply.contains(*marker)) {
-        return Some(marker);
-    }
-    let word = reply.char_indices().find_map(|(at, _)| {
-        let rest = reply[at..].get(.."marker".len()).filter(|word| word.eq_ignore_ascii_case("marker"));
-        let rest = rest.and(reply.get(at + "marker".len()..))?;
-        let rest = rest.strip_prefix(|c: char| c == '_' || python::is_space(c))?;
-        let end = rest.find(|c: char| c != '_' && !c.is_alphanumeric()).unwrap_or(rest.len());
-        (end > 0).then(|| &rest[..end])
-    })?;
-    (markers.is_empty() || markers.contains(&word)).then_some(word)
-}
-
-/// Texts by which the trainer knows that a call failed, in lower case.
-pub const REPORTED_ERRORS: [&str; 13] = [
-    "[[internal error]]",
-    "error executing",
-    "traceback",
-    "no object in the inventory",
-    "cannot place object into a closed",
-    "not found in the marker map",
-    "cannot find a non-occluded position",
-    "not found in the scene",
-    "not implemented yet",
-    "not recognized",
-    "not aligned to bread target",
-    "selected marker_id",
-    "hand is empty",
-];
-
 /// What the trainer believes of the hand: any pick whose observation reports no error fills it, any place empties it.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Hand {
@@ -113,8 +79,7 @@ pub struct Hand {
 impl Hand {
     /// Takes in an observation. `tool` goes by its canonical name.
     pub fn update(&mut self, tool: &str, observation: &str) {
-        let observation = observation.to_lowercase();
-        let failed = REPORTED_ERRORS.iter().any(|error| observation.contains(error));
+        let failed = TextError::find(observation).is_some();
         match tool {
             "pick" if !failed => self.occupied = true,
             "place" if !failed => self.occupied = false,

@@ -5,7 +5,7 @@ mod real_contract {
         Slots, Template, Wording, check,
         published::{
             ActionError, AgentMemory, Compression, GymMemory, Hand, Item, MAX_CONTEXT_CHARS, MAX_TURNS, Observation,
-            SchedulerMemory, TrainingTurn, VlmConversation, agent_answer, agent_scene, answer_text, ask_limit, asked_marker,
+            SchedulerMemory, TrainingTurn, VlmConversation, agent_answer, agent_scene, answer_text, ask_limit,
             keep_last_user_message, openai_tools, prompt_tools, tools_description, trainer_action, trainer_scene,
             training_messages,
         },
@@ -192,8 +192,8 @@ mod real_contract {
                 observation = seen.in_gym(&wording);
                 if tool == "ask" {
                     let markers: Vec<&str> = rollout.markers.keys().map(String::as_str).collect();
-                    if let Some(marker) = asked_marker(&seen.text, &markers) {
-                        observation.push_str(&wording.gym_marker.replace("{}", marker));
+                    if let Some(marker) = reel_reward::trainer::marker_in_answer(&seen.text, &markers) {
+                        observation.push_str(&wording.gym_marker.replace("{}", &marker));
                     }
                 }
             }

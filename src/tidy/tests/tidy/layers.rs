@@ -28,7 +28,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("query", &["world", "reward", "trace", "tables", "replay", "blame", "pattern", "statistics"]),
     ("cluster", &["buckets", "query"]),
     ("model", &["world"]),
-    ("prompt", &["world"]),
+    // reward: what the published trainer reads in a result's texts has one owner, `reel_reward::trainer`.
+    ("prompt", &["world", "reward"]),
     ("pilot", &["world", "agents", "episode", "trace", "model", "prompt"]),
     ("annotate", &["world", "trace", "history", "model", "prompt"]),
     ("dataset", &["world", "prompt"]),
