@@ -1,5 +1,6 @@
 //! A node with its path in the document, read with errors that name both line and path.
 
+use reel_world::{ReceptacleId, Scene};
 use serde_json::{Map, Value};
 
 use crate::{
@@ -74,6 +75,21 @@ impl<'a> Field<'a> {
     pub fn items(&self) -> Result<Vec<Field<'a>>, Problem> {
         let Content::List(items) = &self.node.content else { return Err(self.expected("a list")) };
         Ok(items.iter().enumerate().map(|(index, node)| Field { node, path: format!("{}[{index}]", self.path) }).collect())
+    }
+
+    /// The id of a receptacle of the scene.
+    pub fn receptacle(&self, scene: &Scene) -> Result<ReceptacleId, Problem> {
+        let id = ReceptacleId::from(self.text()?);
+        if scene.receptacle(&id).is_none() {
+            return Err(self.problem(format!("{id} is no receptacle of the scene")));
+        }
+        Ok(id)
+    }
+
+    /// The ids in a list of receptacles of the scene; empty if the list is absent.
+    pub fn receptacles(&self, key: &str, scene: &Scene) -> Result<Vec<ReceptacleId>, Problem> {
+        let list = self.find(key)?.map_or(Ok(Vec::new()), |list| list.items())?;
+        list.iter().map(|item| item.receptacle(scene)).collect()
     }
 
     /// Text that is not empty.

@@ -76,14 +76,14 @@ impl<'a> Reader<'a> {
         let (instruction, precise_instruction) = self.instructions()?;
         // Published files of other families have no fuzzy instruction; tasks that were annotated have.
         let told_less = episode.find("fuzzy_task_description")?.is_some() && instruction != precise_instruction;
-        let src = self.receptacle(&episode.get("src")?)?;
+        let src = episode.get("src")?.receptacle(self.scene)?;
         let dest_field = episode.get("dest")?;
-        let dest = self.receptacle(&dest_field)?;
+        let dest = dest_field.receptacle(self.scene)?;
         if src == dest {
             return Err(dest_field.problem(format!("is {dest}, where the target stands already")));
         }
-        let src_distractors = self.receptacles("src_distractors")?;
-        let dest_distractors = self.receptacles("dest_distractors")?;
+        let src_distractors = self.episode.receptacles("src_distractors", self.scene)?;
+        let dest_distractors = self.episode.receptacles("dest_distractors", self.scene)?;
         let object_distractors = match episode.find("obj_distractors")? {
             Some(list) => list.items()?.iter().map(|item| Ok(item.text()?.into())).collect::<Result<_, Problem>>()?,
             None => Vec::new(),
@@ -215,7 +215,7 @@ impl<'a> Reader<'a> {
     ) -> Result<ObjectInstance, Problem> {
         let asset = field.get("original_id")?.text()?;
         let category = field.get("category")?.text()?.to_owned();
-        let receptacle = self.receptacle(&placement.get("furniture")?)?;
+        let receptacle = placement.get("furniture")?.receptacle(self.scene)?;
         let size_field = field.get("size")?;
         let size = size_field.vector()?;
         if size.iter().any(|length| *length <= 0.0 || *length > LARGEST_M) {
@@ -334,7 +334,7 @@ impl<'a> Reader<'a> {
                 return Err(field.problem(format!("{key} is no object of the task")));
             };
             goal.remove(&from, &object);
-            goal.add(&self.receptacle(&field)?, &object);
+            goal.add(&field.receptacle(self.scene)?, &object);
         }
         if goal.place_of(target) != Some(dest) {
             return Err(moves.problem(format!("expected to move the target, {target}, to {dest}")));
@@ -422,19 +422,6 @@ impl<'a> Reader<'a> {
                 self.odd(OddityKind::UnplaceableReceptacle, receptacle.id.to_string());
             }
         }
-    }
-
-    fn receptacle(&self, field: &Field<'_>) -> Result<ReceptacleId, Problem> {
-        let id = ReceptacleId::from(field.text()?);
-        if self.scene.receptacle(&id).is_none() {
-            return Err(field.problem(format!("{id} is no receptacle of the scene")));
-        }
-        Ok(id)
-    }
-
-    fn receptacles(&self, key: &str) -> Result<Vec<ReceptacleId>, Problem> {
-        let list = self.episode.find(key)?.map_or(Ok(Vec::new()), |list| list.items())?;
-        list.iter().map(|item| self.receptacle(item)).collect()
     }
 
     fn odd(&mut self, kind: OddityKind, detail: String) {

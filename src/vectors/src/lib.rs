@@ -1,6 +1,6 @@
-//! Test fixture: vector files, which hold inputs and outputs of REAL's published code, and a report that compares ours with
-//! them. Only tests depend on it. The files contain parts of REAL-Bench and are read from outside the repository:
-//! `REEL_REAL_CONTRACT` names the folder, `../shared/real-contract/vectors` beside the checkout is the default.
+//! Test fixture: what tests read of REAL from outside the repository, and a report that compares ours with it. Only tests depend on
+//! it. Vector files hold inputs and outputs of REAL's published code: `REEL_REAL_CONTRACT` names their folder,
+//! `../shared/real-contract/vectors` beside the checkout is the default. [`real_bench`] finds the benchmark.
 //!
 //! ```no_run
 //! use reel_vectors::{Report, load};
@@ -14,7 +14,13 @@
 //! }
 //! ```
 
-use std::{collections::BTreeMap, fs, path::PathBuf};
+pub mod checkout;
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use serde_json::Value;
 
@@ -50,16 +56,29 @@ pub enum KeyOrder {
 /// # Panics
 /// Panics if `REEL_REAL_CONTRACT` names a folder that does not exist.
 pub fn folder() -> Option<PathBuf> {
-    if let Some(named) = std::env::var_os("REEL_REAL_CONTRACT") {
+    outside("REEL_REAL_CONTRACT", "real-contract/vectors", "vector files of REAL's published code")
+}
+
+/// The folder of REAL-Bench's tasks, or `None` if there is none; it prints then where it looked, beginning with `skipped:`.
+/// `REEL_REAL_BENCH` names the folder, `../shared/real-bench` beside the checkout is the default.
+///
+/// # Panics
+/// Panics if `REEL_REAL_BENCH` names a folder that does not exist.
+pub fn real_bench() -> Option<PathBuf> {
+    outside("REEL_REAL_BENCH", "real-bench", "REAL-Bench")
+}
+
+fn outside(variable: &str, beside: &str, what: &str) -> Option<PathBuf> {
+    if let Some(named) = std::env::var_os(variable) {
         let named = PathBuf::from(named);
-        assert!(named.is_dir(), "REEL_REAL_CONTRACT names {}, which is no folder", named.display());
+        assert!(named.is_dir(), "{variable} names {}, which is no folder", named.display());
         return Some(named);
     }
-    let beside = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/real-contract/vectors"));
+    let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(beside);
     if beside.is_dir() {
         return Some(beside);
     }
-    eprintln!("skipped: no vector files of REAL's published code at {} (set REEL_REAL_CONTRACT)", beside.display());
+    eprintln!("skipped: no {what} at {} (set {variable})", beside.display());
     None
 }
 

@@ -1,9 +1,8 @@
 //! REAL-Bench from a public checkout: tasks and scenes are written, found without being named, played to their goals and replayed.
 
-#[path = "../../../tasks/tests/tasks/fake_checkout.rs"]
-mod fake_checkout;
-
 use std::{fs, path::Path};
+
+use reel_vectors::checkout;
 
 use super::{complaint, expect};
 
@@ -12,10 +11,10 @@ const STEP: usize = 20;
 
 #[test]
 fn an_outsider_plays_the_benchmark_from_a_checkout() {
-    let Some(data) = fake_checkout::real_bench() else { return };
+    let Some(data) = reel_vectors::real_bench() else { return };
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    let counts = fake_checkout::write(&data, &folder.join("REAL"), 1);
+    let counts = checkout::write(&data, &folder.join("REAL"), 1);
     let all: usize = counts.values().sum();
     let text = expect(folder, 0, &["tasks", "real-bench", "REAL", "--out", "real-bench"]);
     assert!(text.contains(&format!("{all} of {all} tasks load")), "{text}");
@@ -45,10 +44,10 @@ fn an_outsider_plays_the_benchmark_from_a_checkout() {
 
 #[test]
 fn an_incomplete_checkout_plays_what_is_there() {
-    let Some(data) = fake_checkout::real_bench() else { return };
+    let Some(data) = reel_vectors::real_bench() else { return };
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    fake_checkout::write(&data, &folder.join("REAL"), 30);
+    checkout::write(&data, &folder.join("REAL"), 30);
     let torn = sorted(&folder.join("REAL/benchmark/tasks/FDP")).remove(0);
     fs::write(&torn, "scene_id: [").unwrap();
     let text = expect(folder, 3, &["tasks", "real-bench", "REAL/benchmark", "--out", "real-bench"]);

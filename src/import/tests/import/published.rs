@@ -19,7 +19,7 @@ use crate::{
 
 #[test]
 fn published_tasks_are_found_again_and_succeed() {
-    let Some(bench) = real_bench() else { return };
+    let Some(bench) = reel_vectors::real_bench() else { return };
     let (_folder, root, out) = folders();
     let scene = reel_tasks::scene::load(&bench.join("s7_scene.json")).unwrap().scene;
     let tasks: Vec<Arc<Task>> = reel_tasks::load(&bench.join("tasks"), &scene).tasks.into_iter().map(Arc::new).collect();
@@ -93,15 +93,4 @@ fn runtime(graph: &WorldGraph) -> Value {
         (id.to_string(), entry)
     };
     Value::Object(graph.receptacles.iter().map(state).collect::<Map<String, Value>>())
-}
-
-/// The published data, if it is there.
-fn real_bench() -> Option<PathBuf> {
-    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/real-bench"));
-    let path = std::env::var_os("REEL_REAL_BENCH").map_or_else(beside, PathBuf::from);
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("skipped: no REAL-Bench data at {} (set REEL_REAL_BENCH)", path.display());
-    None
 }

@@ -7,18 +7,10 @@ use reel_world::{
 };
 
 use crate::{
-    close, component,
+    NAMES_ONE, close, close_steps, component,
     flat::{Act, Flat, GREEN, PEN, RED, object, start, task},
-    sum, worked_example,
+    play_by, sum, worked_example,
 };
-
-const NAMES_ONE: &str = "I mean the red one, marker 1.";
-
-fn play_by(preset: &Preset, task: &Task, script: &[Act]) -> (Flat, Vec<Vec<RewardTerm>>) {
-    let flat = Flat::play(task, script);
-    let terms = rewards(preset, task, &crate::flat::task().1, &start(task), &flat.steps);
-    (flat, terms)
-}
 
 fn play(script: &[Act]) -> Vec<Vec<RewardTerm>> {
     play_by(&Preset::real_repo(), &task().0, script).1
@@ -37,14 +29,7 @@ fn worked_example_of_the_published_code() {
     let (task, _) = task();
     let (mut flat, terms) = play_by(&Preset::real_repo(), &task, &worked_example(NAMES_ONE));
     let expected = [0.0, 0.0, 1.5, -0.03, -0.03, -0.03, -0.03, -0.03, 3.27, -0.03, -0.03, 4.47, -0.03];
-    assert_eq!(terms.len(), expected.len());
-    for (step, (terms, expected)) in terms.iter().zip(expected).enumerate() {
-        assert!((sum(terms) - expected).abs() < 1e-9, "step {step}: expected {expected}, found {terms:?}");
-    }
-    flat.steps.iter_mut().zip(&terms).for_each(|(step, terms)| step.reward.clone_from(terms));
-    let graphs = Graphs { registry: flat.graph.clone(), ..Graphs::default() };
-    let metrics = metrics(&Preset::real_repo(), &task, &start(&task), &flat.steps, &graphs);
-    assert!(metrics.success);
+    let metrics = close_steps(&Preset::real_repo(), &mut flat, &terms, &expected);
     close(metrics.total_reward, 9.0);
 
     let (_, all) = play_by(&with_rule("anti_exploit = true"), &task, &worked_example(NAMES_ONE));

@@ -5,24 +5,16 @@ use reel_reward::{
     trainer::{ResetError, Rollout, Turn},
 };
 use reel_world::{
-    ErrorCode, ObjectInstance, Outcome, Task,
+    ErrorCode, ObjectInstance, Outcome,
     record::{Graphs, RewardTerm},
 };
 use serde_json::{Value, json};
 
 use crate::{
-    close, component,
+    NAMES_ONE, close, close_steps, component,
     flat::{Act, Flat, GREEN, PEN, RED, start, task},
-    sum, worked_example,
+    play_by, sum, worked_example,
 };
-
-const NAMES_ONE: &str = "I mean the red one, marker 1.";
-
-fn play_by(preset: &Preset, task: &Task, script: &[Act]) -> (Flat, Vec<Vec<RewardTerm>>) {
-    let flat = Flat::play(task, script);
-    let terms = rewards(preset, task, &crate::flat::task().1, &start(task), &flat.steps);
-    (flat, terms)
-}
 
 fn play(script: &[Act]) -> Vec<Vec<RewardTerm>> {
     play_by(&Preset::real_trainer(), &task().0, script).1
@@ -45,14 +37,7 @@ fn worked_example_of_the_trainer() {
     let (task, _) = task();
     let (mut flat, terms) = play_by(&Preset::real_trainer(), &task, &worked_example(NAMES_ONE));
     let expected = [0.0, 0.0, 1.0, -0.03, -0.03, -0.03, 2.77, -0.53, -0.03, -0.03, -0.33, 4.47, 0.0];
-    assert_eq!(terms.len(), expected.len());
-    for (step, (terms, expected)) in terms.iter().zip(expected).enumerate() {
-        assert!((sum(terms) - expected).abs() < 1e-9, "step {step}: expected {expected}, found {terms:?}");
-    }
-    flat.steps.iter_mut().zip(&terms).for_each(|(step, terms)| step.reward.clone_from(terms));
-    let graphs = Graphs { registry: flat.graph.clone(), ..Graphs::default() };
-    let metrics = metrics(&Preset::real_trainer(), &task, &start(&task), &flat.steps, &graphs);
-    assert!(metrics.success);
+    let metrics = close_steps(&Preset::real_trainer(), &mut flat, &terms, &expected);
     close(metrics.total_reward, 7.23);
     close(metrics.discounted_return, metrics.total_reward); // the trainer adds up
     assert_eq!(scored(&Preset::real_trainer(), &worked_example(NAMES_ONE)).ending(), Some((11, Ending::Complete)));

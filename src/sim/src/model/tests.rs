@@ -1,6 +1,6 @@
 //! Tests of scene and object models, on the reconstructed scene of REAL-Bench where it is at hand.
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::collections::BTreeMap;
 
 use reel_world::{Door, Room};
 use serde_json::{Value, json};
@@ -8,12 +8,10 @@ use serde_json::{Value, json};
 use super::{parts::extent, *};
 use crate::geometry::{Shape, add, sub};
 
-/// Reads a file of the real benchmark data; none, with a word, where it is absent.
+/// Reads a file of the benchmark's data; `None` if there is no such data.
 #[expect(clippy::disallowed_methods, reason = "tests look for outside data; the simulator itself reads nothing")]
 fn real_data(name: &str) -> Option<Value> {
-    let default = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/real-bench");
-    let folder = std::env::var_os("REEL_REAL_BENCH").map_or(default, PathBuf::from);
-    let path = folder.join(name);
+    let path = reel_vectors::real_bench()?.join(name);
     match std::fs::read(&path) {
         Ok(bytes) => Some(serde_json::from_slice(&bytes).expect("the file is JSON")),
         Err(error) => {

@@ -78,9 +78,9 @@ impl Reader<'_> {
         let precise = self.text("detailed_task_description")?.unwrap_or_else(|| instruction.clone());
         let (objects, placement_order) = self.objects(&name)?;
         let moved = self.moved(&objects)?;
-        let (src, dest) = (self.object(&objects, &moved[0]).receptacle.clone(), self.receptacle(&episode.get("dest")?)?);
+        let (src, dest) = (self.object(&objects, &moved[0]).receptacle.clone(), episode.get("dest")?.receptacle(self.scene)?);
         if let Some(field) = episode.find("src")?
-            && self.receptacle(&field)? != src
+            && field.receptacle(self.scene)? != src
         {
             return Err(field.problem(format!("is {}, but the target stands on {src}", field.text()?)));
         }
@@ -113,8 +113,8 @@ impl Reader<'_> {
             target: moved[0].clone(),
             src,
             dest,
-            src_distractors: if gathers { Vec::new() } else { self.receptacles("src_distractors")? },
-            dest_distractors: self.receptacles(dest_distractors)?,
+            src_distractors: if gathers { Vec::new() } else { self.episode.receptacles("src_distractors", self.scene)? },
+            dest_distractors: self.episode.receptacles(dest_distractors, self.scene)?,
             object_distractors,
             plan: self.plan()?,
             published_goal: None,
@@ -134,7 +134,7 @@ impl Reader<'_> {
                 return Err(placement.problem(format!("{key} is not among the objects of the file")));
             };
             let asset = field.get("original_id")?.text()?.into();
-            let receptacle = self.receptacle(&placement.get("furniture")?)?;
+            let receptacle = placement.get("furniture")?.receptacle(self.scene)?;
             let instance = InstanceId::new(&asset, &receptacle, name);
             if objects.iter().any(|other| other.instance == instance) {
                 return Err(placement.problem(format!("a second {asset} on {receptacle}; one is expected")));
@@ -177,7 +177,7 @@ impl Reader<'_> {
         };
         let Some(list) = self.episode.find("target_object_ids")? else {
             let field = self.episode.get("target_object_id")?;
-            let src = self.receptacle(&self.episode.get("src")?)?;
+            let src = self.episode.get("src")?.receptacle(self.scene)?;
             return Ok(vec![find(&field, field.text()?, Some(&src))?]);
         };
         let sources: BTreeMap<String, ReceptacleId> = match self.episode.find("sources")? {
@@ -195,7 +195,7 @@ impl Reader<'_> {
     /// An object of a gathering and where it is.
     fn source(&self, source: &Field<'_>) -> Result<(String, ReceptacleId), Problem> {
         let asset = source.get("object_uid")?.text()?.trim_start_matches('_').to_owned();
-        Ok((asset, self.receptacle(&source.get("name")?)?))
+        Ok((asset, source.get("name")?.receptacle(self.scene)?))
     }
 
     /// Steps as texts, or as mappings like those of REAL-Bench.
@@ -240,18 +240,5 @@ impl Reader<'_> {
 
     fn text(&self, key: &str) -> Result<Option<String>, Problem> {
         self.episode.find(key)?.map(|field| field.text().map(str::to_owned)).transpose()
-    }
-
-    fn receptacle(&self, field: &Field<'_>) -> Result<ReceptacleId, Problem> {
-        let id = ReceptacleId::from(field.text()?);
-        if self.scene.receptacle(&id).is_none() {
-            return Err(field.problem(format!("{id} is no receptacle of the scene")));
-        }
-        Ok(id)
-    }
-
-    fn receptacles(&self, key: &str) -> Result<Vec<ReceptacleId>, Problem> {
-        let list = self.episode.find(key)?.map_or(Ok(Vec::new()), |list| list.items())?;
-        list.iter().map(|item| self.receptacle(item)).collect()
     }
 }

@@ -6,13 +6,13 @@ use reel_tasks::{SceneSource, TaskError, real_bench::Checkout};
 use reel_world::{Receptacle, Rect, Scene};
 use serde_json::{Value, json};
 
-use crate::fake_checkout;
+use reel_vectors::checkout;
 
 #[test]
 fn every_published_task_loads_in_the_scene_that_the_placements_prove() {
-    let Some(data) = fake_checkout::real_bench() else { return };
+    let Some(data) = reel_vectors::real_bench() else { return };
     let folder = tempfile::tempdir().unwrap();
-    fake_checkout::write(&data, folder.path(), 1);
+    checkout::write(&data, folder.path(), 1);
     let checkout = Checkout::read(folder.path()).unwrap();
     assert!(checkout.broken.is_empty(), "{:#?}", checkout.broken);
     assert!(checkout.complaints.is_empty(), "{:#?}", checkout.complaints);
@@ -66,9 +66,9 @@ fn captions(scene: &Scene) -> BTreeMap<String, Vec<String>> {
 
 #[test]
 fn the_order_of_receptacles_is_that_of_the_files() {
-    let Some(data) = fake_checkout::real_bench() else { return };
+    let Some(data) = reel_vectors::real_bench() else { return };
     let folder = tempfile::tempdir().unwrap();
-    fake_checkout::write(&data, folder.path(), 9);
+    checkout::write(&data, folder.path(), 9);
     let checkout = Checkout::read(folder.path()).unwrap();
     let scene = checkout.rebuild(checkout.scene_ids().first().unwrap()).unwrap().scene;
     let order: Vec<&str> = scene.receptacles.iter().map(|receptacle| receptacle.id.as_str()).collect();
@@ -81,9 +81,9 @@ fn the_order_of_receptacles_is_that_of_the_files() {
 
 #[test]
 fn what_the_server_tells_of_a_task_survives_loading() {
-    let Some(data) = fake_checkout::real_bench() else { return };
+    let Some(data) = reel_vectors::real_bench() else { return };
     let folder = tempfile::tempdir().unwrap();
-    fake_checkout::write(&data, folder.path(), 5);
+    checkout::write(&data, folder.path(), 5);
     let checkout = Checkout::read(folder.path()).unwrap();
     let scene = checkout.rebuild(checkout.scene_ids().first().unwrap()).unwrap().scene;
     let report = checkout.load(&scene);
@@ -119,7 +119,7 @@ fn broken_files_are_named_and_the_rest_loads() {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, text).unwrap();
     };
-    write("manifest.yaml", &fake_checkout::manifest(&counts, 1));
+    write("manifest.yaml", &checkout::manifest(&counts, 1));
     write("mesa_required.txt", "mug.usd\n");
     write("tasks/FDP/one.yaml", &task("one", 0).to_string());
     let mut other_scene = task("two", 1);

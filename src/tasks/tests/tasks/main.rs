@@ -1,7 +1,6 @@
 //! The crate from outside: published tasks, fixtures of our own, scenes, the generator.
 
 mod checkout;
-mod fake_checkout;
 mod fixtures;
 mod generator;
 mod lookup;
@@ -14,8 +13,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use fake_checkout::real_bench;
 use reel_tasks::{Oddity, OddityKind};
+use reel_vectors::real_bench;
 use reel_world::Scene;
 
 /// Files of our own.

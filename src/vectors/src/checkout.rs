@@ -1,5 +1,4 @@
 //! A public checkout in small: the layout of the published repository around the task files that are here, complete in itself.
-//! Shared by the tests of several crates.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -7,19 +6,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The published tasks that are here, if they are; else it says that it skips.
-pub fn real_bench() -> Option<PathBuf> {
-    let beside = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/real-bench"));
-    let path = std::env::var_os("REEL_REAL_BENCH").map_or_else(beside, PathBuf::from);
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("skipped: no REAL-Bench data at {} (set REEL_REAL_BENCH)", path.display());
-    None
-}
-
 /// Writes `<root>/benchmark` with every `step`th task file of `data`, numbered anew so that none is missing, and without a scene.
 /// Gives the number of tasks by family.
+///
+/// # Panics
+/// Panics if a file cannot be read or written.
 pub fn write(data: &Path, root: &Path, step: usize) -> BTreeMap<String, usize> {
     let benchmark = root.join("benchmark");
     let mut counts = BTreeMap::new();
@@ -51,7 +42,7 @@ pub fn write(data: &Path, root: &Path, step: usize) -> BTreeMap<String, usize> {
     counts
 }
 
-/// The text of a manifest.
+/// The text of a `manifest.yaml` that states these numbers of tasks by family and this number of meshes.
 pub fn manifest(counts: &BTreeMap<String, usize>, meshes: usize) -> String {
     let total: usize = counts.values().sum();
     let families: String = counts.iter().map(|(family, count)| format!("  {family}: {count}\n")).collect();
