@@ -7,7 +7,6 @@ use reel_trace::Trace;
 use reel_world::{
     ErrorCode, InstanceId, ObjectInstance, Task, ToolSpec, language,
     record::{MarkerTarget, StepRecord},
-    search_error,
 };
 use serde_json::Value;
 
@@ -91,14 +90,6 @@ impl<'a> Step<'a> {
             receptacle: record.receptacle.as_ref().map(|id| id.as_str()),
             held: record.held.as_ref().and_then(thing),
         }
-        .settled()
-    }
-
-    /// The decision with the error of [`search_error`].
-    #[must_use]
-    pub fn settled(mut self) -> Self {
-        self.error = search_error(self.tool, self.error, self.markers.len());
-        self
     }
 
     /// The call alone: all that is known of a decision before it is made.

@@ -5,7 +5,8 @@ use std::{fmt, sync::Arc};
 use reel_reward::{Rewarder, metrics};
 use reel_sim::{Given, Luck, Simulator, Snapshot, Stage, ToolResult, render::Detail, sim_version};
 use reel_world::{
-    Digest, ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool, WorldGraph, chain, invariants,
+    Digest, ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool, WorldGraph, ask_reply, chain,
+    invariants,
     record::{
         Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord, StateDigests, StepInput,
         StepRecord, UserReply,
@@ -347,9 +348,9 @@ impl Episode {
     fn dispatch_published(&mut self, input: &StepInput) -> (ToolResult, Option<UserReply>) {
         let call = &input.call;
         if self.config.profile == Profile::RealRepo && call.name == "ask" {
-            let reply = input.user_reply.as_ref();
-            let said = published_user::answer(call, &self.config.task, reply);
-            return (self.simulator.say_published("ask", said), reply.cloned());
+            let answer = published_user::answer(call, &self.config.task, input.user_reply.as_ref());
+            let reply = answer.as_deref().ok().and_then(ask_reply);
+            return (self.simulator.say_published("ask", answer), reply);
         }
         let luck = self.luck();
         (self.simulator.call_published(call, Given { luck, lookup: input.lookup.as_ref() }), None)

@@ -253,7 +253,6 @@ impl<'a> StepRow<'a> {
             receptacle: self.receptacle,
             held: self.held.and_then(thing),
         }
-        .settled()
     }
 }
 

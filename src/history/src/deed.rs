@@ -7,7 +7,6 @@ use serde_json::Value;
 use reel_world::{
     Door, DoorState, ErrorCode, GraphEvent, Scene, Task, ToolCall, ToolSpec, WorldGraph,
     record::{MarkerTarget, StepRecord},
-    search_error,
 };
 
 /// What was there before the first decision.
@@ -140,9 +139,8 @@ impl Deed {
             MarkerTarget::Receptacle(id) => Mark { number: marker.id, object: None, receptacle: Some(id.as_str().to_owned()) },
         });
         let called = Self::called(record.step, &record.input.call, &record.outcome.text);
-        let error = search_error(record.tool_name(), record.outcome.error, record.markers.len());
         Self {
-            error: error.map(|code| code.as_str().to_owned()),
+            error: record.outcome.error.map(|code| code.as_str().to_owned()),
             // The published servers answer a question without a user.
             reply: record.reply.as_ref().map(|reply| reply.text.clone()).or(called.reply),
             object: record.object.as_ref().map(key),

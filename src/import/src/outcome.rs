@@ -1,10 +1,6 @@
 //! What the texts of the published server mean (SPEC section 9): error codes, and the answer to an `ask`.
 
-use reel_world::{
-    ErrorCode, Outcome, Tool, ToolCall,
-    record::{UserReply, UserSource},
-};
-use serde_json::Value;
+use reel_world::{ErrorCode, Outcome, Tool, ToolCall, ask_reply, record::UserReply};
 
 /// Tools whose success is told in words; all others answer with a picture alone.
 const WORDS: &[&str] = &["walk_around", "ask", "finish", "list_receptacles"];
@@ -24,24 +20,10 @@ pub fn outcome(call: &ToolCall, text: Option<&str>, marked: Option<usize>) -> Ou
 
 /// The answer to an `ask`, in words; none where nobody answered.
 pub fn reply(call: &ToolCall, outcome: &Outcome) -> Option<UserReply> {
-    if Tool::parse(call).ok()?.paper_name() != "ask" || !outcome.is_ok() || outcome.text.is_empty() {
+    if Tool::parse(call).ok()?.paper_name() != "ask" || !outcome.is_ok() {
         return None;
     }
-    let Ok(Value::Object(answer)) = serde_json::from_str::<Value>(&outcome.text) else {
-        // Answers in plain words come from a model.
-        return Some(UserReply { text: outcome.text.clone(), source: UserSource::Model });
-    };
-    if answer.contains_key("error") {
-        return None;
-    }
-    let of = |key: &str| answer.get(key).and_then(Value::as_str).map(str::trim).filter(|text| !text.is_empty());
-    let text = [of("target_category"), of("target_description")].into_iter().flatten().collect::<Vec<_>>().join(" - ");
-    let source = match of("source") {
-        None | Some("task_metadata") => UserSource::RuleBased,
-        Some("human" | "user") => UserSource::Human,
-        Some(_) => UserSource::Model,
-    };
-    Some(UserReply { text: if text.is_empty() { outcome.text.clone() } else { text }, source })
+    ask_reply(&outcome.text)
 }
 
 fn error(call: &ToolCall, tool: Option<&str>, text: &str) -> Option<ErrorCode> {
@@ -68,7 +50,8 @@ fn error(call: &ToolCall, tool: Option<&str>, text: &str) -> Option<ErrorCode> {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
+    use reel_world::record::UserSource;
+    use serde_json::{Value, json};
 
     use super::*;
 

@@ -54,6 +54,10 @@ pub const SIM_CHANGES: &[SimChange] = &[
         profiles: &[Profile::RealRepo, Profile::RealGspo],
         text: "the published servers' tools to the letter: what they refuse and say, markers, where things are put, physics steps",
     },
+    SimChange {
+        profiles: &[Profile::RealRepo, Profile::RealGspo],
+        text: "a search without a match is recorded as nothing_found, the answer of the published servers' user as a reply",
+    },
 ];
 
 /// The version whose episodes of a profile this simulator plays: that of the last change that concerns it.

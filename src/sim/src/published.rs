@@ -194,7 +194,7 @@ impl Simulator {
             MarkerTarget::Receptacle(_) => false,
         });
         self.set_markers((1..).zip(found), true);
-        Ok(self.marked(OBJECT_TINT))
+        Ok(self.searched(OBJECT_TINT))
     }
 
     /// The category that a query means: literally (branch `main` only), by what was looked up outside, else the nearest one.
@@ -216,7 +216,7 @@ impl Simulator {
         let mut found = self.in_view();
         found.retain(|target| matches!(target, MarkerTarget::Receptacle(_)));
         self.set_markers((1..).zip(found), false);
-        Ok(self.marked(RECEPTACLE_TINT))
+        Ok(self.searched(RECEPTACLE_TINT))
     }
 
     fn focus(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
@@ -358,6 +358,13 @@ impl Simulator {
     fn plain(&mut self) -> ToolResult {
         let frame = self.take_picture();
         ToolResult { frame: Some(frame), ..ToolResult::new(Outcome::ok("")) }
+    }
+
+    /// The picture of a search. One that marked nothing found nothing, though the servers say no word of it.
+    fn searched(&mut self, opacity: f32) -> ToolResult {
+        let mut result = self.marked(opacity);
+        result.outcome.error = self.markers.is_empty().then_some(ErrorCode::NothingFound);
+        result
     }
 
     /// The picture with the current markers in it, and no word.

@@ -26,7 +26,7 @@ pub mod mesh;
 pub mod outcome;
 pub mod record;
 
-pub use ask_context::{AskContext, ask_context, ask_context_of_episode};
+pub use ask_context::{AskContext, ask_answer, ask_context, ask_context_of_episode, ask_error, ask_reply};
 pub use canonical::canonical_json;
 pub use digest::Digest;
 pub use failure::FailureClass;
@@ -35,7 +35,7 @@ pub use graph::{DoorState, GraphEvent, ReceptacleState, WorldGraph};
 pub use id::{AssetId, FLOOR, InstanceId, ReceptacleId};
 pub use logprobs::{LogprobError, OLD_POLICY, TokenLogprobs};
 pub use mesh::{Assets, Mesh, Meshes, NoAssets};
-pub use outcome::{ErrorClass, ErrorCode, Outcome, search_error};
+pub use outcome::{ErrorClass, ErrorCode, Outcome};
 pub use scene::{Door, Receptacle, Rect, Room, Scene, Scenes, Wall};
 pub use skills::Skills;
 pub use spaced_json::spaced_json;

@@ -179,11 +179,3 @@ impl Outcome {
         self.error.is_none()
     }
 }
-
-/// The error of a call, where a search that marked nothing counts as one that found nothing. The paper's tools refuse such a
-/// search; the published servers answer it with an unmarked image. `tool` is the paper's name, `markers` how many there are after
-/// the call.
-pub fn search_error(tool: &str, error: Option<ErrorCode>, markers: usize) -> Option<ErrorCode> {
-    let searched = matches!(tool, "show_object_by_category" | "show_receptacles");
-    error.or_else(|| (searched && markers == 0).then_some(ErrorCode::NothingFound))
-}

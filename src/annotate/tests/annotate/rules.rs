@@ -128,11 +128,9 @@ fn a_history_tells_what_happened() {
             match (record.tool_name(), record.outcome.error) {
                 ("nav_to", None) => says(record.receptacle.as_ref().unwrap().as_str()),
                 ("place", None) => says(record.receptacle.as_ref().unwrap().as_str()),
-                // The published servers answer a door call on an object, a question without a description and a search
-                // without a match like any other call.
+                // The published servers answer a door call on an object and a question without a description like any other call.
                 ("open" | "close", None) => record.receptacle.iter().for_each(|receptacle| says(receptacle.as_str())),
                 ("ask", None) => record.reply.iter().for_each(|reply| says(reply.text.trim_end_matches('.'))),
-                ("show_object_by_category" | "show_receptacles", None) if record.markers.is_empty() => {}
                 ("show_object_by_category" | "walk_around", None) => says(&format!("{} ", record.markers.len())),
                 ("show_receptacles", None) => says(&format!("marker {}", record.markers[0].id)),
                 ("pick", None) => says(&trace.task.object(record.held.as_ref().unwrap()).unwrap().category),

@@ -2,6 +2,7 @@
 
 use reel_agents::{Outside, RecordTo, policy, run_episode};
 use reel_replay::{Verdict, verify_trace};
+use reel_sim::sim_version;
 use reel_trace::{Images, Trace};
 use reel_world::{Profile, record::EndReason};
 
@@ -37,6 +38,8 @@ fn a_trace_of_the_old_published_tools_is_of_another_simulator_and_one_of_the_pap
     assert!(verify_trace(&paper).is_exact());
     let mut old = paper;
     old.header.profile = Profile::RealRepo;
-    let Verdict::OtherSimulator { recorded: 2, this: 3, changes } = verify_trace(&old) else { panic!("{}", verify_trace(&old)) };
-    assert!(matches!(&changes[..], [change] if change.starts_with("simulator 3: the published servers' tools")), "{changes:?}");
+    let verdict = verify_trace(&old);
+    let Verdict::OtherSimulator { recorded: 2, this, changes } = &verdict else { panic!("{verdict}") };
+    assert_eq!(*this, sim_version(Profile::RealRepo));
+    assert!(changes[0].starts_with("simulator 3: the published servers' tools"), "{changes:?}");
 }
