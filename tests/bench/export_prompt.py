@@ -33,7 +33,8 @@ REPORTED_ERRORS = (
 )  # fmt: skip
 
 NUMBERED = re.compile(r"[0-9]+\)\s*(\S.*)", re.DOTALL)
-SENTENCE_END = re.compile(r"[.!?](?=[\t\n\f\r ])")
+SENTENCE_END = re.compile(r"[.!?;](?=[\t\n\f\r ])")
+BREAK = "; \t\n\f\r"
 PER_DECISION = re.compile(r"\{(?:TASK_PROGRESS|LAST_ACTION|LAST_OBS|ask_count|hand_state_description)\}")
 
 
@@ -157,7 +158,7 @@ class Decisions:
         if all(map(NUMBERED.fullmatch, lines)):
             self.history, self.lines, self.line_count, self.told_before = told, "\n".join(lines), len(lines), ""
             return NUMBERED.fullmatch(lines[-1])[1]
-        new = " ".join(told[shared_sentences(self.told_before, told) :].split())
+        new = " ".join(told[shared_sentences(self.told_before, told) :].lstrip(BREAK).split())
         self.told_before = told
         line = new or self.log or NOTHING_YET
         before = f"{self.lines}\n" if self.lines else ""
@@ -172,8 +173,8 @@ class Decisions:
 
 
 def shared_sentences(before, told):
-    """Where the sentences end with which both texts begin."""
-    if told.startswith(before) and told[len(before) : len(before) + 1] in ("", " ", "\t", "\n", "\f", "\r"):
+    """Where the sentences and clauses end with which both texts begin."""
+    if told.startswith(before) and told[len(before) : len(before) + 1] in ("", *BREAK):
         return len(before)
     common = len(os.path.commonprefix((before, told)))
     return max((found.end() for found in SENTENCE_END.finditer(told, 0, common)), default=0)

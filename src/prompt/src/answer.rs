@@ -68,7 +68,7 @@ impl HistoryLines {
             self.before.clear();
             return told.to_owned();
         }
-        let new = one_line(&told[shared_sentences(&self.before, told)..]);
+        let new = one_line(told[shared_sentences(&self.before, told)..].trim_start_matches(is_break));
         self.before = told.to_owned();
         let line = if new.is_empty() { log.unwrap_or(NOTHING_YET).to_owned() } else { new };
         self.lines.push(format!("{}) {line}", self.lines.len()));
@@ -86,13 +86,18 @@ fn numbered(history: &str) -> Option<Vec<String>> {
     (!lines.is_empty() && lines.iter().all(|line| is_numbered(line))).then_some(lines)
 }
 
-/// Where the sentences end with which both texts begin, in bytes.
+/// What stands between two clauses, as in `I saw 2 mugs; I picked one`.
+fn is_break(c: char) -> bool {
+    c == ';' || c.is_ascii_whitespace()
+}
+
+/// Where the sentences and clauses end with which both texts begin, in bytes.
 fn shared_sentences(one: &str, other: &str) -> usize {
     let common = one.bytes().zip(other.bytes()).take_while(|(one, other)| one == other).count();
-    if common == one.len() && other.as_bytes().get(common).is_none_or(u8::is_ascii_whitespace) {
+    if common == one.len() && other.as_bytes().get(common).is_none_or(|byte| is_break(char::from(*byte))) {
         return common;
     }
-    let end = |(at, c): (usize, char)| matches!(c, '.' | '!' | '?').then_some(at + 1);
+    let end = |(at, c): (usize, char)| matches!(c, '.' | '!' | '?' | ';').then_some(at + 1);
     let ends = other.char_indices().filter_map(end).take_while(|end| *end < common);
     ends.filter(|end| other.as_bytes()[*end].is_ascii_whitespace()).last().unwrap_or(0)
 }
@@ -143,6 +148,17 @@ mod tests {
         assert_eq!(next.lines().last(), Some("3) I picked one."));
         assert_eq!(lines.next("I went to table_1. I picked one.", Some("log")).lines().last(), Some("4) log"));
         assert_eq!(lines.next("", Some("log")).lines().last(), Some("5) log"));
+    }
+
+    #[test]
+    fn clauses_between_semicolons_become_lines() {
+        let mut lines = HistoryLines::default();
+        lines.next("saw 2 mugs", None);
+        let next = lines.next("saw 2 mugs; took one; went on", Some("log"));
+        assert_eq!(next.lines().last(), Some("1) took one; went on"));
+        let next = lines.next("saw 2 mugs; took one; put it down", Some("log"));
+        assert_eq!(next.lines().last(), Some("2) put it down"));
+        assert_eq!(lines.next("saw 2 mugs; took one; put it down", Some("log")).lines().last(), Some("3) log"));
     }
 
     #[test]

@@ -7,9 +7,10 @@
 mod answer;
 mod prompt;
 
-use std::{fs, io, path::Path};
+use std::{fs, io, path::Path, sync::Arc};
 
 use reel_model::{Client, Message, Reply, Role};
+use reel_prompt::Prompt;
 use reel_world::Digest;
 
 pub use prompt::version as prompt_version;
@@ -33,6 +34,8 @@ pub struct ModelAnnotator<'a> {
     pub seed: u64,
     /// What a History has to pass.
     pub check: &'a Check<'a>,
+    /// The prompt that the annotated robot acts on, so that the notes fit it.
+    pub prompt: Arc<Prompt>,
 }
 
 /// What came of an episode.
@@ -68,7 +71,8 @@ impl ModelAnnotator<'_> {
         path: &Path,
     ) -> Result<Written, AnnotateError> {
         let annotator = self.client.endpoint().model.clone();
-        let provenance = Provenance { trace, steps: steps.len(), annotator, version: prompt_version(), seed: self.seed };
+        let provenance =
+            Provenance { trace, steps: steps.len(), annotator, version: prompt_version(&self.prompt), seed: self.seed };
         let mut entries = kept(path, &provenance)?;
         let resumed = entries.len();
         let rules = annotate(task, steps, self.seed);
@@ -102,7 +106,7 @@ impl ModelAnnotator<'_> {
             self.client.complete(request).map_err(error)
         };
         let before = entries.last().map(|entry| entry.note.history.as_str());
-        let mut request = prompt::request(task, steps, secrets, before, batch.clone());
+        let mut request = prompt::request(&self.prompt, task, steps, secrets, before, batch.clone());
         let first = complete(&request)?;
         let notes = answer::parse(&first.text);
         if !notes.is_empty() {

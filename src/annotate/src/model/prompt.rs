@@ -1,8 +1,9 @@
-//! An episode as a request: the prompt file, then the record between two lines, then what to write.
+//! An episode as a request: the prompt file, then the robot's own prompt and the record between lines, then what to write.
 
-use std::ops::Range;
+use std::{ops::Range, sync::Arc};
 
 use reel_model::{Message, Request, Role};
+use reel_prompt::{EpisodePrompt, Prompt, SingleTurn};
 use reel_world::Digest;
 use serde_json::{Map, Value, json};
 
@@ -18,13 +19,15 @@ const PROMPT: &str = include_str!("../../prompts/annotate.md");
 pub(super) const AGAIN: &str =
     "Your answer holds no note that can be read. Answer again, with the one JSON array of whole objects and nothing else.";
 
-/// The prompt's version: the digest of its file.
-pub fn version() -> Digest {
-    Digest::of(PROMPT.as_bytes())
+/// The version of a request: the digest of the annotator's prompt file and of the prompt of the robot that is annotated.
+pub fn version(robot: &Prompt) -> Digest {
+    Digest::of([PROMPT, &robot.digest().to_string()].concat().as_bytes())
 }
 
-/// What the model is asked about a batch of decisions. Of the last one only the call is shown, of later ones nothing.
+/// What the model is asked about a batch of decisions. Of the last one only the call is shown, of later ones nothing. `robot` is
+/// the prompt that the robot acts on, shown as it stands at the first decision.
 pub(super) fn request(
+    robot: &Arc<Prompt>,
     task: &PublicTask,
     steps: &[Step<'_>],
     secrets: &Secrets,
@@ -39,12 +42,14 @@ pub(super) fn request(
         let over = index + 1 < batch.end;
         record.push_str(&format!("{}\n", line(index, step, secrets, over)));
     }
+    let places = task.places.iter().map(|place| (place.id.as_str(), place.room.as_str()));
+    let prompt = SingleTurn::new(Arc::new(EpisodePrompt::new(Arc::clone(robot), &task.instruction, places))).prompt();
     // Nobody who writes into the record knows the digest of all of it.
     let code = Digest::of(record.as_bytes()).short();
     let (first, last) = (batch.start, batch.end - 1);
     let history = before.map_or(String::new(), |history| format!("The history of step {} was: {history}\n\n", first - 1));
     let text = format!(
-        "BEGIN RECORD {code}\n{record}END RECORD {code}\n\n{history}Write the notes of steps {first} to {last}: one JSON array of {} objects.",
+        "BEGIN PROMPT {code}\n{prompt}\nEND PROMPT {code}\n\nBEGIN RECORD {code}\n{record}END RECORD {code}\n\n{history}Write the notes of steps {first} to {last}: one JSON array of {} objects.",
         batch.len()
     );
     Request { messages: vec![Message::text(Role::System, PROMPT), Message::text(Role::User, text)], ..Request::default() }

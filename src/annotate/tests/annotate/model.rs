@@ -7,6 +7,7 @@ use reel_annotate::{
 };
 use reel_history::{Deed, Setting};
 use reel_model::{CallLog, Client, Endpoint};
+use reel_prompt::{Prompt, TEMPLATE, Wording};
 use reel_trace::Trace;
 use reel_world::Digest;
 use serde_json::{Value, json};
@@ -26,10 +27,21 @@ fn chain(trace: &Trace) -> Digest {
 }
 
 fn run(trace: &Trace, base_url: &str, path: &Path, check: &reel_annotate::Check<'_>) -> Result<Written, AnnotateError> {
+    run_with(Prompt::builtin(), trace, base_url, path, check)
+}
+
+/// Annotates for a robot that acts on `prompt`.
+fn run_with(
+    prompt: Arc<Prompt>,
+    trace: &Trace,
+    base_url: &str,
+    path: &Path,
+    check: &reel_annotate::Check<'_>,
+) -> Result<Written, AnnotateError> {
     let endpoint = Endpoint { retries: 0, timeout: Duration::from_secs(20), ..Endpoint::new(base_url, "writer-1") };
     let log = CallLog::append(path.with_extension("log")).unwrap();
     let client = Client::new(endpoint, Arc::new(TestClock::default())).unwrap().with_log(log);
-    let annotator = ModelAnnotator { client: &client, seed: 7, check };
+    let annotator = ModelAnnotator { client: &client, seed: 7, check, prompt };
     let task = PublicTask::of(&trace.task, &trace.scene);
     annotator.annotate(&task, &Step::all(trace), &Secrets::of(&trace.task), chain(trace), path)
 }
@@ -65,7 +77,10 @@ fn an_episode_in_batches_with_the_replies_logged() {
     let steps = trace.steps.len();
     assert_eq!((written.entries.len(), written.fallbacks(), written.resumed), (steps, 0, 0));
     assert_eq!(written.entries[3].note.reasoning, "because 3");
-    assert_eq!((written.provenance.version, written.provenance.annotator.as_str()), (prompt_version(), "writer-1"));
+    assert_eq!(
+        (written.provenance.version, written.provenance.annotator.as_str()),
+        (prompt_version(&Prompt::builtin()), "writer-1")
+    );
     assert_eq!(read_notes(&path, &chain(&trace)).unwrap(), (written.provenance, written.entries));
     let received = server.received();
     assert_eq!(received.len(), steps.div_ceil(BATCH));
@@ -82,6 +97,23 @@ fn an_episode_in_batches_with_the_replies_logged() {
     assert!(line(0, BATCH - 1).get("outcome").is_none() && line(1, BATCH - 1).get("outcome").is_some());
     assert!(text(1).contains(&format!("was: I did {} things.", BATCH - 1)), "{}", text(1));
     assert!(text(0).contains("for_your_eyes_only"));
+}
+
+#[test]
+fn the_model_reads_the_prompt_of_the_robot_and_another_prompt_makes_other_notes() {
+    let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
+    let path = folder.path().join("notes.jsonl");
+    let own = Prompt::new("own", &TEMPLATE.replacen("{TASK}", "It shall be done: {TASK}", 1), Wording::default()).unwrap();
+    let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
+    let first = run(&trace, &server.base_url, &path, &fine).unwrap();
+    let asked_first = server.received().len();
+    let written = run_with(Arc::new(own.clone()), &trace, &server.base_url, &path, &fine).unwrap();
+    assert_eq!((written.resumed, written.provenance.version), (0, prompt_version(&own)));
+    assert_ne!(written.provenance.version, first.provenance.version);
+    let text = server.received()[asked_first].body["messages"][1]["content"].as_str().unwrap().to_owned();
+    assert!(text.contains(&format!("It shall be done: {}", trace.task.instruction)), "{text}");
+    let receptacle = trace.scene.receptacles.first().unwrap().id.as_str();
+    assert!(text.split("END PROMPT").next().unwrap().contains(receptacle), "{text}");
 }
 
 #[test]

@@ -1,6 +1,9 @@
 //! `reel annotate`: reasoning, History, schedule and subtask for traces that came without words.
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use rayon::prelude::*;
 use reel_annotate::{
@@ -9,21 +12,24 @@ use reel_annotate::{
 };
 use reel_history::{Deed, Setting};
 use reel_model::Client;
+use reel_prompt::Prompt;
 use reel_trace::Trace;
 use serde_json::json;
 
-use crate::{Answer, inputs, model::Model, progress};
+use crate::{Answer, inputs, model::Model, progress, prompt::PromptArguments};
 
 /// Write what an agent might have said along with each decision of a trace: reasoning, History, schedule and subtask, from what
 /// it could know at that moment. By rules in varied words, or by a model behind an OpenAI-compatible endpoint, ten decisions a
-/// request. A model's note stands only if it is complete, says nothing that an agent cannot know and no History that the record
-/// refutes; else the rules' note stands in, and the file says why. The notes go into a file beside the trace,
-/// `<trace>.notes.jsonl`, which `reel export sft --words notes` reads; the trace is not changed. Broken off, the same command
-/// goes on where it stopped. `reel export sft` needs none of this: it writes the rules' words itself.
+/// request. The model reads the prompt that the agent acts on (`--prompt`; without it the one of Reel), so that its notes fit. Its
+/// note stands only if it is complete, says nothing that an agent cannot know and no History that the record refutes; else the
+/// rules' note stands in, and the file says why. The notes go into a file beside the trace, `<trace>.notes.jsonl`, which
+/// `reel export sft --words notes` reads; the trace is not changed. Broken off, the same command goes on where it stopped.
+/// `reel export sft` needs none of this: it writes the rules' words itself.
 ///
 /// Example:
 ///   reel annotate traces
 ///   reel annotate traces --endpoint http://localhost:8000/v1 --model qwen3-vl
+///   reel annotate traces --endpoint http://localhost:8000/v1 --model qwen3-vl --prompt real_grpo_prompt.txt
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -32,6 +38,8 @@ pub struct Arguments {
     paths: Vec<PathBuf>,
     #[command(flatten)]
     model: Model,
+    #[command(flatten)]
+    prompt: PromptArguments,
     /// Folder in which a model's replies are kept
     #[arg(long, value_name = "DIR", default_value = "annotate-cache")]
     cache: PathBuf,
@@ -61,10 +69,11 @@ struct Noted {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let paths = inputs::traces(&arguments.paths)?;
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
+    let prompt = arguments.prompt.prompt()?;
     let bar = progress::bar(paths.len(), "annotating");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(arguments.jobs)).build()?;
     let note = |path: &PathBuf| {
-        let noted = note(path, client.as_ref(), arguments.seed);
+        let noted = note(path, client.as_ref(), &prompt, arguments.seed);
         bar.inc(1);
         noted
     };
@@ -99,7 +108,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     Ok(if errors > 0 { Answer::Loss } else { Answer::Yes })
 }
 
-fn note(path: &Path, client: Option<&Client>, seed: u64) -> anyhow::Result<Noted> {
+fn note(path: &Path, client: Option<&Client>, prompt: &Arc<Prompt>, seed: u64) -> anyhow::Result<Noted> {
     let trace = Trace::read(path)?;
     let public = PublicTask::of(&trace.task, &trace.scene);
     let steps = Step::all(&trace);
@@ -114,7 +123,7 @@ fn note(path: &Path, client: Option<&Client>, seed: u64) -> anyhow::Result<Noted
     };
     let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
     let check = history_check(setting, trace.steps.iter().map(Deed::of).collect());
-    let annotator = ModelAnnotator { client, seed, check: &check };
+    let annotator = ModelAnnotator { client, seed, check: &check, prompt: Arc::clone(prompt) };
     let written = annotator.annotate(&public, &steps, &Secrets::of(&trace.task), trace.chain(), &notes)?;
     let fallback = |(call, entry): (usize, Entry)| Some((call, entry.fallback?));
     Ok(Noted {
