@@ -34,8 +34,16 @@ fn main() -> Result<(), Box<dyn Error>> {
     let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR")?).join("../../schemas");
     println!("cargo:rerun-if-changed={}", root.join("reel").display());
     println!("cargo:rerun-if-changed={}", root.join("foxglove").display());
-    let descriptors = protox::Compiler::new([&root])?.include_imports(true).open_files(SCHEMAS)?.file_descriptor_set();
-    fs::write(PathBuf::from(env::var("OUT_DIR")?).join("schemas.bin"), descriptors.encode_to_vec())?;
-    prost_build::Config::new().btree_map(["."]).compile_fds(descriptors)?;
+    let descriptors = protox::Compiler::new([&root])?
+        .include_imports(true)
+        .open_files(SCHEMAS)?
+        .file_descriptor_set();
+    fs::write(
+        PathBuf::from(env::var("OUT_DIR")?).join("schemas.bin"),
+        descriptors.encode_to_vec(),
+    )?;
+    prost_build::Config::new()
+        .btree_map(["."])
+        .compile_fds(descriptors)?;
     Ok(())
 }

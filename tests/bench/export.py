@@ -188,7 +188,7 @@ def check_leaks():
     """Ends the program where the script misses privileged text that our tests plant, or finds some in clean text."""
     source = (HERE.parents[1] / "src/dataset/tests/dataset/leaks.rs").read_text()
     literal = r'"((?:[^"\\]|\\.)*)"'
-    planted = re.findall(rf"\(\w+, {literal}\)", source[source.index("fn planted") : source.index("let hidden")])
+    planted = re.findall(rf"\(\s*\w+,\s*{literal},?\s*\)", source[source.index("fn planted") : source.index("let hidden")])
     clean = re.findall(rf"^ +{literal},$", source[source.index("fn clean_texts") : source.index("for text in texts")], re.MULTILINE)
     words = ("vase_03_on_shelf_1_at_home_0001", "vase_03", "_01cace88a48c", "FDO/home_0001")
     phrase = "Move the tall blue vase from the oak shelf to the glass table."

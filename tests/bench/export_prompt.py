@@ -51,7 +51,7 @@ class Prompts(NamedTuple):
 def prompts():
     template, system = ((SOURCES / f"prompt/texts/{name}.txt").read_text() for name in ("prompt", "conversation"))
     defaults = (SOURCES / "prompt/src/wording.rs").read_text().partition("impl Default")[2]
-    sentences = re.findall(r'^ +(\w+): (?:own\("((?:[^"\\]|\\.)*)"\)|String::new\(\))', defaults, re.MULTILINE | re.DOTALL)
+    sentences = re.findall(r'^ +(\w+): (?:own\(\s*"((?:[^"\\]|\\.)*)",?\s*\)|String::new\(\))', defaults, re.MULTILINE | re.DOTALL)
     wording = {name: json.loads('"' + re.sub(r"\\\n\s*", "", text) + '"') for name, text in sentences}
     digest = blake3(template.encode()).hexdigest() + orjson.dumps(wording).decode() + system
     text = template.rstrip()
@@ -62,7 +62,7 @@ def prompts():
 @functools.cache
 def tools():
     """The tools' names in the published code by their names in the paper."""
-    return dict(re.findall(r'\bspec\("(\w+)", "(\w+)", ', (SOURCES / "world/src/tool.rs").read_text()))
+    return dict(re.findall(r'\bspec\(\s*"(\w+)",\s*"(\w+)",', (SOURCES / "world/src/tool.rs").read_text()))
 
 
 def values_of(instruction, receptacles):

@@ -1,5 +1,5 @@
-//! A policy that tries everything: whatever is in view, every receptacle, every tool, now and then nonsense.
-//! It wants no goal; it is there to find what breaks. It sees only what an agent sees.
+//! A policy that tries everything: whatever is in view, every receptacle, every tool, now and then
+//! nonsense. It wants no goal; it is there to find what breaks. It sees only what an agent sees.
 
 use std::collections::BTreeSet;
 
@@ -78,13 +78,17 @@ impl Explorer {
             Some(Deed::Place) if context.observation.error.is_none() => self.holding = false,
             _ => {}
         }
-        self.old_numbers.extend(context.seen.iter().filter_map(|thing| thing.marker));
+        self.old_numbers
+            .extend(context.seen.iter().filter_map(|thing| thing.marker));
         let objects = || context.seen.iter().filter(|thing| !thing.furniture);
-        self.laden.extend(objects().filter_map(|thing| thing.receptacle_hint.clone()));
-        self.categories.extend(context.seen.iter().map(|thing| thing.category.clone()));
+        self.laden
+            .extend(objects().filter_map(|thing| thing.receptacle_hint.clone()));
+        self.categories
+            .extend(context.seen.iter().map(|thing| thing.category.clone()));
     }
 
-    /// Chooses by weights that make episodes in which much happens: what is possible is likely, the rest is tried too.
+    /// Chooses by weights that make episodes in which much happens: what is possible is likely, the
+    /// rest is tried too.
     fn choose_deed(&mut self, context: &Context<'_>) -> Deed {
         let any = |fits: fn(&Seen) -> bool| context.seen.iter().any(fits);
         let objects = any(|thing| !thing.furniture && thing.marker.is_some());
@@ -99,7 +103,10 @@ impl Explorer {
             (Deed::WalkAround, if_else(free, 8, 3)),
             (Deed::ShowObjects, if_else(unmarked && free, 24, 4)),
             (Deed::ShowReceptacles, if_else(furniture, 3, 14)),
-            (Deed::Gaze, if_else(too_far, 40, if_else(objects || furniture, 9, 1))),
+            (
+                Deed::Gaze,
+                if_else(too_far, 40, if_else(objects || furniture, 9, 1)),
+            ),
             (Deed::Pick, if_else(free && objects, 30, 1)),
             (Deed::Place, if_else(!free && furniture, 30, 1)),
             (Deed::Open, if_else(door, 16, 1)),
@@ -120,20 +127,40 @@ impl Explorer {
     }
 
     fn call(&mut self, deed: Deed, context: &Context<'_>) -> ToolCall {
-        let numbered = |furniture: bool| context.seen.iter().filter(move |thing| thing.furniture == furniture);
+        let numbered = |furniture: bool| {
+            context
+                .seen
+                .iter()
+                .filter(move |thing| thing.furniture == furniture)
+        };
         let tool = match deed {
             Deed::Drive => return self.drive(context),
             Deed::WalkAround => Tool::WalkAround,
-            Deed::ShowObjects => Tool::ShowObjectByCategory { category: self.category(context) },
+            Deed::ShowObjects => Tool::ShowObjectByCategory {
+                category: self.category(context),
+            },
             Deed::ShowReceptacles => Tool::ShowReceptacles,
-            Deed::Gaze => Tool::GazeAt { marker: self.number(context.seen.iter().collect()) },
-            Deed::Pick => Tool::Pick { marker: self.number(numbered(false).collect()) },
-            Deed::Place => Tool::Place { marker: self.number(numbered(true).collect()) },
-            Deed::Open => Tool::Open { marker: self.door(numbered(true).collect()) },
-            Deed::Close => Tool::Close { marker: self.door(numbered(true).collect()) },
+            Deed::Gaze => Tool::GazeAt {
+                marker: self.number(context.seen.iter().collect()),
+            },
+            Deed::Pick => Tool::Pick {
+                marker: self.number(numbered(false).collect()),
+            },
+            Deed::Place => Tool::Place {
+                marker: self.number(numbered(true).collect()),
+            },
+            Deed::Open => Tool::Open {
+                marker: self.door(numbered(true).collect()),
+            },
+            Deed::Close => Tool::Close {
+                marker: self.door(numbered(true).collect()),
+            },
             Deed::Ask => return self.question(),
             Deed::List => {
-                return self.one_of([ToolCall::new("list_receptacles", json!({})), ToolCall::new("list_tasks", json!({}))]);
+                return self.one_of([
+                    ToolCall::new("list_receptacles", json!({})),
+                    ToolCall::new("list_tasks", json!({})),
+                ]);
             }
             Deed::Nonsense => return self.nonsense(),
         };
@@ -144,27 +171,49 @@ impl Explorer {
     fn drive(&mut self, context: &Context<'_>) -> ToolCall {
         let all = &context.briefing.receptacles;
         let among: Vec<ReceptacleId> = match random::below(&mut self.rng, 3) {
-            0 => all.iter().filter(|(_, category, _)| has_door(category)).map(|(id, ..)| id.clone()).collect(),
+            0 => all
+                .iter()
+                .filter(|(_, category, _)| has_door(category))
+                .map(|(id, ..)| id.clone())
+                .collect(),
             1 => self.laden.iter().cloned().collect(),
             _ => Vec::new(),
         };
-        let anywhere = all.get(random::below(&mut self.rng, all.len().max(1))).map(|(id, ..)| id);
+        let anywhere = all
+            .get(random::below(&mut self.rng, all.len().max(1)))
+            .map(|(id, ..)| id);
         match random::choose(&mut self.rng, &among).or(anywhere) {
-            Some(id) => Tool::NavTo { receptacle: id.clone() }.to_call(),
+            Some(id) => Tool::NavTo {
+                receptacle: id.clone(),
+            }
+            .to_call(),
             None => Tool::ShowReceptacles.to_call(),
         }
     }
 
     /// A category in view, one it saw before, or a word of the instruction.
     fn category(&mut self, context: &Context<'_>) -> String {
-        let in_view = context.seen.iter().filter(|thing| !thing.furniture).map(|thing| thing.category.clone());
-        let words = context.briefing.instruction.split_whitespace().map(|word| word.trim_matches(|c: char| !c.is_alphanumeric()));
+        let in_view = context
+            .seen
+            .iter()
+            .filter(|thing| !thing.furniture)
+            .map(|thing| thing.category.clone());
+        let words = context
+            .briefing
+            .instruction
+            .split_whitespace()
+            .map(|word| word.trim_matches(|c: char| !c.is_alphanumeric()));
         let among: Vec<String> = match random::below(&mut self.rng, 8) {
-            0 => words.filter(|word| word.len() > 3).map(str::to_owned).collect(),
+            0 => words
+                .filter(|word| word.len() > 3)
+                .map(str::to_owned)
+                .collect(),
             1 => self.categories.iter().cloned().collect(),
             _ => in_view.collect(),
         };
-        random::choose(&mut self.rng, &among).cloned().unwrap_or_else(|| "apple".to_owned())
+        random::choose(&mut self.rng, &among)
+            .cloned()
+            .unwrap_or_else(|| "apple".to_owned())
     }
 
     /// The number of one of these things; now and then another one.
@@ -174,24 +223,45 @@ impl Explorer {
             let old: Vec<u32> = self.old_numbers.iter().copied().chain([0, 97]).collect();
             return random::choose(&mut self.rng, &old).copied().unwrap_or(97);
         }
-        random::choose(&mut self.rng, &numbers).copied().unwrap_or(97)
+        random::choose(&mut self.rng, &numbers)
+            .copied()
+            .unwrap_or(97)
     }
 
     /// The number of a thing that looks as if it had a door, most of the time.
     fn door(&mut self, things: Vec<&Seen>) -> u32 {
-        let doors: Vec<&Seen> = things.iter().filter(|thing| has_door(&thing.category)).copied().collect();
-        let doors = if random::below(&mut self.rng, 5) == 0 || doors.is_empty() { things } else { doors };
+        let doors: Vec<&Seen> = things
+            .iter()
+            .filter(|thing| has_door(&thing.category))
+            .copied()
+            .collect();
+        let doors = if random::below(&mut self.rng, 5) == 0 || doors.is_empty() {
+            things
+        } else {
+            doors
+        };
         self.number(doors)
     }
 
     fn question(&mut self) -> ToolCall {
         let seen: Vec<String> = self.categories.iter().cloned().collect();
-        let category = random::choose(&mut self.rng, &seen).cloned().unwrap_or_else(|| "thing".to_owned());
+        let category = random::choose(&mut self.rng, &seen)
+            .cloned()
+            .unwrap_or_else(|| "thing".to_owned());
         self.one_of([
-            ToolCall::new("ask", json!({ "question": format!("Do you want the {category}?") })),
-            ToolCall::new("ask", json!({ "question": "Which of them do you mean, and where does it go?" })),
+            ToolCall::new(
+                "ask",
+                json!({ "question": format!("Do you want the {category}?") }),
+            ),
+            ToolCall::new(
+                "ask",
+                json!({ "question": "Which of them do you mean, and where does it go?" }),
+            ),
             ToolCall::new("ask", json!({ "question": "" })),
-            ToolCall::new("ask", json!({ "target_category": category, "target_description": "the one on the left" })),
+            ToolCall::new(
+                "ask",
+                json!({ "target_category": category, "target_description": "the one on the left" }),
+            ),
         ])
     }
 
@@ -234,7 +304,10 @@ impl Policy for Explorer {
         };
         let other_name = random::below(&mut self.rng, OTHER_NAME_EVERY) == 0;
         let call = match ToolSpec::by_name(&call.name) {
-            Some(spec) if other_name => ToolCall { name: spec.repo_name.to_owned(), ..call },
+            Some(spec) if other_name => ToolCall {
+                name: spec.repo_name.to_owned(),
+                ..call
+            },
             _ => call,
         };
         Ok(StepInput::bare(call))

@@ -1,5 +1,5 @@
-//! Policies with one fault each, built on the oracle: it executes a mistaken task, lacks a habit, or is
-//! interrupted. What they do is wrong on purpose; it is never an error of ours.
+//! Policies with one fault each, built on the oracle: it executes a mistaken task, lacks a habit,
+//! or is interrupted. What they do is wrong on purpose; it is never an error of ours.
 
 use std::{collections::BTreeSet, sync::Arc};
 
@@ -18,27 +18,40 @@ use crate::{
     policy, random,
 };
 
-/// Takes a similar object for the target: one of the same category or purpose, else any other on the source;
-/// where there is none it goes to the destination with empty hands.
+/// Takes a similar object for the target: one of the same category or purpose, else any other on
+/// the source; where there is none it goes to the destination with empty hands.
 pub fn wrong_object(task: &Arc<Task>, seed: u64) -> Oracle {
     let mut rng = random::stream(seed, "wrong-object", 0);
     let dest = task.goal.place_of(&task.target);
     let others: Vec<&ObjectInstance> = task
         .objects
         .iter()
-        .filter(|object| object.instance != task.target && Some(&object.receptacle) != dest && !task.moves(object))
+        .filter(|object| {
+            object.instance != task.target
+                && Some(&object.receptacle) != dest
+                && !task.moves(object)
+        })
         .collect();
     let similar = |object: &&&ObjectInstance| is_similar(task, object);
-    let on_source = |object: &&&ObjectInstance| object.receptacle == task.target_object().receptacle;
+    let on_source =
+        |object: &&&ObjectInstance| object.receptacle == task.target_object().receptacle;
     let tiers: [Vec<&ObjectInstance>; 3] = [
-        others.iter().filter(similar).filter(on_source).copied().collect(),
+        others
+            .iter()
+            .filter(similar)
+            .filter(on_source)
+            .copied()
+            .collect(),
         others.iter().filter(similar).copied().collect(),
         others.iter().filter(on_source).copied().collect(),
     ];
     match tiers.iter().find_map(|tier| random::choose(&mut rng, tier)) {
-        Some(object) => {
-            Oracle::faulty("wrong-object", Arc::new(mistaken_task(task, Some(object), None)), Habits::default(), seed)
-        }
+        Some(object) => Oracle::faulty(
+            "wrong-object",
+            Arc::new(mistaken_task(task, Some(object), None)),
+            Habits::default(),
+            seed,
+        ),
         None => {
             let script = vec![
                 Intent::NavTo(task.src.clone()),
@@ -46,54 +59,111 @@ pub fn wrong_object(task: &Arc<Task>, seed: u64) -> Oracle {
                 Intent::Place(task.dest.clone()),
                 Intent::Finish,
             ];
-            Oracle::faulty("wrong-object", task.clone(), Habits { replans: false, ..Habits::default() }, seed).with_script(script)
+            Oracle::faulty(
+                "wrong-object",
+                task.clone(),
+                Habits {
+                    replans: false,
+                    ..Habits::default()
+                },
+                seed,
+            )
+            .with_script(script)
         }
     }
 }
 
-/// Takes a similar receptacle for the destination: a distractor, else one of the same category, else any other.
+/// Takes a similar receptacle for the destination: a distractor, else one of the same category,
+/// else any other.
 pub fn wrong_receptacle(task: &Arc<Task>, scene: &Scene, seed: u64) -> Oracle {
     let mut rng = random::stream(seed, "wrong-receptacle", 0);
     let start = &task.target_object().receptacle;
     let right = task.goal.place_of(&task.target).unwrap_or(&task.dest);
-    let category = scene.receptacle(right).map(|receptacle| &receptacle.category);
-    let others: Vec<_> =
-        scene.receptacles.iter().filter(|other| other.placeable && other.id != *right && other.id != *start).collect();
+    let category = scene
+        .receptacle(right)
+        .map(|receptacle| &receptacle.category);
+    let others: Vec<_> = scene
+        .receptacles
+        .iter()
+        .filter(|other| other.placeable && other.id != *right && other.id != *start)
+        .collect();
     let tiers: [Vec<&ReceptacleId>; 3] = [
-        others.iter().map(|other| &other.id).filter(|id| task.dest_distractors.contains(id)).collect(),
-        others.iter().filter(|other| Some(&other.category) == category).map(|other| &other.id).collect(),
+        others
+            .iter()
+            .map(|other| &other.id)
+            .filter(|id| task.dest_distractors.contains(id))
+            .collect(),
+        others
+            .iter()
+            .filter(|other| Some(&other.category) == category)
+            .map(|other| &other.id)
+            .collect(),
         others.iter().map(|other| &other.id).collect(),
     ];
-    let wrong = tiers.iter().find_map(|tier| random::choose(&mut rng, tier)).copied();
-    Oracle::faulty("wrong-receptacle", Arc::new(mistaken_task(task, None, wrong)), Habits::default(), seed)
+    let wrong = tiers
+        .iter()
+        .find_map(|tier| random::choose(&mut rng, tier))
+        .copied();
+    Oracle::faulty(
+        "wrong-receptacle",
+        Arc::new(mistaken_task(task, None, wrong)),
+        Habits::default(),
+        seed,
+    )
 }
 
-/// Never asks: in a fuzzy task it takes any object that fits the instruction. In the others it does not probe
-/// before it searches.
+/// Never asks: in a fuzzy task it takes any object that fits the instruction. In the others it does
+/// not probe before it searches.
 pub fn no_ask(task: &Arc<Task>, seed: u64) -> Oracle {
-    let habits = Habits { asks: false, probes_first: task.fuzzy, ..Habits::default() };
+    let habits = Habits {
+        asks: false,
+        probes_first: task.fuzzy,
+        ..Habits::default()
+    };
     if !task.fuzzy {
         return Oracle::faulty("no-ask", task.clone(), habits, seed);
     }
     let here = &task.target_object().receptacle;
-    let fits =
-        |object: &&ObjectInstance| object.receptacle == *here && (object.instance == task.target || is_similar(task, object));
+    let fits = |object: &&ObjectInstance| {
+        object.receptacle == *here && (object.instance == task.target || is_similar(task, object))
+    };
     let fitting: Vec<&ObjectInstance> = task.objects.iter().filter(fits).collect();
     let chosen = random::choose(&mut random::stream(seed, "no-ask", 0), &fitting).copied();
-    Oracle::faulty("no-ask", Arc::new(mistaken_task(task, chosen, None)), habits, seed)
+    Oracle::faulty(
+        "no-ask",
+        Arc::new(mistaken_task(task, chosen, None)),
+        habits,
+        seed,
+    )
 }
 
 /// Never opens a door.
 pub fn forgets_door(task: &Arc<Task>, seed: u64) -> Oracle {
-    Oracle::faulty("forgets-door", task.clone(), Habits { minds_doors: false, ..Habits::default() }, seed)
+    Oracle::faulty(
+        "forgets-door",
+        task.clone(),
+        Habits {
+            minds_doors: false,
+            ..Habits::default()
+        },
+        seed,
+    )
 }
 
-/// The task as one believes it who takes another object for the target or another receptacle for its destination.
-/// The published plan is kept only where it still fits.
-pub fn mistaken_task(task: &Task, object: Option<&ObjectInstance>, receptacle: Option<&ReceptacleId>) -> Task {
+/// The task as one believes it who takes another object for the target or another receptacle for
+/// its destination. The published plan is kept only where it still fits.
+pub fn mistaken_task(
+    task: &Task,
+    object: Option<&ObjectInstance>,
+    receptacle: Option<&ReceptacleId>,
+) -> Task {
     let mut believed = task.clone();
     let target = task.target_object();
-    let right = task.goal.place_of(&task.target).unwrap_or(&task.dest).clone();
+    let right = task
+        .goal
+        .place_of(&task.target)
+        .unwrap_or(&task.dest)
+        .clone();
     believed.goal.remove(&right, &task.target);
     if object.is_some_and(|object| object.instance != task.target) {
         believed.goal.add(&target.receptacle, &task.target);
@@ -138,10 +208,23 @@ pub struct Oscillating {
 impl Oscillating {
     /// Oscillates between the destination and the source, or else a receptacle that is neither.
     pub fn new(task: &Arc<Task>, scene: &Scene, seed: u64) -> Self {
-        let similar = task.dest_distractors.iter().chain(&task.src_distractors).chain([&task.src]);
+        let similar = task
+            .dest_distractors
+            .iter()
+            .chain(&task.src_distractors)
+            .chain([&task.src]);
         let all = scene.receptacles.iter().map(|receptacle| &receptacle.id);
-        let other = similar.chain(all).find(|id| **id != task.dest).unwrap_or(&task.src).clone();
-        Self { oracle: Oracle::new(task.clone(), seed), seed, between: [task.dest.clone(), other], turns: None }
+        let other = similar
+            .chain(all)
+            .find(|id| **id != task.dest)
+            .unwrap_or(&task.src)
+            .clone();
+        Self {
+            oracle: Oracle::new(task.clone(), seed),
+            seed,
+            between: [task.dest.clone(), other],
+            turns: None,
+        }
     }
 }
 
@@ -200,8 +283,17 @@ impl Gibberish {
     }
 
     fn nonsense(&mut self, context: &Context<'_>) -> ToolCall {
-        let current = |id: &u32| context.truth.is_some_and(|truth| truth.markers.iter().any(|marker| marker.id == *id));
-        let stale = self.old_markers.iter().copied().find(|id| !current(id)).unwrap_or(97);
+        let current = |id: &u32| {
+            context
+                .truth
+                .is_some_and(|truth| truth.markers.iter().any(|marker| marker.id == *id))
+        };
+        let stale = self
+            .old_markers
+            .iter()
+            .copied()
+            .find(|id| !current(id))
+            .unwrap_or(97);
         let calls = [
             ToolCall::new("teleport", json!({ "receptacle_name": "the moon" })),
             ToolCall::new("", Value::Null),
@@ -233,23 +325,42 @@ impl Policy for Gibberish {
 
     fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         if let Some(truth) = context.truth {
-            let objects = truth.markers.iter().filter(|marker| matches!(marker.target, MarkerTarget::Object(_)));
+            let objects = truth
+                .markers
+                .iter()
+                .filter(|marker| matches!(marker.target, MarkerTarget::Object(_)));
             self.old_markers.extend(objects.map(|marker| marker.id));
         }
         if !self.talking_nonsense {
-            let Observation { text, error, held, .. } = context.observation;
-            self.kept = Some(Observation { text: text.clone(), error: *error, frame: None, held: held.clone() });
+            let Observation {
+                text, error, held, ..
+            } = context.observation;
+            self.kept = Some(Observation {
+                text: text.clone(),
+                error: *error,
+                frame: None,
+                held: held.clone(),
+            });
         }
         self.talking_nonsense = random::below(&mut self.rng, 4) == 0;
         if self.talking_nonsense {
             return Ok(StepInput::bare(self.nonsense(context)));
         }
         let observation = self.kept.as_ref().unwrap_or(context.observation);
-        self.oracle.act(&Context { observation, ..*context })
+        self.oracle.act(&Context {
+            observation,
+            ..*context
+        })
     }
 
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
-        self.old_markers.extend(context.seen.iter().filter(|thing| !thing.furniture).filter_map(|thing| thing.marker));
+        self.old_markers.extend(
+            context
+                .seen
+                .iter()
+                .filter(|thing| !thing.furniture)
+                .filter_map(|thing| thing.marker),
+        );
         self.kept = None;
         self.talking_nonsense = false;
         self.oracle.watch(context, input);

@@ -1,8 +1,8 @@
 //! Policies that come with Reel, and the runner that plays and records episodes.
 //!
-//! The oracle, a planner that sees only what an agent sees, and policies with one fault each. Never the
-//! simulator's inside: a policy gets a [`Context`] and gives a call. Only the oracle and the faulty policies,
-//! which are built on it, read the truth.
+//! The oracle, a planner that sees only what an agent sees, and policies with one fault each. Never
+//! the simulator's inside: a policy gets a [`Context`] and gives a call. Only the oracle and the
+//! faulty policies, which are built on it, read the truth.
 
 mod explorer;
 mod faults;
@@ -24,8 +24,8 @@ use std::path::PathBuf;
 pub use explorer::Explorer;
 pub use faults::{Gibberish, Oscillating, mistaken_task};
 pub use injection::{
-    Detour, Fault, FaultKind, FaultLabel, Injected, Injection, Label, Primary, SampleOptions, Unfit, admitted, cluttered,
-    paper_mix, sample,
+    Detour, Fault, FaultKind, FaultLabel, Injected, Injection, Label, Primary, SampleOptions,
+    Unfit, admitted, cluttered, paper_mix, sample,
 };
 pub use oracle::{Habits, Oracle};
 pub use outside::{Asked, Matcher, NoAnswer, Outside, User};
@@ -36,7 +36,8 @@ pub use runner::{EpisodeReport, Job, Seats, builtin, run_all, run_episode, run_i
 pub use running::{Running, retrace};
 pub use sink::{NoSink, Recorded, Sink, SinkError};
 
-/// What can go wrong around an episode; never what goes wrong in it, which is feedback for the policy.
+/// What can go wrong around an episode; never what goes wrong in it, which is feedback for the
+/// policy.
 #[derive(Debug, thiserror::Error)]
 pub enum AgentError {
     /// No policy of this name.
@@ -108,7 +109,9 @@ pub enum AgentError {
         source: std::io::Error,
     },
     /// An episode broke down by a fault of ours.
-    #[error("task {task}, policy {policy}, seed {seed}: the episode broke down: {message}; reproduce it by: {command}")]
+    #[error(
+        "task {task}, policy {policy}, seed {seed}: the episode broke down: {message}; reproduce it by: {command}"
+    )]
     Panicked {
         /// The task.
         task: String,

@@ -1,6 +1,6 @@
-//! The oracle: executes intents with the simulator's truth (paper, Algorithm "Oracle Trajectory Generation for
-//! One Episode"). Never calls anything an agent could not call, and never waits for what cannot come: every
-//! failure counts, and after a few it gives up and finishes.
+//! The oracle: executes intents with the simulator's truth (paper, Algorithm "Oracle Trajectory
+//! Generation for One Episode"). Never calls anything an agent could not call, and never waits for
+//! what cannot come: every failure counts, and after a few it gives up and finishes.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -38,7 +38,12 @@ pub struct Habits {
 
 impl Default for Habits {
     fn default() -> Self {
-        Self { probes_first: true, asks: true, minds_doors: true, replans: true }
+        Self {
+            probes_first: true,
+            asks: true,
+            minds_doors: true,
+            replans: true,
+        }
     }
 }
 
@@ -92,10 +97,20 @@ impl Oracle {
 
     /// An oracle that takes a task for another one or lacks a habit.
     pub fn faulty(name: &'static str, task: Arc<Task>, habits: Habits, seed: u64) -> Self {
-        let task = if habits.minds_doors { task } else { Arc::new(without_doors(&task)) };
-        let mut asks = task.plan.iter().filter(|step| step.action == "ask").peekable();
+        let task = if habits.minds_doors {
+            task
+        } else {
+            Arc::new(without_doors(&task))
+        };
+        let mut asks = task
+            .plan
+            .iter()
+            .filter(|step| step.action == "ask")
+            .peekable();
         let plan_asks = asks.peek().is_some();
-        let asks_which = habits.asks && task.fuzzy && (!plan_asks || asks.any(|step| !step.args.contains_key("question")));
+        let asks_which = habits.asks
+            && task.fuzzy
+            && (!plan_asks || asks.any(|step| !step.args.contains_key("question")));
         Self {
             name,
             seed,
@@ -123,7 +138,8 @@ impl Oracle {
         self
     }
 
-    /// Plans from the moment it comes in instead of following the published plan; `asked` where the user was asked already.
+    /// Plans from the moment it comes in instead of following the published plan; `asked` where the
+    /// user was asked already.
     pub(crate) fn resumed(mut self, asked: bool) -> Self {
         self.resumed = true;
         self.asked = asked;
@@ -156,9 +172,12 @@ impl Oracle {
             }
         }
         self.leave_out_detours(HORIZON.saturating_sub(context.step));
-        // An intent that needs no call is dropped or replaced; a plan is far shorter than this bound.
+        // An intent that needs no call is dropped or replaced; a plan is far shorter than this
+        // bound.
         for _ in 0..4 * HORIZON {
-            let Some(intent) = self.intents.front().cloned() else { break };
+            let Some(intent) = self.intents.front().cloned() else {
+                break;
+            };
             if let Some(tool) = self.call_for(&intent, context, truth) {
                 return tool;
             }
@@ -179,7 +198,9 @@ impl Oracle {
 
     fn succeeded(&mut self) {
         match self.last {
-            Some(Tool::NavTo { .. } | Tool::Place { .. } | Tool::Open { .. } | Tool::Close { .. }) => self.done(),
+            Some(
+                Tool::NavTo { .. } | Tool::Place { .. } | Tool::Open { .. } | Tool::Close { .. },
+            ) => self.done(),
             Some(Tool::Pick { .. }) => self.done(),
             Some(Tool::ShowObjectByCategory { .. }) => self.search = Search::Probed,
             Some(Tool::WalkAround) => self.search = Search::Walked(None),
@@ -200,17 +221,32 @@ impl Oracle {
                 self.search_again();
             }
             Some(Tool::Place { .. }) if code == ErrorCode::NotASurface => {
-                let place = self.task.goal.place_of(&self.task.target).map_or("the destination", ReceptacleId::as_str);
+                let place = self
+                    .task
+                    .goal
+                    .place_of(&self.task.target)
+                    .map_or("the destination", ReceptacleId::as_str);
                 self.give_up(format!("nothing can be placed on {place}"));
             }
             _ => self.try_again(&format!("the last error is {code}"), truth),
         }
     }
 
-    fn call_for(&mut self, intent: &Intent, context: &Context<'_>, truth: &Privileged<'_>) -> Option<Tool> {
+    fn call_for(
+        &mut self,
+        intent: &Intent,
+        context: &Context<'_>,
+        truth: &Privileged<'_>,
+    ) -> Option<Tool> {
         match intent {
-            Intent::NavTo(receptacle) => return Some(Tool::NavTo { receptacle: receptacle.clone() }),
-            Intent::Find { category, target } => return self.look_for(category, target, context, truth),
+            Intent::NavTo(receptacle) => {
+                return Some(Tool::NavTo {
+                    receptacle: receptacle.clone(),
+                });
+            }
+            Intent::Find { category, target } => {
+                return self.look_for(category, target, context, truth);
+            }
             Intent::Pick(target) if truth.held == Some(target) => self.done(),
             Intent::Pick(target) => match object_marker(truth, target) {
                 Some(marker) => return Some(Tool::Pick { marker }),
@@ -222,30 +258,48 @@ impl Oracle {
                 }
                 match receptacle_marker(truth, receptacle) {
                     Some(marker) => return Some(Tool::Place { marker }),
-                    None => self.try_again(&format!("{receptacle} is not in view from its viewpoint"), truth),
+                    None => self.try_again(
+                        &format!("{receptacle} is not in view from its viewpoint"),
+                        truth,
+                    ),
                 }
             }
             Intent::Open(receptacle) | Intent::Close(receptacle) => {
                 let open = matches!(intent, Intent::Open(_));
-                let wanted = if open { DoorState::Open } else { DoorState::Closed };
+                let wanted = if open {
+                    DoorState::Open
+                } else {
+                    DoorState::Closed
+                };
                 if truth.graph.door(receptacle) == Some(wanted) {
                     self.done();
                 } else if let Some(marker) = receptacle_marker(truth, receptacle) {
-                    return Some(if open { Tool::Open { marker } } else { Tool::Close { marker } });
+                    return Some(if open {
+                        Tool::Open { marker }
+                    } else {
+                        Tool::Close { marker }
+                    });
                 } else if self.last != Some(Tool::ShowReceptacles) {
                     return Some(Tool::ShowReceptacles);
                 } else {
-                    self.try_again(&format!("{receptacle} is not in view from its viewpoint"), truth);
+                    self.try_again(
+                        &format!("{receptacle} is not in view from its viewpoint"),
+                        truth,
+                    );
                 }
             }
             Intent::Ask { question, .. } => {
                 self.intents.pop_front();
                 return match question {
-                    Some(question) => self.habits.asks.then(|| Tool::Ask { question: question.clone() }),
+                    Some(question) => self.habits.asks.then(|| Tool::Ask {
+                        question: question.clone(),
+                    }),
                     None => self.question(context),
                 };
             }
-            Intent::Finish if self.gave_up.is_some() || !self.habits.replans => return Some(Tool::Finish),
+            Intent::Finish if self.gave_up.is_some() || !self.habits.replans => {
+                return Some(Tool::Finish);
+            }
             Intent::Finish => {
                 self.replan(truth, false);
                 if self.intents.len() <= 1 {
@@ -258,15 +312,25 @@ impl Oracle {
         None
     }
 
-    fn look_for(&mut self, category: &str, target: &InstanceId, context: &Context<'_>, truth: &Privileged<'_>) -> Option<Tool> {
+    fn look_for(
+        &mut self,
+        category: &str,
+        target: &InstanceId,
+        context: &Context<'_>,
+        truth: &Privileged<'_>,
+    ) -> Option<Tool> {
         match std::mem::replace(&mut self.search, Search::Begin) {
             Search::Begin if self.habits.probes_first => {
-                return Some(Tool::ShowObjectByCategory { category: category.to_owned() });
+                return Some(Tool::ShowObjectByCategory {
+                    category: category.to_owned(),
+                });
             }
             Search::Begin | Search::Walk => return Some(Tool::WalkAround),
             Search::Probed => {
                 let marker = object_marker(truth, target);
-                if marker.is_none() || (self.wants_to_ask() && self.has_to_look_first(context, truth)) {
+                if marker.is_none()
+                    || (self.wants_to_ask() && self.has_to_look_first(context, truth))
+                {
                     return Some(Tool::WalkAround);
                 }
                 self.search = Search::Probed;
@@ -303,17 +367,31 @@ impl Oracle {
 
     /// Same-category objects with a number, in random order; only the target where time is short,
     /// and nothing where it is not among them.
-    fn candidates(&mut self, target: &InstanceId, context: &Context<'_>, truth: &Privileged<'_>) -> Vec<InstanceId> {
+    fn candidates(
+        &mut self,
+        target: &InstanceId,
+        context: &Context<'_>,
+        truth: &Privileged<'_>,
+    ) -> Vec<InstanceId> {
         let category = |id: &InstanceId| self.task.object(id).map(|object| object.category.clone());
         let wanted = category(target);
-        let objects = truth.markers.iter().filter_map(|marker| match &marker.target {
-            MarkerTarget::Object(object) => Some(object),
-            MarkerTarget::Receptacle(_) => None,
-        });
-        let mut alike: Vec<InstanceId> = objects.filter(|id| category(id) == wanted).cloned().collect();
+        let objects = truth
+            .markers
+            .iter()
+            .filter_map(|marker| match &marker.target {
+                MarkerTarget::Object(object) => Some(object),
+                MarkerTarget::Receptacle(_) => None,
+            });
+        let mut alike: Vec<InstanceId> = objects
+            .filter(|id| category(id) == wanted)
+            .cloned()
+            .collect();
         let needed = calls(self.intents.make_contiguous()) + alike.len() as u32;
         // Who was just told which one is meant does not try the others.
-        if context.step + needed > HORIZON || !alike.contains(target) || (self.plan_asks && self.asked) {
+        if context.step + needed > HORIZON
+            || !alike.contains(target)
+            || (self.plan_asks && self.asked)
+        {
             alike.retain(|id| id == target);
         }
         random::shuffle(&mut self.rng, &mut alike);
@@ -323,7 +401,11 @@ impl Oracle {
     fn gazed(&mut self) {
         if let Search::Gazing(object, left) = &self.search {
             let found = matches!(self.intents.front(), Some(Intent::Find { target, .. }) if target == object);
-            self.search = if found { Search::Found } else { Search::Walked(Some(left.clone())) };
+            self.search = if found {
+                Search::Found
+            } else {
+                Search::Walked(Some(left.clone()))
+            };
         }
     }
 
@@ -331,10 +413,12 @@ impl Oracle {
         self.asks_which && !self.asked
     }
 
-    /// Who has seen only one thing has nothing to ask about. Where the plan wants the question, the answer shall settle it, and
-    /// so everything has to be seen first.
+    /// Who has seen only one thing has nothing to ask about. Where the plan wants the question, the
+    /// answer shall settle it, and so everything has to be seen first.
     fn has_to_look_first(&self, context: &Context<'_>, truth: &Privileged<'_>) -> bool {
-        let there = truth.landmark.map_or(0, |here| truth.graph.objects_on(here).len());
+        let there = truth
+            .landmark
+            .map_or(0, |here| truth.graph.objects_on(here).len());
         objects_here(context, truth).count() < if self.plan_asks { there.max(2) } else { 2 }
     }
 
@@ -344,7 +428,9 @@ impl Oracle {
             return None;
         }
         self.asked = true;
-        Some(Tool::Ask { question: question(context.seen, self.task.purpose.as_deref()) })
+        Some(Tool::Ask {
+            question: question(context.seen, self.task.purpose.as_deref()),
+        })
     }
 
     /// The intent in front is done.
@@ -356,7 +442,11 @@ impl Oracle {
     /// Looks for the object to pick once more, walking around.
     fn search_again(&mut self) {
         if let Some(Intent::Pick(target)) = self.intents.front().cloned() {
-            let category = self.task.object(&target).map_or("object", |object| &object.category).to_owned();
+            let category = self
+                .task
+                .object(&target)
+                .map_or("object", |object| &object.category)
+                .to_owned();
             self.intents.push_front(Intent::Find { category, target });
             self.search = Search::Walk;
         }
@@ -378,7 +468,15 @@ impl Oracle {
     fn replan(&mut self, truth: &Privileged<'_>, anew: bool) {
         self.search = Search::Begin;
         // What the plan wants to ask is asked, whatever else becomes of the plan.
-        self.intents.retain(|intent| matches!(intent, Intent::Ask { question: Some(_), .. }));
+        self.intents.retain(|intent| {
+            matches!(
+                intent,
+                Intent::Ask {
+                    question: Some(_),
+                    ..
+                }
+            )
+        });
         if !self.habits.replans {
             self.intents = [Intent::Finish].into();
             return;
@@ -402,10 +500,13 @@ impl Oracle {
         self.intents = [Intent::Finish].into();
     }
 
-    /// A published plan also visits furniture that is only similar. Where time is short it does not.
+    /// A published plan also visits furniture that is only similar. Where time is short it does
+    /// not.
     fn leave_out_detours(&mut self, decisions_left: u32) {
         if calls(self.intents.make_contiguous()) + SLACK > decisions_left {
-            let next: Vec<Option<Intent>> = (1..=self.intents.len()).map(|index| self.intents.get(index).cloned()).collect();
+            let next: Vec<Option<Intent>> = (1..=self.intents.len())
+                .map(|index| self.intents.get(index).cloned())
+                .collect();
             let mut next = next.into_iter();
             let is_visit = |intent: &Intent| matches!(intent, Intent::NavTo(_));
             self.intents.retain(|intent| {
@@ -427,7 +528,9 @@ impl Policy for Oracle {
 
     fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         let tool = self.next_tool(context);
-        let output = self.narration.tell(&tool, &self.intents, context.observation);
+        let output = self
+            .narration
+            .tell(&tool, &self.intents, context.observation);
         Ok(StepInput::said(tool.to_call(), output))
     }
 
@@ -435,7 +538,9 @@ impl Policy for Oracle {
     fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
         self.narration.watch(&input.call, context.observation);
         if let Ok(Tool::Ask { question }) = Tool::parse(&input.call) {
-            let of_plan = |step: &PlanStep| step.args.get("question").and_then(Value::as_str) == Some(&question);
+            let of_plan = |step: &PlanStep| {
+                step.args.get("question").and_then(Value::as_str) == Some(&question)
+            };
             self.asked |= !self.task.plan.iter().any(of_plan);
         }
         self.last = None;
@@ -452,21 +557,39 @@ impl Policy for Oracle {
 /// A question that names what was seen, in the words one sees it by.
 pub(crate) fn question(seen: &[Seen], purpose: Option<&str>) -> String {
     let things = seen.iter().filter(|thing| !thing.furniture);
-    which(things.map(|thing| thing.caption.as_deref().unwrap_or(&thing.category)), purpose)
+    which(
+        things.map(|thing| thing.caption.as_deref().unwrap_or(&thing.category)),
+        purpose,
+    )
 }
 
-fn objects_here<'a>(context: &'a Context<'_>, truth: &'a Privileged<'_>) -> impl Iterator<Item = &'a Seen> {
-    context.seen.iter().filter(|thing| !thing.furniture && thing.receptacle_hint.as_ref() == truth.landmark)
+fn objects_here<'a>(
+    context: &'a Context<'_>,
+    truth: &'a Privileged<'_>,
+) -> impl Iterator<Item = &'a Seen> {
+    context
+        .seen
+        .iter()
+        .filter(|thing| !thing.furniture && thing.receptacle_hint.as_ref() == truth.landmark)
 }
 
 fn object_marker(truth: &Privileged<'_>, object: &InstanceId) -> Option<u32> {
     let is_it = |target: &MarkerTarget| matches!(target, MarkerTarget::Object(id) if id == object);
-    truth.markers.iter().find(|marker| is_it(&marker.target)).map(|marker| marker.id)
+    truth
+        .markers
+        .iter()
+        .find(|marker| is_it(&marker.target))
+        .map(|marker| marker.id)
 }
 
 fn receptacle_marker(truth: &Privileged<'_>, receptacle: &ReceptacleId) -> Option<u32> {
-    let is_it = |target: &MarkerTarget| matches!(target, MarkerTarget::Receptacle(id) if id == receptacle);
-    truth.markers.iter().find(|marker| is_it(&marker.target)).map(|marker| marker.id)
+    let is_it =
+        |target: &MarkerTarget| matches!(target, MarkerTarget::Receptacle(id) if id == receptacle);
+    truth
+        .markers
+        .iter()
+        .find(|marker| is_it(&marker.target))
+        .map(|marker| marker.id)
 }
 
 /// The task for one who does not know that there are doors.
@@ -474,7 +597,8 @@ fn without_doors(task: &Task) -> Task {
     let mut task = task.clone();
     task.initial = graph_without_doors(&task.initial);
     task.goal = graph_without_doors(&task.goal);
-    task.plan.retain(|step| step.action != "open" && step.action != "close");
+    task.plan
+        .retain(|step| step.action != "open" && step.action != "close");
     task
 }
 

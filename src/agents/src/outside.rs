@@ -1,5 +1,5 @@
-//! Who answers from outside while an episode runs: a user, and whoever knows what a query means. Every answer becomes an input
-//! of the step, so that replay asks nobody.
+//! Who answers from outside while an episode runs: a user, and whoever knows what a query means.
+//! Every answer becomes an input of the step, so that replay asks nobody.
 
 use std::{collections::BTreeMap, error::Error};
 
@@ -31,7 +31,8 @@ pub trait User {
     fn answer(&mut self, asked: &Asked<'_>) -> Result<UserReply, NoAnswer>;
 }
 
-/// A question, and what a user knows of the world when it is asked (SPEC section 3): never a pose, never a picture.
+/// A question, and what a user knows of the world when it is asked (SPEC section 3): never a pose,
+/// never a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Asked<'a> {
     /// The question.
@@ -60,12 +61,17 @@ impl Asked<'_> {
     /// Whether the robot has seen the target by now.
     pub fn saw_target(&self) -> bool {
         let is_target = |object: &InstanceId| *object == self.task.target;
-        self.seen_at_start.iter().any(is_target) || self.steps.iter().any(|step| seen(step).any(is_target))
+        self.seen_at_start.iter().any(is_target)
+            || self.steps.iter().any(|step| seen(step).any(is_target))
     }
 }
 
 fn seen(step: &StepRecord) -> impl Iterator<Item = &InstanceId> {
-    step.visible.iter().map(|object| &object.object).chain(&step.listed).chain(&step.held)
+    step.visible
+        .iter()
+        .map(|object| &object.object)
+        .chain(&step.listed)
+        .chain(&step.held)
 }
 
 /// Whoever knows which categories a query means.
@@ -89,12 +95,31 @@ pub struct Outside {
 }
 
 /// The rules of the simulated user that replies from outside broke, one for each time.
-pub(crate) fn broken_rules(task: &Task, scene: &Scene, start: &StartRecord, steps: &[StepRecord]) -> Vec<&'static str> {
-    let seen_at_start: Vec<InstanceId> = start.visible.iter().map(|object| object.object.clone()).collect();
-    let replies = steps.iter().enumerate().filter_map(|(index, step)| Some((index, step.input.user_reply.as_ref()?)));
+pub(crate) fn broken_rules(
+    task: &Task,
+    scene: &Scene,
+    start: &StartRecord,
+    steps: &[StepRecord],
+) -> Vec<&'static str> {
+    let seen_at_start: Vec<InstanceId> = start
+        .visible
+        .iter()
+        .map(|object| object.object.clone())
+        .collect();
+    let replies = steps
+        .iter()
+        .enumerate()
+        .filter_map(|(index, step)| Some((index, step.input.user_reply.as_ref()?)));
     let broken = replies.flat_map(|(index, reply)| {
         let (initial, steps) = (&start.graphs.physics, &steps[..index]);
-        let asked = Asked { question: "", task, scene, initial, steps, seen_at_start: &seen_at_start };
+        let asked = Asked {
+            question: "",
+            task,
+            scene,
+            initial,
+            steps,
+            seen_at_start: &seen_at_start,
+        };
         violations(task, scene, &reply.text, asked.saw_target())
     });
     broken.collect()

@@ -1,5 +1,5 @@
-//! A perfect eye: what a policy would read from the picture and the text of its last call. It turns the
-//! identifiers of a record into categories and captions, and never lets one through.
+//! A perfect eye: what a policy would read from the picture and the text of its last call. It turns
+//! the identifiers of a record into categories and captions, and never lets one through.
 
 use std::collections::BTreeSet;
 
@@ -16,13 +16,25 @@ pub fn at_start(task: &Task, scene: &Scene, start: &StartRecord) -> Vec<Seen> {
     see(task, scene, &start.graphs.physics, &[], &visible)
 }
 
-/// What is in view, numbered or told of after a step; `graph` is where physics says the objects are.
+/// What is in view, numbered or told of after a step; `graph` is where physics says the objects
+/// are.
 pub fn after_step(task: &Task, scene: &Scene, graph: &WorldGraph, step: &StepRecord) -> Vec<Seen> {
-    let objects: Vec<&InstanceId> = step.visible.iter().map(|object| &object.object).chain(&step.listed).collect();
+    let objects: Vec<&InstanceId> = step
+        .visible
+        .iter()
+        .map(|object| &object.object)
+        .chain(&step.listed)
+        .collect();
     see(task, scene, graph, &step.markers, &objects)
 }
 
-fn see(task: &Task, scene: &Scene, graph: &WorldGraph, markers: &[Marker], objects: &[&InstanceId]) -> Vec<Seen> {
+fn see(
+    task: &Task,
+    scene: &Scene,
+    graph: &WorldGraph,
+    markers: &[Marker],
+    objects: &[&InstanceId],
+) -> Vec<Seen> {
     let mut seen = Vec::new();
     let mut numbered = BTreeSet::new();
     for marker in markers {
@@ -34,8 +46,16 @@ fn see(task: &Task, scene: &Scene, graph: &WorldGraph, markers: &[Marker], objec
             MarkerTarget::Receptacle(id) => seen.extend(receptacle(task, scene, id, marker.id)),
         }
     }
-    let others: BTreeSet<&InstanceId> = objects.iter().copied().filter(|id| !numbered.contains(id)).collect();
-    seen.extend(others.into_iter().filter_map(|id| object(task, graph, id, None)));
+    let others: BTreeSet<&InstanceId> = objects
+        .iter()
+        .copied()
+        .filter(|id| !numbered.contains(id))
+        .collect();
+    seen.extend(
+        others
+            .into_iter()
+            .filter_map(|id| object(task, graph, id, None)),
+    );
     seen
 }
 
@@ -48,19 +68,29 @@ fn object(task: &Task, graph: &WorldGraph, id: &InstanceId, marker: Option<u32>)
         caption: known.caption.clone(),
         attributes: known.attributes.clone(),
         receptacle_hint: graph.place_of(id).cloned(),
-        thing: task.objects.iter().position(|object| object.instance == *id).and_then(|index| index.try_into().ok()),
+        thing: task
+            .objects
+            .iter()
+            .position(|object| object.instance == *id)
+            .and_then(|index| index.try_into().ok()),
     })
 }
 
 fn receptacle(task: &Task, scene: &Scene, id: &ReceptacleId, marker: u32) -> Option<Seen> {
     let known = scene.receptacle(id)?;
     let instruction = task.instruction.to_lowercase();
-    let told = known.captions.keys().find(|caption| instruction.contains(&caption.to_lowercase()));
+    let told = known
+        .captions
+        .keys()
+        .find(|caption| instruction.contains(&caption.to_lowercase()));
     Some(Seen {
         marker: Some(marker),
         furniture: true,
         category: known.category.clone(),
-        caption: told.map(String::as_str).or(known.main_caption()).map(str::to_owned),
+        caption: told
+            .map(String::as_str)
+            .or(known.main_caption())
+            .map(str::to_owned),
         attributes: Attributes::new(),
         receptacle_hint: Some(id.clone()),
         thing: None,
@@ -77,7 +107,10 @@ mod tests {
     fn what_is_seen_has_words_and_numbers_but_no_identifier_of_an_object() {
         let receptacle = json!({"id": "table_1", "room": "room", "category": "table", "surface_min": [0.0, 0.0, 0.0],
             "surface_max": [1.0, 1.0, 0.7], "captions": {"the big table": 9.0, "the oak table": 1.0}});
-        let scene: Scene = serde_json::from_value(json!({"scene_id": "flat", "rooms": [], "receptacles": [receptacle]})).unwrap();
+        let scene: Scene = serde_json::from_value(
+            json!({"scene_id": "flat", "rooms": [], "receptacles": [receptacle]}),
+        )
+        .unwrap();
         let object = |name: &str| {
             json!({"instance": format!("{name}_on_table_1_at_t"), "asset": name, "category": "apple", "caption": format!("{name} apple"),
                    "size": [0.1, 0.1, 0.1], "position": [0.0, 0.0, 0.0], "receptacle": "table_1"})
@@ -88,13 +121,42 @@ mod tests {
         let mut task: Task = serde_json::from_value(task).unwrap();
         task.initial = Task::initial_graph(&scene, &task.objects);
         let markers = [
-            Marker { id: 4, target: MarkerTarget::Object("red_on_table_1_at_t".into()) },
-            Marker { id: 5, target: MarkerTarget::Receptacle("table_1".into()) },
+            Marker {
+                id: 4,
+                target: MarkerTarget::Object("red_on_table_1_at_t".into()),
+            },
+            Marker {
+                id: 5,
+                target: MarkerTarget::Receptacle("table_1".into()),
+            },
         ];
-        let visible: [InstanceId; 2] = ["red_on_table_1_at_t".into(), "green_on_table_1_at_t".into()];
-        let seen = see(&task, &scene, &task.initial, &markers, &[&visible[0], &visible[1]]);
-        let told: Vec<_> = seen.iter().map(|thing| (thing.marker, thing.furniture, thing.caption.as_deref().unwrap())).collect();
-        assert_eq!(told, [(Some(4), false, "red apple"), (Some(5), true, "the oak table"), (None, false, "green apple")]);
+        let visible: [InstanceId; 2] =
+            ["red_on_table_1_at_t".into(), "green_on_table_1_at_t".into()];
+        let seen = see(
+            &task,
+            &scene,
+            &task.initial,
+            &markers,
+            &[&visible[0], &visible[1]],
+        );
+        let told: Vec<_> = seen
+            .iter()
+            .map(|thing| {
+                (
+                    thing.marker,
+                    thing.furniture,
+                    thing.caption.as_deref().unwrap(),
+                )
+            })
+            .collect();
+        assert_eq!(
+            told,
+            [
+                (Some(4), false, "red apple"),
+                (Some(5), true, "the oak table"),
+                (None, false, "green apple")
+            ]
+        );
         assert!(!format!("{seen:?}").contains("_on_"));
     }
 }

@@ -1,5 +1,6 @@
-//! A policy that sees only what an agent sees: it keeps what it learns as a belief, and does what a competent agent does
-//! next with it. Never the simulator's truth; what the words of the instruction mean is taken as understood.
+//! A policy that sees only what an agent sees: it keeps what it learns as a belief, and does what a
+//! competent agent does next with it. Never the simulator's truth; what the words of the
+//! instruction mean is taken as understood.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,18 +15,27 @@ use crate::{Context, NoAnswer, Policy, Seen, oracle::question, policy};
 /// Failed calls of its own after which it stops.
 const FAILURES_MAX: u32 = 6;
 /// Furniture that one expects to have a closed door.
-pub(crate) const DOOR_WORDS: [&str; 6] = ["fridge", "refrigerator", "microwave", "washing", "dishwasher", "electriccooker"];
+pub(crate) const DOOR_WORDS: [&str; 6] = [
+    "fridge",
+    "refrigerator",
+    "microwave",
+    "washing",
+    "dishwasher",
+    "electriccooker",
+];
 /// What the user says as long as the object was not seen.
 const NOT_SEEN: [&str; 2] = ["please check", "look around"];
 
-/// One object to move, as the instruction and the list of receptacles tell one who understands them.
+/// One object to move, as the instruction and the list of receptacles tell one who understands
+/// them.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct GoalHint {
     /// What to look for: a category, or a purpose where the instruction is underspecified.
     pub category: String,
     /// How it is described, where the instruction is precise.
     pub caption: Option<String>,
-    /// Where it may stand and may have to go, in identifier order, and which of these the words mean.
+    /// Where it may stand and may have to go, in identifier order, and which of these the words
+    /// mean.
     pub errand: Errand,
 }
 
@@ -45,9 +55,23 @@ impl GoalHint {
             GoalHint {
                 caption: object.caption.clone().filter(|_| purpose.is_none()),
                 errand: Errand {
-                    sources: sorted(&object.receptacle, if is_target { &task.src_distractors } else { &[] }),
+                    sources: sorted(
+                        &object.receptacle,
+                        if is_target {
+                            &task.src_distractors
+                        } else {
+                            &[]
+                        },
+                    ),
                     source: object.receptacle.clone(),
-                    destinations: sorted(to, if is_target { &task.dest_distractors } else { &[] }),
+                    destinations: sorted(
+                        to,
+                        if is_target {
+                            &task.dest_distractors
+                        } else {
+                            &[]
+                        },
+                    ),
                     destination: to.clone(),
                     vague: purpose.is_some(),
                 },
@@ -65,13 +89,19 @@ impl GoalHint {
             destinations: vec![self.errand.destination.clone()],
             ..self.errand.clone()
         };
-        GoalHint { errand, ..self.clone() }
+        GoalHint {
+            errand,
+            ..self.clone()
+        }
     }
 
     /// Whether the instruction may mean a thing that looks like this.
     fn fits(&self, seen: &Seen, instruction: &str) -> bool {
         match self.errand.vague {
-            false => seen.category == self.category && (self.caption.is_none() || seen.caption == self.caption),
+            false => {
+                seen.category == self.category
+                    && (self.caption.is_none() || seen.caption == self.caption)
+            }
             true => {
                 language::fits(instruction, &seen.described(), Some(&self.category))
                     || language::is_a(&seen.category, &self.category)
@@ -106,16 +136,28 @@ struct Last {
 }
 
 impl Planner {
-    /// A planner for what the instruction tells. It draws nothing at random; `seed` is only written down.
+    /// A planner for what the instruction tells. It draws nothing at random; `seed` is only written
+    /// down.
     pub fn new(hints: Vec<GoalHint>, seed: u64) -> Self {
         let (looks, replies) = (BTreeMap::new(), Vec::new());
-        Self { seed, hints, belief: None, looks, replies, failures: 0, last: None }
+        Self {
+            seed,
+            hints,
+            belief: None,
+            looks,
+            replies,
+            failures: 0,
+            last: None,
+        }
     }
 
     /// What it knows now: takes in what came of the last call.
     pub fn belief(&mut self, context: &Context<'_>) -> &Belief {
         let last = self.last.take();
-        if let Some(Last { tool: Some(Tool::Ask { .. }), .. }) = &last
+        if let Some(Last {
+            tool: Some(Tool::Ask { .. }),
+            ..
+        }) = &last
             && context.observation.error.is_none()
         {
             self.replies.push(context.observation.text.clone());
@@ -132,7 +174,8 @@ impl Planner {
             Some(Last { tool, seen, own }) => {
                 self.failures += u32::from(own && context.observation.error.is_some());
                 let at = belief.at().cloned();
-                let deeds = tool.map_or_else(Vec::new, |tool| self.deeds(&tool, at, context, &seen));
+                let deeds =
+                    tool.map_or_else(Vec::new, |tool| self.deeds(&tool, at, context, &seen));
                 deeds.iter().for_each(|deed| belief.learn(deed, &view));
                 if deeds.is_empty() {
                     belief.see(&view);
@@ -148,13 +191,28 @@ impl Planner {
     /// The call it would make now.
     pub fn advice(&mut self, context: &Context<'_>) -> Tool {
         let next = self.belief(context).next();
-        let number = |is_it: &dyn Fn(&Seen) -> bool| context.seen.iter().filter(|seen| is_it(seen)).find_map(|seen| seen.marker);
+        let number = |is_it: &dyn Fn(&Seen) -> bool| {
+            context
+                .seen
+                .iter()
+                .filter(|seen| is_it(seen))
+                .find_map(|seen| seen.marker)
+        };
         let of_thing = |thing: Thing| number(&|seen: &Seen| seen.thing == Some(thing));
-        let of_place = |id: &ReceptacleId| number(&|seen: &Seen| seen.furniture && seen.receptacle_hint.as_ref() == Some(id));
+        let of_place = |id: &ReceptacleId| {
+            number(&|seen: &Seen| seen.furniture && seen.receptacle_hint.as_ref() == Some(id))
+        };
         let tool = match &next {
-            Move::NavTo(receptacle) => Some(Tool::NavTo { receptacle: receptacle.clone() }),
+            Move::NavTo(receptacle) => Some(Tool::NavTo {
+                receptacle: receptacle.clone(),
+            }),
             Move::ShowReceptacles => Some(Tool::ShowReceptacles),
-            Move::Find(thing) => self.looks.get(thing).map(|seen| Tool::ShowObjectByCategory { category: seen.category.clone() }),
+            Move::Find(thing) => self
+                .looks
+                .get(thing)
+                .map(|seen| Tool::ShowObjectByCategory {
+                    category: seen.category.clone(),
+                }),
             Move::WalkAround => Some(Tool::WalkAround),
             Move::Gaze(thing) => of_thing(*thing).map(|marker| Tool::GazeAt { marker }),
             Move::Pick(thing) => of_thing(*thing).map(|marker| Tool::Pick { marker }),
@@ -163,11 +221,14 @@ impl Planner {
             Move::Close(receptacle) => of_place(receptacle).map(|marker| Tool::Close { marker }),
             Move::Ask(errand) => {
                 let category = self.hints.get(*errand).map(|hint| hint.category.as_str());
-                Some(Tool::Ask { question: question(context.seen, category) })
+                Some(Tool::Ask {
+                    question: question(context.seen, category),
+                })
             }
             Move::Finish(_) => None,
         };
-        tool.filter(|_| self.failures < FAILURES_MAX).unwrap_or(Tool::Finish)
+        tool.filter(|_| self.failures < FAILURES_MAX)
+            .unwrap_or(Tool::Finish)
     }
 
     /// What speaks against a call that somebody else makes now.
@@ -181,14 +242,20 @@ impl Planner {
             Tool::Pick { marker } => Move::Pick(thing_at(seen, marker)?),
             Tool::Place { marker } => Move::Place(place_at(seen, marker)?),
             Tool::Ask { .. } => Move::Ask(0),
-            Tool::Open { .. } | Tool::Close { .. } | Tool::Finish | Tool::Lifecycle(_) => return None,
+            Tool::Open { .. } | Tool::Close { .. } | Tool::Finish | Tool::Lifecycle(_) => {
+                return None;
+            }
         };
         self.belief(context).objection(&made)
     }
 
     fn at_start(&self, context: &Context<'_>) -> Belief {
         let has_door = |category: &str| DOOR_WORDS.iter().any(|word| category.contains(word));
-        let doors = context.briefing.receptacles.iter().filter(|(_, category, _)| has_door(category));
+        let doors = context
+            .briefing
+            .receptacles
+            .iter()
+            .filter(|(_, category, _)| has_door(category));
         let errands = self.hints.iter().map(|hint| hint.errand.clone()).collect();
         Belief::new(errands, doors.map(|(id, ..)| id.clone()).collect())
     }
@@ -196,17 +263,30 @@ impl Planner {
     fn fits(&self, seen: &Seen, context: &Context<'_>) -> Vec<bool> {
         let object = seen.described();
         // What an answer names is meant, whatever one took the instruction to mean.
-        let mut named = self.replies.iter().filter(|reply| names_it(reply)).peekable();
-        let told = named.peek().is_some().then(|| named.all(|reply| language::fits(reply, &object, None)));
+        let mut named = self
+            .replies
+            .iter()
+            .filter(|reply| names_it(reply))
+            .peekable();
+        let told = named
+            .peek()
+            .is_some()
+            .then(|| named.all(|reply| language::fits(reply, &object, None)));
         let instruction = &context.briefing.instruction;
-        let fits = |hint: &GoalHint| told.filter(|_| hint.errand.vague).unwrap_or_else(|| hint.fits(seen, instruction));
+        let fits = |hint: &GoalHint| {
+            told.filter(|_| hint.errand.vague)
+                .unwrap_or_else(|| hint.fits(seen, instruction))
+        };
         self.hints.iter().map(fits).collect()
     }
 
     fn view(&self, context: &Context<'_>) -> View {
         let mut view = View::default();
         for seen in context.seen {
-            let place = seen.receptacle_hint.clone().filter(|place| place.as_str() != FLOOR);
+            let place = seen
+                .receptacle_hint
+                .clone()
+                .filter(|place| place.as_str() != FLOOR);
             match (seen.thing, place) {
                 (Some(thing), place) => {
                     view.things.push((thing, place, self.fits(seen, context)));
@@ -220,29 +300,60 @@ impl Planner {
     }
 
     /// What a call did; `at` is where the robot stood, `seen` what was in view then.
-    fn deeds(&self, tool: &Tool, at: Option<ReceptacleId>, context: &Context<'_>, seen: &[Seen]) -> Vec<Deed> {
-        let (thing, place) = (|marker: &u32| thing_at(seen, *marker), |marker: &u32| place_at(seen, *marker));
+    fn deeds(
+        &self,
+        tool: &Tool,
+        at: Option<ReceptacleId>,
+        context: &Context<'_>,
+        seen: &[Seen],
+    ) -> Vec<Deed> {
+        let (thing, place) = (
+            |marker: &u32| thing_at(seen, *marker),
+            |marker: &u32| place_at(seen, *marker),
+        );
         let deed = match (tool, context.observation.error) {
             (Tool::NavTo { receptacle }, None) => Some(Deed::NavTo(receptacle.clone())),
             (Tool::NavTo { receptacle }, Some(_)) => Some(Deed::Useless(receptacle.clone())),
             (Tool::ShowReceptacles, error) => {
                 let is_here = |seen: &Seen| seen.furniture && seen.receptacle_hint == at;
-                let unseen = at.clone().filter(|_| !context.seen.iter().any(is_here)).map(Deed::Useless);
-                return error.is_none().then_some(Deed::ShowReceptacles).into_iter().chain(unseen).collect();
+                let unseen = at
+                    .clone()
+                    .filter(|_| !context.seen.iter().any(is_here))
+                    .map(Deed::Useless);
+                return error
+                    .is_none()
+                    .then_some(Deed::ShowReceptacles)
+                    .into_iter()
+                    .chain(unseen)
+                    .collect();
             }
-            (Tool::ShowObjectByCategory { .. }, None | Some(ErrorCode::NothingFound)) => Some(Deed::Find),
+            (Tool::ShowObjectByCategory { .. }, None | Some(ErrorCode::NothingFound)) => {
+                Some(Deed::Find)
+            }
             (Tool::WalkAround, None | Some(ErrorCode::NothingFound)) => Some(Deed::WalkAround),
-            (Tool::GazeAt { marker }, None) => thing(marker).map(Deed::Gaze).or_else(|| place(marker).map(Deed::NavTo)),
+            (Tool::GazeAt { marker }, None) => thing(marker)
+                .map(Deed::Gaze)
+                .or_else(|| place(marker).map(Deed::NavTo)),
             // It may be in reach all the same.
-            (Tool::GazeAt { marker }, Some(ErrorCode::NoViewpoint)) => thing(marker).map(Deed::Gaze),
+            (Tool::GazeAt { marker }, Some(ErrorCode::NoViewpoint)) => {
+                thing(marker).map(Deed::Gaze)
+            }
             (Tool::Pick { marker }, None) => thing(marker).map(Deed::Pick),
-            (Tool::Pick { marker }, Some(ErrorCode::MarkerNotInView | ErrorCode::OutOfReach)) => thing(marker).map(Deed::Lost),
+            (Tool::Pick { marker }, Some(ErrorCode::MarkerNotInView | ErrorCode::OutOfReach)) => {
+                thing(marker).map(Deed::Lost)
+            }
             (Tool::Place { marker }, None) => place(marker).map(Deed::Place),
-            (Tool::Place { marker }, Some(ErrorCode::DoorClosed)) => place(marker).map(Deed::DoorClosed),
-            (Tool::Place { marker }, Some(ErrorCode::NotASurface)) => place(marker).map(Deed::Useless),
+            (Tool::Place { marker }, Some(ErrorCode::DoorClosed)) => {
+                place(marker).map(Deed::DoorClosed)
+            }
+            (Tool::Place { marker }, Some(ErrorCode::NotASurface)) => {
+                place(marker).map(Deed::Useless)
+            }
             (Tool::Open { marker }, None) => place(marker).map(Deed::Open),
             (Tool::Close { marker }, None) => place(marker).map(Deed::Close),
-            (Tool::Open { marker } | Tool::Close { marker }, Some(ErrorCode::NoDoor)) => place(marker).map(Deed::NoDoor),
+            (Tool::Open { marker } | Tool::Close { marker }, Some(ErrorCode::NoDoor)) => {
+                place(marker).map(Deed::NoDoor)
+            }
             (Tool::Ask { .. }, None) => Some(Deed::Ask(names_it(&context.observation.text))),
             _ => None,
         };
@@ -250,7 +361,11 @@ impl Planner {
     }
 
     fn remember(&mut self, tool: Option<Tool>, context: &Context<'_>, own: bool) {
-        self.last = Some(Last { tool, seen: context.seen.to_vec(), own });
+        self.last = Some(Last {
+            tool,
+            seen: context.seen.to_vec(),
+            own,
+        });
     }
 }
 
@@ -261,7 +376,10 @@ fn thing_at(seen: &[Seen], marker: u32) -> Option<Thing> {
 
 /// The receptacle with that number.
 fn place_at(seen: &[Seen], marker: u32) -> Option<ReceptacleId> {
-    seen.iter().find(|seen| seen.marker == Some(marker) && seen.furniture)?.receptacle_hint.clone()
+    seen.iter()
+        .find(|seen| seen.marker == Some(marker) && seen.furniture)?
+        .receptacle_hint
+        .clone()
 }
 
 /// Whether an answer names the object: not as long as the user only says where to look.

@@ -22,13 +22,13 @@ pub trait Policy {
     /// The next call.
     ///
     /// # Errors
-    /// When whoever it asks does not answer. The episode ends there, as aborted. What can be told to it as feedback (an unknown
-    /// tool, an answer without a call) is no such error.
+    /// When whoever it asks does not answer. The episode ends there, as aborted. What can be told
+    /// to it as feedback (an unknown tool, an answer without a call) is no such error.
     fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer>;
 
-    /// Is shown a call that somebody else decided where it would have been asked, before what comes of it: takes in what it
-    /// would have learnt and remembered had it made this call itself. There is no truth in the context. Who keeps nothing
-    /// from call to call has nothing to do.
+    /// Is shown a call that somebody else decided where it would have been asked, before what comes
+    /// of it: takes in what it would have learnt and remembered had it made this call itself. There
+    /// is no truth in the context. Who keeps nothing from call to call has nothing to do.
     fn watch(&mut self, _context: &Context<'_>, _input: &StepInput) {}
 
     /// Why it gave up on the goal, if it did.
@@ -62,14 +62,15 @@ pub struct Seen {
     pub furniture: bool,
     /// e.g. `alarm clock`
     pub category: String,
-    /// How one would describe it. Of a receptacle's captions the one that stands in the instruction, if any:
-    /// who knows the instruction sees that it fits.
+    /// How one would describe it. Of a receptacle's captions the one that stands in the
+    /// instruction, if any: who knows the instruction sees that it fits.
     pub caption: Option<String>,
     /// Colour, material, shape and size words of an object, as one sees them.
     pub attributes: Attributes,
     /// For an object the receptacle it is seen on; for a receptacle which of the briefing's it is.
     pub receptacle_hint: Option<ReceptacleId>,
-    /// For an object a number that it keeps for the whole episode: who follows things with the eyes knows them again.
+    /// For an object a number that it keeps for the whole episode: who follows things with the eyes
+    /// knows them again.
     pub thing: Option<Thing>,
 }
 
@@ -93,22 +94,51 @@ impl Seen {
 
 /// Every built-in policy: name and what it does, in one line.
 pub const POLICIES: &[(&str, &str)] = &[
-    ("oracle", "knows the truth and follows the published plan (paper, Oracle Trajectory Generation)"),
-    ("planner", "sees only what an agent sees: searches the candidates, remembers, asks when several fit"),
-    ("wrong-object", "the oracle, but it takes a similar object for the target"),
-    ("wrong-receptacle", "the oracle, but it takes a similar receptacle for the destination"),
-    ("no-ask", "the oracle, but it never asks and takes any object that fits the instruction"),
-    ("oscillating", "the oracle up to the pick, then it drives to and fro until the horizon"),
+    (
+        "oracle",
+        "knows the truth and follows the published plan (paper, Oracle Trajectory Generation)",
+    ),
+    (
+        "planner",
+        "sees only what an agent sees: searches the candidates, remembers, asks when several fit",
+    ),
+    (
+        "wrong-object",
+        "the oracle, but it takes a similar object for the target",
+    ),
+    (
+        "wrong-receptacle",
+        "the oracle, but it takes a similar receptacle for the destination",
+    ),
+    (
+        "no-ask",
+        "the oracle, but it never asks and takes any object that fits the instruction",
+    ),
+    (
+        "oscillating",
+        "the oracle up to the pick, then it drives to and fro until the horizon",
+    ),
     ("forgets-door", "the oracle, but it never opens a door"),
-    ("gibberish", "the oracle, but now and then it calls unknown tools, bad arguments or stale numbers"),
-    ("explorer", "tries every tool on whatever it sees, at random, to find what breaks; it wants no goal"),
+    (
+        "gibberish",
+        "the oracle, but now and then it calls unknown tools, bad arguments or stale numbers",
+    ),
+    (
+        "explorer",
+        "tries every tool on whatever it sees, at random, to find what breaks; it wants no goal",
+    ),
 ];
 
 /// A built-in policy by name. `seed` is of everything random in it.
 ///
 /// # Errors
 /// When no policy is called so.
-pub fn policy(name: &str, task: &Arc<Task>, scene: &Arc<Scene>, seed: u64) -> Result<Box<dyn Policy + Send>, AgentError> {
+pub fn policy(
+    name: &str,
+    task: &Arc<Task>,
+    scene: &Arc<Scene>,
+    seed: u64,
+) -> Result<Box<dyn Policy + Send>, AgentError> {
     Ok(match name {
         "oracle" => Box::new(Oracle::new(task.clone(), seed)),
         "planner" => Box::new(Planner::new(GoalHint::of_task(task), seed)),
@@ -119,16 +149,28 @@ pub fn policy(name: &str, task: &Arc<Task>, scene: &Arc<Scene>, seed: u64) -> Re
         "forgets-door" => Box::new(faults::forgets_door(task, seed)),
         "gibberish" => Box::new(faults::Gibberish::new(task, seed)),
         "explorer" => Box::new(Explorer::new(task, seed)),
-        _ => return Err(AgentError::UnknownPolicy { name: name.to_owned() }),
+        _ => {
+            return Err(AgentError::UnknownPolicy {
+                name: name.to_owned(),
+            });
+        }
     })
 }
 
 /// The names, for messages.
 pub(crate) fn names() -> String {
-    POLICIES.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ")
+    POLICIES
+        .iter()
+        .map(|(name, _)| *name)
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// Name and seed of a built-in policy.
 pub(crate) fn info(name: &str, seed: u64) -> PolicyInfo {
-    PolicyInfo { name: name.to_owned(), checkpoint: None, parameters: [("seed".to_owned(), seed.into())].into() }
+    PolicyInfo {
+        name: name.to_owned(),
+        checkpoint: None,
+        parameters: [("seed".to_owned(), seed.into())].into(),
+    }
 }

@@ -10,7 +10,8 @@ pub fn stream(seed: u64, purpose: &str, index: u64) -> ChaCha8Rng {
     ChaCha8Rng::from_seed(Digest::of(format!("{seed}/{purpose}/{index}").as_bytes()).0)
 }
 
-/// A number below `bound`, which is not zero. The bias of the remainder is below 2^-32 for bounds of ours.
+/// A number below `bound`, which is not zero. The bias of the remainder is below 2^-32 for bounds
+/// of ours.
 pub fn below(rng: &mut ChaCha8Rng, bound: usize) -> usize {
     assert!(bound > 0, "there is no number below zero");
     (rng.next_u64() % bound as u64) as usize
@@ -18,7 +19,11 @@ pub fn below(rng: &mut ChaCha8Rng, bound: usize) -> usize {
 
 /// One of the choices, if there is any.
 pub fn choose<'a, T>(rng: &mut ChaCha8Rng, choices: &'a [T]) -> Option<&'a T> {
-    if choices.is_empty() { None } else { choices.get(below(rng, choices.len())) }
+    if choices.is_empty() {
+        None
+    } else {
+        choices.get(below(rng, choices.len()))
+    }
 }
 
 /// Fisher-Yates.
@@ -36,7 +41,12 @@ mod tests {
     fn streams_repeat_and_differ_by_every_part_of_the_key() {
         let first = |seed, purpose, index| stream(seed, purpose, index).next_u64();
         assert_eq!(first(1, "a", 0), first(1, "a", 0));
-        let all = [first(1, "a", 0), first(2, "a", 0), first(1, "b", 0), first(1, "a", 1)];
+        let all = [
+            first(1, "a", 0),
+            first(2, "a", 0),
+            first(1, "b", 0),
+            first(1, "a", 1),
+        ];
         assert!((0..4).all(|i| (0..i).all(|j| all[i] != all[j])));
     }
 

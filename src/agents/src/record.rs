@@ -33,7 +33,9 @@ impl TraceSink {
         task: &Task,
         scene: &Scene,
     ) -> Result<Self, SinkError> {
-        Ok(Self { recorder: Recorder::create(path, header, task, scene, options)? })
+        Ok(Self {
+            recorder: Recorder::create(path, header, task, scene, options)?,
+        })
     }
 }
 
@@ -52,6 +54,9 @@ impl Sink for TraceSink {
 
     fn end(self: Box<Self>, end: &EndRecord) -> Result<Option<Recorded>, SinkError> {
         let summary = self.recorder.end(end)?;
-        Ok(Some(Recorded { path: summary.path, bytes: summary.bytes }))
+        Ok(Some(Recorded {
+            path: summary.path,
+            bytes: summary.bytes,
+        }))
     }
 }

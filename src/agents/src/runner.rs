@@ -1,4 +1,5 @@
-//! Plays an episode with a policy and records it, and plays many on several threads. Never decides anything.
+//! Plays an episode with a policy and records it, and plays many on several threads. Never decides
+//! anything.
 
 use std::{
     any::Any,
@@ -15,7 +16,8 @@ use reel_world::{
 };
 
 use crate::{
-    AgentError, Injected, Injection, Label, Outside, Policy, outside::broken_rules, policy, record::RecordTo, running::Running,
+    AgentError, Injected, Injection, Label, Outside, Policy, outside::broken_rules, policy,
+    record::RecordTo, running::Running,
 };
 
 /// How an episode went.
@@ -60,7 +62,8 @@ pub struct EpisodeReport {
 }
 
 impl EpisodeReport {
-    /// How an episode went by its records: where it was recorded and why the policy gave up, they do not say.
+    /// How an episode went by its records: where it was recorded and why the policy gave up, they
+    /// do not say.
     pub(crate) fn new(
         header: &EpisodeHeader,
         (task, scene): (&Task, &Scene),
@@ -93,18 +96,28 @@ impl EpisodeReport {
     pub fn of_trace(trace: &Trace, path: &Path) -> Option<Self> {
         let records = (&trace.start, trace.steps.as_slice(), trace.end.as_ref()?);
         let report = Self::new(&trace.header, (&trace.task, &trace.scene), records);
-        Some(Self { trace: Some(path.to_owned()), ..report })
+        Some(Self {
+            trace: Some(path.to_owned()),
+            ..report
+        })
     }
 }
 
-/// Tokens read and written, where anybody counted them, and the time that policies took, in nanoseconds.
+/// Tokens read and written, where anybody counted them, and the time that policies took, in
+/// nanoseconds.
 fn spent(steps: &[StepRecord]) -> (Option<[u64; 2]>, u64) {
     let outputs = || steps.iter().filter_map(|step| step.input.policy.as_ref());
-    let tokens = outputs().filter_map(|output| output.tokens).fold(None, |sum: Option<[u64; 2]>, [read, written]| {
-        let [before, after] = sum.unwrap_or_default();
-        Some([before + u64::from(read), after + u64::from(written)])
-    });
-    (tokens, outputs().filter_map(|output| output.latency_ns).sum())
+    let tokens = outputs().filter_map(|output| output.tokens).fold(
+        None,
+        |sum: Option<[u64; 2]>, [read, written]| {
+            let [before, after] = sum.unwrap_or_default();
+            Some([before + u64::from(read), after + u64::from(written)])
+        },
+    );
+    (
+        tokens,
+        outputs().filter_map(|output| output.latency_ns).sum(),
+    )
 }
 
 /// One episode to play.
@@ -133,15 +146,23 @@ pub struct Seats {
 /// # Errors
 /// When no policy is called so.
 pub fn builtin(job: &Job) -> Result<Seats, AgentError> {
-    let policy = policy(&job.policy, &job.config.task, &job.config.scene, job.config.seed)?;
-    Ok(Seats { policy, outside: Outside::default() })
+    let policy = policy(
+        &job.policy,
+        &job.config.task,
+        &job.config.scene,
+        job.config.seed,
+    )?;
+    Ok(Seats {
+        policy,
+        outside: Outside::default(),
+    })
 }
 
 /// Plays one episode to its end.
 ///
 /// # Errors
-/// When the episode cannot start, its trace cannot be written, or the policy or somebody outside does not answer: then what was
-/// recorded is closed as aborted.
+/// When the episode cannot start, its trace cannot be written, or the policy or somebody outside
+/// does not answer: then what was recorded is closed as aborted.
 pub fn run_episode(
     mut config: EpisodeConfig,
     policy: &mut dyn Policy,
@@ -163,19 +184,23 @@ pub fn run_episode(
     }
 }
 
-/// Plays one episode in which what the injection says goes wrong, and labels it. Where it is recorded, the label is written
-/// beside the trace, as `<trace>.label.json`.
+/// Plays one episode in which what the injection says goes wrong, and labels it. Where it is
+/// recorded, the label is written beside the trace, as `<trace>.label.json`.
 ///
 /// # Errors
-/// When the task does not admit the injection, the episode cannot start, or trace or label cannot be written.
+/// When the task does not admit the injection, the episode cannot start, or trace or label cannot
+/// be written.
 pub fn run_injected(
     config: EpisodeConfig,
     injection: &Injection,
     record: Option<&RecordTo>,
 ) -> Result<(EpisodeReport, Label), AgentError> {
     let task = config.task.clone();
-    let mut policy = Injected::new(&task, &config.scene, injection)
-        .map_err(|source| AgentError::Unfit { task: task.task_id.clone(), source })?;
+    let mut policy =
+        Injected::new(&task, &config.scene, injection).map_err(|source| AgentError::Unfit {
+            task: task.task_id.clone(),
+            source,
+        })?;
     let report = run_episode(config, &mut policy, Outside::default(), record)?;
     let label = policy.label(&report.episode_id, report.success);
     if let Some(trace) = &report.trace {
@@ -192,26 +217,42 @@ pub fn run_injected(
     Ok((report, label))
 }
 
-/// Plays many episodes on `workers` threads; `seat` says who plays one, when it is about to begin. Results come in the order of
-/// the jobs, whatever the order they end in; `on_done` is called from the worker threads as episodes end. A panic ends only its
-/// own episode.
+/// Plays many episodes on `workers` threads; `seat` says who plays one, when it is about to begin.
+/// Results come in the order of the jobs, whatever the order they end in; `on_done` is called from
+/// the worker threads as episodes end. A panic ends only its own episode.
 pub fn run_all(
     jobs: Vec<Job>,
     workers: usize,
     seat: impl Fn(&Job) -> Result<Seats, AgentError> + Sync,
     on_done: impl Fn(&EpisodeReport) + Sync,
 ) -> Vec<Result<EpisodeReport, AgentError>> {
-    let pool = match rayon::ThreadPoolBuilder::new().num_threads(workers.max(1)).build() {
+    let pool = match rayon::ThreadPoolBuilder::new()
+        .num_threads(workers.max(1))
+        .build()
+    {
         Ok(pool) => pool,
         Err(error) => {
-            let failed = |_| Err(AgentError::Workers { workers, message: error.to_string() });
+            let failed = |_| {
+                Err(AgentError::Workers {
+                    workers,
+                    message: error.to_string(),
+                })
+            };
             return jobs.iter().map(failed).collect();
         }
     };
     let play = |job: &Job| {
         let report = contained(job, || {
-            let Seats { mut policy, outside } = seat(job)?;
-            run_episode(job.config.clone(), policy.as_mut(), outside, job.record.as_ref())
+            let Seats {
+                mut policy,
+                outside,
+            } = seat(job)?;
+            run_episode(
+                job.config.clone(),
+                policy.as_mut(),
+                outside,
+                job.record.as_ref(),
+            )
         })?;
         on_done(&report);
         Ok(report)
@@ -235,7 +276,8 @@ fn contained<T>(job: &Job, play: impl FnOnce() -> Result<T, AgentError>) -> Resu
 
 fn message_of(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".to_owned())
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no message".to_owned())
 }
 
 #[cfg(test)]
@@ -251,7 +293,9 @@ mod tests {
         let task = json!({"task_id": "FDP/t_7", "family": "FDP", "scene_id": "flat", "instruction": "", "precise_instruction": "",
             "objects": [], "initial": {}, "goal": {}, "target": "apple", "src": "table_1", "dest": "desk_1"});
         let task: Task = serde_json::from_value(task).unwrap();
-        let scene: Scene = serde_json::from_value(json!({"scene_id": "flat", "rooms": [], "receptacles": []})).unwrap();
+        let scene: Scene =
+            serde_json::from_value(json!({"scene_id": "flat", "rooms": [], "receptacles": []}))
+                .unwrap();
         let config = EpisodeConfig {
             task: Arc::new(task),
             scene: Arc::new(scene),
@@ -265,12 +309,19 @@ mod tests {
             rollout: None,
             parent: None,
         };
-        Job { config, policy: "oracle".into(), record: None, command: "reel run --seed 11".into() }
+        Job {
+            config,
+            policy: "oracle".into(),
+            record: None,
+            command: "reel run --seed 11".into(),
+        }
     }
 
     #[test]
     fn a_panic_becomes_an_error_that_can_be_reproduced() {
-        let error = contained::<()>(&job(), || panic!("index {} is out of range", 4)).unwrap_err().to_string();
+        let error = contained::<()>(&job(), || panic!("index {} is out of range", 4))
+            .unwrap_err()
+            .to_string();
         let expected = "task FDP/t_7, policy oracle, seed 11: the episode broke down: index 4 is out of range; \
                         reproduce it by: reel run --seed 11";
         assert_eq!(error, expected);
@@ -279,7 +330,10 @@ mod tests {
 
     #[test]
     fn results_come_in_the_order_of_the_jobs() {
-        let unknown = |index: usize| Job { policy: format!("nobody-{index}"), ..job() };
+        let unknown = |index: usize| Job {
+            policy: format!("nobody-{index}"),
+            ..job()
+        };
         let results = run_all((0..16).map(unknown).collect(), 2, builtin, |_| {});
         for (index, result) in results.into_iter().enumerate() {
             let error = result.unwrap_err().to_string();

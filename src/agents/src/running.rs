@@ -1,5 +1,6 @@
-//! An episode under way: the episode, where it is recorded, and what is known of its last call. Carries calls to the
-//! episode and records to the trace, inputs before they are used. Never decides anything.
+//! An episode under way: the episode, where it is recorded, and what is known of its last call.
+//! Carries calls to the episode and records to the trace, inputs before they are used. Never
+//! decides anything.
 
 use std::{
     collections::BTreeSet,
@@ -34,11 +35,22 @@ impl Running {
     /// When the episode cannot start or its trace cannot be written.
     pub fn start(config: EpisodeConfig, record: Option<&RecordTo>) -> Result<Self, AgentError> {
         let task_id = config.task.task_id.clone();
-        let (episode, start, frame) = Episode::start(config).map_err(|source| AgentError::Start { task: task_id, source })?;
+        let (episode, start, frame) =
+            Episode::start(config).map_err(|source| AgentError::Start {
+                task: task_id,
+                source,
+            })?;
         let (mut sink, path) = open(&episode, record)?;
-        sink.start(&start, Some(&frame)).map_err(|source| unwritten(episode.header(), &path, source))?;
+        sink.start(&start, Some(&frame))
+            .map_err(|source| unwritten(episode.header(), &path, source))?;
         let known = Known::at_start(episode.task(), episode.scene(), &start, Some(frame));
-        Ok(Self { episode, sink, path, known, outside: Outside::default() })
+        Ok(Self {
+            episode,
+            sink,
+            path,
+            known,
+            outside: Outside::default(),
+        })
     }
 
     /// Lets these answer from now on.
@@ -46,8 +58,9 @@ impl Running {
         Self { outside, ..self }
     }
 
-    /// Goes on with an episode of which some calls were made, recording these first; `rgb` gives the picture after a step
-    /// (none: of the start), where there is one to record. `witness`, who may decide from now on, is shown them as they came.
+    /// Goes on with an episode of which some calls were made, recording these first; `rgb` gives
+    /// the picture after a step (none: of the start), where there is one to record. `witness`, who
+    /// may decide from now on, is shown them as they came.
     ///
     /// # Errors
     /// When the trace cannot be written.
@@ -59,22 +72,38 @@ impl Running {
     ) -> Result<Self, AgentError> {
         let (mut sink, path) = open(&episode, record)?;
         let fail = |source| unwritten(episode.header(), &path, source);
-        let mut frame = |step| rgb(step).map(|rgb| Frame { rgb, ids: Vec::new(), depth_mm: Vec::new() });
+        let mut frame = |step| {
+            rgb(step).map(|rgb| Frame {
+                rgb,
+                ids: Vec::new(),
+                depth_mm: Vec::new(),
+            })
+        };
         let start = episode.start_record();
         sink.start(start, frame(None).as_ref()).map_err(fail)?;
-        // Pictures are not among what is known again: built-in policies have what they would see in them from `perception`.
-        let (mut known, mut graph) =
-            (Known::at_start(episode.task(), episode.scene(), start, None), start.graphs.physics.clone());
+        // Pictures are not among what is known again: built-in policies have what they would see in
+        // them from `perception`.
+        let (mut known, mut graph) = (
+            Known::at_start(episode.task(), episode.scene(), start, None),
+            start.graphs.physics.clone(),
+        );
         for step in episode.steps() {
             if let Some(witness) = witness.as_deref_mut() {
                 witness.watch(&known.context(), &step.input);
             }
             sink.input(step.step, &step.input).map_err(fail)?;
-            sink.step(step, frame(Some(step.step)).as_ref()).map_err(fail)?;
+            sink.step(step, frame(Some(step.step)).as_ref())
+                .map_err(fail)?;
             graph.apply(&step.changes.physics);
             known.after(episode.task(), episode.scene(), &graph, step, None);
         }
-        Ok(Self { episode, sink, path, known, outside: Outside::default() })
+        Ok(Self {
+            episode,
+            sink,
+            path,
+            known,
+            outside: Outside::default(),
+        })
     }
 
     /// The episode, as far as it was played.
@@ -86,7 +115,11 @@ impl Running {
     ///
     /// # Errors
     /// When the trace cannot be written, or nobody answers from outside.
-    pub fn make(&mut self, input: StepInput, witness: Option<&mut dyn Policy>) -> Result<(), AgentError> {
+    pub fn make(
+        &mut self,
+        input: StepInput,
+        witness: Option<&mut dyn Policy>,
+    ) -> Result<(), AgentError> {
         if let Some(witness) = witness {
             witness.watch(&self.known.context(), &input);
         }
@@ -96,12 +129,16 @@ impl Running {
     /// Lets a policy play to the end, or for as many decisions as an episode of the paper has.
     ///
     /// # Errors
-    /// When the trace cannot be written, or somebody does not answer. The episode can be ended even so.
+    /// When the trace cannot be written, or somebody does not answer. The episode can be ended even
+    /// so.
     pub fn play(&mut self, policy: &mut dyn Policy) -> Result<(), AgentError> {
         while self.episode.ended().is_none() && self.known.calls < HORIZON {
             let input = {
                 let truth = policy.wants_truth().then(|| self.episode.privileged());
-                policy.act(&Context { truth: truth.as_ref(), ..self.known.context() })
+                policy.act(&Context {
+                    truth: truth.as_ref(),
+                    ..self.known.context()
+                })
             };
             let input = input.map_err(|source| self.unanswered(source))?;
             self.step(input)?;
@@ -109,28 +146,52 @@ impl Running {
         Ok(())
     }
 
-    /// Ends it, as aborted where it still runs. `unreachable` is why the policy gave up on the goal, if it did.
+    /// Ends it, as aborted where it still runs. `unreachable` is why the policy gave up on the
+    /// goal, if it did.
     ///
     /// # Errors
     /// When the trace cannot be written.
     pub fn end(self, unreachable: Option<String>) -> Result<EpisodeReport, AgentError> {
-        let Self { episode, sink, path, .. } = self;
-        let (header, start, steps) = (episode.header().clone(), episode.start_record().clone(), episode.steps().to_vec());
+        let Self {
+            episode,
+            sink,
+            path,
+            ..
+        } = self;
+        let (header, start, steps) = (
+            episode.header().clone(),
+            episode.start_record().clone(),
+            episode.steps().to_vec(),
+        );
         let (task, scene) = (episode.task().clone(), episode.scene().clone());
         let end = episode.end();
-        let recorded = sink.end(&end).map_err(|source| unwritten(&header, &path, source))?;
-        let (trace, bytes) = recorded.map_or((None, 0), |recorded| (Some(recorded.path), recorded.bytes));
+        let recorded = sink
+            .end(&end)
+            .map_err(|source| unwritten(&header, &path, source))?;
+        let (trace, bytes) =
+            recorded.map_or((None, 0), |recorded| (Some(recorded.path), recorded.bytes));
         let report = EpisodeReport::new(&header, (&task, &scene), (&start, &steps, &end));
-        Ok(EpisodeReport { trace, bytes, unreachable: unreachable.filter(|_| !report.success), ..report })
+        Ok(EpisodeReport {
+            trace,
+            bytes,
+            unreachable: unreachable.filter(|_| !report.success),
+            ..report
+        })
     }
 
     /// Adds what comes from outside, where nobody brought it along.
     fn asked_outside(&mut self, mut input: StepInput) -> Result<StepInput, NoAnswer> {
-        let Self { episode, outside, .. } = self;
+        let Self {
+            episode, outside, ..
+        } = self;
         match Tool::parse(&input.call) {
             Ok(Tool::Ask { question }) => {
                 let start = episode.start_record();
-                let seen_at_start: Vec<InstanceId> = start.visible.iter().map(|object| object.object.clone()).collect();
+                let seen_at_start: Vec<InstanceId> = start
+                    .visible
+                    .iter()
+                    .map(|object| object.object.clone())
+                    .collect();
                 let asked = Asked {
                     question: &question,
                     task: episode.task(),
@@ -145,8 +206,12 @@ impl Running {
             }
             Ok(Tool::ShowObjectByCategory { category }) => {
                 if let (None, Some(matcher)) = (&input.lookup, &mut outside.matcher) {
-                    let categories: BTreeSet<&str> =
-                        episode.task().objects.iter().map(|object| object.category.as_str()).collect();
+                    let categories: BTreeSet<&str> = episode
+                        .task()
+                        .objects
+                        .iter()
+                        .map(|object| object.category.as_str())
+                        .collect();
                     let categories: Vec<&str> = categories.into_iter().collect();
                     input.lookup = Some(matcher.look_up(&category, &categories)?);
                 }
@@ -158,24 +223,48 @@ impl Running {
 
     fn unanswered(&self, source: NoAnswer) -> AgentError {
         let header = self.episode.header();
-        AgentError::NoAnswer { task: header.task_id.clone(), seed: header.seed, step: self.known.calls, source }
+        AgentError::NoAnswer {
+            task: header.task_id.clone(),
+            seed: header.seed,
+            step: self.known.calls,
+            source,
+        }
     }
 
     fn step(&mut self, input: StepInput) -> Result<(), AgentError> {
         let profile = self.episode.header().profile;
-        let input = StepInput { call: profile.spoken(input.call), ..input };
-        let input = self.asked_outside(input).map_err(|source| self.unanswered(source))?;
-        let Self { episode, sink, path, known, .. } = self;
-        sink.input(known.calls, &input).map_err(|source| unwritten(episode.header(), path, source))?;
+        let input = StepInput {
+            call: profile.spoken(input.call),
+            ..input
+        };
+        let input = self
+            .asked_outside(input)
+            .map_err(|source| self.unanswered(source))?;
+        let Self {
+            episode,
+            sink,
+            path,
+            known,
+            ..
+        } = self;
+        sink.input(known.calls, &input)
+            .map_err(|source| unwritten(episode.header(), path, source))?;
         let StepOutput { record, frame } = episode.step(input);
-        sink.step(&record, frame.as_ref()).map_err(|source| unwritten(episode.header(), path, source))?;
-        known.after(episode.task(), episode.scene(), &episode.graphs().physics, &record, frame);
+        sink.step(&record, frame.as_ref())
+            .map_err(|source| unwritten(episode.header(), path, source))?;
+        known.after(
+            episode.task(),
+            episode.scene(),
+            &episode.graphs().physics,
+            &record,
+            frame,
+        );
         Ok(())
     }
 }
 
-/// Shows somebody every moment of a recorded episode as its agent knew it, without pictures: what was known, and the step that
-/// came then; none at the end.
+/// Shows somebody every moment of a recorded episode as its agent knew it, without pictures: what
+/// was known, and the step that came then; none at the end.
 pub fn retrace(
     task: &Task,
     scene: &Scene,
@@ -183,7 +272,10 @@ pub fn retrace(
     steps: &[StepRecord],
     mut show: impl FnMut(&Context<'_>, Option<&StepRecord>),
 ) {
-    let (mut known, mut graph) = (Known::at_start(task, scene, start, None), start.graphs.physics.clone());
+    let (mut known, mut graph) = (
+        Known::at_start(task, scene, start, None),
+        start.graphs.physics.clone(),
+    );
     for step in steps {
         show(&known.context(), Some(step));
         graph.apply(&step.changes.physics);
@@ -204,31 +296,77 @@ impl Known {
     fn at_start(task: &Task, scene: &Scene, start: &StartRecord, frame: Option<Frame>) -> Self {
         Self {
             briefing: Briefing::new(task, scene),
-            observation: Observation { text: String::new(), error: None, frame, held: None },
+            observation: Observation {
+                text: String::new(),
+                error: None,
+                frame,
+                held: None,
+            },
             seen: perception::at_start(task, scene, start),
             calls: 0,
         }
     }
 
     fn context(&self) -> Context<'_> {
-        Context { briefing: &self.briefing, observation: &self.observation, seen: &self.seen, truth: None, step: self.calls }
+        Context {
+            briefing: &self.briefing,
+            observation: &self.observation,
+            seen: &self.seen,
+            truth: None,
+            step: self.calls,
+        }
     }
 
     /// Takes in what came of a call; `graph` is where physics says the objects are then.
-    fn after(&mut self, task: &Task, scene: &Scene, graph: &WorldGraph, step: &StepRecord, frame: Option<Frame>) {
+    fn after(
+        &mut self,
+        task: &Task,
+        scene: &Scene,
+        graph: &WorldGraph,
+        step: &StepRecord,
+        frame: Option<Frame>,
+    ) {
         self.calls = step.step + 1;
         self.seen = perception::after_step(task, scene, graph, step);
-        let held = step.held.as_ref().and_then(|id| task.object(id)).map(|object| object.category.clone());
-        self.observation = Observation { text: step.outcome.text.clone(), error: step.outcome.error, frame, held };
+        let held = step
+            .held
+            .as_ref()
+            .and_then(|id| task.object(id))
+            .map(|object| object.category.clone());
+        self.observation = Observation {
+            text: step.outcome.text.clone(),
+            error: step.outcome.error,
+            frame,
+            held,
+        };
     }
 }
 
-fn open(episode: &Episode, record: Option<&RecordTo>) -> Result<(Box<dyn Sink>, PathBuf), AgentError> {
-    let Some(RecordTo { path, options }) = record else { return Ok((Box::new(NoSink), PathBuf::new())) };
-    let sink = TraceSink::create(path, *options, episode.header(), episode.task(), episode.scene());
-    Ok((Box::new(sink.map_err(|source| unwritten(episode.header(), path, source))?), path.clone()))
+fn open(
+    episode: &Episode,
+    record: Option<&RecordTo>,
+) -> Result<(Box<dyn Sink>, PathBuf), AgentError> {
+    let Some(RecordTo { path, options }) = record else {
+        return Ok((Box::new(NoSink), PathBuf::new()));
+    };
+    let sink = TraceSink::create(
+        path,
+        *options,
+        episode.header(),
+        episode.task(),
+        episode.scene(),
+    );
+    Ok((
+        Box::new(sink.map_err(|source| unwritten(episode.header(), path, source))?),
+        path.clone(),
+    ))
 }
 
 fn unwritten(header: &EpisodeHeader, path: &Path, source: SinkError) -> AgentError {
-    AgentError::Trace { task: header.task_id.clone(), seed: header.seed, path: path.to_owned(), source }
+    AgentError::Trace {
+        task: header.task_id.clone(),
+        seed: header.seed,
+        path: path.to_owned(),
+        source,
+    }
 }

@@ -2,17 +2,27 @@
 
 use reel_history::{Checker, Deed, Setting, Verdict};
 
-/// A check for [`crate::ModelAnnotator`]: what the record refutes in a History, by the deeds before its decision.
+/// A check for [`crate::ModelAnnotator`]: what the record refutes in a History, by the deeds before
+/// its decision.
 pub fn history_check(setting: Setting, deeds: Vec<Deed>) -> impl Fn(usize, &str) -> Option<String> {
     move |index, history| {
         let mut checker = Checker::new(setting.clone());
-        deeds.iter().take(index).cloned().for_each(|deed| checker.did(deed));
-        checker.check(history).into_iter().find_map(|claim| match claim.verdict {
-            Verdict::Contradicted { why, .. } => {
-                let said = history.get(claim.span).unwrap_or_default();
-                Some(format!("its history says what is not so: \"{said}\": {why}"))
-            }
-            _ => None,
-        })
+        deeds
+            .iter()
+            .take(index)
+            .cloned()
+            .for_each(|deed| checker.did(deed));
+        checker
+            .check(history)
+            .into_iter()
+            .find_map(|claim| match claim.verdict {
+                Verdict::Contradicted { why, .. } => {
+                    let said = history.get(claim.span).unwrap_or_default();
+                    Some(format!(
+                        "its history says what is not so: \"{said}\": {why}"
+                    ))
+                }
+                _ => None,
+            })
     }
 }

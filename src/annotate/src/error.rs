@@ -9,7 +9,9 @@ use reel_world::Digest;
 #[derive(Debug, thiserror::Error)]
 pub enum AnnotateError {
     /// A file of notes cannot be read.
-    #[error("cannot read the notes: {source}; annotate the trace first, or check the permissions: {path}")]
+    #[error(
+        "cannot read the notes: {source}; annotate the trace first, or check the permissions: {path}"
+    )]
     Read {
         /// The file.
         path: PathBuf,
@@ -58,7 +60,9 @@ pub enum AnnotateError {
         found: usize,
     },
     /// The model did not answer.
-    #[error("{source}; what was written so far is kept, run again to go on (decisions {from} to {to})")]
+    #[error(
+        "{source}; what was written so far is kept, run again to go on (decisions {from} to {to})"
+    )]
     Model {
         /// First decision that was asked about.
         from: usize,

@@ -1,4 +1,5 @@
-//! A deed and what was learned from it, in one or two sentences that stay as they are for the rest of the episode.
+//! A deed and what was learned from it, in one or two sentences that stay as they are for the rest
+//! of the episode.
 
 use reel_world::ErrorCode;
 
@@ -19,16 +20,28 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
     let at_step = memory.step;
     let tell = |wording, gaps: &[(&str, &str)]| voice.say(wording, at_step, gaps);
     let what = || english::sought(call.argument);
-    let at = memory.at.map(|place| format!(" while at {place}")).unwrap_or_default();
+    let at = memory
+        .at
+        .map(|place| format!(" while at {place}"))
+        .unwrap_or_default();
     let question = || english::quoted(last_sentence(call.argument));
     if let Some(code) = step.error {
         return match (call.tool, code) {
-            ("show_object_by_category", ErrorCode::NothingFound) => tell(say::LOOKED_IN_VAIN, &[("what", &what()), ("at", &at)]),
-            ("walk_around", ErrorCode::NothingFound) if memory.at.is_some() => {
-                tell(say::WALKED_IN_VAIN, &[("place", memory.at.unwrap_or_default())])
+            ("show_object_by_category", ErrorCode::NothingFound) => {
+                tell(say::LOOKED_IN_VAIN, &[("what", &what()), ("at", &at)])
             }
+            ("walk_around", ErrorCode::NothingFound) if memory.at.is_some() => tell(
+                say::WALKED_IN_VAIN,
+                &[("place", memory.at.unwrap_or_default())],
+            ),
             ("ask", ErrorCode::NoUser) => tell(say::ASKED_IN_VAIN, &[("question", &question())]),
-            _ => tell(say::FAILED, &[("deed", &intention(memory, call)), ("why", &why(code, call))]),
+            _ => tell(
+                say::FAILED,
+                &[
+                    ("deed", &intention(memory, call)),
+                    ("why", &why(code, call)),
+                ],
+            ),
         };
     }
     let target = memory.marked(call);
@@ -39,25 +52,52 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
     match call.tool {
         "nav_to" => {
             let place = step.receptacle.unwrap_or(call.argument);
-            let wording = if memory.visited.contains(&place) { say::WENT_BACK } else { say::WENT };
+            let wording = if memory.visited.contains(&place) {
+                say::WENT_BACK
+            } else {
+                say::WENT
+            };
             tell(wording, &[("place", place)])
         }
         "show_object_by_category" => {
             let count = english::count(step.markers.len(), "candidate");
-            let gaps = [("what", what()), ("at", at), ("count", count), ("list", numbered(&step.markers))];
-            let found = tell(say::LOOKED, &gaps.each_ref().map(|(gap, text)| (*gap, text.as_str())));
-            let unnumbered = |thing: &&Thing<'_>| !numbers(&step.markers, thing) && memory.may_be_meant(thing);
-            let others: Vec<String> =
-                step.seen.iter().filter(unnumbered).map(|it| english::indefinite(&description(it))).collect();
+            let gaps = [
+                ("what", what()),
+                ("at", at),
+                ("count", count),
+                ("list", numbered(&step.markers)),
+            ];
+            let found = tell(
+                say::LOOKED,
+                &gaps.each_ref().map(|(gap, text)| (*gap, text.as_str())),
+            );
+            let unnumbered =
+                |thing: &&Thing<'_>| !numbers(&step.markers, thing) && memory.may_be_meant(thing);
+            let others: Vec<String> = step
+                .seen
+                .iter()
+                .filter(unnumbered)
+                .map(|it| english::indefinite(&description(it)))
+                .collect();
             match others.as_slice() {
                 [] => found,
-                others => format!("{found} {}", tell(say::ALSO_SAW, &[("list", &english::list(others, "and"))])),
+                others => format!(
+                    "{found} {}",
+                    tell(say::ALSO_SAW, &[("list", &english::list(others, "and"))])
+                ),
             }
         }
         "walk_around" => {
             let count = english::count(step.markers.len(), "object");
             let place = step.receptacle.or(memory.at).unwrap_or("the receptacle");
-            tell(say::WALKED, &[("place", place), ("count", &count), ("list", &numbered(&step.markers))])
+            tell(
+                say::WALKED,
+                &[
+                    ("place", place),
+                    ("count", &count),
+                    ("list", &numbered(&step.markers)),
+                ],
+            )
         }
         "show_receptacles" => tell(say::MARKED_PLACES, &[("list", &numbered(&step.markers))]),
         "gaze_at" => tell(say::GAZED, &[("it", &marked_in_words(memory, call))]),
@@ -67,11 +107,19 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
                 _ => format!("the object with marker {}", call.argument),
             };
             // An object may stand on the neighbouring furniture, which the agent cannot tell.
-            let from = step.receptacle.filter(|place| memory.at == Some(place)).map(|place| format!(" from {place}"));
-            tell(say::PICKED, &[("it", &it), ("from", &from.unwrap_or_default())])
+            let from = step
+                .receptacle
+                .filter(|place| memory.at == Some(place))
+                .map(|place| format!(" from {place}"));
+            tell(
+                say::PICKED,
+                &[("it", &it), ("from", &from.unwrap_or_default())],
+            )
         }
         "place" => {
-            let it = memory.held.map_or("the object".to_owned(), |thing| english::definite(&english::noun(thing.category)));
+            let it = memory.held.map_or("the object".to_owned(), |thing| {
+                english::definite(&english::noun(thing.category))
+            });
             tell(say::PLACED, &[("it", &it), ("place", receptacle)])
         }
         "open" => tell(say::OPENED, &[("place", receptacle)]),
@@ -89,18 +137,32 @@ pub(crate) fn deed(memory: &Memory<'_>, step: &Step<'_>, voice: Voice) -> String
 pub(crate) fn intention(memory: &Memory<'_>, call: Call<'_>) -> String {
     let it = || marked_in_words(memory, call);
     match call.tool {
-        "nav_to" if memory.task.place(call.argument).is_some() => format!("go to {}", call.argument),
-        tool if call.lacks_argument() => format!("call {} without its argument", english::quoted(tool)),
-        "nav_to" | "gaze_at" | "pick" | "place" | "open" | "close" if call.marker().is_none() => {
-            format!("call {} with {}", english::quoted(call.tool), english::quoted(call.argument))
+        "nav_to" if memory.task.place(call.argument).is_some() => {
+            format!("go to {}", call.argument)
         }
-        "walk_around" => memory.at.map_or("walk around".to_owned(), |place| format!("walk around {place}")),
+        tool if call.lacks_argument() => {
+            format!("call {} without its argument", english::quoted(tool))
+        }
+        "nav_to" | "gaze_at" | "pick" | "place" | "open" | "close" if call.marker().is_none() => {
+            format!(
+                "call {} with {}",
+                english::quoted(call.tool),
+                english::quoted(call.argument)
+            )
+        }
+        "walk_around" => memory.at.map_or("walk around".to_owned(), |place| {
+            format!("walk around {place}")
+        }),
         "show_object_by_category" => format!("look for {}", english::sought(call.argument)),
         "show_receptacles" => "mark the receptacles in view".to_owned(),
         "gaze_at" => format!("look closely at {}", it()),
         "pick" => format!("pick up {}", it()),
         "place" => match memory.held {
-            Some(held) => format!("place {} on {}", english::definite(&english::noun(held.category)), it()),
+            Some(held) => format!(
+                "place {} on {}",
+                english::definite(&english::noun(held.category)),
+                it()
+            ),
             None => format!("place something on {}", it()),
         },
         "open" => format!("open {}", it()),
@@ -113,7 +175,11 @@ pub(crate) fn intention(memory: &Memory<'_>, call: Call<'_>) -> String {
 
 /// Why a call failed, as a clause.
 pub(crate) fn why(code: ErrorCode, call: Call<'_>) -> String {
-    let it = if call.marker().is_some() { format!("marker {}", call.argument) } else { "it".to_owned() };
+    let it = if call.marker().is_some() {
+        format!("marker {}", call.argument)
+    } else {
+        "it".to_owned()
+    };
     match code {
         ErrorCode::UnknownTool => "there is no such tool".to_owned(),
         ErrorCode::BadArguments => "the arguments of the call were not valid".to_owned(),
@@ -136,7 +202,9 @@ pub(crate) fn why(code: ErrorCode, call: Call<'_>) -> String {
         ErrorCode::OutOfReach => format!("{it} was out of reach"),
         ErrorCode::SkillFailed => "the gripper failed".to_owned(),
         ErrorCode::NoUser => "nobody answered".to_owned(),
-        ErrorCode::BackendError | ErrorCode::PhysicsFault => "the robot reported an error".to_owned(),
+        ErrorCode::BackendError | ErrorCode::PhysicsFault => {
+            "the robot reported an error".to_owned()
+        }
         ErrorCode::EpisodeOver => "the episode was over".to_owned(),
     }
 }
@@ -159,8 +227,11 @@ pub(crate) fn last_sentence(question: &str) -> &str {
 
 /// `marker 1 (a large red mug) and marker 2 (desk_1)`.
 fn numbered(markers: &[(u32, Marked<'_>)]) -> String {
-    let mut items: Vec<String> =
-        markers.iter().take(LISTED_MAX).map(|(number, marked)| format!("marker {number} ({})", in_words(marked))).collect();
+    let mut items: Vec<String> = markers
+        .iter()
+        .take(LISTED_MAX)
+        .map(|(number, marked)| format!("marker {number} ({})", in_words(marked)))
+        .collect();
     if markers.len() > LISTED_MAX {
         items.push(format!("{} more", markers.len() - LISTED_MAX));
     }
@@ -176,7 +247,9 @@ fn in_words(marked: &Marked<'_>) -> String {
 
 /// Whether a map numbers an object.
 fn numbers(markers: &[(u32, Marked<'_>)], thing: &Thing<'_>) -> bool {
-    markers.iter().any(|(_, marked)| matches!(marked, Marked::Object(other) if other.key == thing.key))
+    markers
+        .iter()
+        .any(|(_, marked)| matches!(marked, Marked::Object(other) if other.key == thing.key))
 }
 
 #[cfg(test)]
@@ -185,7 +258,10 @@ mod tests {
 
     #[test]
     fn the_sentence_that_asks() {
-        assert_eq!(last_sentence("I see: a; b. Which one do you mean?"), "Which one do you mean?");
+        assert_eq!(
+            last_sentence("I see: a; b. Which one do you mean?"),
+            "Which one do you mean?"
+        );
         assert_eq!(last_sentence("Where?"), "Where?");
         assert_eq!(last_sentence(""), "");
     }

@@ -1,5 +1,5 @@
-//! What the agent could know before a decision: everything that calls, outcomes, pictures and replies told so far, and nothing
-//! else. Never looks ahead.
+//! What the agent could know before a decision: everything that calls, outcomes, pictures and
+//! replies told so far, and nothing else. Never looks ahead.
 
 use std::collections::BTreeMap;
 
@@ -27,7 +27,8 @@ pub(crate) struct Memory<'a> {
     pub in_view: Vec<Thing<'a>>,
     /// Everything that was ever seen.
     pub seen: Vec<Thing<'a>>,
-    /// Keys of what was marked when the robot searched for what shall be moved, in the words of the instruction.
+    /// Keys of what was marked when the robot searched for what shall be moved, in the words of the
+    /// instruction.
     pub matched: Vec<&'a str>,
     /// What is in the hand.
     pub held: Option<Thing<'a>>,
@@ -99,7 +100,10 @@ impl<'a> Memory<'a> {
         }
         self.markers.clone_from(&step.markers);
         self.held = step.held;
-        self.last = Some(Last { call, error: step.error });
+        self.last = Some(Last {
+            call,
+            error: step.error,
+        });
         self.step += 1;
     }
 
@@ -119,11 +123,14 @@ impl<'a> Memory<'a> {
                     self.visited.push(id);
                 }
             }
-            "show_object_by_category" if language::quotes(&self.task.object, step.call().argument) => {
-                self.matched.extend(step.markers.iter().filter_map(|(_, marked)| match marked {
-                    Marked::Object(thing) => Some(thing.key),
-                    Marked::Receptacle(_) => None,
-                }));
+            "show_object_by_category"
+                if language::quotes(&self.task.object, step.call().argument) =>
+            {
+                self.matched
+                    .extend(step.markers.iter().filter_map(|(_, marked)| match marked {
+                        Marked::Object(thing) => Some(thing.key),
+                        Marked::Receptacle(_) => None,
+                    }));
             }
             "pick" => self.held_from = step.receptacle,
             "place" => self.placed.extend(self.held.zip(place)),
@@ -148,38 +155,58 @@ impl<'a> Memory<'a> {
     /// What the number of a call stands for.
     pub fn marked(&self, call: Call<'_>) -> Option<Marked<'a>> {
         let number = call.marker()?;
-        self.markers.iter().find(|(marker, _)| *marker == number).map(|(_, marked)| *marked)
+        self.markers
+            .iter()
+            .find(|(marker, _)| *marker == number)
+            .map(|(_, marked)| *marked)
     }
 
     /// The numbered objects.
     pub fn numbered(&self) -> impl Iterator<Item = (u32, Thing<'a>)> {
-        self.markers.iter().filter_map(|(number, marked)| match marked {
-            Marked::Object(thing) => Some((*number, *thing)),
-            Marked::Receptacle(_) => None,
-        })
+        self.markers
+            .iter()
+            .filter_map(|(number, marked)| match marked {
+                Marked::Object(thing) => Some((*number, *thing)),
+                Marked::Receptacle(_) => None,
+            })
     }
 
     /// Whether a thing may be the one to move, by the instruction and what the user said.
     pub fn may_be_meant(&self, thing: &Thing<'_>) -> bool {
-        match self.replies.iter().rev().find(|reply| language::names_object(reply)) {
-            Some(reply) => thing.fits(reply, None) && (self.fits_instruction(thing) || language::quotes(reply, thing.category)),
+        match self
+            .replies
+            .iter()
+            .rev()
+            .find(|reply| language::names_object(reply))
+        {
+            Some(reply) => {
+                thing.fits(reply, None)
+                    && (self.fits_instruction(thing) || language::quotes(reply, thing.category))
+            }
             None => self.fits_instruction(thing),
         }
     }
 
     /// Things seen that fit the instruction, whatever was said since.
     pub fn candidates(&self) -> Vec<Thing<'a>> {
-        self.seen.iter().filter(|thing| self.fits_instruction(thing)).copied().collect()
+        self.seen
+            .iter()
+            .filter(|thing| self.fits_instruction(thing))
+            .copied()
+            .collect()
     }
 
     fn fits_instruction(&self, thing: &Thing<'_>) -> bool {
-        self.matched.contains(&thing.key) || thing.fits(&self.task.instruction, self.task.purpose.as_deref())
+        self.matched.contains(&thing.key)
+            || thing.fits(&self.task.instruction, self.task.purpose.as_deref())
     }
 
     /// Whether what shall be moved lies where it shall go, as far as one can tell.
     pub fn is_done(&self) -> bool {
         let right = |(thing, place): &&(Thing<'_>, &str)| {
-            self.task.destination.may_be(place) && self.may_be_meant(thing) && self.held.is_none_or(|held| held.key != thing.key)
+            self.task.destination.may_be(place)
+                && self.may_be_meant(thing)
+                && self.held.is_none_or(|held| held.key != thing.key)
         };
         self.placed.iter().filter(right).count() >= self.task.moves
     }
@@ -189,21 +216,37 @@ impl<'a> Memory<'a> {
         self.held.is_some_and(|held| self.may_be_meant(&held))
     }
 
-    /// Whether a place has a door that is shut, as far as one knows: some kinds of furniture have one as a rule.
+    /// Whether a place has a door that is shut, as far as one knows: some kinds of furniture have
+    /// one as a rule.
     pub fn wants_opening(&self, id: &str) -> bool {
-        let usual =
-            self.is_of_kind(id, &["refrigerator", "fridge", "microwave", "oven", "dishwasher", "wardrobe", "washing machine"]);
-        self.doors.get(id).map_or(usual || self.shut.contains(&id), |open| !open)
+        let usual = self.is_of_kind(
+            id,
+            &[
+                "refrigerator",
+                "fridge",
+                "microwave",
+                "oven",
+                "dishwasher",
+                "wardrobe",
+                "washing machine",
+            ],
+        );
+        self.doors
+            .get(id)
+            .map_or(usual || self.shut.contains(&id), |open| !open)
     }
 
     /// Whether a place may have a door that has to be opened.
     pub fn may_have_a_door(&self, id: &str) -> bool {
         self.wants_opening(id)
-            || (!self.doors.contains_key(id) && self.is_of_kind(id, &["cabinet", "cupboard", "closet", "drawer"]))
+            || (!self.doors.contains_key(id)
+                && self.is_of_kind(id, &["cabinet", "cupboard", "closet", "drawer"]))
     }
 
     fn is_of_kind(&self, id: &str, kinds: &[&str]) -> bool {
-        self.task.place(id).is_some_and(|place| kinds.contains(&place.kind().as_str()))
+        self.task
+            .place(id)
+            .is_some_and(|place| kinds.contains(&place.kind().as_str()))
     }
 }
 
@@ -215,5 +258,9 @@ pub(crate) fn looks(thing: &Thing<'_>) -> String {
 /// Its looks, with the category where they do not say it.
 pub(crate) fn description(thing: &Thing<'_>) -> String {
     let looks = looks(thing);
-    if language::quotes(&looks, thing.category) { looks } else { format!("{looks} ({})", english::noun(thing.category)) }
+    if language::quotes(&looks, thing.category) {
+        looks
+    } else {
+        format!("{looks} ({})", english::noun(thing.category))
+    }
 }

@@ -13,9 +13,12 @@ use crate::{
 pub(crate) fn schedule(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> String {
     let items = items(memory, call, voice);
     match voice.words(say::STYLE, 0, &[]).as_str() {
-        "numbers" => {
-            items.iter().enumerate().map(|(index, item)| format!("{}. {item}", index + 1)).collect::<Vec<_>>().join("; ")
-        }
+        "numbers" => items
+            .iter()
+            .enumerate()
+            .map(|(index, item)| format!("{}. {item}", index + 1))
+            .collect::<Vec<_>>()
+            .join("; "),
         "arrows" => items.join(" -> "),
         _ => items.join("; "),
     }
@@ -30,20 +33,31 @@ pub(crate) fn subtask(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> Stri
     };
     let short = || match memory.marked(call) {
         Some(Marked::Object(thing)) => {
-            format!("{} with marker {}", english::definite(&english::noun(thing.category)), call.argument)
+            format!(
+                "{} with marker {}",
+                english::definite(&english::noun(thing.category)),
+                call.argument
+            )
         }
         _ => it(),
     };
     match call.tool {
         tool if call.lacks_argument() => tell(say::NOW_OTHER, &[("tool", &english::quoted(tool))]),
         "nav_to" => tell(say::NOW_GO, &[("place", call.argument)]),
-        "walk_around" => tell(say::NOW_WALK, &[("place", memory.at.unwrap_or("the place where I am"))]),
-        "show_object_by_category" => tell(say::NOW_LOOK, &[("what", &english::sought(call.argument))]),
+        "walk_around" => tell(
+            say::NOW_WALK,
+            &[("place", memory.at.unwrap_or("the place where I am"))],
+        ),
+        "show_object_by_category" => {
+            tell(say::NOW_LOOK, &[("what", &english::sought(call.argument))])
+        }
         "show_receptacles" => tell(say::NOW_MARK, &[]),
         "gaze_at" => tell(say::NOW_GAZE, &[("it", &short())]),
         "pick" => tell(say::NOW_PICK, &[("it", &short())]),
         "place" => {
-            let held = memory.held.map_or("the object".to_owned(), |held| english::definite(&english::noun(held.category)));
+            let held = memory.held.map_or("the object".to_owned(), |held| {
+                english::definite(&english::noun(held.category))
+            });
             tell(say::NOW_PLACE, &[("it", &held), ("place", &it())])
         }
         "open" => tell(say::NOW_OPEN, &[("it", &it())]),
@@ -67,23 +81,39 @@ fn items(memory: &Memory<'_>, call: Call<'_>, voice: Voice) -> Vec<String> {
     if !done {
         if !memory.holds_it() {
             if let Some(held) = memory.held {
-                items.push(item(say::PLAN_PUT_BACK, &[("it", &english::definite(&english::noun(held.category)))]));
+                items.push(item(
+                    say::PLAN_PUT_BACK,
+                    &[("it", &english::definite(&english::noun(held.category)))],
+                ));
             }
             let shut = |id: &String| memory.wants_opening(id);
             if task.destination.alike.iter().any(shut)
-                && !task.destination.alike.iter().any(|id| memory.doors.contains_key(id.as_str()))
+                && !task
+                    .destination
+                    .alike
+                    .iter()
+                    .any(|id| memory.doors.contains_key(id.as_str()))
             {
                 items.push(item(say::PLAN_OPEN, &[destination]));
             }
-            if memory.held.is_some() || !memory.numbered().any(|(_, thing)| memory.may_be_meant(&thing)) {
-                items.push(item(say::PLAN_FIND, &[("object", &task.object), ("place", &task.source.phrase)]));
+            if memory.held.is_some()
+                || !memory
+                    .numbered()
+                    .any(|(_, thing)| memory.may_be_meant(&thing))
+            {
+                items.push(item(
+                    say::PLAN_FIND,
+                    &[("object", &task.object), ("place", &task.source.phrase)],
+                ));
             }
             if task.purpose.is_some() && !memory.asked {
                 items.push(item(say::PLAN_ASK, &[]));
             }
             items.push(item(say::PLAN_PICK, &[("object", &task.object_short)]));
         }
-        let arrived = memory.holds_it() && call.tool != "nav_to" && memory.at.is_some_and(|at| task.destination.may_be(at));
+        let arrived = memory.holds_it()
+            && call.tool != "nav_to"
+            && memory.at.is_some_and(|at| task.destination.may_be(at));
         if !arrived {
             items.push(item(say::PLAN_CARRY, &[destination]));
         }

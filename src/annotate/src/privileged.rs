@@ -1,4 +1,5 @@
-//! What an agent cannot know, and whether a note says it. Used on what a model writes; what the rules write cannot know it.
+//! What an agent cannot know, and whether a note says it. Used on what a model writes; what the
+//! rules write cannot know it.
 
 use reel_world::{Task, language};
 use serde_json::{Value, json};
@@ -29,7 +30,10 @@ impl Secrets {
     /// What is true of a task.
     pub fn of(task: &Task) -> Self {
         let raw = |id: &str| id.contains('_') || id.chars().any(|letter| letter.is_ascii_digit());
-        let ids = task.objects.iter().flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
+        let ids = task
+            .objects
+            .iter()
+            .flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
         Secrets {
             ids: ids.filter(|id| raw(id)).map(str::to_owned).collect(),
             things: task
@@ -43,18 +47,34 @@ impl Secrets {
                 })
                 .collect(),
             instruction: task.instruction.clone(),
-            precise: (task.precise_instruction != task.instruction).then(|| task.precise_instruction.clone()),
-            goal: task.goal_changes().iter().map(ToString::to_string).collect(),
+            precise: (task.precise_instruction != task.instruction)
+                .then(|| task.precise_instruction.clone()),
+            goal: task
+                .goal_changes()
+                .iter()
+                .map(ToString::to_string)
+                .collect(),
             target: task.target.to_string(),
         }
     }
 
-    /// What is wrong with a note that is written before a decision: it names an id of an object, a position, or what nobody has
-    /// seen or said before it.
+    /// What is wrong with a note that is written before a decision: it names an id of an object, a
+    /// position, or what nobody has seen or said before it.
     pub fn leak(&self, note: &Note, before: &[Step<'_>]) -> Option<String> {
-        let text = [&note.reasoning, &note.history, &note.schedule, &note.subtask].map(String::as_str).join("\n");
+        let text = [
+            &note.reasoning,
+            &note.history,
+            &note.schedule,
+            &note.subtask,
+        ]
+        .map(String::as_str)
+        .join("\n");
         let lower = text.to_lowercase();
-        if let Some(id) = self.ids.iter().find(|id| lower.contains(&id.to_lowercase())) {
+        if let Some(id) = self
+            .ids
+            .iter()
+            .find(|id| lower.contains(&id.to_lowercase()))
+        {
             return Some(format!("it names the object id {id}"));
         }
         if let Some(number) = position(&text) {
@@ -68,15 +88,35 @@ impl Secrets {
             })
         };
         let said = |words: &str| {
-            let argument = |step: &Step<'_>| step.argument.as_deref().is_some_and(|argument| language::quotes(argument, words));
-            let reply = |step: &Step<'_>| step.reply.is_some_and(|reply| language::quotes(reply, words));
-            language::quotes(&self.instruction, words) || before.iter().any(|step| argument(step) || reply(step))
+            let argument = |step: &Step<'_>| {
+                step.argument
+                    .as_deref()
+                    .is_some_and(|argument| language::quotes(argument, words))
+            };
+            let reply = |step: &Step<'_>| {
+                step.reply
+                    .is_some_and(|reply| language::quotes(reply, words))
+            };
+            language::quotes(&self.instruction, words)
+                || before.iter().any(|step| argument(step) || reply(step))
         };
         let captions: Vec<&Secret> = self.things.iter().filter(|secret| shown(secret)).collect();
-        let unseen = self.things.iter().filter(|secret| !shown(secret)).filter_map(|secret| secret.caption.as_deref());
-        let unseen = unseen.filter(|caption| !captions.iter().any(|secret| secret.caption.as_deref() == Some(caption)));
-        let mut hidden = unseen.chain(self.precise.as_deref()).filter(|words| !said(words));
-        hidden.find(|words| language::quotes(&text, words)).map(|words| format!("it says what was not seen or told yet: {words}"))
+        let unseen = self
+            .things
+            .iter()
+            .filter(|secret| !shown(secret))
+            .filter_map(|secret| secret.caption.as_deref());
+        let unseen = unseen.filter(|caption| {
+            !captions
+                .iter()
+                .any(|secret| secret.caption.as_deref() == Some(caption))
+        });
+        let mut hidden = unseen
+            .chain(self.precise.as_deref())
+            .filter(|words| !said(words));
+        hidden
+            .find(|words| language::quotes(&text, words))
+            .map(|words| format!("it says what was not seen or told yet: {words}"))
     }
 
     /// The truth as a line for the annotator.
@@ -100,8 +140,11 @@ impl Secrets {
 
 /// A number with two or more decimals, as positions have them.
 fn position(text: &str) -> Option<&str> {
-    text.split(|letter: char| !letter.is_ascii_digit() && letter != '.').find(|word| {
-        let decimals = word.split_once('.').map_or("", |(_, decimals)| decimals);
-        decimals.len() >= 2 && decimals.chars().all(|digit| digit.is_ascii_digit()) && !word.starts_with('.')
-    })
+    text.split(|letter: char| !letter.is_ascii_digit() && letter != '.')
+        .find(|word| {
+            let decimals = word.split_once('.').map_or("", |(_, decimals)| decimals);
+            decimals.len() >= 2
+                && decimals.chars().all(|digit| digit.is_ascii_digit())
+                && !word.starts_with('.')
+        })
 }

@@ -29,9 +29,10 @@ pub struct Note {
     pub subtask: String,
 }
 
-/// Writes the notes of an episode, one a decision. Each follows from the instruction, the list of receptacles, the decisions
-/// before it with what they came to, and its own call; never from what its call came to or from what comes later. Equal
-/// arguments give equal notes; give every episode a `seed` of its own ([`episode_seed`]).
+/// Writes the notes of an episode, one a decision. Each follows from the instruction, the list of
+/// receptacles, the decisions before it with what they came to, and its own call; never from what
+/// its call came to or from what comes later. Equal arguments give equal notes; give every episode
+/// a `seed` of its own ([`episode_seed`]).
 pub fn annotate(task: &PublicTask, steps: &[Step<'_>], seed: u64) -> Vec<Note> {
     let voice = Voice { seed };
     let mut memory = Memory::new(task);
@@ -39,7 +40,11 @@ pub fn annotate(task: &PublicTask, steps: &[Step<'_>], seed: u64) -> Vec<Note> {
     let mut notes = Vec::with_capacity(steps.len());
     for step in steps {
         let call = step.call();
-        let history = if deeds.is_empty() { voice.say(NOTHING_YET, 0, &[]) } else { deeds.join(" ") };
+        let history = if deeds.is_empty() {
+            voice.say(NOTHING_YET, 0, &[])
+        } else {
+            deeds.join(" ")
+        };
         notes.push(Note {
             reasoning: english::one_line(&reasoning::reasoning(&memory, call, voice)),
             history,
@@ -55,7 +60,9 @@ pub fn annotate(task: &PublicTask, steps: &[Step<'_>], seed: u64) -> Vec<Note> {
 /// The seed of an episode out of that of a data set.
 pub fn episode_seed(seed: u64, trace: &Digest) -> u64 {
     let digest = Digest::of(format!("{seed}/{trace}").as_bytes());
-    digest.0[..8].iter().fold(0, |seed, byte| seed << 8 | u64::from(*byte))
+    digest.0[..8]
+        .iter()
+        .fold(0, |seed, byte| seed << 8 | u64::from(*byte))
 }
 
 /// Version of the writer: of its rules and of all its wordings.

@@ -1,5 +1,5 @@
-//! Notes in a file beside their trace, `<trace>.notes.jsonl`: a line that says whose notes they are, then one line a decision.
-//! Never reads the trace itself.
+//! Notes in a file beside their trace, `<trace>.notes.jsonl`: a line that says whose notes they
+//! are, then one line a decision. Never reads the trace itself.
 
 use std::{
     ffi::OsString,
@@ -22,7 +22,8 @@ pub struct Provenance {
     pub steps: usize,
     /// `rules`, or the name of the model.
     pub annotator: String,
-    /// Version of the rules ([`crate::version`]), or that of the prompts ([`crate::prompt_version`]).
+    /// Version of the rules ([`crate::version`]), or that of the prompts
+    /// ([`crate::prompt_version`]).
     pub version: Digest,
     /// Of the choice of words.
     pub seed: u64,
@@ -41,7 +42,10 @@ pub struct Entry {
 
 impl From<Note> for Entry {
     fn from(note: Note) -> Self {
-        Entry { note, fallback: None }
+        Entry {
+            note,
+            fallback: None,
+        }
     }
 }
 
@@ -56,7 +60,11 @@ pub fn notes_path(trace: &Path) -> PathBuf {
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn write_notes(path: &Path, provenance: &Provenance, entries: &[Entry]) -> Result<(), AnnotateError> {
+pub fn write_notes(
+    path: &Path,
+    provenance: &Provenance,
+    entries: &[Entry],
+) -> Result<(), AnnotateError> {
     let mut text = line(provenance);
     entries.iter().for_each(|entry| text.push_str(&line(entry)));
     let mut beside = OsString::from(path);
@@ -67,7 +75,10 @@ pub fn write_notes(path: &Path, provenance: &Provenance, entries: &[Entry]) -> R
         file.sync_all()?;
         fs::rename(&beside, path)
     };
-    write().map_err(|source| AnnotateError::Write { path: path.to_owned(), source })
+    write().map_err(|source| AnnotateError::Write {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 /// Reads the notes of a trace, one for each of its decisions.
@@ -77,23 +88,46 @@ pub fn write_notes(path: &Path, provenance: &Provenance, entries: &[Entry]) -> R
 pub fn read_notes(path: &Path, trace: &Digest) -> Result<(Provenance, Vec<Entry>), AnnotateError> {
     let (provenance, entries) = read_some(path, trace)?;
     if entries.len() != provenance.steps {
-        return Err(AnnotateError::Incomplete { path: path.to_owned(), expected: provenance.steps, found: entries.len() });
+        return Err(AnnotateError::Incomplete {
+            path: path.to_owned(),
+            expected: provenance.steps,
+            found: entries.len(),
+        });
     }
     Ok((provenance, entries))
 }
 
 /// Reads notes that may not be all yet.
-pub(crate) fn read_some(path: &Path, trace: &Digest) -> Result<(Provenance, Vec<Entry>), AnnotateError> {
-    let text = fs::read_to_string(path).map_err(|source| AnnotateError::Read { path: path.to_owned(), source })?;
-    let malformed = |line, expected, message: String| AnnotateError::Malformed { path: path.to_owned(), line, expected, message };
+pub(crate) fn read_some(
+    path: &Path,
+    trace: &Digest,
+) -> Result<(Provenance, Vec<Entry>), AnnotateError> {
+    let text = fs::read_to_string(path).map_err(|source| AnnotateError::Read {
+        path: path.to_owned(),
+        source,
+    })?;
+    let malformed = |line, expected, message: String| AnnotateError::Malformed {
+        path: path.to_owned(),
+        line,
+        expected,
+        message,
+    };
     let mut lines = text.lines().enumerate();
-    let (_, first) = lines.next().ok_or_else(|| malformed(1, "provenance of notes", "the file is empty".to_owned()))?;
-    let provenance: Provenance =
-        serde_json::from_str(first).map_err(|error| malformed(1, "provenance of notes", error.to_string()))?;
+    let (_, first) = lines
+        .next()
+        .ok_or_else(|| malformed(1, "provenance of notes", "the file is empty".to_owned()))?;
+    let provenance: Provenance = serde_json::from_str(first)
+        .map_err(|error| malformed(1, "provenance of notes", error.to_string()))?;
     if provenance.trace != *trace {
-        return Err(AnnotateError::OtherTrace { path: path.to_owned(), expected: *trace, found: provenance.trace });
+        return Err(AnnotateError::OtherTrace {
+            path: path.to_owned(),
+            expected: *trace,
+            found: provenance.trace,
+        });
     }
-    let entry = |(index, line)| serde_json::from_str(line).map_err(|error| malformed(index + 1, "note", error.to_string()));
+    let entry = |(index, line)| {
+        serde_json::from_str(line).map_err(|error| malformed(index + 1, "note", error.to_string()))
+    };
     let entries: Result<Vec<Entry>, _> = lines.map(entry).collect();
     Ok((provenance, entries?))
 }
@@ -107,11 +141,22 @@ mod tests {
     use super::*;
 
     fn provenance(steps: usize) -> Provenance {
-        Provenance { trace: Digest::of(b"a"), steps, annotator: "rules".to_owned(), version: Digest::of(b"v"), seed: 3 }
+        Provenance {
+            trace: Digest::of(b"a"),
+            steps,
+            annotator: "rules".to_owned(),
+            version: Digest::of(b"v"),
+            seed: 3,
+        }
     }
 
     fn entry(word: &str) -> Entry {
-        Note { reasoning: format!("{word}\n\"é\""), history: word.to_owned(), ..Note::default() }.into()
+        Note {
+            reasoning: format!("{word}\n\"é\""),
+            history: word.to_owned(),
+            ..Note::default()
+        }
+        .into()
     }
 
     #[test]
@@ -119,9 +164,18 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = notes_path(&folder.path().join("x.mcap"));
         assert!(path.ends_with("x.mcap.notes.jsonl"));
-        let entries = [entry("a"), Entry { fallback: Some("it says too much".to_owned()), ..entry("b") }];
+        let entries = [
+            entry("a"),
+            Entry {
+                fallback: Some("it says too much".to_owned()),
+                ..entry("b")
+            },
+        ];
         write_notes(&path, &provenance(2), &entries).unwrap();
-        assert_eq!(read_notes(&path, &Digest::of(b"a")).unwrap(), (provenance(2), entries.to_vec()));
+        assert_eq!(
+            read_notes(&path, &Digest::of(b"a")).unwrap(),
+            (provenance(2), entries.to_vec())
+        );
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
@@ -129,10 +183,18 @@ mod tests {
     fn what_does_not_belong_or_is_damaged_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notes");
-        let refusal = |trace: &[u8]| read_notes(&path, &Digest::of(trace)).unwrap_err().to_string();
+        let refusal = |trace: &[u8]| {
+            read_notes(&path, &Digest::of(trace))
+                .unwrap_err()
+                .to_string()
+        };
         assert!(refusal(b"a").contains("annotate the trace first"));
         write_notes(&path, &provenance(2), &[entry("a"), entry("b")]).unwrap();
-        assert!(refusal(b"other").contains("recorded anew"), "{}", refusal(b"other"));
+        assert!(
+            refusal(b"other").contains("recorded anew"),
+            "{}",
+            refusal(b"other")
+        );
         let whole = fs::read_to_string(&path).unwrap();
         let lines: Vec<&str> = whole.lines().collect();
         for (text, word) in [

@@ -1,5 +1,5 @@
-//! A decision and what came of it, as plain borrowed data. Built from a trace here; whoever has the same in columns builds it
-//! from these.
+//! A decision and what came of it, as plain borrowed data. Built from a trace here; whoever has the
+//! same in columns builds it from these.
 
 use std::borrow::Cow;
 
@@ -59,12 +59,19 @@ pub struct Thing<'a> {
 impl<'a> Step<'a> {
     /// A decision of a trace.
     pub fn of(trace: &'a Trace, index: usize) -> Option<Self> {
-        trace.steps.get(index).map(|record| Self::from_record(&trace.task, record))
+        trace
+            .steps
+            .get(index)
+            .map(|record| Self::from_record(&trace.task, record))
     }
 
     /// Every decision of a trace.
     pub fn all(trace: &'a Trace) -> Vec<Self> {
-        trace.steps.iter().map(|record| Self::from_record(&trace.task, record)).collect()
+        trace
+            .steps
+            .iter()
+            .map(|record| Self::from_record(&trace.task, record))
+            .collect()
     }
 
     /// A recorded decision of a task.
@@ -74,9 +81,16 @@ impl<'a> Step<'a> {
             MarkerTarget::Object(id) => thing(id).map(Marked::Object),
             MarkerTarget::Receptacle(id) => Some(Marked::Receptacle(id.as_str())),
         };
-        let markers = record.markers.iter().filter_map(|marker| Some((marker.id, marked(&marker.target)?)));
+        let markers = record
+            .markers
+            .iter()
+            .filter_map(|marker| Some((marker.id, marked(&marker.target)?)));
         let mut seen: Vec<Thing<'_>> = Vec::new();
-        for id in record.listed.iter().chain(record.visible.iter().map(|visible| &visible.object)) {
+        for id in record
+            .listed
+            .iter()
+            .chain(record.visible.iter().map(|visible| &visible.object))
+        {
             seen.extend(thing(id).filter(|thing| !seen.contains(thing)));
         }
         Step {
@@ -95,15 +109,26 @@ impl<'a> Step<'a> {
     /// The call alone: all that is known of a decision before it is made.
     pub(crate) fn call(&self) -> Call<'_> {
         let argument = self.argument.as_deref().unwrap_or_default().trim();
-        let end = if self.tool == "ask" { argument.len() } else { argument.floor_char_boundary(ARGUMENT_BYTES_MAX) };
-        Call { tool: self.tool, argument: &argument[..end] }
+        let end = if self.tool == "ask" {
+            argument.len()
+        } else {
+            argument.floor_char_boundary(ARGUMENT_BYTES_MAX)
+        };
+        Call {
+            tool: self.tool,
+            argument: &argument[..end],
+        }
     }
 }
 
 impl<'a> Thing<'a> {
     /// An object of a task.
     pub fn of(object: &'a ObjectInstance) -> Self {
-        Thing { key: object.instance.as_str(), category: &object.category, caption: object.caption.as_deref() }
+        Thing {
+            key: object.instance.as_str(),
+            category: &object.category,
+            caption: object.caption.as_deref(),
+        }
     }
 
     /// Whether a text may mean it, by what one sees of it.
@@ -134,7 +159,8 @@ pub(crate) struct Call<'a> {
 impl Call<'_> {
     /// Whether the tool takes an argument and gets none.
     pub fn lacks_argument(&self) -> bool {
-        self.argument.is_empty() && ToolSpec::by_name(self.tool).is_some_and(|spec| spec.argument.is_some())
+        self.argument.is_empty()
+            && ToolSpec::by_name(self.tool).is_some_and(|spec| spec.argument.is_some())
     }
 
     /// The number that it names.

@@ -1,7 +1,8 @@
 //! What a task says to the agent, taken apart into the thing, where it is and where it shall go.
 //!
-//! The truth about the task is used here once, to find out which words of the instruction mean what. What comes out are words of
-//! the instruction and the list of receptacles that every agent starts with.
+//! The truth about the task is used here once, to find out which words of the instruction mean
+//! what. What comes out are words of the instruction and the list of receptacles that every agent
+//! starts with.
 
 use reel_world::{ReceptacleId, Scene, Task, language};
 
@@ -46,19 +47,26 @@ pub struct Place {
     pub category: String,
     /// e.g. `living room`
     pub room: String,
-    /// What people call it. Not known to agents: says which of the instruction's words apply to what they see.
+    /// What people call it. Not known to agents: says which of the instruction's words apply to
+    /// what they see.
     pub names: Vec<String>,
 }
 
 impl PublicTask {
     /// Takes a task apart.
     pub fn of(task: &Task, scene: &Scene) -> Self {
-        let target = task.objects.iter().find(|object| object.instance == task.target);
+        let target = task
+            .objects
+            .iter()
+            .find(|object| object.instance == task.target);
         let quoted = |words: &&str| language::quotes(&task.instruction, words);
         let category = target.map(|object| object.category.as_str()).filter(quoted);
-        let caption = target.and_then(|object| object.caption.as_deref()).filter(quoted);
+        let caption = target
+            .and_then(|object| object.caption.as_deref())
+            .filter(quoted);
         let purpose = task.purpose.as_deref().filter(quoted);
-        let named = |words: Option<&str>| words.map(|words| english::definite(&english::noun(words)));
+        let named =
+            |words: Option<&str>| words.map(|words| english::definite(&english::noun(words)));
         let places = scene.receptacles.iter().map(|receptacle| Place {
             id: receptacle.id.to_string(),
             category: receptacle.category.clone(),
@@ -67,15 +75,30 @@ impl PublicTask {
         });
         let places: Vec<Place> = places.collect();
         let moved = task.goal_changes();
-        let moved = moved.iter().filter(|event| event.object().is_some()).count() / 2;
+        let moved = moved
+            .iter()
+            .filter(|event| event.object().is_some())
+            .count()
+            / 2;
         PublicTask {
             instruction: task.instruction.clone(),
-            object: named(caption.or(purpose).or(category)).unwrap_or_else(|| "the object".to_owned()),
+            object: named(caption.or(purpose).or(category))
+                .unwrap_or_else(|| "the object".to_owned()),
             object_short: named(category.or(purpose)).unwrap_or_else(|| "the object".to_owned()),
             purpose: purpose.map(str::to_owned),
             moves: moved.max(1),
-            source: Role::of(&task.src, &places, &task.instruction, "the place where it is"),
-            destination: Role::of(&task.dest, &places, &task.instruction, "the place where it shall go"),
+            source: Role::of(
+                &task.src,
+                &places,
+                &task.instruction,
+                "the place where it is",
+            ),
+            destination: Role::of(
+                &task.dest,
+                &places,
+                &task.instruction,
+                "the place where it shall go",
+            ),
             places,
         }
     }
@@ -89,30 +112,65 @@ impl PublicTask {
 impl Place {
     /// What the furniture is called: `washing machine`.
     pub(crate) fn kind(&self) -> String {
-        if self.category == "washingmachine" { "washing machine".to_owned() } else { self.category.replace('_', " ") }
+        if self.category == "washingmachine" {
+            "washing machine".to_owned()
+        } else {
+            self.category.replace('_', " ")
+        }
     }
 }
 
 impl Role {
     fn of(id: &ReceptacleId, places: &[Place], instruction: &str, unnamed: &str) -> Self {
         let Some(place) = places.iter().find(|place| place.id == id.as_str()) else {
-            return Role { phrase: unnamed.to_owned(), alike: Vec::new() };
+            return Role {
+                phrase: unnamed.to_owned(),
+                alike: Vec::new(),
+            };
         };
-        let names = place.names.iter().map(String::as_str).chain([place.category.as_str()]);
-        let phrase = names.filter(|name| language::quotes(instruction, name)).max_by_key(|name| name.len());
-        let Some(phrase) = phrase else { return Role { phrase: unnamed.to_owned(), alike: Vec::new() } };
+        let names = place
+            .names
+            .iter()
+            .map(String::as_str)
+            .chain([place.category.as_str()]);
+        let phrase = names
+            .filter(|name| language::quotes(instruction, name))
+            .max_by_key(|name| name.len());
+        let Some(phrase) = phrase else {
+            return Role {
+                phrase: unnamed.to_owned(),
+                alike: Vec::new(),
+            };
+        };
         let said = says_category(phrase, &place.category);
-        let alike = places.iter().filter(|other| said && other.category == place.category).map(|other| other.id.clone());
-        Role { phrase: english::definite(&english::noun(phrase)), alike: alike.collect() }
+        let alike = places
+            .iter()
+            .filter(|other| said && other.category == place.category)
+            .map(|other| other.id.clone());
+        Role {
+            phrase: english::definite(&english::noun(phrase)),
+            alike: alike.collect(),
+        }
     }
 
     /// Receptacles of that kind: of those in the room that the phrase names, if it names one.
     pub(crate) fn possible<'a>(&'a self, task: &PublicTask) -> Vec<&'a str> {
         let in_room = |id: &&String| {
-            task.place(id).is_some_and(|place| !place.room.is_empty() && language::quotes(&self.phrase, &place.room))
+            task.place(id).is_some_and(|place| {
+                !place.room.is_empty() && language::quotes(&self.phrase, &place.room)
+            })
         };
-        let in_room: Vec<&str> = self.alike.iter().filter(in_room).map(String::as_str).collect();
-        if in_room.is_empty() { self.alike.iter().map(String::as_str).collect() } else { in_room }
+        let in_room: Vec<&str> = self
+            .alike
+            .iter()
+            .filter(in_room)
+            .map(String::as_str)
+            .collect();
+        if in_room.is_empty() {
+            self.alike.iter().map(String::as_str).collect()
+        } else {
+            in_room
+        }
     }
 
     /// Whether the phrase says more than the kind.
@@ -128,11 +186,15 @@ impl Role {
     /// Whether people call a receptacle so: what one sees on arrival.
     pub(crate) fn describes(&self, place: &Place) -> bool {
         let phrase = self.phrase.to_lowercase();
-        place.names.iter().any(|name| english::definite(&english::noun(name)).to_lowercase() == phrase)
+        place
+            .names
+            .iter()
+            .any(|name| english::definite(&english::noun(name)).to_lowercase() == phrase)
     }
 }
 
-/// Whether a phrase names a category in some word: `fridge` for `refrigerator`, `washing machine` for `washingmachine`.
+/// Whether a phrase names a category in some word: `fridge` for `refrigerator`, `washing machine`
+/// for `washingmachine`.
 fn says_category(phrase: &str, category: &str) -> bool {
     let words = language::words(phrase);
     let named = |name: &str| language::is_a(name, category) || language::is_a(category, name);

@@ -1,5 +1,5 @@
-//! Choosing among wordings: one ChaCha8 stream for each (seed, wording, step), so that one sentence more or less somewhere changes
-//! none elsewhere. Never decides what is said, only how.
+//! Choosing among wordings: one ChaCha8 stream for each (seed, wording, step), so that one sentence
+//! more or less somewhere changes none elsewhere. Never decides what is said, only how.
 
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
@@ -57,7 +57,11 @@ fn fill(form: &str, gaps: &[(&str, &str)]) -> String {
         let (name, after) = after.split_once('}').expect("a gap is closed");
         let filled = gaps.iter().find(|(gap, _)| *gap == name);
         text.push_str(before);
-        text.push_str(filled.unwrap_or_else(|| panic!("nothing fills {{{name}}} of \"{form}\"")).1);
+        text.push_str(
+            filled
+                .unwrap_or_else(|| panic!("nothing fills {{{name}}} of \"{form}\""))
+                .1,
+        );
         rest = after;
     }
     text + rest
@@ -71,13 +75,23 @@ mod tests {
 
     #[test]
     fn what_fills_a_gap_is_no_gap() {
-        assert_eq!(fill("{a} and {b}", &[("a", "{b}"), ("b", "x")]), "{b} and x");
+        assert_eq!(
+            fill("{a} and {b}", &[("a", "{b}"), ("b", "x")]),
+            "{b} and x"
+        );
     }
 
     #[test]
     fn every_way_is_chosen_and_the_choice_repeats() {
-        let wording = Wording { name: "TEST", forms: &["a", "b", "c", "d", "e", "f"] };
-        let said = |seed| (0..200).map(|step| Voice { seed }.words(wording, step, &[])).collect::<Vec<_>>();
+        let wording = Wording {
+            name: "TEST",
+            forms: &["a", "b", "c", "d", "e", "f"],
+        };
+        let said = |seed| {
+            (0..200)
+                .map(|step| Voice { seed }.words(wording, step, &[]))
+                .collect::<Vec<_>>()
+        };
         assert_eq!(said(1), said(1));
         assert_ne!(said(1), said(2));
         assert_eq!(said(1).into_iter().collect::<BTreeSet<_>>().len(), 6);

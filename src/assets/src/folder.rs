@@ -13,7 +13,8 @@ use serde::Serialize;
 
 use crate::{Beside, Kind, Refusal, Survey, limits::FILE_BYTES_MAX, parse};
 
-/// A folder of meshes, each file named by its asset. Only the folder itself is looked into, not what lies in folders below.
+/// A folder of meshes, each file named by its asset. Only the folder itself is looked into, not
+/// what lies in folders below.
 #[derive(Debug)]
 pub struct Folder {
     /// Without links.
@@ -67,7 +68,9 @@ impl Folder {
         let mut found = Vec::new();
         for entry in fs::read_dir(&path)? {
             let file = entry?.path();
-            let kind = file.extension().and_then(|extension| Kind::of(extension.to_str()?));
+            let kind = file
+                .extension()
+                .and_then(|extension| Kind::of(extension.to_str()?));
             let stem = file.file_stem().and_then(|stem| stem.to_str());
             if let (Some(kind), Some(stem)) = (kind, stem) {
                 found.push((AssetId::from(stem), kind, file));
@@ -81,7 +84,12 @@ impl Folder {
                 Entry::Occupied(_) => hidden.push(file),
             }
         }
-        Ok(Self { path, files, hidden, read: Mutex::default() })
+        Ok(Self {
+            path,
+            files,
+            hidden,
+            read: Mutex::default(),
+        })
     }
 
     /// How many assets there are files of.
@@ -99,7 +107,9 @@ impl Folder {
     /// # Errors
     /// Why its file is refused.
     pub fn load(&self, asset: &AssetId) -> Result<Option<Arc<Mesh>>, Arc<Refusal>> {
-        let Some((kind, file)) = self.files.get(asset) else { return Ok(None) };
+        let Some((kind, file)) = self.files.get(asset) else {
+            return Ok(None);
+        };
         let known = || self.read.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(read) = known().get(asset) {
             return read.clone().map(Some);
@@ -112,19 +122,41 @@ impl Folder {
 
     /// Reads every file, and says what it is; in the order of their names. Keeps none.
     pub fn check(&self) -> Vec<Listed> {
-        let name = |file: &Path| file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = |file: &Path| {
+            file.file_name()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned()
+        };
         let read = |(asset, (kind, file)): (&AssetId, &(Kind, PathBuf))| {
             let verdict = match self.read_file(*kind, file) {
                 Ok(mesh) => Verdict::Loads(Survey::of(&mesh)),
-                Err(reason) => Verdict::Refused { reason: reason.to_string() },
+                Err(reason) => Verdict::Refused {
+                    reason: reason.to_string(),
+                },
             };
-            Listed { file: name(file), asset: asset.to_string(), verdict }
+            Listed {
+                file: name(file),
+                asset: asset.to_string(),
+                verdict,
+            }
         };
         let mut listed: Vec<Listed> = self.files.iter().map(read).collect();
         listed.extend(self.hidden.iter().map(|file| {
-            let asset = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            let by = self.files.get(asset.as_str()).map_or_else(String::new, |(_, file)| name(file));
-            Listed { file: name(file), asset, verdict: Verdict::Hidden { by } }
+            let asset = file
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            let by = self
+                .files
+                .get(asset.as_str())
+                .map_or_else(String::new, |(_, file)| name(file));
+            Listed {
+                file: name(file),
+                asset,
+                verdict: Verdict::Hidden { by },
+            }
         }));
         listed.sort_by(|a, b| a.file.cmp(&b.file));
         listed
@@ -137,14 +169,21 @@ impl Folder {
 
     /// The bytes of a file, which may lie in a folder below.
     fn bytes(&self, name: &str) -> Result<Vec<u8>, Refusal> {
-        let outside = || Refusal::Outside { file: name.chars().take(200).collect() };
+        let outside = || Refusal::Outside {
+            file: name.chars().take(200).collect(),
+        };
         let relative = Path::new(name);
         // A URI of the web and a drive of Windows are relative paths here, but meant otherwise.
-        let below = relative.components().all(|component| matches!(component, Component::Normal(_) | Component::CurDir));
+        let below = relative
+            .components()
+            .all(|component| matches!(component, Component::Normal(_) | Component::CurDir));
         if !below || name.is_empty() || name.contains([':', '\\', '\0']) {
             return Err(outside());
         }
-        let missing = |error: io::Error| Refusal::Missing { file: name.to_owned(), why: error.to_string() };
+        let missing = |error: io::Error| Refusal::Missing {
+            file: name.to_owned(),
+            why: error.to_string(),
+        };
         let path = self.path.join(relative).canonicalize().map_err(missing)?;
         if !path.starts_with(&self.path) {
             return Err(outside());
@@ -152,11 +191,18 @@ impl Folder {
         // Asked before it is opened: opening a pipe would wait.
         let metadata = fs::metadata(&path).map_err(missing)?;
         if !metadata.is_file() {
-            return Err(Refusal::Missing { file: name.to_owned(), why: "it is no file".to_owned() });
+            return Err(Refusal::Missing {
+                file: name.to_owned(),
+                why: "it is no file".to_owned(),
+            });
         }
         // It may grow while it is read.
         let mut bytes = Vec::new();
-        File::open(&path).map_err(missing)?.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(missing)?;
+        File::open(&path)
+            .map_err(missing)?
+            .take(FILE_BYTES_MAX + 1)
+            .read_to_end(&mut bytes)
+            .map_err(missing)?;
         match bytes.len() as u64 > FILE_BYTES_MAX {
             true => {
                 let found = metadata.len().max(FILE_BYTES_MAX + 1) as usize;

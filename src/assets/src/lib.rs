@@ -1,7 +1,9 @@
-//! Meshes of objects from a folder of glTF and OBJ files, each named by the asset it shows: read, checked, and refused with a
-//! reason where they are not sound. Never changes a mesh: what has too many triangles is refused, not decimated.
+//! Meshes of objects from a folder of glTF and OBJ files, each named by the asset it shows: read,
+//! checked, and refused with a reason where they are not sound. Never changes a mesh: what has too
+//! many triangles is refused, not decimated.
 //!
-//! [`Folder`] is the one place that opens files, and only files of the folder itself. The parsers believe nothing.
+//! [`Folder`] is the one place that opens files, and only files of the folder itself. The parsers
+//! believe nothing.
 
 mod color;
 mod folder;
@@ -31,7 +33,10 @@ pub struct Alone;
 
 impl Beside for Alone {
     fn read(&self, name: &str) -> Result<Vec<u8>, Refusal> {
-        Err(Refusal::Missing { file: name.to_owned(), why: "there are no files beside it".to_owned() })
+        Err(Refusal::Missing {
+            file: name.to_owned(),
+            why: "there are no files beside it".to_owned(),
+        })
     }
 }
 
@@ -119,7 +124,9 @@ pub enum Refusal {
         why: String,
     },
     /// A file that it names lies elsewhere.
-    #[error("it names {file}, which is not in its folder; put it beside the mesh and name it without a path")]
+    #[error(
+        "it names {file}, which is not in its folder; put it beside the mesh and name it without a path"
+    )]
     Outside {
         /// The file.
         file: String,
@@ -128,18 +135,33 @@ pub enum Refusal {
 
 impl Refusal {
     fn too_large(what: &'static str, found: usize, limit: usize, advice: &'static str) -> Self {
-        Refusal::TooLarge { what, found, limit, advice }
+        Refusal::TooLarge {
+            what,
+            found,
+            limit,
+            advice,
+        }
     }
 
     fn too_many_triangles() -> Self {
-        Self::too_large("triangles or more", TRIANGLES_MAX + 1, TRIANGLES_MAX, DECIMATE)
+        Self::too_large(
+            "triangles or more",
+            TRIANGLES_MAX + 1,
+            TRIANGLES_MAX,
+            DECIMATE,
+        )
     }
 
     /// Of a texture; files say their names themselves.
     fn texture(name: &str, reason: Refusal) -> Self {
         match reason {
-            reason @ (Refusal::In { .. } | Refusal::Missing { .. } | Refusal::Outside { .. }) => reason,
-            reason => Refusal::In { file: name.to_owned(), reason: Box::new(reason) },
+            reason @ (Refusal::In { .. } | Refusal::Missing { .. } | Refusal::Outside { .. }) => {
+                reason
+            }
+            reason => Refusal::In {
+                file: name.to_owned(),
+                reason: Box::new(reason),
+            },
         }
     }
 }

@@ -1,5 +1,5 @@
-//! What a folder of assets may hold, so that no file takes more memory than it is worth. Those of a mesh itself stand with
-//! [`reel_world::mesh`].
+//! What a folder of assets may hold, so that no file takes more memory than it is worth. Those of a
+//! mesh itself stand with [`reel_world::mesh`].
 
 /// Most bytes of one file.
 pub const FILE_BYTES_MAX: u64 = 64 << 20;

@@ -1,7 +1,9 @@
-//! Wavefront OBJ and MTL: vertices with colours, texture points, normals, polygons, `Kd` and `map_Kd`. What else there is
-//! (lines, curves, groups, smoothing) is passed over. Reads bytes and asks for the files beside them; opens none.
+//! Wavefront OBJ and MTL: vertices with colours, texture points, normals, polygons, `Kd` and
+//! `map_Kd`. What else there is (lines, curves, groups, smoothing) is passed over. Reads bytes and
+//! asks for the files beside them; opens none.
 //!
-//! Written here and not taken from a crate: the format is fifteen lines of grammar, and every index has to be distrusted.
+//! Written here and not taken from a crate: the format is fifteen lines of grammar, and every index
+//! has to be distrusted.
 
 use std::collections::BTreeMap;
 
@@ -33,7 +35,11 @@ type Corner = (usize, Option<usize>, Option<usize>);
 /// Why it is refused.
 pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusal> {
     let mut lists = Lists::default();
-    let mut materials = Materials { list: vec![Material::default()], names: BTreeMap::new(), pictures: Pictures::default() };
+    let mut materials = Materials {
+        list: vec![Material::default()],
+        names: BTreeMap::new(),
+        pictures: Pictures::default(),
+    };
     let mut faces: Vec<([Corner; 3], u16)> = Vec::new();
     let mut material = 0;
     for (number, line) in lines(bytes)? {
@@ -42,28 +48,47 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusa
         match word {
             "v" => {
                 let values = numbers(rest).map_err(broken)?;
-                let (&position, more) =
-                    values.split_first_chunk().ok_or_else(|| broken("a vertex has three coordinates".into()))?;
+                let (&position, more) = values
+                    .split_first_chunk()
+                    .ok_or_else(|| broken("a vertex has three coordinates".into()))?;
                 lists.positions.push(position);
                 // Four coordinates: the fourth is a weight. Six: a colour.
-                lists.colors.push(more.first_chunk().map_or([1.0; 3], |color| color.map(linear)));
+                lists.colors.push(
+                    more.first_chunk()
+                        .map_or([1.0; 3], |color| color.map(linear)),
+                );
             }
             "vt" => {
                 let values = numbers(rest).map_err(broken)?;
-                let across = *values.first().ok_or_else(|| broken("a texture point has a coordinate".into()))?;
-                lists.texture_points.push([across, 1.0 - values.get(1).copied().unwrap_or(0.0)]);
+                let across = *values
+                    .first()
+                    .ok_or_else(|| broken("a texture point has a coordinate".into()))?;
+                lists
+                    .texture_points
+                    .push([across, 1.0 - values.get(1).copied().unwrap_or(0.0)]);
             }
             "vn" => {
                 let values = numbers(rest).map_err(broken)?;
-                lists.normals.push(*values.first_chunk().ok_or_else(|| broken("a normal has three coordinates".into()))?);
+                lists.normals.push(
+                    *values
+                        .first_chunk()
+                        .ok_or_else(|| broken("a normal has three coordinates".into()))?,
+                );
             }
             "f" => {
-                let corners: Result<Vec<Corner>, String> = rest.split_whitespace().map(|text| corner(text, &lists)).collect();
+                let corners: Result<Vec<Corner>, String> = rest
+                    .split_whitespace()
+                    .map(|text| corner(text, &lists))
+                    .collect();
                 let corners = corners.map_err(broken)?;
                 if corners.len() < 3 {
                     return Err(broken(format!("a face has {} corners", corners.len())));
                 }
-                faces.extend(corners[1..].windows(2).map(|pair| ([corners[0], pair[0], pair[1]], material)));
+                faces.extend(
+                    corners[1..]
+                        .windows(2)
+                        .map(|pair| ([corners[0], pair[0], pair[1]], material)),
+                );
                 if faces.len() > TRIANGLES_MAX {
                     return Err(Refusal::too_many_triangles());
                 }
@@ -82,22 +107,41 @@ pub(crate) fn read(bytes: &[u8], beside: &dyn Beside) -> Result<MeshData, Refusa
 }
 
 /// Makes a vertex of each distinct corner.
-fn joined(lists: &Lists, colored: bool, faces: &[([Corner; 3], u16)], materials: Materials) -> MeshData {
+fn joined(
+    lists: &Lists,
+    colored: bool,
+    faces: &[([Corner; 3], u16)],
+    materials: Materials,
+) -> MeshData {
     let textures = materials.pictures.finish();
-    let (textured, smooth) =
-        (!textures.is_empty(), faces.iter().flat_map(|(corners, _)| corners).all(|corner| corner.2.is_some()));
-    let mut data = MeshData { materials: materials.list, textures, ..MeshData::default() };
+    let (textured, smooth) = (
+        !textures.is_empty(),
+        faces
+            .iter()
+            .flat_map(|(corners, _)| corners)
+            .all(|corner| corner.2.is_some()),
+    );
+    let mut data = MeshData {
+        materials: materials.list,
+        textures,
+        ..MeshData::default()
+    };
     let mut known = BTreeMap::new();
     for (corners, material) in faces {
         let corners = corners.map(|(position, point, normal)| {
-            let key = (position, point.filter(|_| textured), normal.filter(|_| smooth));
+            let key = (
+                position,
+                point.filter(|_| textured),
+                normal.filter(|_| smooth),
+            );
             *known.entry(key).or_insert_with(|| {
                 data.positions.push(upright(lists.positions[position]));
                 if colored {
                     data.colors.push(clamped(lists.colors[position]));
                 }
                 if textured {
-                    data.texture_points.push(point.map_or([0.0; 2], |point| lists.texture_points[point]));
+                    data.texture_points
+                        .push(point.map_or([0.0; 2], |point| lists.texture_points[point]));
                 }
                 if let (true, Some(normal)) = (smooth, normal) {
                     data.normals.push(upright(lists.normals[normal]));
@@ -105,7 +149,10 @@ fn joined(lists: &Lists, colored: bool, faces: &[([Corner; 3], u16)], materials:
                 data.positions.len() as u32 - 1
             })
         });
-        data.triangles.push(Triangle { corners, material: *material });
+        data.triangles.push(Triangle {
+            corners,
+            material: *material,
+        });
     }
     data
 }
@@ -123,21 +170,33 @@ impl Materials {
         let mut current: Option<usize> = None;
         for (number, line) in lines(&bytes)? {
             let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-            let broken =
-                |what: String| Refusal::In { file: name.to_owned(), reason: Box::new(Refusal::Line { line: number, what }) };
+            let broken = |what: String| Refusal::In {
+                file: name.to_owned(),
+                reason: Box::new(Refusal::Line { line: number, what }),
+            };
             if word == "newmtl" {
-                let index = u16::try_from(self.list.len()).map_err(|_| broken("there are too many materials".into()))?;
+                let index = u16::try_from(self.list.len())
+                    .map_err(|_| broken("there are too many materials".into()))?;
                 self.names.insert(rest.trim().to_owned(), index);
                 self.list.push(Material::default());
                 current = Some(usize::from(index));
             }
-            let Some(material) = current.map(|index| &mut self.list[index]) else { continue };
+            let Some(material) = current.map(|index| &mut self.list[index]) else {
+                continue;
+            };
             match word {
                 "Kd" => {
                     let values = numbers(rest).map_err(broken)?;
-                    let color: [f32; 3] = *values.first_chunk().ok_or_else(|| broken("a colour has three values".into()))?;
-                    // A picture is not darkened by the colour that stands for it elsewhere, unless a file means it: most do not.
-                    material.color = if material.texture.is_some() { [1.0; 3] } else { clamped(color.map(linear)) };
+                    let color: [f32; 3] = *values
+                        .first_chunk()
+                        .ok_or_else(|| broken("a colour has three values".into()))?;
+                    // A picture is not darkened by the colour that stands for it elsewhere, unless
+                    // a file means it: most do not.
+                    material.color = if material.texture.is_some() {
+                        [1.0; 3]
+                    } else {
+                        clamped(color.map(linear))
+                    };
                 }
                 "map_Kd" => {
                     // Options come first, each with its own number of values; the name is last.
@@ -161,12 +220,21 @@ fn lines(bytes: &[u8]) -> Result<Vec<(usize, &str)>, Refusal> {
     let mut found = Vec::new();
     for (number, line) in (1..).zip(bytes.split(|byte| *byte == b'\n')) {
         if line.len() > LINE_BYTES_MAX {
-            return Err(Refusal::Line { line: number, what: format!("it has more than {LINE_BYTES_MAX} bytes") });
+            return Err(Refusal::Line {
+                line: number,
+                what: format!("it has more than {LINE_BYTES_MAX} bytes"),
+            });
         }
-        let line = str::from_utf8(line).map_err(|_| Refusal::Line { line: number, what: "it is no text".into() })?;
+        let line = str::from_utf8(line).map_err(|_| Refusal::Line {
+            line: number,
+            what: "it is no text".into(),
+        })?;
         let line = line.split('#').next().unwrap_or("").trim();
         if line.ends_with('\\') {
-            return Err(Refusal::Line { line: number, what: "it goes on in the next line, which is not supported".into() });
+            return Err(Refusal::Line {
+                line: number,
+                what: "it goes on in the next line, which is not supported".into(),
+            });
         }
         if !line.is_empty() {
             found.push((number, line));
@@ -176,23 +244,39 @@ fn lines(bytes: &[u8]) -> Result<Vec<(usize, &str)>, Refusal> {
 }
 
 fn numbers(text: &str) -> Result<Vec<f32>, String> {
-    text.split_whitespace().map(|word| word.parse().map_err(|_| format!("'{}' is no number", short(word)))).collect()
+    text.split_whitespace()
+        .map(|word| {
+            word.parse()
+                .map_err(|_| format!("'{}' is no number", short(word)))
+        })
+        .collect()
 }
 
 fn corner(text: &str, lists: &Lists) -> Result<Corner, String> {
     let mut parts = text.split('/');
     let mut next = |what: &str, count: usize| match parts.next() {
         None | Some("") => Ok(None),
-        Some(word) => index(word, count).map(Some).ok_or_else(|| format!("there is no {what} {}, but {count}", short(word))),
+        Some(word) => index(word, count)
+            .map(Some)
+            .ok_or_else(|| format!("there is no {what} {}, but {count}", short(word))),
     };
-    let position = next("vertex", lists.positions.len())?.ok_or_else(|| format!("'{}' is no corner of a face", short(text)))?;
-    Ok((position, next("texture point", lists.texture_points.len())?, next("normal", lists.normals.len())?))
+    let position = next("vertex", lists.positions.len())?
+        .ok_or_else(|| format!("'{}' is no corner of a face", short(text)))?;
+    Ok((
+        position,
+        next("texture point", lists.texture_points.len())?,
+        next("normal", lists.normals.len())?,
+    ))
 }
 
 /// From 1, or back from the end where it is negative.
 fn index(word: &str, count: usize) -> Option<usize> {
     let number: i64 = word.parse().ok()?;
-    let index = if number < 0 { i64::try_from(count).ok()?.checked_add(number)? } else { number.checked_sub(1)? };
+    let index = if number < 0 {
+        i64::try_from(count).ok()?.checked_add(number)?
+    } else {
+        number.checked_sub(1)?
+    };
     usize::try_from(index).ok().filter(|index| *index < count)
 }
 

@@ -38,15 +38,19 @@ impl Survey {
             size: [0, 1, 2].map(|axis| high[axis] - low[axis]),
             manifold: edges.values().all(|[along, against]| along + against <= 2),
             watertight: edges.values().all(|uses| *uses == [1, 1]),
-            textures: data.textures.iter().map(|texture| [texture.width, texture.height]).collect(),
+            textures: data
+                .textures
+                .iter()
+                .map(|texture| [texture.width, texture.height])
+                .collect(),
             vertex_colors: !data.colors.is_empty(),
             digest: mesh.digest(),
         }
     }
 }
 
-/// How often each edge is used along and against its own direction. Vertices in one place are one; triangles with two corners in
-/// one place have no area and do not count.
+/// How often each edge is used along and against its own direction. Vertices in one place are one;
+/// triangles with two corners in one place have no area and do not count.
 fn edges(mesh: &Mesh) -> BTreeMap<(u32, u32), [u32; 2]> {
     let mut places = BTreeMap::new();
     let positions = &mesh.data().positions;
@@ -66,7 +70,8 @@ fn edges(mesh: &Mesh) -> BTreeMap<(u32, u32), [u32; 2]> {
             continue;
         }
         for (from, to) in [(a, b), (b, c), (c, a)] {
-            edges.entry((from.min(to), from.max(to))).or_insert([0, 0])[usize::from(from > to)] += 1;
+            edges.entry((from.min(to), from.max(to))).or_insert([0, 0])[usize::from(from > to)] +=
+                1;
         }
     }
     edges

@@ -1,5 +1,6 @@
-//! The better future of a decisive step, played and verified: a competent agent that knows what the episode's agent knew takes
-//! over there; where even that fails, the oracle, which knows the truth. Never an edit of single calls.
+//! The better future of a decisive step, played and verified: a competent agent that knows what the
+//! episode's agent knew takes over there; where even that fails, the oracle, which knows the truth.
+//! Never an edit of single calls.
 
 use std::path::{Path, PathBuf};
 
@@ -18,7 +19,8 @@ const HEIRS: [&str; 2] = ["planner", "oracle"];
 /// What would have been better.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 pub struct Alternative {
-    /// The policy that takes over at the decisive step: `planner` knows what the agent knew, `oracle` knows the truth.
+    /// The policy that takes over at the decisive step: `planner` knows what the agent knew,
+    /// `oracle` knows the truth.
     pub policy: String,
     /// Decisions of the whole episode then.
     pub length: u32,
@@ -28,10 +30,12 @@ pub struct Alternative {
     pub verified: bool,
 }
 
-/// Plays what would have been better at the decisive step, and records and verifies it where a path is given.
+/// Plays what would have been better at the decisive step, and records and verifies it where a path
+/// is given.
 ///
 /// # Errors
-/// When the episode cannot be executed up to there, or the branch cannot be written. Inside: why nobody succeeds from there.
+/// When the episode cannot be executed up to there, or the branch cannot be written. Inside: why
+/// nobody succeeds from there.
 pub fn alternative(
     trace: &Trace,
     decisive: &Decisive,
@@ -47,7 +51,12 @@ pub fn alternative(
         None => false,
     };
     let (policy, trace) = (better.policy.to_owned(), record.map(Path::to_owned));
-    Ok(Ok(Alternative { policy, length: better.length, trace, verified }))
+    Ok(Ok(Alternative {
+        policy,
+        length: better.length,
+        trace,
+        verified,
+    }))
 }
 
 /// A future in which the episode succeeds.
@@ -66,19 +75,36 @@ pub(crate) fn better_future(fork: &Fork<'_>) -> Result<Result<Better, String>, B
         let branch = Branch::policy(policy, fork.parent().header.seed);
         let (report, calls) = branch.play_for_calls(fork)?;
         if report.success {
-            return Ok(Ok(Better { policy, branch, length: report.length, calls }));
+            return Ok(Ok(Better {
+                policy,
+                branch,
+                length: report.length,
+                calls,
+            }));
         }
-        let why = report.unreachable.unwrap_or_else(|| format!("{:?} after {} calls", report.end_reason, report.length));
+        let why = report
+            .unreachable
+            .unwrap_or_else(|| format!("{:?} after {} calls", report.end_reason, report.length));
         told.push(format!("{policy}: {why}"));
     }
-    Ok(Err(format!("from call {} on nobody succeeds ({})", fork.call(), told.join("; "))))
+    Ok(Err(format!(
+        "from call {} on nobody succeeds ({})",
+        fork.call(),
+        told.join("; ")
+    )))
 }
 
 /// Records a branch, and replays what was recorded.
 pub(crate) fn recorded(branch: &Branch, fork: &Fork<'_>, path: &Path) -> Result<bool, BranchError> {
-    let record = RecordTo { path: path.to_owned(), options: RecordOptions::from(Images::None) };
+    let record = RecordTo {
+        path: path.to_owned(),
+        options: RecordOptions::from(Images::None),
+    };
     branch.play(fork, Some(&record))?;
-    let made = Trace::read(path).map_err(|error| BranchError::Unreadable { path: path.to_owned(), error: error.to_string() })?;
+    let made = Trace::read(path).map_err(|error| BranchError::Unreadable {
+        path: path.to_owned(),
+        error: error.to_string(),
+    })?;
     let made = made.with_meshes(&*fork.parent().meshes);
     Ok(verify_branch(&made, fork.parent()).holds())
 }

@@ -1,5 +1,5 @@
-//! What is left to do at every moment of an episode: for a competent agent that knows what its agent knew, and in truth.
-//! Never who is to blame.
+//! What is left to do at every moment of an episode: for a competent agent that knows what its
+//! agent knew, and in truth. Never who is to blame.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,11 +15,14 @@ use serde::{Deserialize, Serialize};
 /// A moment of an episode: before a call, or after the last.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) struct Moment {
-    /// Decisions after which a competent agent is sure to have succeeded, at worst; none where it cannot be sure of it.
+    /// Decisions after which a competent agent is sure to have succeeded, at worst; none where it
+    /// cannot be sure of it.
     pub cost: Option<u32>,
-    /// The same for one who knows besides which receptacles are meant: nothing falls by a lucky find.
+    /// The same for one who knows besides which receptacles are meant: nothing falls by a lucky
+    /// find.
     pub hindsight: Option<u32>,
-    /// What is left to do in truth, wherever the robot stands and whatever is in view: calls by what has to be done with.
+    /// What is left to do in truth, wherever the robot stands and whatever is in view: calls by
+    /// what has to be done with.
     pub work: BTreeMap<Item, u32>,
     /// Decisions left.
     pub budget: u32,
@@ -45,13 +48,16 @@ pub(crate) enum Item {
 pub struct StepCost {
     /// From 0.
     pub step: u32,
-    /// Before it; none where success could not be had for sure within the decisions left. It may still come by luck.
+    /// Before it; none where success could not be had for sure within the decisions left. It may
+    /// still come by luck.
     pub before: Option<u32>,
     /// After it.
     pub after: Option<u32>,
-    /// Before it, for one who knows besides which receptacles are meant; what decides is told by this.
+    /// Before it, for one who knows besides which receptacles are meant; what decides is told by
+    /// this.
     pub hindsight: Option<u32>,
-    /// Decisions it lost: how far the cost did not fall by one. None where success was out of reach before or after.
+    /// Decisions it lost: how far the cost did not fall by one. None where success was out of reach
+    /// before or after.
     pub regret: Option<u32>,
 }
 
@@ -77,26 +83,44 @@ pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
     let mut failed: Option<ToolCall> = None;
     let mut moments = Vec::with_capacity(trace.steps.len() + 1);
     let ended = outcome(trace);
-    retrace(&trace.task, &trace.scene, &trace.start, &trace.steps, |context, step| {
-        let advice = planner.advice(context);
-        let again = |step: &StepRecord| failed.as_ref() == Some(&step.input.call);
-        let objection = step.and_then(|step| match again(step) {
-            true => Some(Objection::Memory),
-            false => planner.objection(context, &step.input.call),
-        });
-        failed = step.filter(|step| step.outcome.error.is_some()).map(|step| step.input.call.clone());
-        let (cost, hindsight) = match (step, ended) {
-            (None, Some(success)) => (success.then_some(0), success.then_some(0)),
-            _ => (planner.belief(context).cost_to_go(), knowing.belief(context).cost_to_go()),
-        };
-        let budget = HORIZON.saturating_sub(context.step);
-        moments.push(Moment { cost, hindsight, work: truth.work(), budget, advice, objection });
-        if let Some(step) = step {
-            planner.watch(context, &step.input);
-            knowing.watch(context, &step.input);
-            truth.follow(step);
-        }
-    });
+    retrace(
+        &trace.task,
+        &trace.scene,
+        &trace.start,
+        &trace.steps,
+        |context, step| {
+            let advice = planner.advice(context);
+            let again = |step: &StepRecord| failed.as_ref() == Some(&step.input.call);
+            let objection = step.and_then(|step| match again(step) {
+                true => Some(Objection::Memory),
+                false => planner.objection(context, &step.input.call),
+            });
+            failed = step
+                .filter(|step| step.outcome.error.is_some())
+                .map(|step| step.input.call.clone());
+            let (cost, hindsight) = match (step, ended) {
+                (None, Some(success)) => (success.then_some(0), success.then_some(0)),
+                _ => (
+                    planner.belief(context).cost_to_go(),
+                    knowing.belief(context).cost_to_go(),
+                ),
+            };
+            let budget = HORIZON.saturating_sub(context.step);
+            moments.push(Moment {
+                cost,
+                hindsight,
+                work: truth.work(),
+                budget,
+                advice,
+                objection,
+            });
+            if let Some(step) = step {
+                planner.watch(context, &step.input);
+                knowing.watch(context, &step.input);
+                truth.follow(step);
+            }
+        },
+    );
     moments
 }
 
@@ -104,8 +128,16 @@ pub(crate) fn moments(trace: &Trace) -> Vec<Moment> {
 pub(crate) fn step_costs(moments: &[Moment]) -> Vec<StepCost> {
     let cost = |(step, pair): (usize, &[Moment])| {
         let (before, after) = (pair[0].affordable(), pair[1].affordable());
-        let regret = before.zip(after).map(|(before, after)| (after + 1).saturating_sub(before));
-        StepCost { step: step as u32, before, after, hindsight: pair[0].hindsight, regret }
+        let regret = before
+            .zip(after)
+            .map(|(before, after)| (after + 1).saturating_sub(before));
+        StepCost {
+            step: step as u32,
+            before,
+            after,
+            hindsight: pair[0].hindsight,
+            regret,
+        }
     };
     moments.windows(2).enumerate().map(cost).collect()
 }
@@ -133,18 +165,33 @@ impl<'t> Truth<'t> {
     fn new(trace: &'t Trace) -> Self {
         let by_registry = trace.header.profile.is_published();
         let graphs = &trace.start.graphs;
-        let graph = if by_registry { graphs.registry.clone() } else { graphs.physics.clone() };
-        Self { task: &trace.task, by_registry, graph, held: None, taken: BTreeSet::new() }
+        let graph = if by_registry {
+            graphs.registry.clone()
+        } else {
+            graphs.physics.clone()
+        };
+        Self {
+            task: &trace.task,
+            by_registry,
+            graph,
+            held: None,
+            taken: BTreeSet::new(),
+        }
     }
 
     fn follow(&mut self, step: &StepRecord) {
-        let changes = if self.by_registry { &step.changes.registry } else { &step.changes.physics };
+        let changes = if self.by_registry {
+            &step.changes.registry
+        } else {
+            &step.changes.physics
+        };
         self.graph.apply(changes);
         self.held.clone_from(&step.held);
         self.taken.extend(step.held.clone());
     }
 
-    /// What is left to do: everything that the goal moves, and what was taken, has to come to where the goal has it.
+    /// What is left to do: everything that the goal moves, and what was taken, has to come to where
+    /// the goal has it.
     fn work(&self) -> BTreeMap<Item, u32> {
         let mut work = BTreeMap::new();
         for object in &self.task.objects {
@@ -156,7 +203,11 @@ impl<'t> Truth<'t> {
             if !(moved || self.taken.contains(id)) || (place == wanted && !held) {
                 continue;
             }
-            let item = if moved { Item::Wanted(id.clone()) } else { Item::Taken(id.clone()) };
+            let item = if moved {
+                Item::Wanted(id.clone())
+            } else {
+                Item::Taken(id.clone())
+            };
             let reachable = place.is_some_and(|place| place.as_str() != FLOOR);
             work.insert(
                 item,
@@ -169,7 +220,11 @@ impl<'t> Truth<'t> {
                 },
             );
             let closed = |id: &&ReceptacleId| self.graph.door(id) == Some(DoorState::Closed);
-            let doors = place.filter(|_| !held).into_iter().chain(wanted).filter(closed);
+            let doors = place
+                .filter(|_| !held)
+                .into_iter()
+                .chain(wanted)
+                .filter(closed);
             work.extend(doors.map(|door| (Item::Door(door.clone()), OPEN)));
         }
         work

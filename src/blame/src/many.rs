@@ -31,7 +31,8 @@ pub struct Options {
     pub branches: Option<PathBuf>,
 }
 
-/// Measures traces. A trace that cannot be read is an error in words, and keeps the others from nothing.
+/// Measures traces. A trace that cannot be read is an error in words, and keeps the others from
+/// nothing.
 pub fn blame_all(
     paths: &[PathBuf],
     workers: usize,
@@ -39,11 +40,16 @@ pub fn blame_all(
     on_done: impl Fn() + Sync,
 ) -> Vec<Result<Measured, String>> {
     let measure = |path: &PathBuf| {
-        let measured = Trace::read(path).map_err(|error| error.to_string()).map(|trace| measure(&trace, options));
+        let measured = Trace::read(path)
+            .map_err(|error| error.to_string())
+            .map(|trace| measure(&trace, options));
         on_done();
         measured
     };
-    match rayon::ThreadPoolBuilder::new().num_threads(workers.max(1)).build() {
+    match rayon::ThreadPoolBuilder::new()
+        .num_threads(workers.max(1))
+        .build()
+    {
         Ok(pool) => pool.install(|| paths.par_iter().with_max_len(1).map(measure).collect()),
         Err(_) => paths.iter().map(measure).collect(),
     }
@@ -53,17 +59,28 @@ fn measure(trace: &Trace, options: &Options) -> Measured {
     let blame = blame(trace);
     let (mut found, mut reason) = (None, None);
     if let Some(decisive) = blame.decisive.as_ref().filter(|_| options.alternatives) {
-        let path = options.branches.as_ref().map(|folder| folder.join(branch_name(&trace.path, decisive.step)));
+        let path = options
+            .branches
+            .as_ref()
+            .map(|folder| folder.join(branch_name(&trace.path, decisive.step)));
         match alternative(trace, decisive, path.as_deref()) {
             Ok(Ok(alternative)) => found = Some(alternative),
             Ok(Err(why)) => reason = Some(why),
             Err(error) => reason = Some(error.to_string()),
         }
     }
-    Measured { trace: trace.path.clone(), blame, alternative: found, no_alternative: reason }
+    Measured {
+        trace: trace.path.clone(),
+        blame,
+        alternative: found,
+        no_alternative: reason,
+    }
 }
 
 fn branch_name(trace: &Path, step: u32) -> String {
-    let stem = trace.file_stem().map_or_else(|| "trace".into(), |stem| stem.to_string_lossy().into_owned());
+    let stem = trace.file_stem().map_or_else(
+        || "trace".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
     format!("{stem}--better-at-{step}.mcap")
 }

@@ -1,4 +1,5 @@
-//! What is to be said of a failed episode: the decisive step in words, what it lost, and which capacity failed.
+//! What is to be said of a failed episode: the decisive step in words, what it lost, and which
+//! capacity failed.
 
 use reel_plan::Objection;
 use reel_trace::Trace;
@@ -37,7 +38,8 @@ impl Cause {
     }
 }
 
-/// How much of what was lost for good is due to each capacity, from 0 to 1; all 0 where nothing was lost.
+/// How much of what was lost for good is due to each capacity, from 0 to 1; all 0 where nothing was
+/// lost.
 #[derive(Clone, Copy, PartialEq, Debug, Default, Serialize, Deserialize)]
 pub struct Shares {
     /// See [`Cause::Perception`].
@@ -59,7 +61,10 @@ impl Shares {
             (self.communication, Cause::Communication),
             (self.perception, Cause::Perception),
         ];
-        causes.into_iter().max_by(|(one, _), (other, _)| one.total_cmp(other)).map_or(Cause::Other, |(_, cause)| cause)
+        causes
+            .into_iter()
+            .max_by(|(one, _), (other, _)| one.total_cmp(other))
+            .map_or(Cause::Other, |(_, cause)| cause)
     }
 }
 
@@ -99,7 +104,8 @@ pub struct Blame {
     pub decisive: Option<Decisive>,
     /// Decisions lost in all.
     pub wasted: u32,
-    /// The step after which success could no longer be had for sure; luck may still have brought it.
+    /// The step after which success could no longer be had for sure; luck may still have brought
+    /// it.
     pub point_of_no_return: Option<u32>,
     /// Whether it still was to be had for sure before the last step.
     pub repairable_at_end: bool,
@@ -114,8 +120,14 @@ pub fn blame(trace: &Trace) -> Blame {
     let moments = cost::moments(trace);
     let costs = cost::step_costs(&moments);
     let success = cost::outcome(trace);
-    let decided = if success == Some(false) { decide::decisive(trace, &moments) } else { None };
-    let shares = decided.map(|(step, _)| shares(trace, &moments, step)).unwrap_or_default();
+    let decided = if success == Some(false) {
+        decide::decisive(trace, &moments)
+    } else {
+        None
+    };
+    let shares = decided
+        .map(|(step, _)| shares(trace, &moments, step))
+        .unwrap_or_default();
     let lost = |pair: &[Moment]| pair[0].affordable().is_some() && pair[1].affordable().is_none();
     Blame {
         episode_id: trace.header.episode_id.clone(),
@@ -123,7 +135,11 @@ pub fn blame(trace: &Trace) -> Blame {
         task_id: trace.header.task_id.clone(),
         success,
         wasted: costs.iter().filter_map(|cost| cost.regret).sum(),
-        point_of_no_return: moments.windows(2).rposition(lost).filter(|_| success != Some(true)).map(|step| step as u32),
+        point_of_no_return: moments
+            .windows(2)
+            .rposition(lost)
+            .filter(|_| success != Some(true))
+            .map(|step| step as u32),
         repairable_at_end: moments.len() > 1 && moments[moments.len() - 2].affordable().is_some(),
         decisive: decided.map(|(step, harm)| tell(trace, &moments, &shares, step, harm)),
         shares,
@@ -162,22 +178,42 @@ fn shares(trace: &Trace, moments: &[Moment], decisive: usize) -> Shares {
         };
         *share += f64::from(lost);
     }
-    let Shares { perception, communication, memory, other } = shares;
+    let Shares {
+        perception,
+        communication,
+        memory,
+        other,
+    } = shares;
     let all = perception + communication + memory + other;
     if all == 0.0 {
         return shares;
     }
-    Shares { perception: perception / all, communication: communication / all, memory: memory / all, other: other / all }
+    Shares {
+        perception: perception / all,
+        communication: communication / all,
+        memory: memory / all,
+        other: other / all,
+    }
 }
 
 fn tell(trace: &Trace, moments: &[Moment], shares: &Shares, step: usize, harm: Harm) -> Decisive {
     let record = &trace.steps[step];
-    let cause = if harm == Harm::Time { shares.largest() } else { cause(&moments[step]) };
+    let cause = if harm == Harm::Time {
+        shares.largest()
+    } else {
+        cause(&moments[step])
+    };
     Decisive {
         step: record.step,
         tool: record.tool_name().to_owned(),
         call: record.input.call.clone(),
-        outcome: record.outcome.text.lines().next().unwrap_or_default().to_owned(),
+        outcome: record
+            .outcome
+            .text
+            .lines()
+            .next()
+            .unwrap_or_default()
+            .to_owned(),
         harm,
         cause,
         why: why(trace, moments, record, harm, cause),
@@ -191,14 +227,26 @@ fn why(trace: &Trace, moments: &[Moment], record: &StepRecord, harm: Harm, cause
     let named = |id: &InstanceId| {
         let known = task.object(id);
         let caption = known.and_then(|known| known.caption.as_deref());
-        let caption = caption.map(|caption| format!("the {}", caption.trim_end_matches('.').to_lowercase()));
-        caption.or_else(|| Some(format!("the {}", known?.category))).unwrap_or_else(|| id.to_string())
+        let caption =
+            caption.map(|caption| format!("the {}", caption.trim_end_matches('.').to_lowercase()));
+        caption
+            .or_else(|| Some(format!("the {}", known?.category)))
+            .unwrap_or_else(|| id.to_string())
     };
-    let (target, wanted) = (named(&task.target), task.goal.place_of(&task.target).unwrap_or(&task.dest));
-    let (tool, object, receptacle) = (record.tool_name(), record.object.as_ref(), record.receptacle.as_ref());
+    let (target, wanted) = (
+        named(&task.target),
+        task.goal.place_of(&task.target).unwrap_or(&task.dest),
+    );
+    let (tool, object, receptacle) = (
+        record.tool_name(),
+        record.object.as_ref(),
+        record.receptacle.as_ref(),
+    );
     match (harm, tool, object, receptacle) {
         (Harm::World, "pick", Some(object), _) if *object == task.target => {
-            format!("it took what was meant, {target}, at a moment at which it could only put it down again")
+            format!(
+                "it took what was meant, {target}, at a moment at which it could only put it down again"
+            )
         }
         (Harm::World, "pick", Some(object), _) => {
             let reason = match cause {
@@ -212,18 +260,27 @@ fn why(trace: &Trace, moments: &[Moment], record: &StepRecord, harm: Harm, cause
             format!("it put {target} on {receptacle}; it belongs on {wanted}")
         }
         (Harm::World, "place", Some(object), Some(receptacle)) => {
-            format!("it left {} on {receptacle}, where it does not belong", named(object))
+            format!(
+                "it left {} on {receptacle}, where it does not belong",
+                named(object)
+            )
         }
-        (Harm::World, _, _, Some(receptacle)) => format!("after it more was left to do: {tool} at {receptacle}"),
+        (Harm::World, _, _, Some(receptacle)) => {
+            format!("after it more was left to do: {tool} at {receptacle}")
+        }
         (Harm::World, ..) => format!("after it more was left to do: {tool}"),
         (Harm::Ending, ..) => {
             let moment = &moments[step];
             let (needed, left) = (moment.cost.unwrap_or_default(), moment.budget);
-            format!("it ended the episode with {left} decisions left, of which {needed} were enough to succeed for sure")
+            format!(
+                "it ended the episode with {left} decisions left, of which {needed} were enough to succeed for sure"
+            )
         }
         (Harm::Time, ..) => {
             let (after, due) = (trace.steps.len() - step, moments[step].advice.to_call());
-            format!("it left the way to success, on which {due} was next: in the {after} calls from here on it never came nearer")
+            format!(
+                "it left the way to success, on which {due} was next: in the {after} calls from here on it never came nearer"
+            )
         }
     }
 }

@@ -15,8 +15,8 @@ use serde_json::{Value, json};
 
 use crate::BranchError;
 
-/// The policy of every branch in its header, whoever plays it on: its episodes are counted apart from all others. Its
-/// parameters say what was substituted.
+/// The policy of every branch in its header, whoever plays it on: its episodes are counted apart
+/// from all others. Its parameters say what was substituted.
 pub const POLICY_NAME: &str = "branch";
 
 /// What comes instead of the parent's calls.
@@ -34,8 +34,8 @@ pub enum Then {
     /// Not at all: it ends as aborted, unless the calls ended it.
     #[default]
     Stop,
-    /// With the parent's calls from this one on, and the answers from outside that came with them, but without the words:
-    /// these were said of another world.
+    /// With the parent's calls from this one on, and the answers from outside that came with them,
+    /// but without the words: these were said of another world.
     Parent(usize),
     /// With a built-in policy, which has watched all that came before.
     Policy {
@@ -49,12 +49,21 @@ pub enum Then {
 impl Branch {
     /// A built-in policy takes over at once.
     pub fn policy(name: &str, seed: u64) -> Self {
-        Self { calls: Vec::new(), then: Then::Policy { name: name.to_owned(), seed } }
+        Self {
+            calls: Vec::new(),
+            then: Then::Policy {
+                name: name.to_owned(),
+                seed,
+            },
+        }
     }
 
     /// One call instead of the parent's at `at`, and then the rest of the parent's.
     pub fn replacing(at: usize, call: ToolCall) -> Self {
-        Self { calls: vec![call], then: Then::Parent(at + 1) }
+        Self {
+            calls: vec![call],
+            then: Then::Parent(at + 1),
+        }
     }
 
     /// Who decides in it, for the header: what was substituted, and in whose episode.
@@ -70,16 +79,24 @@ impl Branch {
             Then::Parent(from) => drop(then(json!({ "parent": from }))),
             Then::Policy { name, seed } => drop(then(json!({ "policy": name, "seed": seed }))),
         }
-        PolicyInfo { name: POLICY_NAME.into(), checkpoint: None, parameters }
+        PolicyInfo {
+            name: POLICY_NAME.into(),
+            checkpoint: None,
+            parameters,
+        }
     }
 
-    /// Plays it from there to its end, and records it. Unrecorded it is played without shading pictures, which takes a third
-    /// of the time; what comes of it is the same.
+    /// Plays it from there to its end, and records it. Unrecorded it is played without shading
+    /// pictures, which takes a third of the time; what comes of it is the same.
     ///
     /// # Errors
-    /// When the policy or a call to go on with does not exist, the parent's pictures cannot be had, or the trace cannot be
-    /// written.
-    pub fn play(&self, fork: &Fork<'_>, record: Option<&RecordTo>) -> Result<EpisodeReport, BranchError> {
+    /// When the policy or a call to go on with does not exist, the parent's pictures cannot be had,
+    /// or the trace cannot be written.
+    pub fn play(
+        &self,
+        fork: &Fork<'_>,
+        record: Option<&RecordTo>,
+    ) -> Result<EpisodeReport, BranchError> {
         self.play_shown(fork, record, |_| ())
     }
 
@@ -87,10 +104,16 @@ impl Branch {
     ///
     /// # Errors
     /// As [`Branch::play`].
-    pub fn play_for_calls(&self, fork: &Fork<'_>) -> Result<(EpisodeReport, Vec<ToolCall>), BranchError> {
+    pub fn play_for_calls(
+        &self,
+        fork: &Fork<'_>,
+    ) -> Result<(EpisodeReport, Vec<ToolCall>), BranchError> {
         let mut calls = Vec::new();
         let report = self.play_shown(fork, None, |episode| {
-            calls = episode.steps()[fork.call()..].iter().map(|step| step.input.call.clone()).collect();
+            calls = episode.steps()[fork.call()..]
+                .iter()
+                .map(|step| step.input.call.clone())
+                .collect();
         })?;
         Ok((report, calls))
     }
@@ -105,26 +128,50 @@ impl Branch {
         if let Then::Parent(from) = self.then
             && from > parent.steps.len()
         {
-            return Err(BranchError::NoSuchCall { path: parent.path.clone(), from, calls: parent.steps.len() });
+            return Err(BranchError::NoSuchCall {
+                path: parent.path.clone(),
+                from,
+                calls: parent.steps.len(),
+            });
         }
         let mut heir: Option<Box<dyn Policy + Send>> = match &self.then {
             Then::Policy { name, seed } => Some(policy(name, &parent.task, &parent.scene, *seed)?),
             _ => None,
         };
-        let detail = if record.is_some() { Detail::Picture } else { Detail::Geometry };
-        let episode = fork.open(self.info(parent), detail).map_err(|verdict| failed(fork, verdict))?;
+        let detail = if record.is_some() {
+            Detail::Picture
+        } else {
+            Detail::Geometry
+        };
+        let episode = fork
+            .open(self.info(parent), detail)
+            .map_err(|verdict| failed(fork, verdict))?;
         let mut pictures = match record {
-            Some(RecordTo { options, .. }) if options.images == Images::Full => pictures_before(fork)?,
+            Some(RecordTo { options, .. }) if options.images == Images::Full => {
+                pictures_before(fork)?
+            }
             _ => BTreeMap::new(),
         };
-        let mut running = Running::resume(episode, record, |step| pictures.remove(&step), witness(&mut heir))?;
+        let mut running = Running::resume(
+            episode,
+            record,
+            |step| pictures.remove(&step),
+            witness(&mut heir),
+        )?;
         for call in &self.calls {
             let input = StepInput::bare(call.clone());
             make(&mut running, input, &mut heir)?;
         }
         if let Then::Parent(from) = self.then {
             for step in &parent.steps[from..] {
-                make(&mut running, StepInput { policy: None, ..step.input.clone() }, &mut heir)?;
+                make(
+                    &mut running,
+                    StepInput {
+                        policy: None,
+                        ..step.input.clone()
+                    },
+                    &mut heir,
+                )?;
             }
         }
         if let Some(heir) = heir.as_deref_mut() {
@@ -134,11 +181,18 @@ impl Branch {
         Ok(running.end(heir.and_then(|heir| heir.gave_up()))?)
     }
 
-    /// Goes to the moment before call `at` of the parent and plays it from there; see [`Fork::at`] and [`Branch::play`].
+    /// Goes to the moment before call `at` of the parent and plays it from there; see [`Fork::at`]
+    /// and [`Branch::play`].
     ///
     /// # Errors
-    /// When the parent cannot be executed up to there or differs on the way, and as [`Branch::play`].
-    pub fn play_at(&self, parent: &Trace, at: usize, record: Option<&RecordTo>) -> Result<EpisodeReport, BranchError> {
+    /// When the parent cannot be executed up to there or differs on the way, and as
+    /// [`Branch::play`].
+    pub fn play_at(
+        &self,
+        parent: &Trace,
+        at: usize,
+        record: Option<&RecordTo>,
+    ) -> Result<EpisodeReport, BranchError> {
         self.play(&fork(parent, at, None)?, record)
     }
 }
@@ -147,7 +201,11 @@ impl Branch {
 ///
 /// # Errors
 /// When the parent cannot be executed up to there, or differs on the way.
-pub fn fork<'t>(parent: &'t Trace, at: usize, cache: Option<&reel_replay::SnapshotCache>) -> Result<Fork<'t>, BranchError> {
+pub fn fork<'t>(
+    parent: &'t Trace,
+    at: usize,
+    cache: Option<&reel_replay::SnapshotCache>,
+) -> Result<Fork<'t>, BranchError> {
     Fork::at(parent, at, cache).map_err(|verdict| BranchError::Parent {
         path: parent.path.clone(),
         call: at,
@@ -156,7 +214,11 @@ pub fn fork<'t>(parent: &'t Trace, at: usize, cache: Option<&reel_replay::Snapsh
 }
 
 /// Makes a call, unless the episode has ended before.
-fn make(running: &mut Running, input: StepInput, heir: &mut Option<Box<dyn Policy + Send>>) -> Result<(), BranchError> {
+fn make(
+    running: &mut Running,
+    input: StepInput,
+    heir: &mut Option<Box<dyn Policy + Send>>,
+) -> Result<(), BranchError> {
     match running.episode().ended() {
         Some(_) => Ok(()),
         None => Ok(running.make(input, witness(heir))?),
@@ -170,8 +232,11 @@ fn witness(heir: &mut Option<Box<dyn Policy + Send>>) -> Option<&mut dyn Policy>
 /// The pictures that the agent got up to there: as the parent holds them, or drawn again.
 fn pictures_before(fork: &Fork<'_>) -> Result<BTreeMap<Option<u32>, Vec<u8>>, BranchError> {
     let parent = fork.parent();
-    let pictured = parent.steps[..fork.call()].iter().filter(|step| step.digests.frame.is_some());
-    let moments: BTreeSet<Option<u32>> = pictured.map(|step| Some(step.step)).chain([None]).collect();
+    let pictured = parent.steps[..fork.call()]
+        .iter()
+        .filter(|step| step.digests.frame.is_some());
+    let moments: BTreeSet<Option<u32>> =
+        pictured.map(|step| Some(step.step)).chain([None]).collect();
     pictures_at(parent, &moments).map_err(|verdict| BranchError::Pictures {
         path: parent.path.clone(),
         call: fork.call(),
@@ -180,5 +245,9 @@ fn pictures_before(fork: &Fork<'_>) -> Result<BTreeMap<Option<u32>, Vec<u8>>, Br
 }
 
 fn failed(fork: &Fork<'_>, verdict: reel_replay::Verdict) -> BranchError {
-    BranchError::Parent { path: fork.parent().path.clone(), call: fork.call(), verdict: Box::new(verdict) }
+    BranchError::Parent {
+        path: fork.parent().path.clone(),
+        call: fork.call(),
+        verdict: Box::new(verdict),
+    }
 }

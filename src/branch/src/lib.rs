@@ -1,8 +1,8 @@
-//! Other futures of a recorded episode: its calls up to one, then others, or a policy that takes over, as a trace with
-//! lineage.
+//! Other futures of a recorded episode: its calls up to one, then others, or a policy that takes
+//! over, as a trace with lineage.
 //!
-//! Never looks for the future that would be better; it plays the one it is told to. Going to the moment, and comparing a
-//! branch with its parent, is `replay`'s.
+//! Never looks for the future that would be better; it plays the one it is told to. Going to the
+//! moment, and comparing a branch with its parent, is `replay`'s.
 
 mod branch;
 mod calls;
@@ -48,7 +48,9 @@ pub enum BranchError {
         verdict: Box<Verdict>,
     },
     /// A call is not written as one.
-    #[error("{what}; write a call as {{\"name\": \"pick\", \"arguments\": {{\"marker_id\": 1}}}}: {text}")]
+    #[error(
+        "{what}; write a call as {{\"name\": \"pick\", \"arguments\": {{\"marker_id\": 1}}}}: {text}"
+    )]
     Call {
         /// As written.
         text: String,

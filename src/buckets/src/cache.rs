@@ -1,4 +1,5 @@
-//! Copies of files of buckets on this machine, kept by the digest of their content. The folder may be deleted at any time.
+//! Copies of files of buckets on this machine, kept by the digest of their content. The folder may
+//! be deleted at any time.
 
 use std::{
     fs, io,
@@ -17,8 +18,8 @@ const LOOK_AFTER: u64 = 256 << 20;
 /// Part of the limit down to which old files are deleted.
 const DOWN_TO: f64 = 0.9;
 
-/// A folder of copies: `files` by the digest of their content, `names` that say which file a name was when the store was asked
-/// last. A copy that is not what its digest says is fetched anew.
+/// A folder of copies: `files` by the digest of their content, `names` that say which file a name
+/// was when the store was asked last. A copy that is not what its digest says is fetched anew.
 #[derive(Debug)]
 pub struct Cache {
     folder: PathBuf,
@@ -39,7 +40,11 @@ impl Cache {
     /// A cache in a folder, which is made when something is kept.
     pub fn at(folder: impl Into<PathBuf>, bytes_max: u64) -> Self {
         // looked through at the first file that comes: another process may have left it full
-        Self { folder: folder.into(), bytes_max, since_looked: AtomicU64::new(LOOK_AFTER) }
+        Self {
+            folder: folder.into(),
+            bytes_max,
+            since_looked: AtomicU64::new(LOOK_AFTER),
+        }
     }
 
     /// What a name stood for when it was fetched last, if its copy is still there and whole.
@@ -58,7 +63,10 @@ impl Cache {
     /// # Errors
     /// When the folder cannot be written.
     pub(crate) fn keep(&self, name: &str, etag: String, content: &[u8]) -> io::Result<PathBuf> {
-        let known = Known { etag, digest: Digest::of(content) };
+        let known = Known {
+            etag,
+            digest: Digest::of(content),
+        };
         let copy = self.copy(known.digest);
         if !copy.exists() {
             publish(&copy, content)?;
@@ -79,10 +87,19 @@ impl Cache {
 
     /// Deletes what was not used for longest, but not what just came.
     fn make_room(&self, but: &Path) {
-        let Ok(folders) = fs::read_dir(self.folder.join("files")) else { return };
-        let files = folders.flatten().filter_map(|folder| fs::read_dir(folder.path()).ok()).flatten().flatten();
-        let facts =
-            |file: fs::DirEntry| file.metadata().ok().and_then(|data| Some((data.modified().ok()?, data.len(), file.path())));
+        let Ok(folders) = fs::read_dir(self.folder.join("files")) else {
+            return;
+        };
+        let files = folders
+            .flatten()
+            .filter_map(|folder| fs::read_dir(folder.path()).ok())
+            .flatten()
+            .flatten();
+        let facts = |file: fs::DirEntry| {
+            file.metadata()
+                .ok()
+                .and_then(|data| Some((data.modified().ok()?, data.len(), file.path())))
+        };
         let mut files: Vec<(SystemTime, u64, PathBuf)> = files.filter_map(facts).collect();
         let mut bytes: u64 = files.iter().map(|file| file.1).sum();
         files.retain(|file| file.2 != but);
@@ -114,7 +131,9 @@ impl Cache {
 
 /// Puts a file in its place at once, whoever does the same at the time.
 fn publish(path: &Path, content: &[u8]) -> io::Result<()> {
-    let folder = path.parent().expect("it was put together of a folder and a name");
+    let folder = path
+        .parent()
+        .expect("it was put together of a folder and a name");
     fs::create_dir_all(folder)?;
     let mut file = NamedTempFile::new_in(folder)?;
     file.write_all(content)?;
@@ -132,13 +151,24 @@ mod tests {
         let cache = Cache::at(folder.path(), 1 << 20);
         assert!(cache.known("s3://lab/a").is_none());
         let copy = cache.keep("s3://lab/a", "tag".into(), b"content").unwrap();
-        assert_eq!(cache.keep("s3://lab/b", "other".into(), b"content").unwrap(), copy, "equal contents are kept once");
+        assert_eq!(
+            cache
+                .keep("s3://lab/b", "other".into(), b"content")
+                .unwrap(),
+            copy,
+            "equal contents are kept once"
+        );
         let (known, path) = cache.known("s3://lab/a").unwrap();
         assert_eq!((known.etag.as_str(), &path), ("tag", &copy));
         fs::write(&copy, b"contenT").unwrap();
         assert!(cache.known("s3://lab/a").is_none() && !copy.exists());
-        cache.keep("s3://lab/b", "other".into(), b"content").unwrap();
-        assert!(cache.known("s3://lab/a").is_some(), "the same content serves both names");
+        cache
+            .keep("s3://lab/b", "other".into(), b"content")
+            .unwrap();
+        assert!(
+            cache.known("s3://lab/a").is_some(),
+            "the same content serves both names"
+        );
     }
 
     #[test]
@@ -146,11 +176,21 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::at(folder.path(), 2_500);
         let content = |byte: u8| vec![byte; 1000];
-        let copies: Vec<PathBuf> =
-            (0..3).map(|byte| cache.keep(&byte.to_string(), "tag".into(), &content(byte)).unwrap()).collect();
+        let copies: Vec<PathBuf> = (0..3)
+            .map(|byte| {
+                cache
+                    .keep(&byte.to_string(), "tag".into(), &content(byte))
+                    .unwrap()
+            })
+            .collect();
         let age = |copy: &Path, seconds: u64| {
             let time = SystemTime::now() - std::time::Duration::from_secs(seconds);
-            fs::File::options().write(true).open(copy).unwrap().set_modified(time).unwrap();
+            fs::File::options()
+                .write(true)
+                .open(copy)
+                .unwrap()
+                .set_modified(time)
+                .unwrap();
         };
         age(&copies[0], 50);
         age(&copies[1], 100);

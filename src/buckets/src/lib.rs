@@ -1,6 +1,7 @@
-//! Files in buckets of an S3-compatible store, `s3://bucket/folder/file`: listed, fetched into a cache on this machine, and sent.
-//! What the store needs to know comes from the environment, as for other tools of S3 (`AWS_ACCESS_KEY_ID`,
-//! `AWS_SECRET_ACCESS_KEY`, `AWS_REGION`, `AWS_ENDPOINT_URL`, `AWS_ALLOW_HTTP`, ...). Requests that fail are repeated.
+//! Files in buckets of an S3-compatible store, `s3://bucket/folder/file`: listed, fetched into a
+//! cache on this machine, and sent. What the store needs to know comes from the environment, as for
+//! other tools of S3 (`AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_REGION`,
+//! `AWS_ENDPOINT_URL`, `AWS_ALLOW_HTTP`, ...). Requests that fail are repeated.
 //!
 //! Knows nothing of what is in the files.
 
@@ -30,7 +31,9 @@ pub use remote::{Buckets, Sent};
 #[derive(Debug, thiserror::Error)]
 pub enum BucketError {
     /// A name is no name of a file or folder of a bucket.
-    #[error("this names no file or folder of a bucket: {reason}; write s3://bucket/folder/file: {name}")]
+    #[error(
+        "this names no file or folder of a bucket: {reason}; write s3://bucket/folder/file: {name}"
+    )]
     Name {
         /// What was given.
         name: String,
@@ -73,26 +76,45 @@ pub enum BucketError {
     },
 }
 
-/// A bucket, named by the URL of anything in it, with options that go before the environment's, by the same names.
+/// A bucket, named by the URL of anything in it, with options that go before the environment's, by
+/// the same names.
 ///
 /// # Errors
 /// When the URL names no bucket, or the settings are wrong. Nothing is asked of the store yet.
-pub fn bucket(url: &Url, options: impl IntoIterator<Item = (String, String)>) -> Result<Arc<dyn ObjectStore>, BucketError> {
-    let settings = |reason: String| BucketError::Settings { name: url.to_string(), reason };
+pub fn bucket(
+    url: &Url,
+    options: impl IntoIterator<Item = (String, String)>,
+) -> Result<Arc<dyn ObjectStore>, BucketError> {
+    let settings = |reason: String| BucketError::Settings {
+        name: url.to_string(),
+        reason,
+    };
     if url.scheme() != "s3" {
         let reason = format!("'{}://' is not served", url.scheme());
-        return Err(BucketError::Name { name: url.to_string(), reason });
+        return Err(BucketError::Name {
+            name: url.to_string(),
+            reason,
+        });
     }
     let mut builder = AmazonS3Builder::from_env().with_url(url.as_str());
     for (name, value) in options {
-        let key: AmazonS3ConfigKey =
-            name.to_ascii_lowercase().parse().map_err(|_| settings(format!("'{name}' is no option of S3")))?;
+        let key: AmazonS3ConfigKey = name
+            .to_ascii_lowercase()
+            .parse()
+            .map_err(|_| settings(format!("'{name}' is no option of S3")))?;
         builder = builder.with_config(key, value);
     }
-    if builder.get_config_value(&AmazonS3ConfigKey::Region).is_none() {
+    if builder
+        .get_config_value(&AmazonS3ConfigKey::Region)
+        .is_none()
+    {
         builder = builder.with_region("us-east-1");
     }
-    Ok(Arc::new(Patient(builder.build().map_err(|error| settings(error.to_string()))?)))
+    Ok(Arc::new(Patient(
+        builder
+            .build()
+            .map_err(|error| settings(error.to_string()))?,
+    )))
 }
 
 /// The buckets that the environment gives access to, each opened when it is first named.

@@ -6,8 +6,9 @@ use reel_world::Task;
 /// Where pictures are taken from.
 #[derive(clap::Args)]
 pub struct Camera {
-    /// head (what the agent saw), top-down (all of the home), follow:OBJECT (near an object, wherever it is; an instance, an
-    /// asset or a category of the task, or target), or free (from --eye at --look-at)
+    /// head (what the agent saw), top-down (all of the home), follow:OBJECT (near an object,
+    /// wherever it is; an instance, an asset or a category of the task, or target), or free (from
+    /// --eye at --look-at)
     #[arg(long, value_name = "WHICH", default_value = "head")]
     camera: String,
     /// With --camera free: where the camera is, x,y,z in metres in the scene's frame
@@ -26,6 +27,11 @@ impl Camera {
 
     /// The viewpoint in an episode of that task.
     pub fn viewpoint(&self, task: &Task) -> anyhow::Result<Viewpoint> {
-        Ok(Viewpoint::named(&self.camera, self.eye.as_deref(), self.look_at.as_deref(), task)?)
+        Ok(Viewpoint::named(
+            &self.camera,
+            self.eye.as_deref(),
+            self.look_at.as_deref(),
+            task,
+        )?)
     }
 }

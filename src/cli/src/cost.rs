@@ -1,4 +1,5 @@
-//! What a part of this process costs: wall time, CPU time and memory, the latter two where the system tells (Linux).
+//! What a part of this process costs: wall time, CPU time and memory, the latter two where the
+//! system tells (Linux).
 
 use std::{fmt, time::Instant};
 
@@ -12,7 +13,11 @@ pub struct Cost {
 impl Cost {
     /// Starts to measure something that is done so many times.
     pub fn of(rounds: u32) -> Self {
-        Self { began: Instant::now(), cpu_s: cpu_s(), rounds }
+        Self {
+            began: Instant::now(),
+            cpu_s: cpu_s(),
+            rounds,
+        }
     }
 }
 
@@ -20,7 +25,11 @@ impl fmt::Display for Cost {
     /// Until now, a round.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rounds = f64::from(self.rounds);
-        write!(f, "{:.4} s wall", self.began.elapsed().as_secs_f64() / rounds)?;
+        write!(
+            f,
+            "{:.4} s wall",
+            self.began.elapsed().as_secs_f64() / rounds
+        )?;
         if let (Some(now), Some(before)) = (cpu_s(), self.cpu_s) {
             write!(f, ", {:.4} s CPU", (now - before) / rounds)?;
         }
@@ -42,6 +51,8 @@ fn cpu_s() -> Option<f64> {
 /// Most memory that the process had so far.
 fn peak_mib() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmHWM:"))?;
     Some(line.split_whitespace().next()?.parse::<u64>().ok()? / 1024)
 }

@@ -1,4 +1,5 @@
-//! `--cluster` of commands that work on traces: the same functions, called by the executors of a cluster.
+//! `--cluster` of commands that work on traces: the same functions, called by the executors of a
+//! cluster.
 
 #[cfg(feature = "cluster")]
 use std::path::PathBuf;
@@ -51,16 +52,31 @@ impl Elsewhere {
         traces: &[PathBuf],
         done: impl Fn(u64),
     ) -> anyhow::Result<Option<Vec<T>>> {
-        let Some(cluster) = self.open()? else { return Ok(None) };
-        let groups: Vec<Vec<PathBuf>> = traces.chunks(TRACES_PER_GROUP).map(named_from_root).collect::<anyhow::Result<_>>()?;
+        let Some(cluster) = self.open()? else {
+            return Ok(None);
+        };
+        let groups: Vec<Vec<PathBuf>> = traces
+            .chunks(TRACES_PER_GROUP)
+            .map(named_from_root)
+            .collect::<anyhow::Result<_>>()?;
         let mut answers = Vec::with_capacity(traces.len());
-        cluster.work(work, &serde_json::to_string(options)?, &groups, |answer| -> anyhow::Result<()> {
-            let some: Vec<T> = serde_json::from_slice(&answer)?;
-            done(some.len() as u64);
-            answers.extend(some);
-            Ok(())
-        })?;
-        anyhow::ensure!(answers.len() == traces.len(), "the cluster gave {} answers for {} traces", answers.len(), traces.len());
+        cluster.work(
+            work,
+            &serde_json::to_string(options)?,
+            &groups,
+            |answer| -> anyhow::Result<()> {
+                let some: Vec<T> = serde_json::from_slice(&answer)?;
+                done(some.len() as u64);
+                answers.extend(some);
+                Ok(())
+            },
+        )?;
+        anyhow::ensure!(
+            answers.len() == traces.len(),
+            "the cluster gave {} answers for {} traces",
+            answers.len(),
+            traces.len()
+        );
         Ok(Some(answers))
     }
 }
@@ -68,7 +84,11 @@ impl Elsewhere {
 #[cfg(not(feature = "cluster"))]
 impl Elsewhere {
     /// This build knows no clusters.
-    #[expect(clippy::unused_self, clippy::unnecessary_wraps, reason = "as with the feature")]
+    #[expect(
+        clippy::unused_self,
+        clippy::unnecessary_wraps,
+        reason = "as with the feature"
+    )]
     pub fn each<T>(
         &self,
         _: &str,
@@ -86,10 +106,18 @@ impl Elsewhere {
     ///
     /// # Errors
     /// When the engine cannot be set up, or no scheduler answers.
-    pub fn session(&self, store: reel_tables::Store, limits: reel_query::Limits) -> anyhow::Result<reel_query::Session> {
+    pub fn session(
+        &self,
+        store: reel_tables::Store,
+        limits: reel_query::Limits,
+    ) -> anyhow::Result<reel_query::Session> {
         #[cfg(feature = "cluster")]
         if let Some(cluster) = self.open()? {
-            return Ok(reel_query::Session::elsewhere(store, limits, cluster.engine())?);
+            return Ok(reel_query::Session::elsewhere(
+                store,
+                limits,
+                cluster.engine(),
+            )?);
         }
         Ok(reel_query::Session::with_limits(store, limits)?)
     }
@@ -99,10 +127,15 @@ impl Elsewhere {
 #[cfg(feature = "cluster")]
 const TRACES_PER_GROUP: usize = 4;
 
-/// Names this program to executors: verdicts of another simulator, or other answers, would not be those of this one.
+/// Names this program to executors: verdicts of another simulator, or other answers, would not be
+/// those of this one.
 #[cfg(feature = "cluster")]
 pub fn build() -> String {
-    format!("{} (simulator {})", env!("CARGO_PKG_VERSION"), reel_sim::SIM_VERSION)
+    format!(
+        "{} (simulator {})",
+        env!("CARGO_PKG_VERSION"),
+        reel_sim::SIM_VERSION
+    )
 }
 
 /// Some traces, as other machines name them.
@@ -126,5 +159,9 @@ pub fn work<O: serde::de::DeserializeOwned, A: serde::Serialize>(
         let answers = run(traces, serde_json::from_str(options).map_err(told)?)?;
         serde_json::to_vec(&answers).map_err(told)
     };
-    Work { name, traces: true, run: std::sync::Arc::new(run) }
+    Work {
+        name,
+        traces: true,
+        run: std::sync::Arc::new(run),
+    }
 }

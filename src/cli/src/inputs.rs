@@ -19,19 +19,31 @@ use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
 
 /// The skills of a name, for arguments.
 pub fn skills(name: &str) -> Result<Skills, String> {
-    Skills::parse(name).ok_or_else(|| format!("there are {}", Skills::ALL.map(Skills::as_str).join(" and ")))
+    Skills::parse(name).ok_or_else(|| {
+        format!(
+            "there are {}",
+            Skills::ALL.map(Skills::as_str).join(" and ")
+        )
+    })
 }
 
-/// The scene of a file, or one that comes with Reel by its name (`S1` to `S7`, `home`); without either, the home.
+/// The scene of a file, or one that comes with Reel by its name (`S1` to `S7`, `home`); without
+/// either, the home.
 pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
-    let Some(path) = path else { return Ok(Arc::new(reel_tasks::home())) };
+    let Some(path) = path else {
+        return Ok(Arc::new(reel_tasks::home()));
+    };
     let name = path.to_str().unwrap_or_default();
     if let Some(scene) = reel_generate::scene::built_in(name) {
         return Ok(Arc::new(scene));
     }
     if !path.exists() {
         let names: Vec<&str> = reel_generate::scene::names().collect();
-        bail!("no scene file {}, and no scene of that name comes along; there are home, {}", path.display(), names.join(", "));
+        bail!(
+            "no scene file {}, and no scene of that name comes along; there are home, {}",
+            path.display(),
+            names.join(", ")
+        );
     }
     let loaded = reel_tasks::scene::load(path)?;
     for warning in &loaded.warnings {
@@ -56,14 +68,21 @@ pub struct Tasks {
 impl Tasks {
     /// The tasks of each scene, by the id of the scene.
     pub fn by_scene(&self) -> Vec<(Arc<Scene>, Vec<Arc<Task>>)> {
-        let of = |scene: &Arc<Scene>| self.tasks.iter().filter(|task| task.scene_id == scene.scene_id).cloned().collect();
+        let of = |scene: &Arc<Scene>| {
+            self.tasks
+                .iter()
+                .filter(|task| task.scene_id == scene.scene_id)
+                .cloned()
+                .collect()
+        };
         let sets = self.scenes.iter().map(|scene| (scene.clone(), of(scene)));
-        sets.filter(|(_, tasks): &(_, Vec<_>)| !tasks.is_empty()).collect()
+        sets.filter(|(_, tasks): &(_, Vec<_>)| !tasks.is_empty())
+            .collect()
     }
 }
 
-/// The tasks of a file or folder, in the scene given, or each in the scene of its `scene_id`: one beside the tasks, or one that comes
-/// with Reel. Files that fail to load are named and left out.
+/// The tasks of a file or folder, in the scene given, or each in the scene of its `scene_id`: one
+/// beside the tasks, or one that comes with Reel. Files that fail to load are named and left out.
 pub fn tasks(path: &Path, scene: Option<&Path>, listed: Listed) -> anyhow::Result<Tasks> {
     let loaded = reel_tasks::load_with(path, &scene_source(scene)?, listed);
     for warning in &loaded.warnings {
@@ -75,30 +94,46 @@ pub fn tasks(path: &Path, scene: Option<&Path>, listed: Listed) -> anyhow::Resul
     }
     if report.broken.len() > BROKEN_SHOWN {
         let more = report.broken.len() - BROKEN_SHOWN;
-        eprintln!("reel: {more} more files failed to load; `reel tasks check {}` names them", path.display());
+        eprintln!(
+            "reel: {more} more files failed to load; `reel tasks check {}` names them",
+            path.display()
+        );
     }
     if report.tasks.is_empty() {
-        bail!("no task could be loaded from {}; `reel tasks check {0}` says more", path.display());
+        bail!(
+            "no task could be loaded from {}; `reel tasks check {0}` says more",
+            path.display()
+        );
     }
     let tasks = report.tasks.into_iter().map(Arc::new).collect();
-    Ok(Tasks { tasks, scenes: loaded.scenes, broken: report.broken.len() })
+    Ok(Tasks {
+        tasks,
+        scenes: loaded.scenes,
+        broken: report.broken.len(),
+    })
 }
 
 /// Where the scenes of tasks come from: the scene of `--scene`, or what their files name.
 pub fn scene_source(scene: Option<&Path>) -> anyhow::Result<SceneSource> {
     let given = scene.map(|path| self::scene(Some(path))).transpose()?;
-    Ok(given.map_or(SceneSource::ById(reel_generate::scene::by_id), SceneSource::Given))
+    Ok(given.map_or(
+        SceneSource::ById(reel_generate::scene::by_id),
+        SceneSource::Given,
+    ))
 }
 
-/// The trace files among the paths: files as given, folders, also those in buckets, searched for `.mcap`, sorted.
+/// The trace files among the paths: files as given, folders, also those in buckets, searched for
+/// `.mcap`, sorted.
 pub fn traces(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     for path in paths {
         if is_remote(path) {
-            let below = list_remote(path).with_context(|| format!("cannot list {}", path.display()))?;
+            let below =
+                list_remote(path).with_context(|| format!("cannot list {}", path.display()))?;
             found.extend(below.into_iter().filter(|path| is_trace(path)));
         } else if path.is_dir() {
-            collect(path, &is_trace, &mut found).with_context(|| format!("cannot list {}", path.display()))?;
+            collect(path, &is_trace, &mut found)
+                .with_context(|| format!("cannot list {}", path.display()))?;
         } else if path.exists() {
             found.push(path.clone());
         } else {
@@ -106,8 +141,14 @@ pub fn traces(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
         }
     }
     if found.is_empty() {
-        let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
-        bail!("no .mcap file in {}; `reel run` records some", names.join(", "));
+        let names: Vec<String> = paths
+            .iter()
+            .map(|path| path.display().to_string())
+            .collect();
+        bail!(
+            "no .mcap file in {}; `reel run` records some",
+            names.join(", ")
+        );
     }
     found.sort();
     Ok(found)
@@ -116,7 +157,8 @@ pub fn traces(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 /// Where snapshots are kept: a folder that may be deleted at any time.
 #[derive(clap::Args)]
 pub struct Cache {
-    /// Folder for snapshots to seek by; it may be deleted at any time [default: reel-snapshots in the user's cache folder]
+    /// Folder for snapshots to seek by; it may be deleted at any time [default: reel-snapshots in
+    /// the user's cache folder]
     #[arg(long, value_name = "DIR", conflicts_with = "no_cache")]
     cache: Option<PathBuf>,
     /// Seek by executing from the start, and keep nothing
@@ -130,35 +172,55 @@ impl Cache {
         if self.no_cache {
             return None;
         }
-        self.cache.clone().or_else(|| user_cache("reel-snapshots")).map(|folder| SnapshotCache::at(&folder))
+        self.cache
+            .clone()
+            .or_else(|| user_cache("reel-snapshots"))
+            .map(|folder| SnapshotCache::at(&folder))
     }
 }
 
 /// A folder in the user's cache folder.
 fn user_cache(name: &str) -> Option<PathBuf> {
     let home = || Some(PathBuf::from(env::var_os("HOME")?).join(".cache"));
-    env::var_os("XDG_CACHE_HOME").map(PathBuf::from).or_else(home).map(|cache| cache.join(name))
+    env::var_os("XDG_CACHE_HOME")
+        .map(PathBuf::from)
+        .or_else(home)
+        .map(|cache| cache.join(name))
 }
 
 /// GiB of buckets' files that are kept where nobody says otherwise.
 #[cfg(feature = "analytics")]
 const BUCKET_CACHE_GIB: f64 = 10.0;
 
-/// The buckets that the environment gives access to, with the cache that `REEL_BUCKET_CACHE` and `REEL_BUCKET_CACHE_GIB` say.
+/// The buckets that the environment gives access to, with the cache that `REEL_BUCKET_CACHE` and
+/// `REEL_BUCKET_CACHE_GIB` say.
 #[cfg(feature = "analytics")]
 pub fn buckets() -> Buckets {
-    let folder = env::var_os("REEL_BUCKET_CACHE").map(PathBuf::from).or_else(|| user_cache("reel-buckets"));
-    let gib = env::var("REEL_BUCKET_CACHE_GIB").ok().and_then(|text| text.parse::<f64>().ok()).filter(|gib| *gib > 0.0);
+    let folder = env::var_os("REEL_BUCKET_CACHE")
+        .map(PathBuf::from)
+        .or_else(|| user_cache("reel-buckets"));
+    let gib = env::var("REEL_BUCKET_CACHE_GIB")
+        .ok()
+        .and_then(|text| text.parse::<f64>().ok())
+        .filter(|gib| *gib > 0.0);
     let bytes_max = (gib.unwrap_or(BUCKET_CACHE_GIB) * f64::from(1 << 30)) as u64;
-    Buckets::new(reel_buckets::Cache::at(folder.unwrap_or_else(|| env::temp_dir().join("reel-buckets")), bytes_max))
+    Buckets::new(reel_buckets::Cache::at(
+        folder.unwrap_or_else(|| env::temp_dir().join("reel-buckets")),
+        bytes_max,
+    ))
 }
 
 /// Where the meshes of objects are.
 #[derive(clap::Args)]
 pub struct Assets {
-    /// Folder of meshes, .glb, .gltf or .obj, each named by the asset it shows; assets without one are primitives. What was
-    /// recorded with meshes is executed again with the same
-    #[arg(id = "assets", long = "assets", value_name = "DIR", env = "REEL_ASSETS")]
+    /// Folder of meshes, .glb, .gltf or .obj, each named by the asset it shows; assets without one
+    /// are primitives. What was recorded with meshes is executed again with the same
+    #[arg(
+        id = "assets",
+        long = "assets",
+        value_name = "DIR",
+        env = "REEL_ASSETS"
+    )]
     folder: Option<PathBuf>,
 }
 
@@ -170,7 +232,10 @@ impl Assets {
 
     /// The meshes, none where no folder is named.
     pub fn open(&self) -> anyhow::Result<Option<Folder>> {
-        let open = |path: &PathBuf| Folder::open(path).with_context(|| format!("cannot list the assets in {}", path.display()));
+        let open = |path: &PathBuf| {
+            Folder::open(path)
+                .with_context(|| format!("cannot list the assets in {}", path.display()))
+        };
         self.folder.as_ref().map(open).transpose()
     }
 
@@ -179,9 +244,12 @@ impl Assets {
         Ok(Trace::read(path)?.with_meshes(&self.open()?))
     }
 
-    /// The meshes of all objects of tasks, and how many files were refused. Says of every asset without a mesh that it has none.
+    /// The meshes of all objects of tasks, and how many files were refused. Says of every asset
+    /// without a mesh that it has none.
     pub fn of(&self, tasks: &[Arc<Task>]) -> anyhow::Result<(Meshes, usize)> {
-        let (Some(folder), Some(path)) = (self.open()?, &self.folder) else { return Ok((Meshes::default(), 0)) };
+        let (Some(folder), Some(path)) = (self.open()?, &self.folder) else {
+            return Ok((Meshes::default(), 0));
+        };
         let assets: BTreeSet<&AssetId> = tasks.iter().flat_map(|task| task.assets()).collect();
         let (mut meshes, mut absent, mut refused) = (BTreeMap::new(), Vec::new(), 0);
         for &asset in &assets {
@@ -190,15 +258,28 @@ impl Assets {
                 Ok(None) => absent.push(asset.as_str()),
                 Err(reason) => {
                     refused += 1;
-                    eprintln!("reel: the mesh of {asset} is refused, primitives stand in: {reason}");
+                    eprintln!(
+                        "reel: the mesh of {asset} is refused, primitives stand in: {reason}"
+                    );
                 }
             }
         }
         if !absent.is_empty() {
-            let (all, shown) = (absent.len(), absent.iter().take(5).copied().collect::<Vec<_>>().join(", "));
+            let (all, shown) = (
+                absent.len(),
+                absent
+                    .iter()
+                    .take(5)
+                    .copied()
+                    .collect::<Vec<_>>()
+                    .join(", "),
+            );
             let more = if all > 5 { ", ..." } else { "" };
             let folder = path.display();
-            eprintln!("reel: {all} of {} assets have no mesh in {folder}, primitives stand in: {shown}{more}", assets.len());
+            eprintln!(
+                "reel: {all} of {} assets have no mesh in {folder}, primitives stand in: {shown}{more}",
+                assets.len()
+            );
         }
         Ok((Arc::new(meshes), refused))
     }
@@ -206,15 +287,20 @@ impl Assets {
 
 /// As [`traces`], with the unfinished recordings (`.mcap.part`); these first.
 pub fn recordings(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
-    let (folders, mut found): (Vec<PathBuf>, Vec<PathBuf>) = paths.iter().cloned().partition(|path| path.is_dir());
+    let (folders, mut found): (Vec<PathBuf>, Vec<PathBuf>) =
+        paths.iter().cloned().partition(|path| path.is_dir());
     if let Some(missing) = found.iter().find(|path| !path.exists()) {
         bail!("no such recording or folder: {}", missing.display());
     }
     for folder in &folders {
-        collect(folder, &is_recording, &mut found).with_context(|| format!("cannot list {}", folder.display()))?;
+        collect(folder, &is_recording, &mut found)
+            .with_context(|| format!("cannot list {}", folder.display()))?;
     }
     if found.is_empty() {
-        let names: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+        let names: Vec<String> = paths
+            .iter()
+            .map(|path| path.display().to_string())
+            .collect();
         bail!("no .mcap and no .mcap.part file in {}", names.join(", "));
     }
     found.sort_by_key(|path| (is_trace(path), path.clone()));
@@ -224,11 +310,16 @@ pub fn recordings(paths: &[PathBuf]) -> anyhow::Result<Vec<PathBuf>> {
 
 /// The workers asked for, or one for each core.
 pub fn workers(jobs: Option<usize>) -> usize {
-    jobs.unwrap_or_else(|| available_parallelism().map_or(1, usize::from)).max(1)
+    jobs.unwrap_or_else(|| available_parallelism().map_or(1, usize::from))
+        .max(1)
 }
 
 /// The files below a folder that somebody wants.
-pub fn collect(folder: &Path, wanted: &dyn Fn(&Path) -> bool, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
+pub fn collect(
+    folder: &Path,
+    wanted: &dyn Fn(&Path) -> bool,
+    found: &mut Vec<PathBuf>,
+) -> std::io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         if path.is_dir() {
@@ -241,7 +332,8 @@ pub fn collect(folder: &Path, wanted: &dyn Fn(&Path) -> bool, found: &mut Vec<Pa
 }
 
 fn is_trace(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension == "mcap")
+    path.extension()
+        .is_some_and(|extension| extension == "mcap")
 }
 
 fn is_recording(path: &Path) -> bool {

@@ -1,5 +1,6 @@
-//! The `reel` command: parses arguments, calls the crates, prints. Results go to stdout, progress and complaints to
-//! stderr. Exit codes: 0 fine, 1 the answer is "no", 2 wrong usage or input, 3 done, but with data loss.
+//! The `reel` command: parses arguments, calls the crates, prints. Results go to stdout, progress
+//! and complaints to stderr. Exit codes: 0 fine, 1 the answer is "no", 2 wrong usage or input, 3
+//! done, but with data loss.
 
 mod camera;
 mod commands;
@@ -19,7 +20,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Analytics and the service allocate much and from several threads. The second version of mimalloc gives memory back soon.
+/// Analytics and the service allocate much and from several threads. The second version of mimalloc
+/// gives memory back soon.
 #[cfg(feature = "service")]
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -32,7 +34,12 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 ///   reel replay traces
 ///   reel show traces/<episode>.mcap
 #[derive(Parser)]
-#[command(name = "reel", version, verbatim_doc_comment, arg_required_else_help = true)]
+#[command(
+    name = "reel",
+    version,
+    verbatim_doc_comment,
+    arg_required_else_help = true
+)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -45,11 +52,15 @@ enum Command {
     #[command(about = "Benchmark an agent, built in or driven by a model, or compare two")]
     #[cfg(feature = "service")]
     Bench(commands::bench::Arguments),
-    #[command(about = "Play tasks with a policy that makes mistakes on purpose, and label what went wrong")]
+    #[command(
+        about = "Play tasks with a policy that makes mistakes on purpose, and label what went wrong"
+    )]
     Faults(commands::faults::Arguments),
     #[command(about = "Re-execute traces and compare every digest, picture and text")]
     Replay(commands::replay::Arguments),
-    #[command(about = "Replay a corpus with this build and another, and list which outcomes change")]
+    #[command(
+        about = "Replay a corpus with this build and another, and list which outcomes change"
+    )]
     Gate(commands::gate::Arguments),
     #[command(about = "Write golden traces anew, for a reason")]
     Mint(commands::mint::Arguments),
@@ -57,7 +68,9 @@ enum Command {
     Show(commands::show::Arguments),
     #[command(about = "Play another future of a recorded episode, from any call")]
     Branch(commands::branch::Arguments),
-    #[command(about = "Measure why episodes failed: the step that decided, and what would have been better")]
+    #[command(
+        about = "Measure why episodes failed: the step that decided, and what would have been better"
+    )]
     Blame(commands::blame::Arguments),
     #[command(about = "Find the smallest change of a failed episode's calls that makes it succeed")]
     Repair(commands::repair::Arguments),
@@ -94,12 +107,16 @@ enum Command {
     #[command(about = "Compute the GSPO objective of two recorded policies over the same tokens")]
     #[cfg(feature = "analytics")]
     Gspo(Box<commands::gspo::Arguments>),
-    #[command(about = "List the log-probabilities of recorded tokens, and add those of other policies")]
+    #[command(
+        about = "List the log-probabilities of recorded tokens, and add those of other policies"
+    )]
     Logprobs(commands::logprobs::Arguments),
     #[command(about = "Write reasoning and History for traces that came without words")]
     #[cfg(feature = "analytics")]
     Annotate(commands::annotate::Arguments),
-    #[command(about = "Look into training sets, ours and others': what is wrong, what an example looks like")]
+    #[command(
+        about = "Look into training sets, ours and others': what is wrong, what an example looks like"
+    )]
     #[cfg(feature = "analytics")]
     Dataset(commands::dataset::Arguments),
     #[command(about = "Say why episodes failed, and how often that is right")]
@@ -132,7 +149,9 @@ enum Command {
     #[command(about = "Serve one agent over standard input and output (MCP)")]
     #[cfg(feature = "service")]
     Mcp(commands::serve::Mcp),
-    #[command(about = "Stand in for a model: recorded decisions on the OpenAI protocol, with trouble on request")]
+    #[command(
+        about = "Stand in for a model: recorded decisions on the OpenAI protocol, with trouble on request"
+    )]
     #[cfg(feature = "service")]
     MockLlm(commands::mock_llm::Arguments),
     #[command(about = "Stand between an agent and any tool server (MCP), and record what goes by")]
@@ -225,7 +244,12 @@ fn main() -> ExitCode {
     match result {
         Ok(answer) => answer.into(),
         #[cfg(feature = "cluster")]
-        Err(error) if matches!(error.downcast_ref(), Some(reel_cluster::ClusterError::Stopped)) => {
+        Err(error)
+            if matches!(
+                error.downcast_ref(),
+                Some(reel_cluster::ClusterError::Stopped)
+            ) =>
+        {
             eprintln!("reel: {error:#}");
             // 128 + SIGINT, as the shell has it
             ExitCode::from(130)
@@ -237,7 +261,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// Ends as a pipe's writer should when nobody reads on (`reel show ... | head`), instead of with a panic.
+/// Ends as a pipe's writer should when nobody reads on (`reel show ... | head`), instead of with a
+/// panic.
 fn end_with_the_reader() {
     let otherwise = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

@@ -23,13 +23,20 @@ pub struct Model {
 }
 
 impl Model {
-    /// A client that keeps replies in a folder and adds every call to a file; none where no model was named.
+    /// A client that keeps replies in a folder and adds every call to a file; none where no model
+    /// was named.
     pub fn client(&self, cache: &Path, log: &Path) -> anyhow::Result<Option<Client>> {
-        let (Some(endpoint), Some(model)) = (&self.endpoint, &self.model) else { return Ok(None) };
+        let (Some(endpoint), Some(model)) = (&self.endpoint, &self.model) else {
+            return Ok(None);
+        };
         let mut endpoint = Endpoint::new(endpoint, model);
         endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
         let client = Client::new(endpoint, Arc::new(RealClock))?;
-        Ok(Some(client.with_cache(Cache::open(cache)?).with_log(CallLog::append(log)?)))
+        Ok(Some(
+            client
+                .with_cache(Cache::open(cache)?)
+                .with_log(CallLog::append(log)?),
+        ))
     }
 }
 
@@ -38,7 +45,9 @@ pub struct RealClock;
 
 impl Clock for RealClock {
     fn now_ns(&self) -> u64 {
-        SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_nanos() as u64)
+        SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .map_or(0, |time| time.as_nanos() as u64)
     }
 
     fn sleep(&self, pause: Duration) {

@@ -34,7 +34,8 @@ pub struct Players {
     /// Most tokens that the agent may write for a decision
     #[arg(long, value_name = "N", default_value_t = 4096)]
     max_tokens: u32,
-    /// Record the log-probabilities of the tokens that the agent writes, where the endpoint gives them
+    /// Record the log-probabilities of the tokens that the agent writes, where the endpoint gives
+    /// them
     #[arg(long, requires = "endpoint")]
     pub logprobs: bool,
     /// Further fields of every request, as a JSON object; null takes a field away
@@ -43,13 +44,15 @@ pub struct Players {
     /// How long the endpoint may take for one answer, in seconds
     #[arg(long, value_name = "S", default_value_t = 120.0)]
     timeout: f64,
-    /// How often a request is tried again after 408, 429, 5xx, a refused or cut connection, or no answer in time
+    /// How often a request is tried again after 408, 429, 5xx, a refused or cut connection, or no
+    /// answer in time
     #[arg(long, value_name = "N", default_value_t = 4)]
     retries: u32,
     /// The user who answers `ask` is this model at the endpoint; without it the rules answer
     #[arg(long, value_name = "NAME", requires = "endpoint")]
     user_model: Option<String>,
-    /// What `show_object_by_category` means is looked up by this embedding model at the endpoint; without it the vocabulary says
+    /// What `show_object_by_category` means is looked up by this embedding model at the endpoint;
+    /// without it the vocabulary says
     #[arg(long, value_name = "NAME", requires = "endpoint")]
     match_model: Option<String>,
     /// Cosine similarity from which a category is meant
@@ -74,31 +77,57 @@ impl Players {
     pub fn cast(&self, log: &Path) -> anyhow::Result<Cast> {
         let style = AgentStyle::parse(&self.agent);
         if style.is_none() && !POLICIES.iter().any(|(name, _)| *name == self.agent) {
-            let models = AgentStyle::ALL.map(|(style, what)| format!("  {:17} {what}", style.as_str()));
-            let known = POLICIES.iter().map(|(name, what)| format!("  {name:17} {what}")).chain(models);
-            bail!("no agent is called '{}'; there are\n{}", self.agent, known.collect::<Vec<_>>().join("\n"));
+            let models =
+                AgentStyle::ALL.map(|(style, what)| format!("  {:17} {what}", style.as_str()));
+            let known = POLICIES
+                .iter()
+                .map(|(name, what)| format!("  {name:17} {what}"))
+                .chain(models);
+            bail!(
+                "no agent is called '{}'; there are\n{}",
+                self.agent,
+                known.collect::<Vec<_>>().join("\n")
+            );
         }
-        let client = |model: &str, max_tokens: u32, logprobs: bool| -> anyhow::Result<Arc<Client>> {
-            let url = self.endpoint.as_deref().context("--endpoint is missing: where the model is")?;
-            let mut endpoint = Endpoint::new(url, model);
-            endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
-            endpoint.temperature = self.temperature;
-            endpoint.max_tokens = max_tokens;
-            endpoint.logprobs = logprobs;
-            endpoint.retries = self.retries;
-            endpoint.timeout = Duration::try_from_secs_f64(self.timeout).context("--timeout must be a time in seconds")?;
-            endpoint.extra = self.extra()?;
-            Ok(Arc::new(Client::new(endpoint, Arc::new(RealClock))?.with_log(CallLog::append(log)?)))
-        };
+        let client =
+            |model: &str, max_tokens: u32, logprobs: bool| -> anyhow::Result<Arc<Client>> {
+                let url = self
+                    .endpoint
+                    .as_deref()
+                    .context("--endpoint is missing: where the model is")?;
+                let mut endpoint = Endpoint::new(url, model);
+                endpoint.api_key = self.key_from.as_deref().map(ApiKey::from_env).transpose()?;
+                endpoint.temperature = self.temperature;
+                endpoint.max_tokens = max_tokens;
+                endpoint.logprobs = logprobs;
+                endpoint.retries = self.retries;
+                endpoint.timeout = Duration::try_from_secs_f64(self.timeout)
+                    .context("--timeout must be a time in seconds")?;
+                endpoint.extra = self.extra()?;
+                Ok(Arc::new(
+                    Client::new(endpoint, Arc::new(RealClock))?.with_log(CallLog::append(log)?),
+                ))
+            };
         let deciding = match style {
             Some(style) => {
-                let model = self.model.as_deref().with_context(|| format!("{} wants --endpoint and --model", self.agent))?;
+                let model = self
+                    .model
+                    .as_deref()
+                    .with_context(|| format!("{} wants --endpoint and --model", self.agent))?;
                 Some((style, client(model, self.max_tokens, self.logprobs)?))
             }
             None => None,
         };
-        let user = self.user_model.as_deref().map(|model| client(model, USER_TOKENS, false)).transpose()?;
-        let matcher = self.match_model.as_deref().map(|model| client(model, 0, false)).transpose()?;
+        let user = self
+            .user_model
+            .as_deref()
+            .map(|model| client(model, USER_TOKENS, false))
+            .transpose()?;
+        let matcher = self
+            .match_model
+            .as_deref()
+            .map(|model| client(model, 0, false))
+            .transpose()?;
         let prompt = self.prompt.prompt()?;
         Ok(Cast {
             agent: self.agent.clone(),
@@ -110,7 +139,9 @@ impl Players {
     }
 
     fn extra(&self) -> anyhow::Result<Map<String, Value>> {
-        let Some(text) = &self.request else { return Ok(Map::new()) };
+        let Some(text) = &self.request else {
+            return Ok(Map::new());
+        };
         serde_json::from_str(text).context("--request must be a JSON object, like '{\"top_p\": 1}'")
     }
 }
@@ -140,18 +171,34 @@ impl Cast {
         let outside = self.outside();
         match &self.deciding {
             Some((style, client)) => {
-                let policy = agent(*style, client.clone(), &self.prompt, job.config.profile.names(), job.config.seed);
+                let policy = agent(
+                    *style,
+                    client.clone(),
+                    &self.prompt,
+                    job.config.profile.names(),
+                    job.config.seed,
+                );
                 Ok(Seats { policy, outside })
             }
-            None => Ok(Seats { outside, ..builtin(job)? }),
+            None => Ok(Seats {
+                outside,
+                ..builtin(job)?
+            }),
         }
     }
 
     fn outside(&self) -> Outside {
-        let mut outside = Outside { user: None, matcher: None, settings: BTreeMap::new() };
+        let mut outside = Outside {
+            user: None,
+            matcher: None,
+            settings: BTreeMap::new(),
+        };
         if let Some(client) = &self.user {
             let prompt = ModelUser::prompt_digest().to_string();
-            outside.settings.insert("user".to_owned(), json!({"model": client.endpoint().model, "prompt": prompt}));
+            outside.settings.insert(
+                "user".to_owned(),
+                json!({"model": client.endpoint().model, "prompt": prompt}),
+            );
             outside.user = Some(Box::new(ModelUser::new(client.clone())));
         }
         if let Some((client, similarity)) = &self.matcher {

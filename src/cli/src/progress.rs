@@ -1,5 +1,5 @@
-//! Progress bars on stderr, quiet where that is no terminal. With `REEL_PROGRESS=json` in the environment, a line of JSON
-//! now and then instead, for whoever runs this command for others.
+//! Progress bars on stderr, quiet where that is no terminal. With `REEL_PROGRESS=json` in the
+//! environment, a line of JSON now and then instead, for whoever runs this command for others.
 
 use std::{
     env,
@@ -14,7 +14,11 @@ const JSON_HZ: u8 = 4;
 /// A bar over so many things.
 pub fn bar(count: usize, what: &str) -> ProgressBar {
     let bar = ProgressBar::new(count as u64);
-    show(&bar, "{msg:12} [{bar:40}] {pos}/{len}  {elapsed} elapsed, {eta} left", "{len}");
+    show(
+        &bar,
+        "{msg:12} [{bar:40}] {pos}/{len}  {elapsed} elapsed, {eta} left",
+        "{len}",
+    );
     bar.set_message(what.to_owned());
     bar
 }
@@ -29,12 +33,18 @@ pub fn spinner() -> ProgressBar {
 
 fn show(bar: &ProgressBar, for_people: &str, total: &str) {
     let in_json = env::var_os("REEL_PROGRESS").is_some_and(|form| form == "json");
-    let for_programs = format!(r#"{{{{"progress":{{{{"done":{{pos}},"total":{total},"what":"{{msg}}"}}}}}}}}"#);
-    if let Ok(style) = ProgressStyle::with_template(if in_json { &for_programs } else { for_people }) {
+    let for_programs =
+        format!(r#"{{{{"progress":{{{{"done":{{pos}},"total":{total},"what":"{{msg}}"}}}}}}}}"#);
+    if let Ok(style) =
+        ProgressStyle::with_template(if in_json { &for_programs } else { for_people })
+    {
         bar.set_style(style.progress_chars("=> "));
     }
     if in_json {
-        bar.set_draw_target(ProgressDrawTarget::term_like_with_hz(Box::new(Lines), JSON_HZ));
+        bar.set_draw_target(ProgressDrawTarget::term_like_with_hz(
+            Box::new(Lines),
+            JSON_HZ,
+        ));
     }
 }
 

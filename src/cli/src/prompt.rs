@@ -8,12 +8,14 @@ use reel_prompt::{Prompt, TEMPLATE, Wording};
 /// What a model is asked with, one user message a decision.
 #[derive(clap::Args)]
 pub struct PromptArguments {
-    /// Template of the prompts, with the placeholders of REAL's trainer: {SCENE_DESCRIPTION} {TASK} {TASK_PROGRESS}
-    /// {LAST_ACTION} {LAST_OBS} {max_ask_limit} {ask_count} {hand_state_description}. From a checkout of REAL it is
+    /// Template of the prompts, with the placeholders of REAL's trainer: {SCENE_DESCRIPTION} {TASK}
+    /// {TASK_PROGRESS} {LAST_ACTION} {LAST_OBS} {max_ask_limit} {ask_count}
+    /// {hand_state_description}. From a checkout of REAL it is
     /// training/mcp_gspo/prompts/real_grpo_prompt.txt; without this the one of Reel
     #[arg(long, value_name = "FILE")]
     prompt: Option<PathBuf>,
-    /// Fixed sentences around the values of the template, e.g. REAL's own: TOML, one key a sentence (docs/datasets.md)
+    /// Fixed sentences around the values of the template, e.g. REAL's own: TOML, one key a sentence
+    /// (docs/datasets.md)
     #[arg(long, value_name = "FILE")]
     prompt_sentences: Option<PathBuf>,
 }
@@ -27,15 +29,22 @@ impl PromptArguments {
         if self.prompt.is_none() && self.prompt_sentences.is_none() {
             return Ok(Prompt::builtin());
         }
-        let read = |path: &PathBuf| fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
+        let read = |path: &PathBuf| {
+            fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+        };
         let wording = match &self.prompt_sentences {
-            Some(path) => toml::from_str(&read(path)?).with_context(|| format!("--prompt-sentences {}", path.display()))?,
+            Some(path) => toml::from_str(&read(path)?)
+                .with_context(|| format!("--prompt-sentences {}", path.display()))?,
             None => Wording::default(),
         };
         let prompt = match &self.prompt {
             Some(path) => {
-                let name = path.file_name().map_or_else(|| "prompt".into(), |name| name.to_string_lossy().into_owned());
-                Prompt::new(name, &read(path)?, wording).with_context(|| format!("--prompt {}", path.display()))?
+                let name = path.file_name().map_or_else(
+                    || "prompt".into(),
+                    |name| name.to_string_lossy().into_owned(),
+                );
+                Prompt::new(name, &read(path)?, wording)
+                    .with_context(|| format!("--prompt {}", path.display()))?
             }
             None => Prompt::new("reel", TEMPLATE, wording)?,
         };

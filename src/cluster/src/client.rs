@@ -25,7 +25,8 @@ use crate::{
 pub(crate) const PORT: u16 = 50050;
 /// How long a scheduler may take to answer the door.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Groups of traces in one job: an answer comes when the job is done, so few; a job costs a while, so not one.
+/// Groups of traces in one job: an answer comes when the job is done, so few; a job costs a while,
+/// so not one.
 const GROUPS_IN_JOB: usize = 64;
 /// Jobs under way at a time: while the last parts of one are worked off, the next one is.
 const JOBS_AHEAD: usize = 2;
@@ -51,14 +52,27 @@ impl Address {
     /// # Errors
     /// When it is none of these.
     pub fn parse(text: &str) -> Result<Self, ClusterError> {
-        let wrong = |reason: String| ClusterError::Address { text: text.to_owned(), reason };
-        let whole = if text.contains("://") { text.to_owned() } else { format!("df://{text}") };
+        let wrong = |reason: String| ClusterError::Address {
+            text: text.to_owned(),
+            reason,
+        };
+        let whole = if text.contains("://") {
+            text.to_owned()
+        } else {
+            format!("df://{text}")
+        };
         let url = Url::parse(&whole).map_err(|error| wrong(error.to_string()))?;
         if !["df", "http"].contains(&url.scheme()) {
             return Err(wrong(format!("'{}://' is not served", url.scheme())));
         }
-        let host = url.host_str().filter(|host| !host.is_empty()).ok_or_else(|| wrong("it names no host".to_owned()))?;
-        Ok(Self { host: host.to_owned(), port: url.port().unwrap_or(PORT) })
+        let host = url
+            .host_str()
+            .filter(|host| !host.is_empty())
+            .ok_or_else(|| wrong("it names no host".to_owned()))?;
+        Ok(Self {
+            host: host.to_owned(),
+            port: url.port().unwrap_or(PORT),
+        })
     }
 }
 
@@ -79,17 +93,33 @@ pub struct Cluster {
 }
 
 impl Cluster {
-    /// The cluster of a scheduler; `build` names this program, and executors of another one do no work for it. `trouble` hears why
-    /// work is done again.
+    /// The cluster of a scheduler; `build` names this program, and executors of another one do no
+    /// work for it. `trouble` hears why work is done again.
     ///
     /// # Errors
     /// When no scheduler answers there.
-    pub fn connect(address: &Address, build: &str, trouble: fn(&str)) -> Result<Self, ClusterError> {
-        let silent = |reason: String| ClusterError::Silent { address: address.to_string(), reason };
-        let mut places = (address.host.as_str(), address.port).to_socket_addrs().map_err(|error| silent(error.to_string()))?;
-        let place = places.next().ok_or_else(|| silent("the name has no address".to_owned()))?;
+    pub fn connect(
+        address: &Address,
+        build: &str,
+        trouble: fn(&str),
+    ) -> Result<Self, ClusterError> {
+        let silent = |reason: String| ClusterError::Silent {
+            address: address.to_string(),
+            reason,
+        };
+        let mut places = (address.host.as_str(), address.port)
+            .to_socket_addrs()
+            .map_err(|error| silent(error.to_string()))?;
+        let place = places
+            .next()
+            .ok_or_else(|| silent("the name has no address".to_owned()))?;
         TcpStream::connect_timeout(&place, PATIENCE).map_err(|error| silent(error.to_string()))?;
-        Ok(Self { url: format!("http://{address}"), address: address.clone(), build: build.to_owned(), trouble })
+        Ok(Self {
+            url: format!("http://{address}"),
+            address: address.clone(),
+            build: build.to_owned(),
+            trouble,
+        })
     }
 
     /// The engine of sessions that let the cluster answer: `Session::elsewhere`.
@@ -98,12 +128,13 @@ impl Cluster {
         Box::new(move |state: SessionState| engine::engine(state, &url))
     }
 
-    /// Does work on groups of traces; `take` gets each group's answer once, in their order. What fails because a
-    /// machine or the scheduler went away is done again, for some minutes. Ctrl-C calls it off.
+    /// Does work on groups of traces; `take` gets each group's answer once, in their order. What
+    /// fails because a machine or the scheduler went away is done again, for some minutes. Ctrl-C
+    /// calls it off.
     ///
     /// # Errors
-    /// When an executor refuses, the cluster stays away, or somebody called it off; what `take` says. Some groups were handed on
-    /// then.
+    /// When an executor refuses, the cluster stays away, or somebody called it off; what `take`
+    /// says. Some groups were handed on then.
     pub fn work<E: From<ClusterError>>(
         &self,
         work: &str,
@@ -111,12 +142,19 @@ impl Cluster {
         groups: &[Vec<PathBuf>],
         mut take: impl FnMut(Vec<u8>) -> Result<(), E>,
     ) -> Result<(), E> {
-        let failed = |reason: String| ClusterError::Run { what: "the cluster cannot be asked", reason };
+        let failed = |reason: String| ClusterError::Run {
+            what: "the cluster cannot be asked",
+            reason,
+        };
         let runtime = runtime().map_err(|error| failed(error.to_string()))?;
-        let numbered: Vec<(usize, &[PathBuf])> = groups.iter().map(Vec::as_slice).enumerate().collect();
+        let numbered: Vec<(usize, &[PathBuf])> =
+            groups.iter().map(Vec::as_slice).enumerate().collect();
         let (sender, receiver) = mpsc::sync_channel(0);
         let ask = async move {
-            let jobs: Vec<_> = numbered.chunks(GROUPS_IN_JOB).map(|groups| self.job(work, options, groups)).collect();
+            let jobs: Vec<_> = numbered
+                .chunks(GROUPS_IN_JOB)
+                .map(|groups| self.job(work, options, groups))
+                .collect();
             let mut jobs = stream::iter(jobs).buffered(JOBS_AHEAD);
             loop {
                 let answers = tokio::select! {
@@ -125,7 +163,8 @@ impl Cluster {
                 };
                 let Some(answers) = answers else { return };
                 let last = answers.is_err();
-                // whoever takes them is not on a thread of the runtime, and may wait; when it takes no more, jobs are called off
+                // whoever takes them is not on a thread of the runtime, and may wait; when it takes
+                // no more, jobs are called off
                 if sender.send(answers).is_err() || last {
                     return;
                 }
@@ -139,19 +178,29 @@ impl Cluster {
     }
 
     /// Groups of traces in one job, which is done again where it fails.
-    async fn job(&self, work: &str, options: &str, groups: &[(usize, &[PathBuf])]) -> Result<Vec<Vec<u8>>, ClusterError> {
+    async fn job(
+        &self,
+        work: &str,
+        options: &str,
+        groups: &[(usize, &[PathBuf])],
+    ) -> Result<Vec<Vec<u8>>, ClusterError> {
         let mut first_failure = None;
         loop {
             let reason = match self.try_job(work, options, groups).await {
                 Ok(mut answers) => {
                     answers.sort_by_key(|(number, _)| *number);
                     let answers = answers.into_iter().map(|(_, answer)| answer);
-                    return answers.collect::<Result<_, String>>().map_err(|reason| ClusterError::Refused { reason });
+                    return answers
+                        .collect::<Result<_, String>>()
+                        .map_err(|reason| ClusterError::Refused { reason });
                 }
                 Err(error) => error.to_string(),
             };
             if first_failure.get_or_insert_with(Instant::now).elapsed() > TRY_AGAIN {
-                return Err(ClusterError::Lost { address: self.address.to_string(), reason });
+                return Err(ClusterError::Lost {
+                    address: self.address.to_string(),
+                    reason,
+                });
             }
             (self.trouble)(&reason);
             tokio::time::sleep(WAIT).await;
@@ -180,7 +229,9 @@ impl Cluster {
 
 impl std::fmt::Debug for Cluster {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Cluster").field("address", &self.address).finish_non_exhaustive()
+        f.debug_struct("Cluster")
+            .field("address", &self.address)
+            .finish_non_exhaustive()
     }
 }
 
@@ -195,7 +246,10 @@ mod tests {
         assert_eq!(parsed("lab:7").unwrap(), "lab:7");
         assert_eq!(parsed("df://lab:7").unwrap(), "lab:7");
         for wrong in ["", "https://lab", "lab:seven", "df://"] {
-            assert!(parsed(wrong).unwrap_err().to_string().contains("host:port"), "{wrong}");
+            assert!(
+                parsed(wrong).unwrap_err().to_string().contains("host:port"),
+                "{wrong}"
+            );
         }
     }
 }

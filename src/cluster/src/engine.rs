@@ -1,5 +1,5 @@
-//! The engine of who asks: plans run on the cluster, and are called off there where nobody waits for their end any more, on
-//! Ctrl-C, at a limit, or when enough was read.
+//! The engine of who asks: plans run on the cluster, and are called off there where nobody waits
+//! for their end any more, on Ctrl-C, at a limit, or when enough was read.
 
 use std::{
     pin::Pin,
@@ -29,7 +29,8 @@ use datafusion::{
     },
     error::{DataFusionError, Result},
     execution::{
-        RecordBatchStream, SendableRecordBatchStream, SessionState, SessionStateBuilder, TaskContext, context::QueryPlanner,
+        RecordBatchStream, SendableRecordBatchStream, SessionState, SessionStateBuilder,
+        TaskContext, context::QueryPlanner,
     },
     logical_expr::{Expr, LogicalPlan, LogicalPlanBuilder},
     physical_expr::PhysicalExpr,
@@ -46,7 +47,8 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 type OnCluster = DistributedQueryExec<LogicalPlanNode>;
 
-/// Makes of a session's state one whose plans run on the cluster. Functions of ours are to be added afterwards.
+/// Makes of a session's state one whose plans run on the cluster. Functions of ours are to be added
+/// afterwards.
 pub(crate) fn engine(state: SessionState, url: &str) -> Result<SessionState> {
     let config = state
         .config()
@@ -60,9 +62,15 @@ pub(crate) fn engine(state: SessionState, url: &str) -> Result<SessionState> {
         // who is told of a job when it ends knows no name to call it off by
         .set_bool(BALLISTA_CLIENT_PULL, true);
     let ballista = BallistaQueryPlanner::new(url.to_owned(), config.ballista_config());
-    let planner = Planner { ballista, url: url.to_owned() };
+    let planner = Planner {
+        ballista,
+        url: url.to_owned(),
+    };
     let config = config.with_ballista_query_planner(Arc::new(planner));
-    SessionStateBuilder::new_from_existing(state).with_config(config).build().upgrade_for_ballista(url.to_owned())
+    SessionStateBuilder::new_from_existing(state)
+        .with_config(config)
+        .build()
+        .upgrade_for_ballista(url.to_owned())
 }
 
 #[derive(Debug)]
@@ -73,35 +81,63 @@ struct Planner {
 
 #[async_trait]
 impl QueryPlanner for Planner {
-    async fn create_physical_plan(&self, plan: &LogicalPlan, session: &dyn Session) -> Result<Arc<dyn ExecutionPlan>> {
+    async fn create_physical_plan(
+        &self,
+        plan: &LogicalPlan,
+        session: &dyn Session,
+    ) -> Result<Arc<dyn ExecutionPlan>> {
         if let LogicalPlan::EmptyRelation(_) = plan {
-            return DefaultPhysicalPlanner::default().create_physical_plan(plan, session).await;
+            return DefaultPhysicalPlanner::default()
+                .create_physical_plan(plan, session)
+                .await;
         }
-        let planned = self.ballista.create_physical_plan(&sent(plan)?, session).await?;
+        let planned = self
+            .ballista
+            .create_physical_plan(&sent(plan)?, session)
+            .await?;
         Ok(match planned.downcast_ref::<OnCluster>() {
-            Some(_) => Arc::new(Watched { planned, url: self.url.clone() }),
+            Some(_) => Arc::new(Watched {
+                planned,
+                url: self.url.clone(),
+            }),
             None => planned,
         })
     }
 }
 
-/// A plan as it survives being sent: of a relation without rows the columns would not arrive, nor would its job ever end. A row of
-/// nulls, that nobody may know to be filtered out before it is, stands for it.
+/// A plan as it survives being sent: of a relation without rows the columns would not arrive, nor
+/// would its job ever end. A row of nulls, that nobody may know to be filtered out before it is,
+/// stands for it.
 fn sent(plan: &LogicalPlan) -> Result<LogicalPlan> {
     let told = |node: LogicalPlan| {
-        let LogicalPlan::EmptyRelation(empty) = &node else { return Ok(Transformed::no(node)) };
+        let LogicalPlan::EmptyRelation(empty) = &node else {
+            return Ok(Transformed::no(node));
+        };
         if empty.produce_one_row || empty.schema.fields().is_empty() {
             return Ok(Transformed::no(node));
         }
-        let nothing = |field: &FieldRef| Ok(Expr::Literal(ScalarValue::try_from(field.data_type())?, None));
-        let row = empty.schema.fields().iter().map(nothing).collect::<Result<Vec<Expr>>>()?;
+        let nothing = |field: &FieldRef| {
+            Ok(Expr::Literal(
+                ScalarValue::try_from(field.data_type())?,
+                None,
+            ))
+        };
+        let row = empty
+            .schema
+            .fields()
+            .iter()
+            .map(nothing)
+            .collect::<Result<Vec<Expr>>>()?;
         let values = LogicalPlanBuilder::values(vec![row])?;
         let columns = values.schema().columns();
         let values = values.filter(Expr::Column(columns[0].clone()).is_not_null())?;
         let names = columns.into_iter().zip(empty.schema.iter());
-        let named =
-            names.map(|(column, (relation, field))| Expr::Column(column).alias_qualified(relation.cloned(), field.name()));
-        Ok(Transformed::yes(values.project(named.collect::<Vec<Expr>>())?.build()?))
+        let named = names.map(|(column, (relation, field))| {
+            Expr::Column(column).alias_qualified(relation.cloned(), field.name())
+        });
+        Ok(Transformed::yes(
+            values.project(named.collect::<Vec<Expr>>())?.build()?,
+        ))
     };
     Ok(plan.clone().transform_down_with_subqueries(told)?.data)
 }
@@ -139,13 +175,25 @@ impl ExecutionPlan for Watched {
         Ok(TreeNodeRecursion::Continue)
     }
 
-    fn with_new_children(self: Arc<Self>, _: Vec<Arc<dyn ExecutionPlan>>) -> Result<Arc<dyn ExecutionPlan>> {
+    fn with_new_children(
+        self: Arc<Self>,
+        _: Vec<Arc<dyn ExecutionPlan>>,
+    ) -> Result<Arc<dyn ExecutionPlan>> {
         Ok(self)
     }
 
-    fn execute(&self, partition: usize, context: Arc<TaskContext>) -> Result<SendableRecordBatchStream> {
+    fn execute(
+        &self,
+        partition: usize,
+        context: Arc<TaskContext>,
+    ) -> Result<SendableRecordBatchStream> {
         let answer = self.planned.execute(partition, context)?;
-        Ok(Box::pin(Answer { answer, planned: self.planned.clone(), url: self.url.clone(), ended: false }))
+        Ok(Box::pin(Answer {
+            answer,
+            planned: self.planned.clone(),
+            url: self.url.clone(),
+            ended: false,
+        }))
     }
 }
 
@@ -165,7 +213,9 @@ impl Stream for Answer {
         self.ended |= matches!(next, Poll::Ready(None | Some(Err(_))));
         next.map_err(|error| {
             let reason = error.strip_backtrace();
-            DataFusionError::Execution(format!("the cluster gave no answer: {reason}; if a machine went away, ask again"))
+            DataFusionError::Execution(format!(
+                "the cluster gave no answer: {reason}; if a machine went away, ask again"
+            ))
         })
     }
 }
@@ -178,12 +228,23 @@ impl RecordBatchStream for Answer {
 
 impl Drop for Answer {
     fn drop(&mut self) {
-        let job = self.planned.downcast_ref::<OnCluster>().and_then(OnCluster::job_id);
-        let Some(job) = job.filter(|_| !self.ended) else { return };
+        let job = self
+            .planned
+            .downcast_ref::<OnCluster>()
+            .and_then(OnCluster::job_id);
+        let Some(job) = job.filter(|_| !self.ended) else {
+            return;
+        };
         let (url, job_id) = (self.url.clone(), job.to_string());
-        // a thread of its own: whoever drops this may be about to end, and need not be where one can wait
+        // a thread of its own: whoever drops this may be about to end, and need not be where one
+        // can wait
         let call_off = thread::spawn(move || {
-            let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
+            let Ok(runtime) = tokio::runtime::Builder::new_current_thread()
+                .enable_all()
+                .build()
+            else {
+                return;
+            };
             let called_off = async {
                 let mut scheduler = SchedulerGrpcClient::connect(url).await.ok()?;
                 scheduler.cancel_job(CancelJobParams { job_id }).await.ok()

@@ -2,7 +2,10 @@
 
 use std::{net::SocketAddr, path::PathBuf, sync::Arc};
 
-use ballista_core::{config::TaskSchedulingPolicy, extension::SessionConfigExt as _, registry::BallistaFunctionRegistry};
+use ballista_core::{
+    config::TaskSchedulingPolicy, extension::SessionConfigExt as _,
+    registry::BallistaFunctionRegistry,
+};
 use ballista_executor::executor_process::{ExecutorProcessConfig, start_executor_process};
 use datafusion::prelude::SessionConfig;
 use reel_query::{Opens, every_function};
@@ -22,7 +25,8 @@ pub struct Executor {
     pub threads: usize,
     /// Memory for sorts, joins and aggregations, in bytes; none: most of what there is.
     pub memory_bytes: Option<u64>,
-    /// Where parts of answers lie until they are fetched; none: a folder that goes with the process.
+    /// Where parts of answers lie until they are fetched; none: a folder that goes with the
+    /// process.
     pub work: Option<PathBuf>,
     /// Folders and places in buckets whose traces may be opened.
     pub traces: Vec<PathBuf>,
@@ -37,12 +41,25 @@ pub struct Executor {
 /// # Errors
 /// When it cannot listen, or there is no scheduler.
 pub fn run(executor: &Executor) -> Result<(), ClusterError> {
-    let failed = |reason: String| ClusterError::Run { what: "the executor ended", reason };
+    let failed = |reason: String| ClusterError::Run {
+        what: "the executor ended",
+        reason,
+    };
     let environment = files::environment().map_err(|error| failed(error.to_string()))?;
     let opens = Opens::Below(executor.traces.clone());
-    let mut functions = every_function(SessionConfig::new_with_ballista(), environment, opens.clone());
-    let worker = Worker { build: executor.build.clone(), works: executor.works.clone(), opens };
-    worker.equip(&mut functions).map_err(|error| failed(error.to_string()))?;
+    let mut functions = every_function(
+        SessionConfig::new_with_ballista(),
+        environment,
+        opens.clone(),
+    );
+    let worker = Worker {
+        build: executor.build.clone(),
+        works: executor.works.clone(),
+        opens,
+    };
+    worker
+        .equip(&mut functions)
+        .map_err(|error| failed(error.to_string()))?;
     let config = ExecutorProcessConfig {
         bind_host: executor.listen.ip().to_string(),
         external_host: Some(executor.advertise.clone()),
@@ -54,7 +71,10 @@ pub fn run(executor: &Executor) -> Result<(), ClusterError> {
         scheduler_connect_timeout_seconds: 30,
         vcores: executor.threads,
         task_scheduling_policy: TaskSchedulingPolicy::PullStaged,
-        work_dir: executor.work.as_ref().map(|folder| folder.display().to_string()),
+        work_dir: executor
+            .work
+            .as_ref()
+            .map(|folder| folder.display().to_string()),
         grpc_max_decoding_message_size: MESSAGE_BYTES as u32,
         grpc_max_encoding_message_size: MESSAGE_BYTES as u32,
         memory_pool_size: executor.memory_bytes,
@@ -64,7 +84,12 @@ pub fn run(executor: &Executor) -> Result<(), ClusterError> {
         ..ExecutorProcessConfig::default()
     };
     // the functions that call the simulator work on several traces at a time
-    rayon::ThreadPoolBuilder::new().num_threads(executor.threads).build_global().map_err(|error| failed(error.to_string()))?;
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(executor.threads)
+        .build_global()
+        .map_err(|error| failed(error.to_string()))?;
     let runtime = runtime().map_err(|error| failed(error.to_string()))?;
-    runtime.block_on(start_executor_process(Arc::new(config))).map_err(|error| failed(error.to_string()))
+    runtime
+        .block_on(start_executor_process(Arc::new(config)))
+        .map_err(|error| failed(error.to_string()))
 }

@@ -1,4 +1,5 @@
-//! The files of plans: local ones, and buckets as the environment describes them. Opens nothing before it is asked for.
+//! The files of plans: local ones, and buckets as the environment describes them. Opens nothing
+//! before it is asked for.
 
 use std::sync::Arc;
 
@@ -15,7 +16,9 @@ use url::Url;
 
 /// What plans run in.
 pub(crate) fn environment() -> Result<Arc<RuntimeEnv>> {
-    RuntimeEnvBuilder::new().with_object_store_registry(Arc::new(Places::default())).build_arc()
+    RuntimeEnvBuilder::new()
+        .with_object_store_registry(Arc::new(Places::default()))
+        .build_arc()
 }
 
 /// Every place that a plan may name.
@@ -31,7 +34,10 @@ impl ObjectStoreRegistry for Places {
     fn get_store(&self, url: &Url) -> Result<Arc<dyn ObjectStore>> {
         match url.scheme() {
             "file" => Ok(Arc::new(LocalFileSystem::new())),
-            _ => self.0.bucket(url).map_err(|error| DataFusionError::External(Box::new(error))),
+            _ => self
+                .0
+                .bucket(url)
+                .map_err(|error| DataFusionError::External(Box::new(error))),
         }
     }
 }

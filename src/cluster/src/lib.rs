@@ -1,7 +1,9 @@
-//! Questions answered by many machines: a scheduler, executors and the engine of sessions that ask them, all of Ballista.
+//! Questions answered by many machines: a scheduler, executors and the engine of sessions that ask
+//! them, all of Ballista.
 //!
-//! A store's files have to be where every machine sees them under the same name: in a bucket, or in a folder that all share. What
-//! an executor may open besides, for functions that call the simulator, it is told when it starts.
+//! A store's files have to be where every machine sees them under the same name: in a bucket, or in
+//! a folder that all share. What an executor may open besides, for functions that call the
+//! simulator, it is told when it starts.
 //!
 //! Knows no SQL and no table: sessions plan as they do alone, and plans name files.
 
@@ -22,7 +24,10 @@ pub use work::Work;
 
 /// What scheduler and executors run in: plans are walked by recursion.
 fn runtime() -> std::io::Result<Runtime> {
-    Builder::new_multi_thread().thread_stack_size(STACK_BYTES).enable_all().build()
+    Builder::new_multi_thread()
+        .thread_stack_size(STACK_BYTES)
+        .enable_all()
+        .build()
 }
 
 /// Why there is no cluster.
@@ -51,7 +56,9 @@ pub enum ClusterError {
         reason: String,
     },
     /// Work failed for so long that it is given up.
-    #[error("the cluster of {address} does not get this done: {reason}; what was done before is kept, ask again when it is well")]
+    #[error(
+        "the cluster of {address} does not get this done: {reason}; what was done before is kept, ask again when it is well"
+    )]
     Lost {
         /// Of the scheduler.
         address: String,

@@ -3,7 +3,9 @@
 use std::{net::SocketAddr, sync::Arc};
 
 use ballista_core::{config::TaskSchedulingPolicy, extension::SessionConfigExt as _};
-use ballista_scheduler::{cluster::BallistaCluster, config::SchedulerConfig, scheduler_process::start_server};
+use ballista_scheduler::{
+    cluster::BallistaCluster, config::SchedulerConfig, scheduler_process::start_server,
+};
 use datafusion::prelude::SessionConfig;
 use reel_query::{Opens, every_function};
 
@@ -25,7 +27,10 @@ pub struct Scheduler {
 /// # Errors
 /// When it cannot listen.
 pub fn run(scheduler: &Scheduler) -> Result<(), ClusterError> {
-    let failed = |reason: String| ClusterError::Run { what: "the scheduler ended", reason };
+    let failed = |reason: String| ClusterError::Run {
+        what: "the scheduler ended",
+        reason,
+    };
     let config = SchedulerConfig {
         bind_host: scheduler.listen.ip().to_string(),
         bind_port: scheduler.listen.port(),

@@ -1,4 +1,5 @@
-//! Work on traces that is no SQL: done by executors under a name, in parcels that come back as bytes.
+//! Work on traces that is no SQL: done by executors under a name, in parcels that come back as
+//! bytes.
 
 use std::{borrow::Cow, path::PathBuf, sync::Arc, thread};
 
@@ -11,7 +12,8 @@ use datafusion::{
     error::Result,
     execution::{FunctionRegistry as _, SessionState},
     logical_expr::{
-        ColumnarValue, Expr, LogicalPlan, LogicalPlanBuilder, ScalarUDF, Union, Volatility, create_udf, expr::ScalarFunction,
+        ColumnarValue, Expr, LogicalPlan, LogicalPlanBuilder, ScalarUDF, Union, Volatility,
+        create_udf, expr::ScalarFunction,
     },
     prelude::{col, lit},
 };
@@ -30,9 +32,11 @@ const REFUSED: u8 = 1;
 pub struct Work {
     /// What it is called.
     pub name: &'static str,
-    /// Whether it is given traces, which an executor has to be allowed to open; else names that options explain.
+    /// Whether it is given traces, which an executor has to be allowed to open; else names that
+    /// options explain.
     pub traces: bool,
-    /// Does it with some of them. Options and answer are for whoever asks, which is the same build of Reel.
+    /// Does it with some of them. Options and answer are for whoever asks, which is the same build
+    /// of Reel.
     pub run: Arc<Run>,
 }
 
@@ -69,7 +73,11 @@ pub(crate) struct Worker {
 impl Worker {
     /// Of who only passes plans on.
     pub(crate) fn nobody() -> Self {
-        Self { build: String::new(), works: Vec::new(), opens: Opens::Nothing }
+        Self {
+            build: String::new(),
+            works: Vec::new(),
+            opens: Opens::Nothing,
+        }
     }
 
     /// Adds the function to what an engine knows.
@@ -91,19 +99,35 @@ impl Worker {
             Ok(ColumnarValue::Array(Arc::new(answers.finish()) as ArrayRef))
         };
         // volatile: nobody may work it out while planning
-        create_udf(NAME, vec![DataType::Utf8], DataType::Binary, Volatility::Volatile, Arc::new(work))
+        create_udf(
+            NAME,
+            vec![DataType::Utf8],
+            DataType::Binary,
+            Volatility::Volatile,
+            Arc::new(work),
+        )
     }
 
     fn answer(&self, parcel: &str) -> Result<Vec<u8>, String> {
-        let parcel: Parcel<'_> = serde_json::from_str(parcel).map_err(|error| format!("this is no work: {error}"))?;
+        let parcel: Parcel<'_> =
+            serde_json::from_str(parcel).map_err(|error| format!("this is no work: {error}"))?;
         if parcel.build != self.build {
             let (theirs, ours) = (&parcel.build, &self.build);
-            return Err(format!("an executor is of build {ours}, who asks is of build {theirs}: both have to be the same"));
+            return Err(format!(
+                "an executor is of build {ours}, who asks is of build {theirs}: both have to be the same"
+            ));
         }
         let Some(work) = self.works.iter().find(|work| work.name == parcel.work) else {
-            return Err(format!("an executor knows no work called '{}'", parcel.work));
+            return Err(format!(
+                "an executor knows no work called '{}'",
+                parcel.work
+            ));
         };
-        if let Some(trace) = parcel.traces.iter().find(|trace| work.traces && !self.opens.allows(trace)) {
+        if let Some(trace) = parcel
+            .traces
+            .iter()
+            .find(|trace| work.traces && !self.opens.allows(trace))
+        {
             let trace = trace.display();
             return Err(format!(
                 "an executor may not open {trace}: its folder is none of those named by `reel cluster executor --traces`"
@@ -113,14 +137,22 @@ impl Worker {
         let thread = thread::Builder::new().stack_size(STACK_BYTES);
         let done = thread::scope(|scope| {
             let thread = thread.spawn_scoped(scope, || (work.run)(&parcel.traces, &parcel.options));
-            Ok(thread.map_err(|error| format!("an executor cannot start a thread: {error}"))?.join())
+            Ok(thread
+                .map_err(|error| format!("an executor cannot start a thread: {error}"))?
+                .join())
         });
-        let panicked = || format!("'{}' panicked on an executor; do it without the cluster and report what it prints", work.name);
+        let panicked = || {
+            format!(
+                "'{}' panicked on an executor; do it without the cluster and report what it prints",
+                work.name
+            )
+        };
         done.and_then(|done| done.unwrap_or_else(|_| Err(panicked())))
     }
 }
 
-/// A plan that does work on groups of traces, each group a part of its own, and gives the group's number with its answer.
+/// A plan that does work on groups of traces, each group a part of its own, and gives the group's
+/// number with its answer.
 pub(crate) fn plan(
     build: &str,
     work: &str,
@@ -136,12 +168,23 @@ pub(crate) fn plan(
             options: options.into(),
             traces: traces.to_vec(),
         });
-        let parcel = parcel.map_err(|error| datafusion::error::DataFusionError::External(Box::new(error)))?;
+        let parcel = parcel
+            .map_err(|error| datafusion::error::DataFusionError::External(Box::new(error)))?;
         let values = LogicalPlanBuilder::values(vec![vec![lit(*number as i64), lit(parcel)]])?;
-        let done = Expr::ScalarFunction(ScalarFunction::new_udf(function.clone(), vec![col("column2")]));
-        Ok(Arc::new(values.project([col("column1"), done.alias("answer")])?.build()?))
+        let done = Expr::ScalarFunction(ScalarFunction::new_udf(
+            function.clone(),
+            vec![col("column2")],
+        ));
+        Ok(Arc::new(
+            values
+                .project([col("column1"), done.alias("answer")])?
+                .build()?,
+        ))
     };
-    let mut parts = groups.iter().map(one).collect::<Result<Vec<Arc<LogicalPlan>>>>()?;
+    let mut parts = groups
+        .iter()
+        .map(one)
+        .collect::<Result<Vec<Arc<LogicalPlan>>>>()?;
     match parts.len() {
         1 => Ok(Arc::unwrap_or_clone(parts.remove(0))),
         _ => Ok(LogicalPlan::Union(Union::try_new_with_loose_types(parts)?)),
@@ -152,12 +195,17 @@ pub(crate) fn plan(
 pub(crate) fn answers(batches: &[RecordBatch]) -> Result<Answers> {
     let mut answers = Vec::new();
     for batch in batches {
-        let (numbers, bytes) = (batch.column(0).as_primitive::<Int64Type>(), batch.column(1).as_binary::<i32>());
+        let (numbers, bytes) = (
+            batch.column(0).as_primitive::<Int64Type>(),
+            batch.column(1).as_binary::<i32>(),
+        );
         for row in 0..batch.num_rows() {
             let number = numbers.value(row) as usize;
             answers.push(match bytes.value(row).split_first() {
                 Some((&DONE, answer)) => (number, Ok(answer.to_vec())),
-                Some((&REFUSED, reason)) => (number, Err(String::from_utf8_lossy(reason).into_owned())),
+                Some((&REFUSED, reason)) => {
+                    (number, Err(String::from_utf8_lossy(reason).into_owned()))
+                }
                 _ => return exec_err!("an executor gave an empty answer"),
             });
         }

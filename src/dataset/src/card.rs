@@ -1,5 +1,5 @@
-//! What a dataset says of itself to people: `README.md` as Hugging Face reads it, and `dataset_info.json` for LLaMA-Factory.
-//! Only what the manifest holds; no clock.
+//! What a dataset says of itself to people: `README.md` as Hugging Face reads it, and
+//! `dataset_info.json` for LLaMA-Factory. Only what the manifest holds; no clock.
 
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
@@ -12,7 +12,8 @@ pub const CARD: &str = "README.md";
 /// LLaMA-Factory's list of datasets.
 pub const DATASET_INFO: &str = "dataset_info.json";
 
-/// Writes the card, and `dataset_info.json` where the format wants it. Before [`Manifest::write`], which digests them.
+/// Writes the card, and `dataset_info.json` where the format wants it. Before [`Manifest::write`],
+/// which digests them.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -34,7 +35,11 @@ pub fn dataset_info(manifest: &Manifest) -> String {
         columns["tools"] = "tools".into();
     }
     let entry = |split: &Split| json!({ "file_name": split.as_str(), "formatting": "sharegpt", "columns": columns });
-    let entries: Map<String, Value> = manifest.shards.keys().map(|split| (info_name(manifest, *split), entry(split))).collect();
+    let entries: Map<String, Value> = manifest
+        .shards
+        .keys()
+        .map(|split| (info_name(manifest, *split), entry(split)))
+        .collect();
     format!("{:#}\n", Value::Object(entries))
 }
 
@@ -55,12 +60,20 @@ pub fn card(manifest: &Manifest) -> String {
         match manifest.style {
             Style::SingleTurn => "one user turn a decision with the latest pictures",
             Style::MultiTurn => "a whole episode each, with native tool calls",
-            Style::MultiTurnPrefix => "a conversation up to one decision each, with native tool calls",
+            Style::MultiTurnPrefix =>
+                "a conversation up to one decision each, with native tool calls",
         },
         manifest.format.as_str(),
         manifest.format.description(),
     );
-    table(&mut text, "Split", counts.splits.iter().map(|(split, count)| (split.as_str(), *count)));
+    table(
+        &mut text,
+        "Split",
+        counts
+            .splits
+            .iter()
+            .map(|(split, count)| (split.as_str(), *count)),
+    );
     table(&mut text, "Family", named(&counts.families));
     table(&mut text, "Tool", named(&counts.tools));
     let _ = write!(
@@ -71,20 +84,36 @@ pub fn card(manifest: &Manifest) -> String {
         manifest.command,
         manifest.table_version,
         match &manifest.prompt_template {
-            Some(template) => format!(", with the prompt template `{}` (BLAKE3 `{}`)", template.name, template.blake3),
+            Some(template) => format!(
+                ", with the prompt template `{}` (BLAKE3 `{}`)",
+                template.name, template.blake3
+            ),
             None => String::new(),
         },
-        if manifest.format.holds_provenance() { " in `provenance`" } else { " in the files under `provenance/`, line by line" },
+        if manifest.format.holds_provenance() {
+            " in `provenance`"
+        } else {
+            " in the files under `provenance/`, line by line"
+        },
     );
     table(&mut text, "Verdict", named(&counts.verdicts));
     table(&mut text, "Policy", named(&counts.policies));
-    table(&mut text, "Reasoning and History by", named(&counts.annotators));
+    table(
+        &mut text,
+        "Reasoning and History by",
+        named(&counts.annotators),
+    );
     if !manifest.left_out.is_empty() {
         table(&mut text, "Left out because", named(&manifest.left_out));
     }
     lengths(&mut text, manifest);
     leakage(&mut text, manifest);
-    let _ = write!(text, "\n## Loading\n\n```{}\n{}```\n", loading_language(manifest.format), loading(manifest));
+    let _ = write!(
+        text,
+        "\n## Loading\n\n```{}\n{}```\n",
+        loading_language(manifest.format),
+        loading(manifest)
+    );
     let _ = write!(text, "\n## Licence\n\n`{}`\n", manifest.licence);
     text
 }
@@ -104,14 +133,28 @@ fn front_matter(manifest: &Manifest) -> String {
         licence = crate::json::quoted(&manifest.licence.to_lowercase()),
     );
     for split in manifest.shards.keys() {
-        let _ = writeln!(text, "  - split: {0}\n    path: \"{0}/*.{1}\"", split.as_str(), manifest.format.extension());
+        let _ = writeln!(
+            text,
+            "  - split: {0}\n    path: \"{0}/*.{1}\"",
+            split.as_str(),
+            manifest.format.extension()
+        );
     }
     text.push_str("---\n");
     text
 }
 
 fn named(counts: &BTreeMap<String, u64>) -> impl Iterator<Item = (&str, u64)> {
-    counts.iter().map(|(name, count)| (if name.is_empty() { "(none)" } else { name.as_str() }, *count))
+    counts.iter().map(|(name, count)| {
+        (
+            if name.is_empty() {
+                "(none)"
+            } else {
+                name.as_str()
+            },
+            *count,
+        )
+    })
 }
 
 fn table<'r>(text: &mut String, title: &str, rows: impl Iterator<Item = (&'r str, u64)>) {
@@ -122,7 +165,9 @@ fn table<'r>(text: &mut String, title: &str, rows: impl Iterator<Item = (&'r str
 }
 
 fn lengths(text: &mut String, manifest: &Manifest) {
-    let Some(tokens) = &manifest.tokens else { return };
+    let Some(tokens) = &manifest.tokens else {
+        return;
+    };
     let _ = write!(
         text,
         "\n## Length\n\nTokens by {}; a picture has one for each {side} x {side} pixels. The longest example has {}; {} of {} are over \
@@ -134,8 +179,16 @@ fn lengths(text: &mut String, manifest: &Manifest) {
         tokens.budget,
         side = tokens.image_side,
     );
-    let bars: Vec<(String, u64)> = tokens.histogram.iter().map(|(upper, count)| (format!("up to {upper}"), *count)).collect();
-    table(text, "Tokens", bars.iter().map(|(bar, count)| (bar.as_str(), *count)));
+    let bars: Vec<(String, u64)> = tokens
+        .histogram
+        .iter()
+        .map(|(upper, count)| (format!("up to {upper}"), *count))
+        .collect();
+    table(
+        text,
+        "Tokens",
+        bars.iter().map(|(bar, count)| (bar.as_str(), *count)),
+    );
 }
 
 fn leakage(text: &mut String, manifest: &Manifest) {

@@ -1,6 +1,7 @@
-//! A dataset in the making: examples in, a folder out with rows, pictures, card and manifest. Puts the parts of this crate
-//! together; what is in it is the caller's choice. [`DatasetWriter::prepare`] may run in many threads, [`DatasetWriter::push`]
-//! runs in the order that the files shall have.
+//! A dataset in the making: examples in, a folder out with rows, pictures, card and manifest. Puts
+//! the parts of this crate together; what is in it is the caller's choice.
+//! [`DatasetWriter::prepare`] may run in many threads, [`DatasetWriter::push`] runs in the order
+//! that the files shall have.
 
 use std::{
     collections::BTreeMap,
@@ -14,9 +15,9 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::{
-    About, BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck, Manifest, PictureOptions,
-    Pictures, PromptTemplate, QWEN3_VL_SIDE, Shard, Shards, Split, Style, TokenCount, TokenCounter, TokenReport, Tokenizer,
-    card::write_card,
+    About, BytesOverFour, CONTEXT_TOKENS, Counts, DatasetError, Example, Format, LeakageCheck,
+    Manifest, PictureOptions, Pictures, PromptTemplate, QWEN3_VL_SIDE, Shard, Shards, Split, Style,
+    TokenCount, TokenCounter, TokenReport, Tokenizer, card::write_card,
 };
 
 /// How a dataset is written.
@@ -37,7 +38,13 @@ pub struct WriterOptions {
 impl WriterOptions {
     /// The defaults with a format.
     pub fn new(format: Format) -> Self {
-        Self { format, pictures: PictureOptions::default(), rows_max: 10_000, image_side: QWEN3_VL_SIDE, budget: CONTEXT_TOKENS }
+        Self {
+            format,
+            pictures: PictureOptions::default(),
+            rows_max: 10_000,
+            image_side: QWEN3_VL_SIDE,
+            budget: CONTEXT_TOKENS,
+        }
     }
 }
 
@@ -69,7 +76,11 @@ pub struct Prepared {
 
 /// Where pictures lie: beside the rows that name them; for a while elsewhere if the rows hold them.
 fn picture_root(root: &Path, format: Format) -> PathBuf {
-    if format.holds_pictures() { root.join(".pictures") } else { root.to_owned() }
+    if format.holds_pictures() {
+        root.join(".pictures")
+    } else {
+        root.to_owned()
+    }
 }
 
 /// Writes one dataset.
@@ -94,7 +105,11 @@ impl DatasetWriter {
     }
 
     /// A dataset whose tokens a given tokenizer counts.
-    pub fn with_tokenizer(root: &Path, options: WriterOptions, tokenizer: Box<dyn Tokenizer>) -> Self {
+    pub fn with_tokenizer(
+        root: &Path,
+        options: WriterOptions,
+        tokenizer: Box<dyn Tokenizer>,
+    ) -> Self {
         let tokens = TokenReport::new(tokenizer.as_ref(), options.image_side, options.budget);
         Self {
             root: root.to_owned(),
@@ -115,8 +130,8 @@ impl DatasetWriter {
         &self.pictures
     }
 
-    /// Makes the rows of examples, best those of an episode at once. An example that the format cannot hold becomes one left
-    /// out.
+    /// Makes the rows of examples, best those of an episode at once. An example that the format
+    /// cannot hold becomes one left out.
     ///
     /// # Errors
     /// When a picture was not put before or cannot be read.
@@ -124,7 +139,11 @@ impl DatasetWriter {
         let mut counter = TokenCounter::new(self.tokenizer.as_ref(), self.options.image_side);
         let prepare = |example: &Example| {
             let mut row = Vec::new();
-            let row = match self.options.format.write_row(example, &self.pictures, &mut row) {
+            let row = match self
+                .options
+                .format
+                .write_row(example, &self.pictures, &mut row)
+            {
                 // its rows are no text: the caller writes them
                 _ if self.options.format == Format::Parquet => Ok(row),
                 Ok(()) => Ok(row),
@@ -135,7 +154,11 @@ impl DatasetWriter {
             if !self.options.format.holds_provenance() {
                 example.provenance(&mut provenance);
             }
-            Ok(Prepared { row, provenance, tokens: counter.count(example, |image| self.pictures.get(image)) })
+            Ok(Prepared {
+                row,
+                provenance,
+                tokens: counter.count(example, |image| self.pictures.get(image)),
+            })
         };
         examples.iter().map(prepare).collect()
     }
@@ -144,16 +167,23 @@ impl DatasetWriter {
     ///
     /// # Errors
     /// When a file cannot be written.
-    pub fn push(&mut self, examples: &[Example], prepared: &[Prepared]) -> Result<(), DatasetError> {
+    pub fn push(
+        &mut self,
+        examples: &[Example],
+        prepared: &[Prepared],
+    ) -> Result<(), DatasetError> {
         assert_eq!(examples.len(), prepared.len(), "every example has its row");
         for (example, prepared) in examples.iter().zip(prepared) {
             match &prepared.row {
                 Err(reason) => self.leave_out(reason, 1),
-                Ok(_) if self.options.format == Format::Parquet => self.note(example, prepared.tokens),
+                Ok(_) if self.options.format == Format::Parquet => {
+                    self.note(example, prepared.tokens)
+                }
                 Ok(row) => {
                     let (root, options, split) = (&self.root, &self.options, example.about.split);
-                    let shards =
-                        self.shards.entry(split).or_insert_with(|| Shards::new(root, options.format, split, options.rows_max));
+                    let shards = self.shards.entry(split).or_insert_with(|| {
+                        Shards::new(root, options.format, split, options.rows_max)
+                    });
                     shards.push(row, &prepared.provenance)?;
                     self.note(example, prepared.tokens);
                 }
@@ -165,7 +195,10 @@ impl DatasetWriter {
     /// Takes in a file of rows that the caller wrote, as in Parquet, after those that are there.
     pub fn keep(&mut self, split: Split, shard: Shard) {
         let (root, options) = (&self.root, &self.options);
-        let shards = self.shards.entry(split).or_insert_with(|| Shards::new(root, options.format, split, options.rows_max));
+        let shards = self
+            .shards
+            .entry(split)
+            .or_insert_with(|| Shards::new(root, options.format, split, options.rows_max));
         shards.keep(shard);
     }
 
@@ -174,13 +207,24 @@ impl DatasetWriter {
         self.counts.add(example);
         self.tokens.add(tokens);
         // examples of an episode come one after the other
-        if !self.noted.as_ref().is_some_and(|noted| Arc::ptr_eq(noted, about)) {
-            for (what, key) in [("task", &about.task_id), ("scene", &about.scene_id), ("instruction", &about.instruction)] {
+        if !self
+            .noted
+            .as_ref()
+            .is_some_and(|noted| Arc::ptr_eq(noted, about))
+        {
+            for (what, key) in [
+                ("task", &about.task_id),
+                ("scene", &about.scene_id),
+                ("instruction", &about.instruction),
+            ] {
                 self.leakage.add(what, key, about.split);
             }
             self.noted = Some(Arc::clone(about));
         }
-        for picture in example.images().filter_map(|image| self.pictures.get(image)) {
+        for picture in example
+            .images()
+            .filter_map(|image| self.pictures.get(image))
+        {
             self.leakage.add("image", &picture.path, about.split);
         }
     }
@@ -195,8 +239,11 @@ impl DatasetWriter {
     /// # Errors
     /// When a file cannot be written.
     pub fn finish(self, description: Description) -> Result<Manifest, DatasetError> {
-        let shards: Result<BTreeMap<_, _>, DatasetError> =
-            self.shards.into_iter().map(|(split, shards)| Ok((split, shards.finish()?))).collect();
+        let shards: Result<BTreeMap<_, _>, DatasetError> = self
+            .shards
+            .into_iter()
+            .map(|(split, shards)| Ok((split, shards.finish()?)))
+            .collect();
         let mut manifest = Manifest {
             name: description.name,
             format: self.options.format,
@@ -221,7 +268,9 @@ impl DatasetWriter {
         if self.options.format.holds_pictures() {
             let loose = picture_root(&self.root, self.options.format);
             match fs::remove_dir_all(&loose) {
-                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(DatasetError::io(&loose)(error)),
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(DatasetError::io(&loose)(error));
+                }
                 _ => {}
             }
         }

@@ -1,4 +1,5 @@
-//! What a dataset is made from: an episode as plain text, as its store tells it. Owns the input's shape; reads no store.
+//! What a dataset is made from: an episode as plain text, as its store tells it. Owns the input's
+//! shape; reads no store.
 
 use std::sync::Arc;
 
@@ -24,7 +25,8 @@ pub struct Episode {
     pub scene_id: String,
     /// Who decided, e.g. `oracle`.
     pub policy: String,
-    /// The part of the dataset that it belongs to; whole tasks or scenes share one (see [`crate::split`]).
+    /// The part of the dataset that it belongs to; whole tasks or scenes share one (see
+    /// [`crate::split`]).
     pub split: Split,
     /// What the agent was told, as all of its task.
     pub told: Arc<Told>,

@@ -16,7 +16,9 @@ pub enum DatasetError {
         path: PathBuf,
     },
     /// An example's picture was not put into the store before.
-    #[error("example {example} shows picture {image}, which is not in the dataset: put it before the row")]
+    #[error(
+        "example {example} shows picture {image}, which is not in the dataset: put it before the row"
+    )]
     Picture {
         /// The example.
         example: String,

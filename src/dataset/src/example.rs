@@ -1,5 +1,5 @@
-//! Examples: a conversation up to a decision, from which a model learns that decision (SPEC sections 4 and 8).
-//! Owns what becomes an example. Knows no format, no file.
+//! Examples: a conversation up to a decision, from which a model learns that decision (SPEC
+//! sections 4 and 8). Owns what becomes an example. Knows no format, no file.
 
 use std::{
     borrow::Cow,
@@ -10,19 +10,22 @@ use reel_prompt::{self as prompt, Answer, HistoryLines, Outcome, SingleTurn};
 use reel_world::NameSet;
 use serde::Serialize;
 
-use crate::{Episode, ImageId, Refusal, Refused, Rollout, Source, Split, Step, json, refusal::Checks, strip};
+use crate::{
+    Episode, ImageId, Refusal, Refused, Rollout, Source, Split, Step, json, refusal::Checks, strip,
+};
 
 /// How a decision is put to a model.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Style {
-    /// That of REAL's trainer: one user message with everything, the latest image only, the answer as text. The only style
-    /// that REAL's published parsers read.
+    /// That of REAL's trainer: one user message with everything, the latest image only, the answer
+    /// as text. The only style that REAL's published parsers read.
     #[default]
     SingleTurn,
     /// Native tool calls: an example is an episode up to the last decision to learn.
     MultiTurn,
-    /// Native tool calls: an example is the conversation up to one decision, and only that one is learned.
+    /// Native tool calls: an example is the conversation up to one decision, and only that one is
+    /// learned.
     MultiTurnPrefix,
 }
 
@@ -64,7 +67,10 @@ pub struct Text {
 impl Text {
     /// Holds it.
     pub fn new(raw: impl Into<String>) -> Self {
-        Self { raw: raw.into(), escaped: OnceLock::new() }
+        Self {
+            raw: raw.into(),
+            escaped: OnceLock::new(),
+        }
     }
 
     /// The text.
@@ -86,7 +92,8 @@ impl Text {
 pub enum Turn {
     /// How to behave.
     System(Arc<Text>),
-    /// What the agent is told, and its images. A `<image>` in the text stands for the first of them.
+    /// What the agent is told, and its images. A `<image>` in the text stands for the first of
+    /// them.
     User {
         /// The beginning, which is the same for the whole episode.
         setting: Arc<Text>,
@@ -154,7 +161,8 @@ pub struct About {
     pub source: Source,
     /// Names the texts of the prompt.
     pub prompt_digest: String,
-    /// The fields of the provenance that are the episode's, as JSON without braces; made when a row holds them.
+    /// The fields of the provenance that are the episode's, as JSON without braces; made when a row
+    /// holds them.
     provenance: OnceLock<String>,
 }
 
@@ -173,8 +181,8 @@ pub struct Example {
     pub style: Style,
     /// The conversation; the last turn is what is learned.
     pub turns: Vec<Turn>,
-    /// The tools as a JSON list of `{type: function, function: {name, description, parameters}}`, where they are not in the
-    /// user's turn.
+    /// The tools as a JSON list of `{type: function, function: {name, description, parameters}}`,
+    /// where they are not in the user's turn.
     pub tools: Option<Arc<Text>>,
     /// What the decision was worth, in rows for reinforcement learning.
     pub rollout: Option<Rollout>,
@@ -197,29 +205,39 @@ impl Example {
         out.push(b'}');
     }
 
-    /// The turns as (role, text) with one `<image>` tag a picture; calls as JSON under `tool_call`, outcomes under
-    /// `tool_response`: what the tables' column `messages` holds.
+    /// The turns as (role, text) with one `<image>` tag a picture; calls as JSON under `tool_call`,
+    /// outcomes under `tool_response`: what the tables' column `messages` holds.
     pub fn messages(&self) -> Vec<(&'static str, Cow<'_, str>)> {
         let tags = |images: &[ImageId]| IMAGE_TAG.repeat(images.len());
         let mut messages = Vec::with_capacity(self.turns.len());
         for turn in &self.turns {
             match turn {
                 Turn::System(text) => messages.push(("system", text.as_str().into())),
-                Turn::User { setting, situation, images } => {
+                Turn::User {
+                    setting,
+                    situation,
+                    images,
+                } => {
                     let text = [setting.as_str(), situation].concat();
                     let missing = images.get(tags_in(&text)..).map(tags).unwrap_or_default();
                     messages.push(("user", (text + &missing).into()));
                 }
                 Turn::Answer(text) => messages.push(("assistant", text.into())),
-                Turn::Call { thought, name, arguments, .. } => {
+                Turn::Call {
+                    thought,
+                    name,
+                    arguments,
+                    ..
+                } => {
                     if !thought.is_empty() {
                         messages.push(("assistant", thought.into()));
                     }
                     messages.push(("tool_call", call_json(name, arguments).into()));
                 }
-                Turn::Outcome { text, images, .. } => {
-                    messages.push(("tool_response", [text, tags(images).as_str()].concat().into()))
-                }
+                Turn::Outcome { text, images, .. } => messages.push((
+                    "tool_response",
+                    [text, tags(images).as_str()].concat().into(),
+                )),
             }
         }
         messages
@@ -239,7 +257,10 @@ pub(crate) fn tags_in(text: &str) -> usize {
 
 /// `{"name": ..., "arguments": {...}}`
 pub(crate) fn call_json(name: &str, arguments: &str) -> String {
-    format!("{{\"name\":{},\"arguments\":{arguments}}}", json::quoted(name))
+    format!(
+        "{{\"name\":{},\"arguments\":{arguments}}}",
+        json::quoted(name)
+    )
 }
 
 /// The examples of an episode.
@@ -251,30 +272,53 @@ pub struct Examples {
     pub refused: Vec<Refused>,
 }
 
-/// Makes the examples of an episode; every text that goes out is stripped of payloads and refused where that is not enough.
+/// Makes the examples of an episode; every text that goes out is stripped of payloads and refused
+/// where that is not enough.
 pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
     let told = &episode.told;
     let mut made = Examples::default();
-    let refuse =
-        |call: Option<u32>, reason: &Refusal| Refused { episode_id: episode.episode_id.clone(), call, reason: reason.clone() };
+    let refuse = |call: Option<u32>, reason: &Refusal| Refused {
+        episode_id: episode.episode_id.clone(),
+        call,
+        reason: reason.clone(),
+    };
     if let Some(reason) = told.refusal() {
         made.refused.push(refuse(None, reason));
         return made;
     }
     let learned = |step: &&Step| step.learn && (options.failed_calls || step.error.is_none());
-    let wanted: Vec<usize> = (0..episode.steps.len()).filter(|index| learned(&&episode.steps[*index])).collect();
+    let wanted: Vec<usize> = (0..episode.steps.len())
+        .filter(|index| learned(&&episode.steps[*index]))
+        .collect();
     let Some(&last) = wanted.last() else {
         return made;
     };
-    let outcomes: Vec<Cow<'_, str>> = episode.steps.iter().map(|step| strip(&step.outcome)).collect();
-    let arguments: Vec<String> = episode.steps.iter().map(|step| prompt::arguments(&step.arguments)).collect();
+    let outcomes: Vec<Cow<'_, str>> = episode
+        .steps
+        .iter()
+        .map(|step| strip(&step.outcome))
+        .collect();
+    let arguments: Vec<String> = episode
+        .steps
+        .iter()
+        .map(|step| prompt::arguments(&step.arguments))
+        .collect();
     let checks = Checks::of(episode, &arguments, &outcomes);
     let about = Arc::new(about(episode));
     let example = |index: usize, turns: Vec<Turn>, tools: Option<Arc<Text>>| {
         let step = &episode.steps[index];
         let id = format!("{}/{}", episode.episode_id, step.call);
         let (about, tool, rollout) = (Arc::clone(&about), step.tool.clone(), step.rollout.clone());
-        Example { id, call: step.call, tool, about, style: options.style, turns, tools, rollout }
+        Example {
+            id,
+            call: step.call,
+            tool,
+            about,
+            style: options.style,
+            turns,
+            tools,
+            rollout,
+        }
     };
     if options.style == Style::SingleTurn {
         let (episode_prompt, setting) = told.single_turn();
@@ -295,14 +339,37 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
                     Some(reason) => made.refused.push(refuse(Some(step.call), reason)),
                     None => {
                         // REAL's first prompt holds no observation yet, and so no image.
-                        let images = if index == 0 { Vec::new() } else { step.images.clone() };
-                        let user = Turn::User { setting: Arc::clone(setting), situation: turn.rest(), images };
-                        made.examples.push(example(index, vec![user, Turn::Answer(answer.clone())], None));
+                        let images = if index == 0 {
+                            Vec::new()
+                        } else {
+                            step.images.clone()
+                        };
+                        let user = Turn::User {
+                            setting: Arc::clone(setting),
+                            situation: turn.rest(),
+                            images,
+                        };
+                        made.examples.push(example(
+                            index,
+                            vec![user, Turn::Answer(answer.clone())],
+                            None,
+                        ));
                     }
                 }
             }
-            let images = episode.steps.get(index + 1).map_or(0, |next| next.images.len());
-            turn.update(&answer, &Outcome { tool: &step.call_name, text: &outcomes[index], images, held: step.held.as_deref() });
+            let images = episode
+                .steps
+                .get(index + 1)
+                .map_or(0, |next| next.images.len());
+            turn.update(
+                &answer,
+                &Outcome {
+                    tool: &step.call_name,
+                    text: &outcomes[index],
+                    images,
+                    held: step.held.as_deref(),
+                },
+            );
             // A text that is refused must not come back as a line of the History.
             log = Some(match checks.call(index) {
                 Some(_) => UNTOLD_CALL.to_owned(),
@@ -313,34 +380,64 @@ pub fn examples(episode: &Episode, options: &ExampleOptions) -> Examples {
     }
     let setting = told.briefing();
     let tools = tools(episode.names);
-    let targets = if options.style == Style::MultiTurn { vec![last] } else { wanted.clone() };
+    let targets = if options.style == Style::MultiTurn {
+        vec![last]
+    } else {
+        wanted.clone()
+    };
     for target in targets {
         if let Some(reason) = checks.conversation(target) {
-            let call = (options.style == Style::MultiTurnPrefix).then(|| episode.steps[target].call);
+            let call =
+                (options.style == Style::MultiTurnPrefix).then(|| episode.steps[target].call);
             made.refused.push(refuse(call, reason));
             continue;
         }
-        let learn =
-            |index: usize| if options.style == Style::MultiTurn { wanted.binary_search(&index).is_ok() } else { index == target };
-        let first =
-            Turn::User { setting: Arc::clone(&setting), situation: String::new(), images: episode.steps[0].images.clone() };
+        let learn = |index: usize| {
+            if options.style == Style::MultiTurn {
+                wanted.binary_search(&index).is_ok()
+            } else {
+                index == target
+            }
+        };
+        let first = Turn::User {
+            setting: Arc::clone(&setting),
+            situation: String::new(),
+            images: episode.steps[0].images.clone(),
+        };
         let mut turns = vec![Turn::System(Arc::clone(&SYSTEM_MULTI_TURN)), first];
         for (index, step) in episode.steps[..=target].iter().enumerate() {
             let (id, name) = (format!("call_{}", step.call), step.call_name.clone());
             let (thought, arguments) = (prompt::thought(&step.reasoning), arguments[index].clone());
-            turns.push(Turn::Call { thought, id: id.clone(), name: name.clone(), arguments, learn: learn(index) });
+            turns.push(Turn::Call {
+                thought,
+                id: id.clone(),
+                name: name.clone(),
+                arguments,
+                learn: learn(index),
+            });
             if index < target {
                 let seen = &episode.steps[index + 1].images;
-                let images = if *seen == step.images { Vec::new() } else { seen.clone() };
-                turns.push(Turn::Outcome { id, name, text: outcomes[index].clone().into_owned(), images });
+                let images = if *seen == step.images {
+                    Vec::new()
+                } else {
+                    seen.clone()
+                };
+                turns.push(Turn::Outcome {
+                    id,
+                    name,
+                    text: outcomes[index].clone().into_owned(),
+                    images,
+                });
             }
         }
-        made.examples.push(example(target, turns, Some(Arc::clone(&tools))));
+        made.examples
+            .push(example(target, turns, Some(Arc::clone(&tools))));
     }
     made
 }
 
-static SYSTEM_MULTI_TURN: LazyLock<Arc<Text>> = LazyLock::new(|| Arc::new(Text::new(prompt::SYSTEM_MULTI_TURN.trim_end())));
+static SYSTEM_MULTI_TURN: LazyLock<Arc<Text>> =
+    LazyLock::new(|| Arc::new(Text::new(prompt::SYSTEM_MULTI_TURN.trim_end())));
 
 /// The tools as native tool calling names them.
 fn tools(names: NameSet) -> Arc<Text> {

@@ -1,5 +1,6 @@
-//! The formats that trainers load (SPEC section 11, "Dataset formats"): one row of text an example. Owns each format's shape;
-//! decides nothing about what is in an example. Parquet (vi) is written elsewhere, from [`Example`]s.
+//! The formats that trainers load (SPEC section 11, "Dataset formats"): one row of text an example.
+//! Owns each format's shape; decides nothing about what is in an example. Parquet (vi) is written
+//! elsewhere, from [`Example`]s.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use serde::Serialize;
@@ -31,8 +32,14 @@ pub enum Format {
 
 impl Format {
     /// All of them, in the order of the specification.
-    pub const ALL: [Format; 6] =
-        [Format::QwenVl, Format::MsSwift, Format::LlamaFactory, Format::Trl, Format::OpenAi, Format::Parquet];
+    pub const ALL: [Format; 6] = [
+        Format::QwenVl,
+        Format::MsSwift,
+        Format::LlamaFactory,
+        Format::Trl,
+        Format::OpenAi,
+        Format::Parquet,
+    ];
 
     /// As it stands on the command line and in manifests.
     pub fn as_str(self) -> &'static str {
@@ -54,11 +61,19 @@ impl Format {
     /// One line for people.
     pub fn description(self) -> &'static str {
         match self {
-            Format::QwenVl => "JSON array of conversations (human, gpt) with image paths, for Qwen-VL's fine-tuning",
+            Format::QwenVl => {
+                "JSON array of conversations (human, gpt) with image paths, for Qwen-VL's fine-tuning"
+            }
             Format::MsSwift => "JSON lines of messages with image paths, for ms-swift",
-            Format::LlamaFactory => "JSON lines of sharegpt conversations with dataset_info.json, for LLaMA-Factory",
-            Format::Trl => "JSON lines of prompt and completion (or messages) with content parts and image paths, for TRL",
-            Format::OpenAi => "JSON lines of OpenAI chats with tool calls and pictures as data URLs; provenance in a file beside",
+            Format::LlamaFactory => {
+                "JSON lines of sharegpt conversations with dataset_info.json, for LLaMA-Factory"
+            }
+            Format::Trl => {
+                "JSON lines of prompt and completion (or messages) with content parts and image paths, for TRL"
+            }
+            Format::OpenAi => {
+                "JSON lines of OpenAI chats with tool calls and pictures as data URLs; provenance in a file beside"
+            }
             Format::Parquet => "Hugging Face Parquet with the pictures inside",
         }
     }
@@ -72,7 +87,8 @@ impl Format {
         }
     }
 
-    /// Whether a row holds its provenance; otherwise a file beside the shard does, because the loader refuses other keys.
+    /// Whether a row holds its provenance; otherwise a file beside the shard does, because the
+    /// loader refuses other keys.
     pub fn holds_provenance(self) -> bool {
         self != Format::OpenAi
     }
@@ -82,31 +98,49 @@ impl Format {
         matches!(self, Format::OpenAi | Format::Parquet)
     }
 
-    /// Why an example cannot be written in this format, if so: trainers that learn every answer of a conversation must not be
-    /// given one of which only a part shall be learned.
+    /// Why an example cannot be written in this format, if so: trainers that learn every answer of
+    /// a conversation must not be given one of which only a part shall be learned.
     pub fn refuses(self, example: &Example) -> Option<&'static str> {
         match (self, Learned::of(example)) {
             (Format::Parquet, _) => Some("its rows are not text"),
             (_, Learned::All) | (Format::MsSwift | Format::OpenAi, _) => None,
-            (Format::LlamaFactory | Format::Trl, Learned::Last) if example.style == Style::MultiTurnPrefix => None,
-            (Format::QwenVl, _) => {
-                Some("its trainer learns every turn of the model, and this example is not to be learned wholly")
+            (Format::LlamaFactory | Format::Trl, Learned::Last)
+                if example.style == Style::MultiTurnPrefix =>
+            {
+                None
             }
-            (_, Learned::Last | Learned::Some) => {
-                Some("its trainer learns every turn of the model or the last, and in this example some of them")
-            }
+            (Format::QwenVl, _) => Some(
+                "its trainer learns every turn of the model, and this example is not to be learned wholly",
+            ),
+            (_, Learned::Last | Learned::Some) => Some(
+                "its trainer learns every turn of the model or the last, and in this example some of them",
+            ),
         }
     }
 
-    /// Appends an example as one line of JSON, without the line's end. The pictures must be in the store.
+    /// Appends an example as one line of JSON, without the line's end. The pictures must be in the
+    /// store.
     ///
     /// # Errors
     /// When a picture is missing or the format cannot hold the example (see [`Format::refuses`]).
-    pub fn write_row(self, example: &Example, pictures: &Pictures, out: &mut Vec<u8>) -> Result<(), DatasetError> {
+    pub fn write_row(
+        self,
+        example: &Example,
+        pictures: &Pictures,
+        out: &mut Vec<u8>,
+    ) -> Result<(), DatasetError> {
         if let Some(reason) = self.refuses(example) {
-            return Err(DatasetError::Unfit { example: example.id.clone(), format: self.as_str(), reason });
+            return Err(DatasetError::Unfit {
+                example: example.id.clone(),
+                format: self.as_str(),
+                reason,
+            });
         }
-        let mut row = Row { example, pictures, out };
+        let mut row = Row {
+            example,
+            pictures,
+            out,
+        };
         match self {
             Format::QwenVl => row.qwen_vl(),
             Format::MsSwift => row.ms_swift(),
@@ -164,7 +198,8 @@ impl Row<'_> {
         self.put(",\"conversations\":[");
         for turn in &example.turns {
             match turn {
-                // Its conversations have no system turn: it opens the first human one, with the tools where they are apart.
+                // Its conversations have no system turn: it opens the first human one, with the
+                // tools where they are apart.
                 Turn::System(text) => {
                     self.begin(HUMAN);
                     self.out.extend_from_slice(text.escaped());
@@ -175,7 +210,11 @@ impl Row<'_> {
                         self.escape("\n\nCall a tool as <tool_call>\n{\"name\": ..., \"arguments\": {...}}\n</tool_call>.\n\n");
                     }
                 }
-                Turn::User { setting, situation, images } => {
+                Turn::User {
+                    setting,
+                    situation,
+                    images,
+                } => {
                     if !matches!(example.turns.first(), Some(Turn::System(_))) {
                         self.begin(HUMAN);
                     }
@@ -183,11 +222,27 @@ impl Row<'_> {
                     self.put("\"}");
                 }
                 Turn::Answer(text) => self.say(GPT, text, 0),
-                Turn::Call { thought, name, arguments, .. } => {
-                    self.say(GPT, &format!("{thought}<tool_call>\n{}\n</tool_call>", call_json(name, arguments)), 0);
+                Turn::Call {
+                    thought,
+                    name,
+                    arguments,
+                    ..
+                } => {
+                    self.say(
+                        GPT,
+                        &format!(
+                            "{thought}<tool_call>\n{}\n</tool_call>",
+                            call_json(name, arguments)
+                        ),
+                        0,
+                    );
                 }
                 Turn::Outcome { text, images, .. } => {
-                    self.say(HUMAN, &format!("<tool_response>\n{text}\n</tool_response>"), images.len());
+                    self.say(
+                        HUMAN,
+                        &format!("<tool_response>\n{text}\n</tool_response>"),
+                        images.len(),
+                    );
                 }
             }
         }
@@ -197,7 +252,8 @@ impl Row<'_> {
 
     fn ms_swift(&mut self) -> Result<(), DatasetError> {
         let example = self.example;
-        // `loss` stands in every turn of the model or in none, so that all rows have the same fields.
+        // `loss` stands in every turn of the model or in none, so that all rows have the same
+        // fields.
         let loss = |learn: bool| match (example.tools.is_some(), learn) {
             (false, _) => "\"}",
             (true, true) => "\",\"loss\":true}",
@@ -211,13 +267,23 @@ impl Row<'_> {
                     self.out.extend_from_slice(text.escaped());
                     self.put("\"}");
                 }
-                Turn::User { setting, situation, images } => {
+                Turn::User {
+                    setting,
+                    situation,
+                    images,
+                } => {
                     self.begin("{\"role\":\"user\",\"content\":\"");
                     self.user_text(setting, situation, images.len());
                     self.put("\"}");
                 }
                 Turn::Answer(text) => self.say(ASSISTANT, text, 0),
-                Turn::Call { thought, name, arguments, learn, .. } => {
+                Turn::Call {
+                    thought,
+                    name,
+                    arguments,
+                    learn,
+                    ..
+                } => {
                     if !thought.is_empty() {
                         self.begin(ASSISTANT);
                         self.escape(thought);
@@ -228,7 +294,11 @@ impl Row<'_> {
                     self.put(loss(*learn));
                 }
                 Turn::Outcome { text, images, .. } => {
-                    self.say("{\"role\":\"tool_response\",\"content\":\"", text, images.len());
+                    self.say(
+                        "{\"role\":\"tool_response\",\"content\":\"",
+                        text,
+                        images.len(),
+                    );
                 }
             }
         }
@@ -250,13 +320,22 @@ impl Row<'_> {
                     self.out.extend_from_slice(text.escaped());
                     self.put("\",\"conversations\":[");
                 }
-                Turn::User { setting, situation, images } => {
+                Turn::User {
+                    setting,
+                    situation,
+                    images,
+                } => {
                     self.begin(HUMAN);
                     self.user_text(setting, situation, images.len());
                     self.put("\"}");
                 }
                 Turn::Answer(text) => self.say(GPT, text, 0),
-                Turn::Call { thought, name, arguments, .. } => {
+                Turn::Call {
+                    thought,
+                    name,
+                    arguments,
+                    ..
+                } => {
                     let said = format!("{thought}{}", call_json(name, arguments));
                     self.say("{\"from\":\"function_call\",\"value\":\"", &said, 0);
                 }
@@ -273,9 +352,14 @@ impl Row<'_> {
 
     fn trl(&mut self) -> Result<(), DatasetError> {
         let example = self.example;
-        // Prompt and completion where the last turn is learned alone; then the trainer learns the completion only.
+        // Prompt and completion where the last turn is learned alone; then the trainer learns the
+        // completion only.
         let pair = example.style != Style::MultiTurn;
-        self.put(if pair { "{\"prompt\":[" } else { "{\"messages\":[" });
+        self.put(if pair {
+            "{\"prompt\":["
+        } else {
+            "{\"messages\":["
+        });
         let last = example.turns.len() - 1;
         for (index, turn) in example.turns.iter().enumerate() {
             if index == last && pair {
@@ -289,11 +373,17 @@ impl Row<'_> {
                     self.out.extend_from_slice(text.escaped());
                     self.put("\"}]}");
                 }
-                Turn::User { setting, situation, images } => {
+                Turn::User {
+                    setting,
+                    situation,
+                    images,
+                } => {
                     self.put("{\"role\":\"user\",\"content\":[{\"type\":\"text\",\"text\":\"");
                     self.user_parts_text(setting, situation);
                     self.put("\"}");
-                    images.iter().for_each(|_| self.put(",{\"type\":\"image\"}"));
+                    images
+                        .iter()
+                        .for_each(|_| self.put(",{\"type\":\"image\"}"));
                     self.put("]}");
                 }
                 Turn::Answer(text) => {
@@ -301,7 +391,13 @@ impl Row<'_> {
                     self.escape(text);
                     self.put("\"}]}");
                 }
-                Turn::Call { thought, id, name, arguments, .. } => {
+                Turn::Call {
+                    thought,
+                    id,
+                    name,
+                    arguments,
+                    ..
+                } => {
                     self.put("{\"role\":\"assistant\",\"content\":[");
                     if !thought.is_empty() {
                         self.put("{\"type\":\"text\",\"text\":\"");
@@ -313,7 +409,12 @@ impl Row<'_> {
                     self.put("}");
                 }
                 // Its tool messages hold no pictures.
-                Turn::Outcome { id, name, text, images } => {
+                Turn::Outcome {
+                    id,
+                    name,
+                    text,
+                    images,
+                } => {
                     self.put("{\"role\":\"tool\",\"tool_call_id\":");
                     self.string(id);
                     self.put(",\"name\":");
@@ -350,7 +451,11 @@ impl Row<'_> {
                     self.out.extend_from_slice(text.escaped());
                     self.put("\"}");
                 }
-                Turn::User { setting, situation, images } => {
+                Turn::User {
+                    setting,
+                    situation,
+                    images,
+                } => {
                     self.put("{\"role\":\"user\",\"content\":[{\"type\":\"text\",\"text\":\"");
                     self.user_parts_text(setting, situation);
                     self.put("\"}");
@@ -365,16 +470,28 @@ impl Row<'_> {
                     self.string(text);
                     self.put("}");
                 }
-                Turn::Call { thought, id, name, arguments, learn } => {
+                Turn::Call {
+                    thought,
+                    id,
+                    name,
+                    arguments,
+                    learn,
+                } => {
                     self.put("{\"role\":\"assistant\",\"content\":");
                     self.string(thought);
                     self.tool_calls(id, name, arguments);
                     if masked {
-                        self.put(if *learn { ",\"weight\":1" } else { ",\"weight\":0" });
+                        self.put(if *learn {
+                            ",\"weight\":1"
+                        } else {
+                            ",\"weight\":0"
+                        });
                     }
                     self.put("}");
                 }
-                Turn::Outcome { id, text, images, .. } => {
+                Turn::Outcome {
+                    id, text, images, ..
+                } => {
                     self.put("{\"role\":\"tool\",\"tool_call_id\":");
                     self.string(id);
                     self.put(",\"content\":");
@@ -382,7 +499,11 @@ impl Row<'_> {
                     self.put("}");
                     // Tool messages hold no pictures.
                     for (at, image) in images.iter().enumerate() {
-                        self.put(if at == 0 { ",{\"role\":\"user\",\"content\":[" } else { "," });
+                        self.put(if at == 0 {
+                            ",{\"role\":\"user\",\"content\":["
+                        } else {
+                            ","
+                        });
                         self.data_url(image)?;
                     }
                     if !images.is_empty() {
@@ -490,7 +611,12 @@ impl Row<'_> {
     }
 
     fn picture(&self, image: &ImageId) -> Result<Picture, DatasetError> {
-        self.pictures.get(image).ok_or_else(|| DatasetError::Picture { example: self.example.id.clone(), image: *image })
+        self.pictures
+            .get(image)
+            .ok_or_else(|| DatasetError::Picture {
+                example: self.example.id.clone(),
+                image: *image,
+            })
     }
 
     fn close(&mut self) -> Result<(), DatasetError> {

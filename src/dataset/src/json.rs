@@ -1,4 +1,5 @@
-//! JSON written straight into a buffer, so that what is the same in many rows is escaped once. Never parses.
+//! JSON written straight into a buffer, so that what is the same in many rows is escaped once.
+//! Never parses.
 
 /// Appends a text's JSON escapes, without quotes.
 pub(crate) fn escape(out: &mut Vec<u8>, text: &str) {
@@ -18,7 +19,12 @@ pub(crate) fn escape(out: &mut Vec<u8>, text: &str) {
         out.extend_from_slice(&[b'\\', short]);
         if short == b'u' {
             const HEX: &[u8; 16] = b"0123456789abcdef";
-            out.extend_from_slice(&[b'0', b'0', HEX[usize::from(byte >> 4)], HEX[usize::from(byte & 15)]]);
+            out.extend_from_slice(&[
+                b'0',
+                b'0',
+                HEX[usize::from(byte >> 4)],
+                HEX[usize::from(byte & 15)],
+            ]);
         }
         from = at + 1;
     }
@@ -43,8 +49,14 @@ pub(crate) fn quoted(text: &str) -> String {
 mod tests {
     #[test]
     fn as_serde_json_writes_it() {
-        let text: String = (0..0x250).filter_map(char::from_u32).chain("\u{1f600}\"\\".chars()).collect();
-        assert_eq!(serde_json::from_str::<String>(&super::quoted(&text)).unwrap(), text);
+        let text: String = (0..0x250)
+            .filter_map(char::from_u32)
+            .chain("\u{1f600}\"\\".chars())
+            .collect();
+        assert_eq!(
+            serde_json::from_str::<String>(&super::quoted(&text)).unwrap(),
+            text
+        );
         assert_eq!(super::quoted("a\"b\n\u{1}"), r#""a\"b\n\u0001""#);
     }
 }

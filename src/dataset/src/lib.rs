@@ -1,7 +1,9 @@
-//! Training examples: what a policy saw and should answer, as the formats that trainers load (SPEC sections 4, 8 and 11).
+//! Training examples: what a policy saw and should answer, as the formats that trainers load (SPEC
+//! sections 4, 8 and 11).
 //!
-//! Owns the prompt, the removal of what is privileged, the formats, pictures on disk, splits and what a dataset says of
-//! itself. Never reads a trace or a table: it is given episodes as plain text and pictures as pixels.
+//! Owns the prompt, the removal of what is privileged, the formats, pictures on disk, splits and
+//! what a dataset says of itself. Never reads a trace or a table: it is given episodes as plain
+//! text and pictures as pixels.
 
 mod card;
 mod dataset;
@@ -34,7 +36,7 @@ pub use rollout::{Rollout, TASK_LIST, task_list};
 pub use shard::{Shard, Shards};
 pub use split::{Leakage, LeakageCheck, Ratios, Split, Splits};
 pub use tokens::{
-    BytesOverFour, CONTEXT_TOKENS, QWEN3_VL_SIDE, TOKENS_PER_TURN, TokenCount, TokenCounter, TokenReport, Tokenizer,
-    TokenizerFile, image_tokens,
+    BytesOverFour, CONTEXT_TOKENS, QWEN3_VL_SIDE, TOKENS_PER_TURN, TokenCount, TokenCounter,
+    TokenReport, Tokenizer, TokenizerFile, image_tokens,
 };
 pub use told::{Receptacle, Told};

@@ -1,5 +1,5 @@
-//! What a dataset says of itself to programs: `manifest.json` with every file's size and digest. No clock, no host: same
-//! inputs, same bytes.
+//! What a dataset says of itself to programs: `manifest.json` with every file's size and digest. No
+//! clock, no host: same inputs, same bytes.
 
 use std::{
     collections::BTreeMap,
@@ -11,7 +11,9 @@ use reel_world::Digest;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::{DatasetError, Example, Format, Leakage, Shard, Split, Style, TokenReport, WriterOptions};
+use crate::{
+    DatasetError, Example, Format, Leakage, Shard, Split, Style, TokenReport, WriterOptions,
+};
 
 /// The manifest's name in a dataset's folder.
 pub const MANIFEST: &str = "manifest.json";
@@ -151,8 +153,17 @@ pub fn files(root: &Path) -> Result<Vec<FileEntry>, DatasetError> {
 }
 
 fn entry_of(root: &Path, path: &Path) -> Result<FileEntry, DatasetError> {
-    let (digest, bytes) = File::open(path).and_then(Digest::of_reader).map_err(DatasetError::io(path))?;
+    let (digest, bytes) = File::open(path)
+        .and_then(Digest::of_reader)
+        .map_err(DatasetError::io(path))?;
     let parts = path.strip_prefix(root).unwrap_or(path).components();
-    let name = parts.map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/");
-    Ok(FileEntry { path: name, bytes, blake3: digest })
+    let name = parts
+        .map(|part| part.as_os_str().to_string_lossy())
+        .collect::<Vec<_>>()
+        .join("/");
+    Ok(FileEntry {
+        path: name,
+        bytes,
+        blake3: digest,
+    })
 }

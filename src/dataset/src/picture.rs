@@ -1,5 +1,5 @@
-//! Pictures on disk: resized to a pixel budget, encoded, named by the digest of their bytes, each written once.
-//! Owns sizes and encodings; where pixels come from is the caller's.
+//! Pictures on disk: resized to a pixel budget, encoded, named by the digest of their bytes, each
+//! written once. Owns sizes and encodings; where pixels come from is the caller's.
 
 use std::{
     collections::BTreeMap,
@@ -64,22 +64,32 @@ pub struct PictureOptions {
     pub encoding: Encoding,
     /// The most pixels; none keeps every picture as it is.
     pub pixels_max: Option<u32>,
-    /// Sides are multiples of this many pixels where a picture is resized: 28 for Qwen2.5-VL, 32 for Qwen3-VL, else 1.
+    /// Sides are multiples of this many pixels where a picture is resized: 28 for Qwen2.5-VL, 32
+    /// for Qwen3-VL, else 1.
     pub side_multiple: u32,
 }
 
 impl Default for PictureOptions {
     fn default() -> Self {
-        Self { encoding: Encoding::default(), pixels_max: Some(PIXELS_MAX), side_multiple: 1 }
+        Self {
+            encoding: Encoding::default(),
+            pixels_max: Some(PIXELS_MAX),
+            side_multiple: 1,
+        }
     }
 }
 
 impl PictureOptions {
-    /// The width and height that a picture gets: its own where it is within the budget, else the largest of its aspect
-    /// ratio within it, at least [`PIXELS_MIN`] pixels.
+    /// The width and height that a picture gets: its own where it is within the budget, else the
+    /// largest of its aspect ratio within it, at least [`PIXELS_MIN`] pixels.
     pub fn size(&self, width: u32, height: u32) -> (u32, u32) {
-        let Some(most) = self.pixels_max else { return (width, height) };
-        let (pixels, multiple) = (f64::from(width) * f64::from(height), f64::from(self.side_multiple.max(1)));
+        let Some(most) = self.pixels_max else {
+            return (width, height);
+        };
+        let (pixels, multiple) = (
+            f64::from(width) * f64::from(height),
+            f64::from(self.side_multiple.max(1)),
+        );
         let least = f64::from(PIXELS_MIN.min(most));
         let most = f64::from(most);
         let whole = |side: u32| side.is_multiple_of(self.side_multiple.max(1));
@@ -87,7 +97,9 @@ impl PictureOptions {
             return (width, height);
         }
         let fitted = |scale: f64, round: fn(f64) -> f64| {
-            let side = |side: u32| (round(f64::from(side) * scale / multiple) * multiple).max(multiple) as u32;
+            let side = |side: u32| {
+                (round(f64::from(side) * scale / multiple) * multiple).max(multiple) as u32
+            };
             (side(width), side(height))
         };
         if pixels < least {
@@ -111,7 +123,8 @@ pub struct Picture {
     pub bytes: u64,
 }
 
-/// The pictures of a dataset. May be used from several threads; what is written does not depend on their order.
+/// The pictures of a dataset. May be used from several threads; what is written does not depend on
+/// their order.
 pub struct Pictures {
     root: PathBuf,
     options: PictureOptions,
@@ -122,7 +135,12 @@ pub struct Pictures {
 impl Pictures {
     /// Pictures under `<root>/images`.
     pub fn new(root: &Path, options: PictureOptions) -> Self {
-        Self { root: root.to_owned(), options, written: Mutex::default(), parts: AtomicU64::new(0) }
+        Self {
+            root: root.to_owned(),
+            options,
+            written: Mutex::default(),
+            parts: AtomicU64::new(0),
+        }
     }
 
     /// How they are made.
@@ -137,7 +155,8 @@ impl Pictures {
 
     /// Takes over a picture that an earlier run put; false where its file is not as it was.
     pub fn take_over(&self, image: ImageId, picture: &Picture) -> bool {
-        let there = fs::metadata(self.root.join(&picture.path)).is_ok_and(|file| file.len() == picture.bytes);
+        let there = fs::metadata(self.root.join(&picture.path))
+            .is_ok_and(|file| file.len() == picture.bytes);
         if there {
             self.written().insert(image, picture.clone());
         }
@@ -153,22 +172,43 @@ impl Pictures {
     ///
     /// # Errors
     /// When the pixels are not what the size says, or the file cannot be written.
-    pub fn put(&self, image: ImageId, rgb: &[u8], width: u32, height: u32) -> Result<Picture, DatasetError> {
+    pub fn put(
+        &self,
+        image: ImageId,
+        rgb: &[u8],
+        width: u32,
+        height: u32,
+    ) -> Result<Picture, DatasetError> {
         if let Some(picture) = self.get(&image) {
             return Ok(picture);
         }
         let (bytes, width, height) = self.options.encode(image, rgb, width, height)?;
         let name = Digest::of(&bytes).to_string();
-        let path = format!("images/{}/{name}.{}", &name[..2], self.options.encoding.extension());
+        let path = format!(
+            "images/{}/{name}.{}",
+            &name[..2],
+            self.options.encoding.extension()
+        );
         let file = self.root.join(&path);
         if !file.exists() {
             let folder = self.root.join("images").join(&name[..2]);
             fs::create_dir_all(&folder).map_err(DatasetError::io(&folder))?;
-            // Threads may write the same picture: each its own file, and any of them is the picture.
-            let part = folder.join(format!("{}.part", self.parts.fetch_add(1, Ordering::Relaxed)));
-            fs::write(&part, &bytes).and_then(|()| fs::rename(&part, &file)).map_err(DatasetError::io(&file))?;
+            // Threads may write the same picture: each its own file, and any of them is the
+            // picture.
+            let part = folder.join(format!(
+                "{}.part",
+                self.parts.fetch_add(1, Ordering::Relaxed)
+            ));
+            fs::write(&part, &bytes)
+                .and_then(|()| fs::rename(&part, &file))
+                .map_err(DatasetError::io(&file))?;
         }
-        let picture = Picture { path, width, height, bytes: bytes.len() as u64 };
+        let picture = Picture {
+            path,
+            width,
+            height,
+            bytes: bytes.len() as u64,
+        };
         self.written().insert(image, picture.clone());
         Ok(picture)
     }
@@ -183,7 +223,9 @@ impl Pictures {
     }
 
     fn written(&self) -> std::sync::MutexGuard<'_, BTreeMap<ImageId, Picture>> {
-        self.written.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+        self.written
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
 
@@ -192,9 +234,21 @@ impl PictureOptions {
     ///
     /// # Errors
     /// When the pixels are not what the size says.
-    pub fn encode(&self, image: ImageId, rgb: &[u8], width: u32, height: u32) -> Result<(Vec<u8>, u32, u32), DatasetError> {
-        if width == 0 || height == 0 || rgb.len() as u64 != 3 * u64::from(width) * u64::from(height) {
-            return Err(DatasetError::Pixels { image, found: rgb.len(), width, height });
+    pub fn encode(
+        &self,
+        image: ImageId,
+        rgb: &[u8],
+        width: u32,
+        height: u32,
+    ) -> Result<(Vec<u8>, u32, u32), DatasetError> {
+        if width == 0 || height == 0 || rgb.len() as u64 != 3 * u64::from(width) * u64::from(height)
+        {
+            return Err(DatasetError::Pixels {
+                image,
+                found: rgb.len(),
+                width,
+                height,
+            });
         }
         let refused = |reason: String| DatasetError::Encode { image, reason };
         let (new_width, new_height) = self.size(width, height);
@@ -215,9 +269,12 @@ impl PictureOptions {
 }
 
 fn resize(rgb: &[u8], from: (u32, u32), to: (u32, u32)) -> Result<Vec<u8>, String> {
-    let source = ImageRef::new(from.0, from.1, rgb, PixelType::U8x3).map_err(|error| error.to_string())?;
+    let source =
+        ImageRef::new(from.0, from.1, rgb, PixelType::U8x3).map_err(|error| error.to_string())?;
     let mut target = Image::new(to.0, to.1, PixelType::U8x3);
-    Resizer::new().resize(&source, &mut target, None).map_err(|error| error.to_string())?;
+    Resizer::new()
+        .resize(&source, &mut target, None)
+        .map_err(|error| error.to_string())?;
     Ok(target.into_vec())
 }
 
@@ -226,22 +283,35 @@ fn png(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_compression(png::Compression::Fast);
-    let written = encoder.write_header().and_then(|mut writer| writer.write_image_data(rgb).and_then(|()| writer.finish()));
+    let written = encoder
+        .write_header()
+        .and_then(|mut writer| writer.write_image_data(rgb).and_then(|()| writer.finish()));
     written.map(|()| bytes).map_err(|error| error.to_string())
 }
 
 fn webp(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     let encoder = image_webp::WebPEncoder::new(&mut bytes);
-    encoder.encode(rgb, width, height, image_webp::ColorType::Rgb8).map_err(|error| error.to_string())?;
+    encoder
+        .encode(rgb, width, height, image_webp::ColorType::Rgb8)
+        .map_err(|error| error.to_string())?;
     Ok(bytes)
 }
 
 fn jpeg(rgb: &[u8], width: u32, height: u32, quality: u8) -> Result<Vec<u8>, String> {
-    let side = |side: u32| u16::try_from(side).map_err(|_| format!("a side of {side} pixels is more than JPEG holds"));
+    let side = |side: u32| {
+        u16::try_from(side).map_err(|_| format!("a side of {side} pixels is more than JPEG holds"))
+    };
     let mut bytes = Vec::new();
     let encoder = jpeg_encoder::Encoder::new(&mut bytes, quality.clamp(1, 100));
-    encoder.encode(rgb, side(width)?, side(height)?, jpeg_encoder::ColorType::Rgb).map_err(|error| error.to_string())?;
+    encoder
+        .encode(
+            rgb,
+            side(width)?,
+            side(height)?,
+            jpeg_encoder::ColorType::Rgb,
+        )
+        .map_err(|error| error.to_string())?;
     Ok(bytes)
 }
 
@@ -250,19 +320,34 @@ mod tests {
     use super::*;
 
     fn noise(width: u32, height: u32) -> Vec<u8> {
-        (0..width * height * 3).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect()
+        (0..width * height * 3)
+            .map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8)
+            .collect()
     }
 
     #[test]
     fn sizes() {
-        let size = |side_multiple, width, height| PictureOptions { side_multiple, ..Default::default() }.size(width, height);
+        let size = |side_multiple, width, height| {
+            PictureOptions {
+                side_multiple,
+                ..Default::default()
+            }
+            .size(width, height)
+        };
         assert_eq!(size(1, 640, 480), (365, 274));
         assert_eq!(size(28, 640, 480), (364, 252));
         assert_eq!(size(32, 640, 480), (352, 256));
         assert_eq!(size(1, 320, 240), (320, 240));
         assert_eq!(size(28, 300, 200), (280, 196));
         assert_eq!(size(1, 10, 10), (28, 28));
-        assert_eq!(PictureOptions { pixels_max: None, ..Default::default() }.size(640, 480), (640, 480));
+        assert_eq!(
+            PictureOptions {
+                pixels_max: None,
+                ..Default::default()
+            }
+            .size(640, 480),
+            (640, 480)
+        );
         for (width, height) in [(640, 480), (4000, 20), (1, 1), (317, 316), (9999, 9999)] {
             let (w, h) = size(28, width, height);
             assert!(w % 28 == 0 && h % 28 == 0 && w > 0 && h > 0);
@@ -273,10 +358,20 @@ mod tests {
     fn unresized_without_loss() {
         let rgb = noise(64, 48);
         let image = Digest::of(&rgb);
-        let encode =
-            |encoding| PictureOptions { encoding, pixels_max: None, side_multiple: 1 }.encode(image, &rgb, 64, 48).unwrap().0;
+        let encode = |encoding| {
+            PictureOptions {
+                encoding,
+                pixels_max: None,
+                side_multiple: 1,
+            }
+            .encode(image, &rgb, 64, 48)
+            .unwrap()
+            .0
+        };
         let png = encode(Encoding::Png);
-        let mut reader = png::Decoder::new(std::io::Cursor::new(&png)).read_info().unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(&png))
+            .read_info()
+            .unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut pixels).unwrap();
         assert_eq!(pixels, rgb);
@@ -286,7 +381,10 @@ mod tests {
         decoder.read_image(&mut pixels).unwrap();
         assert_eq!(pixels, rgb);
         assert_eq!(encode(Encoding::Jpeg { quality: 90 })[..2], [0xff, 0xd8]);
-        assert!(matches!(PictureOptions::default().encode(image, &rgb[1..], 64, 48), Err(DatasetError::Pixels { .. })));
+        assert!(matches!(
+            PictureOptions::default().encode(image, &rgb[1..], 64, 48),
+            Err(DatasetError::Pixels { .. })
+        ));
     }
 
     #[test]
@@ -300,10 +398,18 @@ mod tests {
         assert_eq!(pictures.count(), 2);
         let bytes = pictures.bytes(&first).unwrap();
         assert!(first.path.ends_with(&format!("{}.png", Digest::of(&bytes))));
-        let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes)).read_info().unwrap();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(&bytes))
+            .read_info()
+            .unwrap();
         let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
         reader.next_frame(&mut pixels).unwrap();
-        assert!(pixels.iter().all(|value| *value == 77), "a grey picture stays grey");
-        assert_eq!(fs::read_dir(folder.path().join("images")).unwrap().count(), 1);
+        assert!(
+            pixels.iter().all(|value| *value == 77),
+            "a grey picture stays grey"
+        );
+        assert_eq!(
+            fs::read_dir(folder.path().join("images")).unwrap().count(),
+            1
+        );
     }
 }

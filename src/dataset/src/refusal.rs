@@ -1,5 +1,5 @@
-//! What is wrong with the texts of an episode: each is looked at once, however many examples repeat it. Owns what is refused;
-//! what privileged text looks like is told elsewhere.
+//! What is wrong with the texts of an episode: each is looked at once, however many examples repeat
+//! it. Owns what is refused; what privileged text looks like is told elsewhere.
 
 use std::{borrow::Cow, fmt};
 
@@ -43,33 +43,60 @@ pub enum Refusal {
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Refusal::Leak { kind, field, excerpt } => write!(f, "{field} holds {kind}: {excerpt:?}"),
-            Refusal::Tag { tag, field } => write!(f, "{field} holds {tag:?}, which trainers take for a turn or a picture"),
+            Refusal::Leak {
+                kind,
+                field,
+                excerpt,
+            } => write!(f, "{field} holds {kind}: {excerpt:?}"),
+            Refusal::Tag { tag, field } => write!(
+                f,
+                "{field} holds {tag:?}, which trainers take for a turn or a picture"
+            ),
         }
     }
 }
 
 /// Why a text is refused, by the name of the text.
-pub(crate) fn refusal(text: &str, secrets: &Secrets, field: impl Fn() -> String) -> Option<Refusal> {
+pub(crate) fn refusal(
+    text: &str,
+    secrets: &Secrets,
+    field: impl Fn() -> String,
+) -> Option<Refusal> {
     if text.is_empty() {
         return None;
     }
-    let tag = CONTROL_TAGS.iter().find(|tag| text.contains('<') && text.contains(**tag));
+    let tag = CONTROL_TAGS
+        .iter()
+        .find(|tag| text.contains('<') && text.contains(**tag));
     if let Some(tag) = tag {
-        return Some(Refusal::Tag { tag, field: field() });
+        return Some(Refusal::Tag {
+            tag,
+            field: field(),
+        });
     }
     let leak = privileged(text, secrets)?;
-    Some(Refusal::Leak { kind: leak.kind, field: field(), excerpt: leak.excerpt(text) })
+    Some(Refusal::Leak {
+        kind: leak.kind,
+        field: field(),
+        excerpt: leak.excerpt(text),
+    })
 }
 
-/// Whether one look at many texts says that none of them needs a look of its own. What stands between them is in no JSON, so
-/// that none goes on from one text to the next and hides what the next one holds.
+/// Whether one look at many texts says that none of them needs a look of its own. What stands
+/// between them is in no JSON, so that none goes on from one text to the next and hides what the
+/// next one holds.
 pub(crate) fn clean<'t>(texts: impl IntoIterator<Item = &'t str>, secrets: &Secrets) -> bool {
-    let together = texts.into_iter().filter(|text| !text.is_empty()).collect::<Vec<_>>().join("\n\0\n");
-    together.matches(['{', '[']).count() <= JSON_TRIES_MAX && refusal(&together, secrets, String::new).is_none()
+    let together = texts
+        .into_iter()
+        .filter(|text| !text.is_empty())
+        .collect::<Vec<_>>()
+        .join("\n\0\n");
+    together.matches(['{', '[']).count() <= JSON_TRIES_MAX
+        && refusal(&together, secrets, String::new).is_none()
 }
 
-/// What is wrong with each text of the decisions of an episode; empty where nothing is wrong with any.
+/// What is wrong with each text of the decisions of an episode; empty where nothing is wrong with
+/// any.
 pub(crate) struct Checks {
     steps: Vec<StepChecks>,
 }
@@ -89,31 +116,64 @@ impl Checks {
         let secrets = episode.told.secrets();
         let steps = episode.steps.iter().zip(arguments).zip(outcomes);
         let texts = steps.clone().flat_map(|((step, arguments), outcome)| {
-            let Step { reasoning, history, schedule, subtask, call_name, .. } = step;
-            [reasoning, history, schedule, subtask, call_name, arguments.as_str(), outcome]
+            let Step {
+                reasoning,
+                history,
+                schedule,
+                subtask,
+                call_name,
+                ..
+            } = step;
+            [
+                reasoning,
+                history,
+                schedule,
+                subtask,
+                call_name,
+                arguments.as_str(),
+                outcome,
+            ]
         });
         if clean(texts, secrets) {
             return Self { steps: Vec::new() };
         }
         let steps = steps.map(|((step, arguments), outcome)| {
-            let check = |what: &str, text: &str| refusal(text, secrets, || format!("{what} of call {}", step.call));
+            let check = |what: &str, text: &str| {
+                refusal(text, secrets, || format!("{what} of call {}", step.call))
+            };
             StepChecks {
                 reasoning: check("the reasoning", &step.reasoning),
                 history: check("the History", &step.history),
-                plan: check("the New Schedule", &step.schedule).or_else(|| check("the Current subtask", &step.subtask)),
-                action: check("the tool", &step.call_name).or_else(|| check("the arguments", arguments)),
+                plan: check("the New Schedule", &step.schedule)
+                    .or_else(|| check("the Current subtask", &step.subtask)),
+                action: check("the tool", &step.call_name)
+                    .or_else(|| check("the arguments", arguments)),
                 outcome: check("the outcome", outcome),
             }
         });
-        Self { steps: steps.collect() }
+        Self {
+            steps: steps.collect(),
+        }
     }
 
     /// Of a decision with every History up to it, and the action and outcome before it.
     pub fn single_turn(&self, index: usize) -> Option<&Refusal> {
-        let StepChecks { reasoning, plan, action, .. } = self.steps.get(index)?;
-        let said = [reasoning, plan, action].into_iter().find_map(Option::as_ref);
-        let remembered = || self.steps[..=index].iter().find_map(|step| step.history.as_ref());
-        said.or_else(remembered).or_else(|| self.call(index.checked_sub(1)?))
+        let StepChecks {
+            reasoning,
+            plan,
+            action,
+            ..
+        } = self.steps.get(index)?;
+        let said = [reasoning, plan, action]
+            .into_iter()
+            .find_map(Option::as_ref);
+        let remembered = || {
+            self.steps[..=index]
+                .iter()
+                .find_map(|step| step.history.as_ref())
+        };
+        said.or_else(remembered)
+            .or_else(|| self.call(index.checked_sub(1)?))
     }
 
     /// Of a call and its outcome.
@@ -124,8 +184,17 @@ impl Checks {
 
     /// Of a conversation up to and with a decision; its state is not in it.
     pub fn conversation(&self, target: usize) -> Option<&Refusal> {
-        let said = self.steps.iter().take(target + 1).find_map(|step| step.reasoning.as_ref().or(step.action.as_ref()));
-        said.or_else(|| self.steps.iter().take(target).find_map(|step| step.outcome.as_ref()))
+        let said = self
+            .steps
+            .iter()
+            .take(target + 1)
+            .find_map(|step| step.reasoning.as_ref().or(step.action.as_ref()));
+        said.or_else(|| {
+            self.steps
+                .iter()
+                .take(target)
+                .find_map(|step| step.outcome.as_ref())
+        })
     }
 }
 

@@ -1,5 +1,6 @@
-//! What decisions were worth to reinforcement learning: reward, return and advantage in a rollout group (SPEC section 5), as
-//! fields of their rows; and the list of tasks that a trainer asks for (SPEC section 11). Computes no reward.
+//! What decisions were worth to reinforcement learning: reward, return and advantage in a rollout
+//! group (SPEC section 5), as fields of their rows; and the list of tasks that a trainer asks for
+//! (SPEC section 11). Computes no reward.
 
 use std::{collections::BTreeSet, fmt::Write as _};
 
@@ -26,12 +27,13 @@ pub struct Rollout {
     /// Of the episode: the sum of its rewards as the manifest says (`rollouts.returns`), `J_i`.
     #[serde(rename = "return")]
     pub episode_return: f64,
-    /// How much better that is than the group, by the estimator that the manifest names (`rollouts.advantage`).
+    /// How much better that is than the group, by the estimator that the manifest names
+    /// (`rollouts.advantage`).
     pub advantage: f64,
     /// Whether the episode succeeded.
     pub success: bool,
-    /// The tokens that the policy wrote, as `tokens`, and by policy their log-probabilities, as `logprobs`; `None` (and no such fields)
-    /// if they were not recorded.
+    /// The tokens that the policy wrote, as `tokens`, and by policy their log-probabilities, as
+    /// `logprobs`; `None` (and no such fields) if they were not recorded.
     #[serde(flatten)]
     pub logprobs: Option<TokenLogprobs>,
 }
@@ -53,7 +55,12 @@ pub fn task_list<'t>(ids: impl IntoIterator<Item = &'t str>) -> String {
     let ids: BTreeSet<&str> = ids.into_iter().collect();
     let mut list = String::from("[");
     for (at, id) in ids.into_iter().enumerate() {
-        let _ = write!(list, "{}\n  {}", if at > 0 { "," } else { "" }, crate::json::quoted(id));
+        let _ = write!(
+            list,
+            "{}\n  {}",
+            if at > 0 { "," } else { "" },
+            crate::json::quoted(id)
+        );
     }
     list.push_str("\n]\n");
     list
@@ -65,7 +72,13 @@ mod tests {
 
     #[test]
     fn tasks_are_named_once() {
-        assert_eq!(serde_json::from_str::<Vec<String>>(&task_list(["b", "a\"", "b"])).unwrap(), ["a\"", "b"]);
-        assert_eq!(serde_json::from_str::<Vec<String>>(&task_list([])).unwrap(), [""; 0]);
+        assert_eq!(
+            serde_json::from_str::<Vec<String>>(&task_list(["b", "a\"", "b"])).unwrap(),
+            ["a\"", "b"]
+        );
+        assert_eq!(
+            serde_json::from_str::<Vec<String>>(&task_list([])).unwrap(),
+            [""; 0]
+        );
     }
 }

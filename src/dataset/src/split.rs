@@ -1,5 +1,5 @@
-//! Parts of a dataset: whole scenes or tasks go to train, validation or test by their hash, family by family; and the check
-//! that nothing is in two parts. Owns the assignment; chooses no ratio.
+//! Parts of a dataset: whole scenes or tasks go to train, validation or test by their hash, family
+//! by family; and the check that nothing is in two parts. Owns the assignment; chooses no ratio.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -77,19 +77,31 @@ pub struct Splits {
 }
 
 impl Splits {
-    /// Assigns groups (id, family). Each family's groups are ordered by their hash and cut at the ratios, so that every part
-    /// has its share of each family as exactly as whole groups allow. A group of several families counts as the first by name.
-    pub fn stratified<'g>(groups: impl IntoIterator<Item = (&'g str, &'g str)>, seed: u64, ratios: Ratios) -> Self {
+    /// Assigns groups (id, family). Each family's groups are ordered by their hash and cut at the
+    /// ratios, so that every part has its share of each family as exactly as whole groups allow. A
+    /// group of several families counts as the first by name.
+    pub fn stratified<'g>(
+        groups: impl IntoIterator<Item = (&'g str, &'g str)>,
+        seed: u64,
+        ratios: Ratios,
+    ) -> Self {
         let mut family_of: BTreeMap<&str, &str> = BTreeMap::new();
         for (group, family) in groups {
-            family_of.entry(group).and_modify(|known| *known = (*known).min(family)).or_insert(family);
+            family_of
+                .entry(group)
+                .and_modify(|known| *known = (*known).min(family))
+                .or_insert(family);
         }
         let mut families: BTreeMap<&str, Vec<(u64, &str)>> = BTreeMap::new();
         for (group, family) in family_of {
-            families.entry(family).or_default().push((hash(group, seed), group));
+            families
+                .entry(family)
+                .or_default()
+                .push((hash(group, seed), group));
         }
         let mut assigned = BTreeMap::new();
-        // Where families are small their cuts would all round the same way: each begins where the one before it ended.
+        // Where families are small their cuts would all round the same way: each begins where the
+        // one before it ended.
         let mut offset = 0.0;
         for (_, mut members) in families {
             members.sort_unstable();
@@ -142,11 +154,21 @@ pub struct LeakageCheck {
 }
 
 impl LeakageCheck {
-    /// Notes a key of a part. Instructions are compared without case and spaces. Same kinds and keys may come often.
+    /// Notes a key of a part. Instructions are compared without case and spaces. Same kinds and
+    /// keys may come often.
     pub fn add(&mut self, what: &'static str, key: &str, split: Split) {
-        let folded = key.split_whitespace().collect::<Vec<_>>().join(" ").to_lowercase();
+        let folded = key
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ")
+            .to_lowercase();
         let bit = 1 << split as u8;
-        let seen = self.seen.entry(what).or_default().entry(hash(&folded, 0)).or_default();
+        let seen = self
+            .seen
+            .entry(what)
+            .or_default()
+            .entry(hash(&folded, 0))
+            .or_default();
         *seen |= bit;
         if seen.count_ones() > 1 {
             self.found.insert((what, key.to_owned()), *seen);
@@ -155,7 +177,12 @@ impl LeakageCheck {
 
     /// What is in more than one part, by kind and key.
     pub fn found(&self) -> Vec<Leakage> {
-        let splits = |bits: u8| Split::ALL.into_iter().filter(|split| bits & (1 << *split as u8) != 0).collect();
+        let splits = |bits: u8| {
+            Split::ALL
+                .into_iter()
+                .filter(|split| bits & (1 << *split as u8) != 0)
+                .collect()
+        };
         let leakage = |((what, key), bits): (&(&'static str, String), &u8)| Leakage {
             what: (*what).to_owned(),
             key: key.clone(),
@@ -166,7 +193,9 @@ impl LeakageCheck {
 
     /// How many keys of a kind are in more than one part.
     pub fn count(&self, what: &str) -> usize {
-        self.seen.get(what).map_or(0, |keys| keys.values().filter(|bits| bits.count_ones() > 1).count())
+        self.seen.get(what).map_or(0, |keys| {
+            keys.values().filter(|bits| bits.count_ones() > 1).count()
+        })
     }
 }
 
@@ -175,20 +204,42 @@ mod tests {
     use super::*;
 
     fn groups(count: usize) -> Vec<(String, &'static str)> {
-        (0..count).map(|at| (format!("task_{at}"), ["FDP", "FODP", "FDO", "SUL"][at % 4])).collect()
+        (0..count)
+            .map(|at| (format!("task_{at}"), ["FDP", "FODP", "FDO", "SUL"][at % 4]))
+            .collect()
     }
 
     #[test]
     fn every_part_has_its_share_of_each_family() {
         let groups = groups(400);
-        let named = || groups.iter().map(|(group, family)| (group.as_str(), *family));
+        let named = || {
+            groups
+                .iter()
+                .map(|(group, family)| (group.as_str(), *family))
+        };
         let ratios = Ratios::new([8.0, 1.0, 1.0]).unwrap();
         let splits = Splits::stratified(named(), 7, ratios);
         for family in ["FDP", "FODP", "FDO", "SUL"] {
-            let share = |split| named().filter(|(group, of)| *of == family && splits.of(group) == Some(split)).count();
-            assert_eq!([share(Split::Train), share(Split::Validation), share(Split::Test)], [80, 10, 10], "{family}");
+            let share = |split| {
+                named()
+                    .filter(|(group, of)| *of == family && splits.of(group) == Some(split))
+                    .count()
+            };
+            assert_eq!(
+                [
+                    share(Split::Train),
+                    share(Split::Validation),
+                    share(Split::Test)
+                ],
+                [80, 10, 10],
+                "{family}"
+            );
         }
-        assert_eq!(Splits::stratified(named().collect::<Vec<_>>().into_iter().rev(), 7, ratios), splits, "in any order");
+        assert_eq!(
+            Splits::stratified(named().collect::<Vec<_>>().into_iter().rev(), 7, ratios),
+            splits,
+            "in any order"
+        );
         assert_ne!(Splits::stratified(named(), 8, ratios), splits);
     }
 
@@ -209,7 +260,12 @@ mod tests {
         check.add("instruction", "bring the MUG.", Split::Test);
         let found = check.found();
         assert_eq!(
-            (found.len(), found[0].what.as_str(), check.count("instruction"), check.count("scene")),
+            (
+                found.len(),
+                found[0].what.as_str(),
+                check.count("instruction"),
+                check.count("scene")
+            ),
             (1, "instruction", 1, 0)
         );
         assert_eq!(found[0].splits, BTreeSet::from([Split::Train, Split::Test]));

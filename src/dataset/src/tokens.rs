@@ -1,5 +1,6 @@
-//! How long examples are, in tokens: of texts by a tokenizer or a rule of thumb, of pictures as Qwen-VL counts them, against
-//! the context of training (SPEC section 8). Estimates: a trainer's template decides.
+//! How long examples are, in tokens: of texts by a tokenizer or a rule of thumb, of pictures as
+//! Qwen-VL counts them, against the context of training (SPEC section 8). Estimates: a trainer's
+//! template decides.
 
 use std::{collections::BTreeMap, fmt, fs, path::Path, sync::Arc};
 
@@ -28,8 +29,8 @@ pub trait Tokenizer: fmt::Debug + Send + Sync {
     fn count(&self, text: &str) -> u32;
 }
 
-/// A rule of thumb for English and JSON: a token is four bytes. With Qwen's vocabulary our system prompts have 6% less, users'
-/// turns as many, and answers 7% more.
+/// A rule of thumb for English and JSON: a token is four bytes. With Qwen's vocabulary our system
+/// prompts have 6% less, users' turns as many, and answers 7% more.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BytesOverFour;
 
@@ -61,11 +62,18 @@ impl TokenizerFile {
     /// # Errors
     /// When the file cannot be read or is no tokenizer.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
-        let error = |reason: String| DatasetError::Tokenizer { reason, path: path.to_owned() };
+        let error = |reason: String| DatasetError::Tokenizer {
+            reason,
+            path: path.to_owned(),
+        };
         let bytes = fs::read(path).map_err(|reason| error(reason.to_string()))?;
-        let tokenizer = tokenizers::Tokenizer::from_bytes(&bytes).map_err(|reason| error(reason.to_string()))?;
+        let tokenizer = tokenizers::Tokenizer::from_bytes(&bytes)
+            .map_err(|reason| error(reason.to_string()))?;
         let file = path.file_name().unwrap_or_default().to_string_lossy();
-        Ok(Self { name: format!("{file} {}", Digest::of(&bytes).short()), tokenizer })
+        Ok(Self {
+            name: format!("{file} {}", Digest::of(&bytes).short()),
+            tokenizer,
+        })
     }
 }
 
@@ -83,11 +91,14 @@ impl Tokenizer for TokenizerFile {
     }
 }
 
-/// Tokens of a picture: one for each square of `side` pixels after rounding the picture to whole squares, and what stands
-/// around it; the side is 28 for Qwen2.5-VL (patches of 14, two by two) and 32 for Qwen3-VL (patches of 16, two by two).
+/// Tokens of a picture: one for each square of `side` pixels after rounding the picture to whole
+/// squares, and what stands around it; the side is 28 for Qwen2.5-VL (patches of 14, two by two)
+/// and 32 for Qwen3-VL (patches of 16, two by two).
 pub fn image_tokens(width: u32, height: u32, side: u32) -> u32 {
     let squares = |pixels: u32| ((pixels + side / 2) / side.max(1)).max(1);
-    squares(width).saturating_mul(squares(height)).saturating_add(TOKENS_PER_PICTURE)
+    squares(width)
+        .saturating_mul(squares(height))
+        .saturating_add(TOKENS_PER_PICTURE)
 }
 
 /// Tokens of one example.
@@ -106,8 +117,8 @@ impl TokenCount {
     }
 }
 
-/// Counts examples; texts that examples of an episode share are counted once. Parts are counted apart, so that a real
-/// tokenizer's sum may be off by a token a part.
+/// Counts examples; texts that examples of an episode share are counted once. Parts are counted
+/// apart, so that a real tokenizer's sum may be off by a token a part.
 pub struct TokenCounter<'t> {
     tokenizer: &'t dyn Tokenizer,
     image_side: u32,
@@ -118,24 +129,43 @@ pub struct TokenCounter<'t> {
 const SHARED_TEXTS: usize = 3;
 
 impl<'t> TokenCounter<'t> {
-    /// Counts by a tokenizer, and pictures in squares of `image_side` pixels (see [`image_tokens`]).
+    /// Counts by a tokenizer, and pictures in squares of `image_side` pixels (see
+    /// [`image_tokens`]).
     pub fn new(tokenizer: &'t dyn Tokenizer, image_side: u32) -> Self {
-        Self { tokenizer, image_side, shared: Vec::new() }
+        Self {
+            tokenizer,
+            image_side,
+            shared: Vec::new(),
+        }
     }
 
     /// Counts one; `picture` finds its pictures, and those it does not find count nothing.
-    pub fn count(&mut self, example: &Example, picture: impl Fn(&crate::ImageId) -> Option<Picture>) -> TokenCount {
+    pub fn count(
+        &mut self,
+        example: &Example,
+        picture: impl Fn(&crate::ImageId) -> Option<Picture>,
+    ) -> TokenCount {
         let pictures = example.images().filter_map(picture);
-        let image = pictures.map(|it| image_tokens(it.width, it.height, self.image_side)).sum();
+        let image = pictures
+            .map(|it| image_tokens(it.width, it.height, self.image_side))
+            .sum();
         let mut text = example.tools.as_ref().map_or(0, |tools| self.shared(tools));
         for turn in &example.turns {
             text += TOKENS_PER_TURN;
             text += match turn {
                 Turn::System(system) => self.shared(system),
-                Turn::User { setting, situation, .. } => self.shared(setting) + self.tokenizer.count(situation),
+                Turn::User {
+                    setting, situation, ..
+                } => self.shared(setting) + self.tokenizer.count(situation),
                 Turn::Answer(answer) => self.tokenizer.count(answer),
-                Turn::Call { thought, name, arguments, .. } => {
-                    self.tokenizer.count(thought) + self.tokenizer.count(&call_json(name, arguments))
+                Turn::Call {
+                    thought,
+                    name,
+                    arguments,
+                    ..
+                } => {
+                    self.tokenizer.count(thought)
+                        + self.tokenizer.count(&call_json(name, arguments))
                 }
                 Turn::Outcome { text, .. } => self.tokenizer.count(text),
             };
@@ -144,7 +174,11 @@ impl<'t> TokenCounter<'t> {
     }
 
     fn shared(&mut self, text: &Arc<Text>) -> u32 {
-        if let Some((_, count)) = self.shared.iter().find(|(known, _)| Arc::ptr_eq(known, text)) {
+        if let Some((_, count)) = self
+            .shared
+            .iter()
+            .find(|(known, _)| Arc::ptr_eq(known, text))
+        {
             return *count;
         }
         let count = self.tokenizer.count(text.as_str());
@@ -201,7 +235,10 @@ impl TokenReport {
         self.longest = self.longest.max(total);
         self.text += u64::from(count.text);
         self.image += u64::from(count.image);
-        *self.histogram.entry(total.div_ceil(BAR_TOKENS).max(1).saturating_mul(BAR_TOKENS)).or_default() += 1;
+        *self
+            .histogram
+            .entry(total.div_ceil(BAR_TOKENS).max(1).saturating_mul(BAR_TOKENS))
+            .or_default() += 1;
     }
 }
 
@@ -225,12 +262,22 @@ mod tests {
         fs::write(&path, format!(r#"{{"version": "1.0", "pre_tokenizer": {{"type": "Whitespace"}}, "model": {model}}}"#))
             .unwrap();
         let tokenizer = TokenizerFile::open(&path).unwrap();
-        assert_eq!([tokenizer.count("pick the mug"), tokenizer.count("pick a mug, now"), tokenizer.count("")], [3, 5, 0]);
+        assert_eq!(
+            [
+                tokenizer.count("pick the mug"),
+                tokenizer.count("pick a mug, now"),
+                tokenizer.count("")
+            ],
+            [3, 5, 0]
+        );
         assert!(tokenizer.name().starts_with("tokenizer.json "));
         for (text, word) in [("{}", "no tokenizer"), ("", "no tokenizer")] {
             fs::write(&path, text).unwrap();
             let error = TokenizerFile::open(&path).err().unwrap().to_string();
-            assert!(error.contains(word) && error.contains("tokenizer.json"), "{error}");
+            assert!(
+                error.contains(word) && error.contains("tokenizer.json"),
+                "{error}"
+            );
         }
     }
 
@@ -240,7 +287,13 @@ mod tests {
         for (text, image) in [(8_000, 192), (8_000, 193), (1, 0)] {
             report.add(TokenCount { text, image });
         }
-        assert_eq!((report.examples, report.over, report.longest), (3, 1, 8_193));
-        assert_eq!(report.histogram, BTreeMap::from([(1_024, 1), (8_192, 1), (9_216, 1)]));
+        assert_eq!(
+            (report.examples, report.over, report.longest),
+            (3, 1, 8_193)
+        );
+        assert_eq!(
+            report.histogram,
+            BTreeMap::from([(1_024, 1), (8_192, 1), (9_216, 1)])
+        );
     }
 }

@@ -37,23 +37,47 @@ pub struct Receptacle {
 
 impl Told {
     /// The instruction, the furniture in the scene's order, and what is privileged in the task.
-    pub fn new(instruction: impl Into<String>, receptacles: Vec<Receptacle>, secrets: Secrets) -> Self {
+    pub fn new(
+        instruction: impl Into<String>,
+        receptacles: Vec<Receptacle>,
+        secrets: Secrets,
+    ) -> Self {
         let instruction = instruction.into();
-        let listed: Vec<String> =
-            receptacles.iter().map(|Receptacle { id, category, room }| format!("{id} ({category}, {room})")).collect();
+        let listed: Vec<String> = receptacles
+            .iter()
+            .map(|Receptacle { id, category, room }| format!("{id} ({category}, {room})"))
+            .collect();
         let refusal = refusal(&instruction, &secrets, || "the instruction".into()).or_else(|| {
             let mut each = listed.iter().zip(&receptacles);
-            let one = || each.find_map(|(text, it)| refusal(text, &secrets, || format!("receptacle {}", it.id)));
-            (!clean(listed.iter().map(String::as_str), &secrets)).then(one).flatten()
+            let one = || {
+                each.find_map(|(text, it)| {
+                    refusal(text, &secrets, || format!("receptacle {}", it.id))
+                })
+            };
+            (!clean(listed.iter().map(String::as_str), &secrets))
+                .then(one)
+                .flatten()
         });
         let prompt = Prompt::builtin();
-        Self { instruction, receptacles, secrets, refusal, prompt, single_turn: OnceLock::new(), briefing: OnceLock::new() }
+        Self {
+            instruction,
+            receptacles,
+            secrets,
+            refusal,
+            prompt,
+            single_turn: OnceLock::new(),
+            briefing: OnceLock::new(),
+        }
     }
 
     /// Puts single turns by another prompt than the one that comes along.
     #[must_use]
     pub fn with_prompt(self, prompt: Arc<Prompt>) -> Self {
-        Self { prompt, single_turn: OnceLock::new(), ..self }
+        Self {
+            prompt,
+            single_turn: OnceLock::new(),
+            ..self
+        }
     }
 
     /// What the agent was told to do.
@@ -79,8 +103,12 @@ impl Told {
     /// The task in the words of the prompt, and the beginning that all its single turns share.
     pub(crate) fn single_turn(&self) -> &(Arc<EpisodePrompt>, Arc<Text>) {
         self.single_turn.get_or_init(|| {
-            let receptacles = self.receptacles.iter().map(|it| (it.id.as_str(), it.room.as_str()));
-            let episode = EpisodePrompt::new(Arc::clone(&self.prompt), &self.instruction, receptacles);
+            let receptacles = self
+                .receptacles
+                .iter()
+                .map(|it| (it.id.as_str(), it.room.as_str()));
+            let episode =
+                EpisodePrompt::new(Arc::clone(&self.prompt), &self.instruction, receptacles);
             let shared = Arc::new(Text::new(episode.shared()));
             (Arc::new(episode), shared)
         })
@@ -89,7 +117,10 @@ impl Told {
     /// The first user message of a conversation.
     pub(crate) fn briefing(&self) -> Arc<Text> {
         let text = self.briefing.get_or_init(|| {
-            let receptacles = self.receptacles.iter().map(|it| (it.id.as_str(), it.category.as_str(), it.room.as_str()));
+            let receptacles = self
+                .receptacles
+                .iter()
+                .map(|it| (it.id.as_str(), it.category.as_str(), it.room.as_str()));
             Arc::new(Text::new(briefing(&self.instruction, receptacles)))
         });
         Arc::clone(text)

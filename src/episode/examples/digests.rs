@@ -1,9 +1,12 @@
-//! Prints one digest for each episode it reads and for each scene made to fail: what the determinism checks compare
-//! between builds, CPUs and C libraries. Builds without files, clocks, threads or C code, for wasm32 too.
+//! Prints one digest for each episode it reads and for each scene made to fail: what the
+//! determinism checks compare between builds, CPUs and C libraries. Builds without files, clocks,
+//! threads or C code, for wasm32 too.
 //!
-//! Episodes come on standard input, one JSON document a line, as `reel show --json` prints them. Arguments:
+//! Episodes come on standard input, one JSON document a line, as `reel show --json` prints them.
+//! Arguments:
 //!
-//! - `--restored`: each call is executed by an episode restored from bytes, and the scenes are restored as they move;
+//! - `--restored`: each call is executed by an episode restored from bytes, and the scenes are
+//!   restored as they move;
 //! - `--workers N`: N threads play the episodes, and all of them play every episode;
 //! - `--reversed`: last episode first;
 //! - `--recorded`: executes nothing and prints what the traces say, in their order.
@@ -47,15 +50,36 @@ struct Condition {
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let has = |flag: &str| arguments.iter().any(|argument| argument == flag);
-    let after = |flag: &str| arguments.iter().position(|argument| argument == flag).and_then(|at| arguments.get(at + 1));
-    let workers = after("--workers").map_or(1, |count| count.parse().expect("--workers takes a whole number"));
-    let condition = Condition { restored: has("--restored"), workers, reversed: has("--reversed") };
-    let lines = io::stdin().lock().lines().map(|line| line.expect("standard input can be read"));
-    let mut episodes: Vec<Recorded> =
-        lines.map(|line| serde_json::from_str(&line).expect("each line is a trace as `reel show --json` prints it")).collect();
+    let after = |flag: &str| {
+        arguments
+            .iter()
+            .position(|argument| argument == flag)
+            .and_then(|at| arguments.get(at + 1))
+    };
+    let workers = after("--workers").map_or(1, |count| {
+        count.parse().expect("--workers takes a whole number")
+    });
+    let condition = Condition {
+        restored: has("--restored"),
+        workers,
+        reversed: has("--reversed"),
+    };
+    let lines = io::stdin()
+        .lock()
+        .lines()
+        .map(|line| line.expect("standard input can be read"));
+    let mut episodes: Vec<Recorded> = lines
+        .map(|line| {
+            serde_json::from_str(&line)
+                .expect("each line is a trace as `reel show --json` prints it")
+        })
+        .collect();
     if has("--recorded") {
         for episode in &episodes {
-            let end = episode.end.as_ref().expect("the trace of a finished episode");
+            let end = episode
+                .end
+                .as_ref()
+                .expect("the trace of a finished episode");
             println!("{} {}", episode.header.episode_id, end.chain);
         }
         return;
@@ -67,19 +91,34 @@ fn main() {
         println!("{name} {digest}");
     }
     for scene in Stress::ALL {
-        println!("{} {}", scene.name(), scene.run(STRESS_STEPS, condition.restored.then_some(5)));
+        println!(
+            "{} {}",
+            scene.name(),
+            scene.run(STRESS_STEPS, condition.restored.then_some(5))
+        );
     }
 }
 
 /// Digests by episode; every worker has to find the same.
 fn play_all(episodes: Vec<Recorded>, condition: Condition) -> BTreeMap<String, Digest> {
     let all = move |episodes: Vec<Recorded>| -> BTreeMap<String, Digest> {
-        episodes.iter().map(|episode| (episode.header.episode_id.clone(), play(episode, condition.restored))).collect()
+        episodes
+            .iter()
+            .map(|episode| {
+                (
+                    episode.header.episode_id.clone(),
+                    play(episode, condition.restored),
+                )
+            })
+            .collect()
     };
     if condition.workers == 1 {
         return all(episodes);
     }
-    #[expect(clippy::disallowed_methods, reason = "the check is that threads change nothing")]
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the check is that threads change nothing"
+    )]
     let workers: Vec<_> = (0..condition.workers)
         .map(|worker| {
             let mut episodes = episodes.clone();
@@ -88,13 +127,19 @@ fn play_all(episodes: Vec<Recorded>, condition: Condition) -> BTreeMap<String, D
             std::thread::spawn(move || all(episodes))
         })
         .collect();
-    let mut found = workers.into_iter().map(|worker| worker.join().expect("a worker ends"));
+    let mut found = workers
+        .into_iter()
+        .map(|worker| worker.join().expect("a worker ends"));
     let first = found.next().expect("there is a worker");
-    assert!(found.all(|other| other == first), "two threads found different digests");
+    assert!(
+        found.all(|other| other == first),
+        "two threads found different digests"
+    );
     first
 }
 
-/// The last link of the hash chain: it covers every digest, picture and text of the episode, and its inputs.
+/// The last link of the hash chain: it covers every digest, picture and text of the episode, and
+/// its inputs.
 fn play(recorded: &Recorded, restored: bool) -> Digest {
     let header = &recorded.header;
     let config = EpisodeConfig {
@@ -110,12 +155,15 @@ fn play(recorded: &Recorded, restored: bool) -> Digest {
         rollout: Rollout::of(header),
         parent: header.parent.clone(),
     };
-    let (mut episode, start, _) = Episode::start(config.clone()).expect("task and scene belong together");
+    let (mut episode, start, _) =
+        Episode::start(config.clone()).expect("task and scene belong together");
     let mut steps = Vec::new();
     for step in &recorded.steps {
         if restored {
-            let snapshot = Snapshot::from_bytes(&episode.snapshot().to_bytes()).expect("what was written can be read");
-            episode = Episode::resume(config.clone(), start.clone(), steps.clone(), &snapshot).expect("it is of this moment");
+            let snapshot = Snapshot::from_bytes(&episode.snapshot().to_bytes())
+                .expect("what was written can be read");
+            episode = Episode::resume(config.clone(), start.clone(), steps.clone(), &snapshot)
+                .expect("it is of this moment");
         }
         steps.push(episode.step(step.input.clone()).record);
     }

@@ -5,15 +5,17 @@ use std::{fmt, sync::Arc};
 use reel_reward::{Rewarder, metrics};
 use reel_sim::{Given, Luck, Simulator, Snapshot, Stage, ToolResult, render::Detail, sim_version};
 use reel_world::{
-    Digest, ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool, WorldGraph, ask_reply, chain,
-    invariants,
+    Digest, ErrorCode, Frame, InstanceId, Lifecycle, Meshes, Outcome, Profile, Scene, Task, Tool,
+    WorldGraph, ask_reply, chain, invariants,
     record::{
-        Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord, StateDigests, StepInput,
-        StepRecord, UserReply,
+        Backend, BodyState, EndReason, EndRecord, EpisodeHeader, GraphChanges, Graphs, StartRecord,
+        StateDigests, StepInput, StepRecord, UserReply,
     },
 };
 
-use crate::{Briefing, EpisodeConfig, EpisodeError, Privileged, StepOutput, published_user, user::RuleUser};
+use crate::{
+    Briefing, EpisodeConfig, EpisodeError, Privileged, StepOutput, published_user, user::RuleUser,
+};
 
 /// What a policy is told whose answer holds no call.
 const NO_CALL: &str = "No tool selected: the answer holds no call that can be read. Answer with one call of one of the tools.";
@@ -49,7 +51,13 @@ impl Parked {
     /// # Errors
     /// As [`Episode::resume`].
     pub fn wake(self) -> Result<Episode, EpisodeError> {
-        Episode::resume_on(self.stage, self.config, self.start, self.steps, &self.snapshot)
+        Episode::resume_on(
+            self.stage,
+            self.config,
+            self.start,
+            self.steps,
+            &self.snapshot,
+        )
     }
 
     /// What the robot's head sees.
@@ -57,13 +65,24 @@ impl Parked {
     /// # Errors
     /// When the snapshot cannot be restored.
     pub fn look(&self) -> Result<Frame, EpisodeError> {
-        let simulator = Simulator::resume(self.stage.clone(), self.config.profile, self.config.seed, &self.snapshot)?;
+        let simulator = Simulator::resume(
+            self.stage.clone(),
+            self.config.profile,
+            self.config.seed,
+            &self.snapshot,
+        )?;
         Ok(simulator.picture_from(&simulator.camera()))
     }
 
     /// Closes it where it lies, as [`Episode::end`] does.
     pub fn end(self) -> EndRecord {
-        end(self.ended, &self.config, &self.start, &self.steps, self.graphs)
+        end(
+            self.ended,
+            &self.config,
+            &self.start,
+            &self.steps,
+            self.graphs,
+        )
     }
 
     /// The task.
@@ -79,7 +98,13 @@ impl Parked {
 
 impl fmt::Debug for Episode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Episode({}, {} steps, ended: {:?})", self.header.episode_id, self.steps.len(), self.ended)
+        write!(
+            f,
+            "Episode({}, {} steps, ended: {:?})",
+            self.header.episode_id,
+            self.steps.len(),
+            self.ended
+        )
     }
 }
 
@@ -92,16 +117,24 @@ impl Episode {
         Self::start_with(config, Detail::Picture)
     }
 
-    /// [`Episode::start`] with pictures of so much detail. Without RGB the digests of RGB and the chain, which covers
-    /// them, are not those of the episode; everything else is.
+    /// [`Episode::start`] with pictures of so much detail. Without RGB the digests of RGB and the
+    /// chain, which covers them, are not those of the episode; everything else is.
     ///
     /// # Errors
     /// When task and scene do not belong together.
-    pub fn start_with(config: EpisodeConfig, detail: Detail) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
-        Ok(Self::begin(stage(&config.scene, &config.task, &config.meshes)?, config, detail))
+    pub fn start_with(
+        config: EpisodeConfig,
+        detail: Detail,
+    ) -> Result<(Episode, StartRecord, Frame), EpisodeError> {
+        Ok(Self::begin(
+            stage(&config.scene, &config.task, &config.meshes)?,
+            config,
+            detail,
+        ))
     }
 
-    /// [`Episode::start`] on a stage that is there already: that of the task and scene of `config`, by [`stage`].
+    /// [`Episode::start`] on a stage that is there already: that of the task and scene of `config`,
+    /// by [`stage`].
     ///
     /// # Panics
     /// When it is the stage of another task or scene.
@@ -109,7 +142,11 @@ impl Episode {
         Self::begin(stage, config, Detail::Picture)
     }
 
-    fn begin(stage: Arc<Stage>, config: EpisodeConfig, detail: Detail) -> (Episode, StartRecord, Frame) {
+    fn begin(
+        stage: Arc<Stage>,
+        config: EpisodeConfig,
+        detail: Detail,
+    ) -> (Episode, StartRecord, Frame) {
         check_stage(&stage, &config);
         let header = header(&config);
         let mut simulator = Simulator::new(stage, config.profile, config.seed);
@@ -127,26 +164,43 @@ impl Episode {
         start.digests.chain = chain::start_link(&header, &start);
         let (rewarder, user) = observers(&config, &start);
         let ended = simulator.fault().then_some(EndReason::Fault);
-        let episode =
-            Episode { header, simulator, user, rewarder, graphs, start: start.clone(), steps: Vec::new(), ended, config };
+        let episode = Episode {
+            header,
+            simulator,
+            user,
+            rewarder,
+            graphs,
+            start: start.clone(),
+            steps: Vec::new(),
+            ended,
+            config,
+        };
         (episode, start, frame)
     }
 
-    /// Goes on with a recorded episode: `steps` are its calls up to the snapshot, and what comes now equals what came
-    /// then, bit for bit, if the inputs are equal.
+    /// Goes on with a recorded episode: `steps` are its calls up to the snapshot, and what comes
+    /// now equals what came then, bit for bit, if the inputs are equal.
     ///
     /// # Errors
-    /// When task and scene do not belong together, or the snapshot is not one of the state after these steps.
+    /// When task and scene do not belong together, or the snapshot is not one of the state after
+    /// these steps.
     pub fn resume(
         config: EpisodeConfig,
         start: StartRecord,
         steps: Vec<StepRecord>,
         snapshot: &Snapshot,
     ) -> Result<Episode, EpisodeError> {
-        Self::resume_on(stage(&config.scene, &config.task, &config.meshes)?, config, start, steps, snapshot)
+        Self::resume_on(
+            stage(&config.scene, &config.task, &config.meshes)?,
+            config,
+            start,
+            steps,
+            snapshot,
+        )
     }
 
-    /// [`Episode::resume`] on a stage that is there already: that of the task and scene of `config`, by [`stage`].
+    /// [`Episode::resume`] on a stage that is there already: that of the task and scene of
+    /// `config`, by [`stage`].
     ///
     /// # Errors
     /// When the snapshot is not one of the state after these steps.
@@ -163,24 +217,43 @@ impl Episode {
         check_stage(&stage, &config);
         let last = steps.last().map_or(&start.digests, |step| &step.digests);
         if last.state != snapshot.digest() {
-            return Err(EpisodeError::OtherMoment { steps: steps.len(), expected: last.state, found: snapshot.digest() });
+            return Err(EpisodeError::OtherMoment {
+                steps: steps.len(),
+                expected: last.state,
+                found: snapshot.digest(),
+            });
         }
         let simulator = Simulator::resume(stage, config.profile, config.seed, snapshot)?;
         let (mut rewarder, mut user) = observers(&config, &start);
         for step in &steps {
-            // Its terms are in the record already; what counts is what the rewarder remembers of it.
+            // Its terms are in the record already; what counts is what the rewarder remembers of
+            // it.
             let _ = rewarder.step(step);
             observe(&mut user, step);
         }
         let (header, graphs) = (header(&config), simulator.graphs());
-        let mut episode = Episode { header, simulator, user, rewarder, graphs, start, steps, ended: None, config };
-        let tool = episode.steps.last().and_then(|step| episode.config.profile.tool(&step.input.call).ok());
+        let mut episode = Episode {
+            header,
+            simulator,
+            user,
+            rewarder,
+            graphs,
+            start,
+            steps,
+            ended: None,
+            config,
+        };
+        let tool = episode
+            .steps
+            .last()
+            .and_then(|step| episode.config.profile.tool(&step.input.call).ok());
         episode.ended = episode.end_reason(tool.as_ref());
         Ok(episode)
     }
 
-    /// Another future of a recorded episode: `config.parent` says of which, `start` and `steps` are its records up to the
-    /// snapshot. They become the branch's own, linked anew under its header. `detail` is of the pictures to come.
+    /// Another future of a recorded episode: `config.parent` says of which, `start` and `steps` are
+    /// its records up to the snapshot. They become the branch's own, linked anew under its header.
+    /// `detail` is of the pictures to come.
     ///
     /// # Errors
     /// As [`Episode::resume`].
@@ -202,12 +275,27 @@ impl Episode {
         self.simulator.snapshot()
     }
 
-    /// Puts the episode aside: its records and a snapshot, without the engine and the last picture. Its stage stays, shared with
-    /// others of the task.
+    /// Puts the episode aside: its records and a snapshot, without the engine and the last picture.
+    /// Its stage stays, shared with others of the task.
     pub fn park(self) -> Parked {
         let (stage, snapshot) = (self.simulator.stage().clone(), self.snapshot());
-        let Self { config, start, steps, graphs, ended, .. } = self;
-        Parked { stage, config, start, steps, graphs, snapshot, ended }
+        let Self {
+            config,
+            start,
+            steps,
+            graphs,
+            ended,
+            ..
+        } = self;
+        Parked {
+            stage,
+            config,
+            start,
+            steps,
+            graphs,
+            snapshot,
+            ended,
+        }
     }
 
     /// The header of the trace.
@@ -245,7 +333,8 @@ impl Episode {
         Briefing::new(&self.config.task, &self.config.scene)
     }
 
-    /// Takes one decision. After the end every call is an `episode_over` error that changes nothing.
+    /// Takes one decision. After the end every call is an `episode_over` error that changes
+    /// nothing.
     ///
     /// # Panics
     /// When the simulator breaks an invariant of its own: a programmer's error.
@@ -253,8 +342,13 @@ impl Episode {
         let profile = self.config.profile;
         let parsed = profile.tool(&input.call);
         let (result, reply) = match &parsed {
-            _ if self.ended.is_some() => (refused(ErrorCode::EpisodeOver, "The episode is over."), None),
-            _ if profile.is_published() && !is_runners(&parsed) && !says_no_call(&input) => self.dispatch_published(&input),
+            _ if self.ended.is_some() => (
+                refused(ErrorCode::EpisodeOver, "The episode is over."),
+                None,
+            ),
+            _ if profile.is_published() && !is_runners(&parsed) && !says_no_call(&input) => {
+                self.dispatch_published(&input)
+            }
             Ok(tool) => self.dispatch(tool, &input),
             Err(_) if says_no_call(&input) => (refused(ErrorCode::UnparsableOutput, NO_CALL), None),
             Err(error) => (refused(error.code(), &error.to_string()), None),
@@ -286,7 +380,10 @@ impl Episode {
             digests: digests(&mut self.simulator, result.frame.as_ref()),
         };
         if self.simulator.fault() {
-            record.outcome = Outcome::error(ErrorCode::PhysicsFault, "The simulation failed; the episode ends.");
+            record.outcome = Outcome::error(
+                ErrorCode::PhysicsFault,
+                "The simulation failed; the episode ends.",
+            );
         }
         record.reward = self.rewarder.step(&record);
         record.digests.chain = chain::step_link(&chain_of(&self.start, &self.steps), &record);
@@ -294,7 +391,10 @@ impl Episode {
         self.check_invariants();
         self.steps.push(record.clone());
         self.ended = self.ended.or_else(|| self.end_reason(tool.as_ref()));
-        StepOutput { record, frame: result.frame }
+        StepOutput {
+            record,
+            frame: result.frame,
+        }
     }
 
     /// Why the episode ended; none while it runs.
@@ -314,12 +414,18 @@ impl Episode {
         }
     }
 
-    /// The graph that counts: where physics says the objects are, and with the published servers where picks and places do.
+    /// The graph that counts: where physics says the objects are, and with the published servers
+    /// where picks and places do.
     fn authority(&self) -> &WorldGraph {
-        if self.config.profile.is_published() { &self.graphs.registry } else { &self.graphs.physics }
+        if self.config.profile.is_published() {
+            &self.graphs.registry
+        } else {
+            &self.graphs.physics
+        }
     }
 
-    /// Keeps the motion states after one physics step of the next call (from 0); see [`Episode::take_watched`].
+    /// Keeps the motion states after one physics step of the next call (from 0); see
+    /// [`Episode::take_watched`].
     pub fn watch(&mut self, physics_step: usize) {
         self.simulator.watch(physics_step);
     }
@@ -341,7 +447,13 @@ impl Episode {
 
     /// Closes the episode: final graphs and metrics. `Aborted` if it still runs.
     pub fn end(self) -> EndRecord {
-        end(self.ended, &self.config, &self.start, &self.steps, self.graphs)
+        end(
+            self.ended,
+            &self.config,
+            &self.start,
+            &self.steps,
+            self.graphs,
+        )
     }
 
     /// A call of a published server, which reads the arguments itself.
@@ -353,30 +465,61 @@ impl Episode {
             return (self.simulator.say_published("ask", answer), reply);
         }
         let luck = self.luck();
-        (self.simulator.call_published(call, Given { luck, lookup: input.lookup.as_ref() }), None)
+        (
+            self.simulator.call_published(
+                call,
+                Given {
+                    luck,
+                    lookup: input.lookup.as_ref(),
+                },
+            ),
+            None,
+        )
     }
 
     /// The luck of the next call.
     fn luck(&self) -> Luck {
         let call = u32::try_from(self.steps.len()).expect("an episode has few steps");
-        Luck::of(self.config.skills, self.config.seed, &self.config.task.task_id, call)
+        Luck::of(
+            self.config.skills,
+            self.config.seed,
+            &self.config.task.task_id,
+            call,
+        )
     }
 
     fn dispatch(&mut self, tool: &Tool, input: &StepInput) -> (ToolResult, Option<UserReply>) {
         match tool {
             Tool::Ask { question } => {
-                let reply = input.user_reply.clone().unwrap_or_else(|| self.user.answer(question));
+                let reply = input
+                    .user_reply
+                    .clone()
+                    .unwrap_or_else(|| self.user.answer(question));
                 (said(reply.text.clone()), Some(reply))
             }
             Tool::Finish => (said("Episode finished."), None),
-            Tool::Lifecycle(Lifecycle::ListTasks) => (said(serde_json::json!([self.config.task.task_id]).to_string()), None),
+            Tool::Lifecycle(Lifecycle::ListTasks) => (
+                said(serde_json::json!([self.config.task.task_id]).to_string()),
+                None,
+            ),
             Tool::Lifecycle(Lifecycle::FinishWithId { task_id }) => {
-                let text = format!("Task {task_id} can only be started by a session; this episode plays one task.");
+                let text = format!(
+                    "Task {task_id} can only be started by a session; this episode plays one task."
+                );
                 (refused(ErrorCode::BadArguments, &text), None)
             }
             tool => {
                 let luck = self.luck();
-                (self.simulator.call(tool, Given { luck, lookup: input.lookup.as_ref() }), None)
+                (
+                    self.simulator.call(
+                        tool,
+                        Given {
+                            luck,
+                            lookup: input.lookup.as_ref(),
+                        },
+                    ),
+                    None,
+                )
             }
         }
     }
@@ -387,7 +530,8 @@ impl Episode {
         } else if tool == Some(&Tool::Finish) {
             Some(EndReason::Finished)
         } else {
-            (self.steps.len() >= self.config.profile.horizon() as usize).then_some(EndReason::Horizon)
+            (self.steps.len() >= self.config.profile.horizon() as usize)
+                .then_some(EndReason::Horizon)
         }
     }
 
@@ -401,7 +545,10 @@ impl Episode {
                 markers: self.simulator.markers(),
             };
             if let Err(violation) = invariants::check(&moment) {
-                panic!("task {}, seed {}: {violation}", self.config.task.task_id, self.config.seed);
+                panic!(
+                    "task {}, seed {}: {violation}",
+                    self.config.task.task_id, self.config.seed
+                );
             }
         }
     }
@@ -411,26 +558,52 @@ impl Episode {
 ///
 /// # Errors
 /// When the task plays in another scene.
-pub fn stage(scene: &Arc<Scene>, task: &Arc<Task>, meshes: &Meshes) -> Result<Arc<Stage>, EpisodeError> {
+pub fn stage(
+    scene: &Arc<Scene>,
+    task: &Arc<Task>,
+    meshes: &Meshes,
+) -> Result<Arc<Stage>, EpisodeError> {
     if task.scene_id == scene.scene_id {
-        return Ok(Stage::with_meshes(scene.clone(), task.clone(), meshes.clone()));
+        return Ok(Stage::with_meshes(
+            scene.clone(),
+            task.clone(),
+            meshes.clone(),
+        ));
     }
     let (wanted, given) = (task.scene_id.clone(), scene.scene_id.clone());
-    Err(EpisodeError::OtherScene { task: task.task_id.clone(), wanted, given })
+    Err(EpisodeError::OtherScene {
+        task: task.task_id.clone(),
+        wanted,
+        given,
+    })
 }
 
 fn check_stage(stage: &Stage, config: &EpisodeConfig) {
-    let its =
-        Arc::ptr_eq(stage.task(), &config.task) && Arc::ptr_eq(stage.scene(), &config.scene) && *stage.meshes() == config.meshes;
-    assert!(its, "the stage of task {} was handed to task {}", stage.task().task_id, config.task.task_id);
+    let its = Arc::ptr_eq(stage.task(), &config.task)
+        && Arc::ptr_eq(stage.scene(), &config.scene)
+        && *stage.meshes() == config.meshes;
+    assert!(
+        its,
+        "the stage of task {} was handed to task {}",
+        stage.task().task_id,
+        config.task.task_id
+    );
 }
 
 /// The last link.
 fn chain_of(start: &StartRecord, steps: &[StepRecord]) -> Digest {
-    steps.last().map_or(start.digests.chain, |step| step.digests.chain)
+    steps
+        .last()
+        .map_or(start.digests.chain, |step| step.digests.chain)
 }
 
-fn end(ended: Option<EndReason>, config: &EpisodeConfig, start: &StartRecord, steps: &[StepRecord], graphs: Graphs) -> EndRecord {
+fn end(
+    ended: Option<EndReason>,
+    config: &EpisodeConfig,
+    start: &StartRecord,
+    steps: &[StepRecord],
+    graphs: Graphs,
+) -> EndRecord {
     EndRecord {
         reason: ended.unwrap_or(EndReason::Aborted),
         metrics: metrics(&config.preset, &config.task, start, steps, &graphs),
@@ -451,7 +624,10 @@ fn observers(config: &EpisodeConfig, start: &StartRecord) -> (Box<dyn Rewarder>,
 
 /// What the user learns of a step.
 fn observe(user: &mut RuleUser, step: &StepRecord) {
-    user.observe(&step.input.call.to_string(), &seen(&step.visible, &step.listed));
+    user.observe(
+        &step.input.call.to_string(),
+        &seen(&step.visible, &step.listed),
+    );
     user.observe_held(step.held.as_ref());
 }
 
@@ -459,7 +635,10 @@ fn header(config: &EpisodeConfig) -> EpisodeHeader {
     let mut header = EpisodeHeader {
         episode_id: String::new(),
         run_id: config.run_id.clone(),
-        group_id: config.rollout.as_ref().map(|rollout| rollout.group_id.clone()),
+        group_id: config
+            .rollout
+            .as_ref()
+            .map(|rollout| rollout.group_id.clone()),
         rollout_index: config.rollout.as_ref().map(|rollout| rollout.index),
         task_id: config.task.task_id.clone(),
         family: config.task.family,
@@ -474,7 +653,11 @@ fn header(config: &EpisodeConfig) -> EpisodeHeader {
         policy: config.policy.clone(),
         backend: Backend::Sim,
         skills: config.skills,
-        meshes: config.meshes.iter().map(|(asset, mesh)| (asset.clone(), mesh.digest())).collect(),
+        meshes: config
+            .meshes
+            .iter()
+            .map(|(asset, mesh)| (asset.clone(), mesh.digest()))
+            .collect(),
         parent: config.parent.clone(),
     };
     header.episode_id = Digest::of_json(&header).to_string()[..16].to_owned();
@@ -493,7 +676,11 @@ fn digests(simulator: &mut Simulator, frame: Option<&Frame>) -> StateDigests {
 
 /// What an auxiliary observation holds: what is in the picture and what was told in words.
 fn seen(visible: &[reel_world::record::VisibleObject], listed: &[InstanceId]) -> Vec<InstanceId> {
-    visible.iter().map(|object| object.object.clone()).chain(listed.iter().cloned()).collect()
+    visible
+        .iter()
+        .map(|object| object.object.clone())
+        .chain(listed.iter().cloned())
+        .collect()
 }
 
 /// Whether a call begins, ends or lists episodes, which is no tool's business.
@@ -507,7 +694,11 @@ fn is_runners(parsed: &Result<Tool, reel_world::CallError>) -> bool {
 
 /// Whether a policy said something that holds no call.
 fn says_no_call(input: &StepInput) -> bool {
-    input.call.name.is_empty() && input.policy.as_ref().is_some_and(|policy| !policy.raw.is_empty())
+    input.call.name.is_empty()
+        && input
+            .policy
+            .as_ref()
+            .is_some_and(|policy| !policy.raw.is_empty())
 }
 
 fn said(text: impl Into<String>) -> ToolResult {

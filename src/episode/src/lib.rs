@@ -1,5 +1,6 @@
-//! The one step function that every runner uses: dispatch of a call to the simulator or the user, graphs,
-//! reward, digests and the hash chain. Never files, clocks or threads; the caller owns those.
+//! The one step function that every runner uses: dispatch of a call to the simulator or the user,
+//! graphs, reward, digests and the hash chain. Never files, clocks or threads; the caller owns
+//! those.
 
 mod episode;
 mod published_user;
@@ -9,7 +10,8 @@ use std::sync::Arc;
 
 use reel_reward::Preset;
 use reel_world::{
-    Digest, ErrorCode, Frame, InstanceId, Meshes, Profile, Receptacle, ReceptacleId, Scene, Skills, Task, WorldGraph,
+    Digest, ErrorCode, Frame, InstanceId, Meshes, Profile, Receptacle, ReceptacleId, Scene, Skills,
+    Task, WorldGraph,
     record::{EpisodeHeader, Marker, Parent, PolicyInfo, StepRecord},
 };
 
@@ -43,7 +45,8 @@ pub struct EpisodeConfig {
     pub parent: Option<Parent>,
 }
 
-/// An episode's place in a prompt group: several episodes of one task and seed, whose advantages are relative to each other.
+/// An episode's place in a prompt group: several episodes of one task and seed, whose advantages
+/// are relative to each other.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Rollout {
     /// The group.
@@ -55,7 +58,10 @@ pub struct Rollout {
 impl Rollout {
     /// The place that a header names; none where it is of no group.
     pub fn of(header: &EpisodeHeader) -> Option<Self> {
-        Some(Self { group_id: header.group_id.clone()?, index: header.rollout_index.unwrap_or(0) })
+        Some(Self {
+            group_id: header.group_id.clone()?,
+            index: header.rollout_index.unwrap_or(0),
+        })
     }
 }
 
@@ -108,8 +114,17 @@ pub struct Briefing {
 impl Briefing {
     /// What an agent is told of a task in its scene.
     pub fn new(task: &Task, scene: &Scene) -> Self {
-        let entry = |receptacle: &Receptacle| (receptacle.id.clone(), receptacle.category.clone(), receptacle.room.clone());
-        Self { instruction: task.instruction.clone(), receptacles: scene.receptacles.iter().map(entry).collect() }
+        let entry = |receptacle: &Receptacle| {
+            (
+                receptacle.id.clone(),
+                receptacle.category.clone(),
+                receptacle.room.clone(),
+            )
+        };
+        Self {
+            instruction: task.instruction.clone(),
+            receptacles: scene.receptacles.iter().map(entry).collect(),
+        }
     }
 }
 
@@ -126,14 +141,16 @@ pub struct Observation {
     pub held: Option<String>,
 }
 
-/// The simulator's truth, for the oracle, built-in policies and tests. Never for a policy under evaluation.
+/// The simulator's truth, for the oracle, built-in policies and tests. Never for a policy under
+/// evaluation.
 #[derive(Clone, Debug)]
 pub struct Privileged<'a> {
     /// The task, goal included.
     pub task: &'a Task,
     /// The scene.
     pub scene: &'a Scene,
-    /// Where the objects are, by the authority of the profile: physics, or with the published servers the registry.
+    /// Where the objects are, by the authority of the profile: physics, or with the published
+    /// servers the registry.
     pub graph: &'a WorldGraph,
     /// The current marker map with what the numbers stand for.
     pub markers: &'a [Marker],

@@ -1,12 +1,14 @@
 //! The rule-based simulated user (SPEC section 3; paper, Simulated User Module). Four rules:
 //!
 //! 1. Goal-driven: every reply leads from the start towards the goal.
-//! 2. Information barrier: it never tells the exact place of the target; of the source it says no more than the
-//!    instruction does, or else the room.
-//! 3. Dynamic clarification: it names the target only after the robot saw it, by what tells it from the other objects seen.
+//! 2. Information barrier: it never tells the exact place of the target; of the source it says no
+//!    more than the instruction does, or else the room.
+//! 3. Dynamic clarification: it names the target only after the robot saw it, by what tells it from
+//!    the other objects seen.
 //! 4. No raw ids.
 //!
-//! [`violations`] checks a reply of any source against them. The user is deterministic, and never sees a pose or a picture.
+//! [`violations`] checks a reply of any source against them. The user is deterministic, and never
+//! sees a pose or a picture.
 
 mod question;
 mod rules;
@@ -35,11 +37,17 @@ pub struct RuleUser {
 impl RuleUser {
     /// A user for a task in its scene.
     pub fn new(task: &Task, scene: &Scene) -> Self {
-        Self { task: task.clone(), scene: scene.clone(), seen: BTreeSet::new(), held: None, action: String::new() }
+        Self {
+            task: task.clone(),
+            scene: scene.clone(),
+            seen: BTreeSet::new(),
+            held: None,
+            action: String::new(),
+        }
     }
 
-    /// Replaces the auxiliary observation: the action the robot just took and the objects it sees. What was seen once stays
-    /// known.
+    /// Replaces the auxiliary observation: the action the robot just took and the objects it sees.
+    /// What was seen once stays known.
     pub fn observe(&mut self, action: &str, visible: &[InstanceId]) {
         action.clone_into(&mut self.action);
         self.seen.extend(visible.iter().cloned());
@@ -63,24 +71,35 @@ impl RuleUser {
 
     /// Answers a question.
     pub fn answer(&self, question: &str) -> UserReply {
-        UserReply { text: self.reply(question), source: UserSource::RuleBased }
+        UserReply {
+            text: self.reply(question),
+            source: UserSource::RuleBased,
+        }
     }
 
     fn reply(&self, question: &str) -> String {
         let topic = Topic::of(question);
         match &self.held {
             Some(held) if *held == self.task.target && topic != Topic::Destination => {
-                return format!("Yes, that is what I meant. {}", self.destination(question, false));
+                return format!(
+                    "Yes, that is what I meant. {}",
+                    self.destination(question, false)
+                );
             }
             Some(held) if *held != self.task.target && topic != Topic::Destination => {
-                return format!("That is not what I meant, please put it back. {}", self.object());
+                return format!(
+                    "That is not what I meant, please put it back. {}",
+                    self.object()
+                );
             }
             _ => {}
         }
         match topic {
             Topic::Destination => self.destination(question, true),
             Topic::Object | Topic::Source if !self.saw_target() => self.object(),
-            Topic::Object if question::wants_yes_or_no(question) && language::names_object(question) => {
+            Topic::Object
+                if question::wants_yes_or_no(question) && language::names_object(question) =>
+            {
                 let target = self.task.target_object();
                 let yes = language::fits(question, target, self.task.purpose.as_deref());
                 format!("{}, {}", if yes { "Yes" } else { "No" }, self.object())
@@ -109,9 +128,13 @@ impl RuleUser {
 
     /// Where to look, no more exactly than the instruction says.
     fn source(&self) -> String {
-        let Some(source) = self.scene.receptacle(&self.task.src) else { return "Please look around.".to_owned() };
+        let Some(source) = self.scene.receptacle(&self.task.src) else {
+            return "Please look around.".to_owned();
+        };
         match quoted_caption(source, &self.task.instruction) {
-            Some(caption) if source.door != Door::None => format!("Please check what is inside {}.", with_the(caption)),
+            Some(caption) if source.door != Door::None => {
+                format!("Please check what is inside {}.", with_the(caption))
+            }
             Some(caption) => format!("Please check what is on {}.", with_the(caption)),
             None => format!("Please have a look around in the {}.", source.room_name()),
         }
@@ -120,9 +143,12 @@ impl RuleUser {
     /// Where to put it, with yes or no if a receptacle was proposed.
     fn destination(&self, question: &str, may_confirm: bool) -> String {
         let into = |receptacle: &Receptacle| {
-            receptacle.door != Door::None || ["sink", "pot", "basket", "box"].contains(&receptacle.category.as_str())
+            receptacle.door != Door::None
+                || ["sink", "pot", "basket", "box"].contains(&receptacle.category.as_str())
         };
-        let Some(destination) = self.scene.receptacle(&self.task.dest) else { return "Please do as I asked.".to_owned() };
+        let Some(destination) = self.scene.receptacle(&self.task.dest) else {
+            return "Please do as I asked.".to_owned();
+        };
         let preposition = if into(destination) { "into" } else { "on" };
         let place = format!("put it {preposition} {}.", self.call(destination));
         let proposed = |receptacle: &Receptacle| {
@@ -131,41 +157,84 @@ impl RuleUser {
         };
         if may_confirm && question::wants_yes_or_no(question) && proposed(destination) {
             format!("Yes, please {place}")
-        } else if may_confirm && question::wants_yes_or_no(question) && self.scene.receptacles.iter().any(proposed) {
+        } else if may_confirm
+            && question::wants_yes_or_no(question)
+            && self.scene.receptacles.iter().any(proposed)
+        {
             format!("No, please {place}")
         } else {
             format!("Please {place}")
         }
     }
 
-    /// How people call a receptacle: as in the instruction, else by a caption that no other has, else by category and room.
+    /// How people call a receptacle: as in the instruction, else by a caption that no other has,
+    /// else by category and room.
     fn call(&self, receptacle: &Receptacle) -> String {
-        let others: Vec<&Receptacle> = self.scene.receptacles.iter().filter(|other| other.id != receptacle.id).collect();
-        let unique = |caption: &str| !others.iter().any(|other| other.captions.contains_key(caption));
+        let others: Vec<&Receptacle> = self
+            .scene
+            .receptacles
+            .iter()
+            .filter(|other| other.id != receptacle.id)
+            .collect();
+        let unique = |caption: &str| {
+            !others
+                .iter()
+                .any(|other| other.captions.contains_key(caption))
+        };
         let main = receptacle.main_caption().filter(|caption| unique(caption));
-        let any = || receptacle.captions.keys().map(String::as_str).find(|caption| unique(caption));
-        match quoted_caption(receptacle, &self.task.instruction).filter(|caption| unique(caption)).or(main).or_else(any) {
+        let any = || {
+            receptacle
+                .captions
+                .keys()
+                .map(String::as_str)
+                .find(|caption| unique(caption))
+        };
+        match quoted_caption(receptacle, &self.task.instruction)
+            .filter(|caption| unique(caption))
+            .or(main)
+            .or_else(any)
+        {
             Some(caption) => with_the(caption),
-            None => format!("the {} in the {}", receptacle.category, receptacle.room_name()),
+            None => format!(
+                "the {} in the {}",
+                receptacle.category,
+                receptacle.room_name()
+            ),
         }
     }
 
-    /// The target by the fewest words that tell it from everything else the robot saw that the instruction may mean.
+    /// The target by the fewest words that tell it from everything else the robot saw that the
+    /// instruction may mean.
     fn description(&self) -> String {
         let target = self.task.target_object();
-        let others: Vec<&ObjectInstance> = self.task.objects.iter().filter(|object| self.is_other_candidate(object)).collect();
+        let others: Vec<&ObjectInstance> = self
+            .task
+            .objects
+            .iter()
+            .filter(|object| self.is_other_candidate(object))
+            .collect();
         let tells = |text: &String| {
             let said = format!("I mean {text}.");
-            language::fits(&said, target, None) && !others.iter().any(|other| language::fits(&said, other, None))
+            language::fits(&said, target, None)
+                && !others
+                    .iter()
+                    .any(|other| language::fits(&said, other, None))
         };
         let words = telling_words(target);
         let category = &target.category;
         let mut texts = vec![format!("the {category}")];
         texts.extend(words.iter().map(|word| format!("the {word} {category}")));
         for (index, first) in words.iter().enumerate() {
-            texts.extend(words[index + 1..].iter().map(|second| format!("the {first} {second} {category}")));
+            texts.extend(
+                words[index + 1..]
+                    .iter()
+                    .map(|second| format!("the {first} {second} {category}")),
+            );
         }
-        let caption = target.caption.as_ref().map(|caption| format!("this {category}: {}", caption.trim_end_matches('.')));
+        let caption = target
+            .caption
+            .as_ref()
+            .map(|caption| format!("this {category}: {}", caption.trim_end_matches('.')));
         let fallback = caption.clone().unwrap_or_else(|| format!("the {category}"));
         texts.extend(caption);
         texts.into_iter().find(tells).unwrap_or(fallback)
@@ -173,20 +242,32 @@ impl RuleUser {
 
     fn is_other_candidate(&self, object: &ObjectInstance) -> bool {
         let target = self.task.target_object();
-        let alike = || language::is_a(&object.category, &target.category) || language::is_a(&target.category, &object.category);
+        let alike = || {
+            language::is_a(&object.category, &target.category)
+                || language::is_a(&target.category, &object.category)
+        };
         object.asset != target.asset
             && self.seen.contains(&object.instance)
-            && (alike() || language::fits(&self.task.instruction, object, self.task.purpose.as_deref()))
+            && (alike()
+                || language::fits(&self.task.instruction, object, self.task.purpose.as_deref()))
     }
 }
 
 /// Attribute words of an object that a person would use to tell it apart, colours first.
 fn telling_words(object: &ObjectInstance) -> Vec<String> {
-    const SHADES: [&str; 7] = ["light", "dark", "bright", "colored", "coloured", "clear", "metallic"];
+    const SHADES: [&str; 7] = [
+        "light", "dark", "bright", "colored", "coloured", "clear", "metallic",
+    ];
     let caption = language::attribute_words(object.caption.as_deref().unwrap_or_default());
     let mut words: Vec<String> = Vec::new();
     for kind in ["colour", "material", "shape", "size"] {
-        for word in object.attributes.get(kind).into_iter().chain(caption.get(kind)).flatten() {
+        for word in object
+            .attributes
+            .get(kind)
+            .into_iter()
+            .chain(caption.get(kind))
+            .flatten()
+        {
             if !SHADES.contains(&word.as_str()) && !words.contains(word) {
                 words.push(word.clone());
             }
@@ -197,17 +278,34 @@ fn telling_words(object: &ObjectInstance) -> Vec<String> {
 
 /// The longest caption of a receptacle that a text quotes.
 fn quoted_caption<'a>(receptacle: &'a Receptacle, text: &str) -> Option<&'a str> {
-    let quoted = receptacle.captions.keys().filter(|caption| language::quotes(text, caption));
-    quoted.max_by_key(|caption| caption.len()).map(String::as_str)
+    let quoted = receptacle
+        .captions
+        .keys()
+        .filter(|caption| language::quotes(text, caption));
+    quoted
+        .max_by_key(|caption| caption.len())
+        .map(String::as_str)
 }
 
 fn with_the(caption: &str) -> String {
-    let first = caption.split_whitespace().next().unwrap_or_default().to_lowercase();
-    if ["the", "a", "an", "my", "our"].contains(&first.as_str()) { caption.to_owned() } else { format!("the {caption}") }
+    let first = caption
+        .split_whitespace()
+        .next()
+        .unwrap_or_default()
+        .to_lowercase();
+    if ["the", "a", "an", "my", "our"].contains(&first.as_str()) {
+        caption.to_owned()
+    } else {
+        format!("the {caption}")
+    }
 }
 
 fn with_article(name: &str) -> String {
-    let article = if name.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" };
+    let article = if name.starts_with(['a', 'e', 'i', 'o', 'u']) {
+        "an"
+    } else {
+        "a"
+    };
     format!("{article} {name}")
 }
 

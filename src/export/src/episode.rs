@@ -1,5 +1,5 @@
-//! A row of the store as an episode in plain text: with the words of its policy, or with words written for it, by rules or in
-//! the file beside its trace.
+//! A row of the store as an episode in plain text: with the words of its policy, or with words
+//! written for it, by rules or in the file beside its trace.
 
 use std::{borrow::Cow, path::Path};
 
@@ -134,7 +134,8 @@ struct VisibleRow<'a> {
 }
 
 impl Row<'_> {
-    /// Whether a model spoke for itself. What built-in policies note of themselves are no words of a model.
+    /// Whether a model spoke for itself. What built-in policies note of themselves are no words of
+    /// a model.
     pub fn has_words(&self) -> bool {
         self.steps.iter().any(|step| step.raw.is_some())
     }
@@ -143,19 +144,32 @@ impl Row<'_> {
     ///
     /// # Errors
     /// When they shall be those of a file that is none.
-    pub fn notes(&self, words: Words, known: &KnownTask, seed: u64) -> Result<(Vec<Note>, String), AnnotateError> {
+    pub fn notes(
+        &self,
+        words: Words,
+        known: &KnownTask,
+        seed: u64,
+    ) -> Result<(Vec<Note>, String), AnnotateError> {
         match words {
             Words::Recorded => Ok((self.recorded(), self.policy.to_owned())),
             Words::Notes => {
                 let trace = Digest::from_hex(self.trace_digest).unwrap_or_default();
                 let (provenance, entries) = read_notes(&notes_path(Path::new(self.trace)), &trace)?;
                 let notes = entries.into_iter().map(|entry| entry.note).collect();
-                Ok((notes, format!("{}-{}", provenance.annotator, provenance.version.short())))
+                Ok((
+                    notes,
+                    format!("{}-{}", provenance.annotator, provenance.version.short()),
+                ))
             }
             Words::Auto | Words::Rules => {
-                let steps: Vec<Decision<'_>> = self.steps.iter().map(|step| step.decision(known)).collect();
+                let steps: Vec<Decision<'_>> =
+                    self.steps.iter().map(|step| step.decision(known)).collect();
                 let trace = Digest::from_hex(self.trace_digest).unwrap_or_default();
-                let notes = reel_annotate::annotate(known.public(), &steps, reel_annotate::episode_seed(seed, &trace));
+                let notes = reel_annotate::annotate(
+                    known.public(),
+                    &steps,
+                    reel_annotate::episode_seed(seed, &trace),
+                );
                 Ok((notes, format!("rules-{}", reel_annotate::version().short())))
             }
         }
@@ -168,7 +182,11 @@ impl Row<'_> {
 
     /// What a decision was worth.
     pub fn rollout(&self, worth: &Worth, call: u32) -> Option<Rollout> {
-        let (index, step) = self.steps.iter().enumerate().find(|(_, step)| step.step == call)?;
+        let (index, step) = self
+            .steps
+            .iter()
+            .enumerate()
+            .find(|(_, step)| step.step == call)?;
         Some(Rollout {
             group: worth.group.to_string(),
             group_size: worth.group_size,
@@ -191,9 +209,13 @@ impl Row<'_> {
             tool: step.tool.to_owned(),
             call_name: step.call_name.to_owned(),
             // what was called may be anything: as text, where it is no JSON
-            arguments: serde_json::from_str(step.arguments).unwrap_or_else(|_| step.arguments.into()),
+            arguments: serde_json::from_str(step.arguments)
+                .unwrap_or_else(|_| step.arguments.into()),
             outcome: step.text.to_owned(),
-            error: step.error_class.zip(step.error_code).map(|(class, code)| format!("{class}: {code}")),
+            error: step
+                .error_class
+                .zip(step.error_code)
+                .map(|(class, code)| format!("{class}: {code}")),
             ..Step::default()
         };
         self.steps.iter().map(decision).collect()
@@ -228,7 +250,11 @@ const SUBTASK: &str = "Current subtask:";
 impl<'a> StepRow<'a> {
     /// What policies give the tokens of the decision; `None` if nothing was recorded.
     fn logprobs(&self) -> Option<TokenLogprobs> {
-        let by_policy = self.logprobs.iter().map(|of| (of.policy.clone(), of.logprobs.clone())).collect();
+        let by_policy = self
+            .logprobs
+            .iter()
+            .map(|of| (of.policy.clone(), of.logprobs.clone()))
+            .collect();
         TokenLogprobs::new(self.tokens.clone()?, by_policy).ok()
     }
 
@@ -239,7 +265,12 @@ impl<'a> StepRow<'a> {
             _ => Some(Marked::Receptacle(marker.id)),
         };
         let mut seen: Vec<Thing<'_>> = Vec::new();
-        for instance in self.listed.iter().copied().chain(self.visible_objects.iter().map(|visible| visible.object)) {
+        for instance in self
+            .listed
+            .iter()
+            .copied()
+            .chain(self.visible_objects.iter().map(|visible| visible.object))
+        {
             seen.extend(thing(instance).filter(|thing| !seen.contains(thing)));
         }
         Decision {
@@ -248,7 +279,11 @@ impl<'a> StepRow<'a> {
             error: self.error_code.and_then(ErrorCode::parse),
             outcome: self.text,
             reply: self.reply,
-            markers: self.marker_map.iter().filter_map(|marker| Some((marker.marker, marked(marker)?))).collect(),
+            markers: self
+                .marker_map
+                .iter()
+                .filter_map(|marker| Some((marker.marker, marked(marker)?)))
+                .collect(),
             seen,
             receptacle: self.receptacle,
             held: self.held.and_then(thing),
@@ -258,7 +293,11 @@ impl<'a> StepRow<'a> {
 
 /// Takes out of each History what the record refutes.
 pub(crate) fn mend_histories(notes: &mut [Note], trace: &Trace) -> Mending {
-    let mut checker = Checker::new(Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics));
+    let mut checker = Checker::new(Setting::of(
+        &trace.task,
+        &trace.scene,
+        &trace.start.graphs.physics,
+    ));
     let mut mending = Mending::default();
     for (note, record) in notes.iter_mut().zip(&trace.steps) {
         let result = mend(&mut checker, &note.history);

@@ -1,5 +1,6 @@
-//! The objective of GSPO over a store: two recorded policies over the same tokens, the returns and groups of the rollout export,
-//! and what the objective makes of them. Owns which sequences there are; the mathematics is `reel-reward`'s.
+//! The objective of GSPO over a store: two recorded policies over the same tokens, the returns and
+//! groups of the rollout export, and what the objective makes of them. Owns which sequences there
+//! are; the mathematics is `reel-reward`'s.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -7,7 +8,8 @@ use std::{
 };
 
 use reel_reward::gspo::{
-    ClipRange, ClipShare, ClipSide, KlEstimator, Objective, clip_share, clip_side, kl, objective, sequence_ratio, token_ratios,
+    ClipRange, ClipShare, ClipSide, KlEstimator, Objective, clip_share, clip_side, kl, objective,
+    sequence_ratio, token_ratios,
 };
 use reel_tables::{Store, Table};
 use reel_world::OLD_POLICY;
@@ -134,8 +136,8 @@ pub struct GspoReport {
 /// Computes the objective from the log-probabilities that a store holds.
 ///
 /// # Errors
-/// Fails if the store cannot be read, a policy scored an episode in part, no episode has log-probabilities of the policies, or
-/// a return, ratio or KL is no number.
+/// Fails if the store cannot be read, a policy scored an episode in part, no episode has
+/// log-probabilities of the policies, or a return, ratio or KL is no number.
 pub fn gspo(store: &Store, options: &GspoOptions) -> Result<GspoReport, ExportError> {
     let mut left_out = LeftOut::default();
     let mut rollouts = grouped(store, options, &mut left_out)?;
@@ -152,9 +154,16 @@ pub fn gspo(store: &Store, options: &GspoOptions) -> Result<GspoReport, ExportEr
     for (episode_id, Rollout { worth, decisions }) in rollouts {
         match tokens(&episode_id, decisions, options, &mut left_out)? {
             Some(tokens) => {
-                scored.insert((Arc::clone(&worth.group), worth.rollout), (episode_id, worth, tokens));
+                scored.insert(
+                    (Arc::clone(&worth.group), worth.rollout),
+                    (episode_id, worth, tokens),
+                );
             }
-            None => count(&mut left_out, "episodes without log-probabilities of these policies", 1),
+            None => count(
+                &mut left_out,
+                "episodes without log-probabilities of these policies",
+                1,
+            ),
         }
     }
     let mut sums = Sums::default();
@@ -162,7 +171,10 @@ pub fn gspo(store: &Store, options: &GspoOptions) -> Result<GspoReport, ExportEr
     for (episode_id, worth, decisions) in scored.into_values() {
         let units = match options.unit {
             SequenceUnit::Episode => vec![(None, joined(decisions))],
-            SequenceUnit::Decision => decisions.into_iter().map(|tokens| (Some(tokens.step), tokens)).collect(),
+            SequenceUnit::Decision => decisions
+                .into_iter()
+                .map(|tokens| (Some(tokens.step), tokens))
+                .collect(),
         };
         for (step, tokens) in units {
             let refuse = |error: reel_reward::RewardError| ExportError::Logprobs {
@@ -176,18 +188,27 @@ pub fn gspo(store: &Store, options: &GspoOptions) -> Result<GspoReport, ExportEr
     }
     if sequences.is_empty() {
         return Err(ExportError::NoSequences {
-            policies: [Some(&options.old), Some(&options.new), options.reference.as_ref()]
-                .into_iter()
-                .flatten()
-                .map(|policy| format!("'{policy}'"))
-                .collect::<Vec<_>>()
-                .join(", "),
+            policies: [
+                Some(&options.old),
+                Some(&options.new),
+                options.reference.as_ref(),
+            ]
+            .into_iter()
+            .flatten()
+            .map(|policy| format!("'{policy}'"))
+            .collect::<Vec<_>>()
+            .join(", "),
         });
     }
     report(sequences, &sums, options, left_out)
 }
 
-const COLUMNS: &[&str] = &["episode_id", "steps.list.element.step", "steps.list.element.tokens", "steps.list.element.logprobs"];
+const COLUMNS: &[&str] = &[
+    "episode_id",
+    "steps.list.element.step",
+    "steps.list.element.tokens",
+    "steps.list.element.logprobs",
+];
 
 #[derive(Deserialize)]
 struct Row {
@@ -225,7 +246,11 @@ struct Tokens {
 }
 
 /// The episodes in their groups, by id.
-fn grouped(store: &Store, options: &GspoOptions, left_out: &mut LeftOut) -> Result<BTreeMap<String, Rollout>, ExportError> {
+fn grouped(
+    store: &Store,
+    options: &GspoOptions,
+    left_out: &mut LeftOut,
+) -> Result<BTreeMap<String, Rollout>, ExportError> {
     let every = Selection {
         episodes: options.episodes.clone(),
         failed: true,
@@ -235,15 +260,24 @@ fn grouped(store: &Store, options: &GspoOptions, left_out: &mut LeftOut) -> Resu
         contradictions: true,
         ..Selection::default()
     };
-    // what is left out of training sets is in the objective even so: the words of every decision count
+    // what is left out of training sets is in the objective even so: the words of every decision
+    // count
     let mut chosen = select::candidates(store, &every, Words::Recorded, &mut LeftOut::default())?;
     rollouts::group(&mut chosen, &options.rollouts, options.seed, left_out)?;
-    let rollout =
-        |candidate: select::Candidate| Some((candidate.episode_id, Rollout { worth: candidate.worth?, decisions: Vec::new() }));
+    let rollout = |candidate: select::Candidate| {
+        Some((
+            candidate.episode_id,
+            Rollout {
+                worth: candidate.worth?,
+                decisions: Vec::new(),
+            },
+        ))
+    };
     Ok(chosen.into_iter().filter_map(rollout).collect())
 }
 
-/// The log-probabilities of an episode by decision; `None` if a policy gives none of its tokens any.
+/// The log-probabilities of an episode by decision; `None` if a policy gives none of its tokens
+/// any.
 fn tokens(
     episode_id: &str,
     decisions: Vec<StepRow>,
@@ -251,12 +285,24 @@ fn tokens(
     left_out: &mut LeftOut,
 ) -> Result<Option<Vec<Tokens>>, ExportError> {
     let horizon = options.rollouts.returns.horizon;
-    let (recorded, silent): (Vec<StepRow>, Vec<StepRow>) =
-        decisions.into_iter().filter(|decision| decision.step < horizon).partition(|decision| decision.tokens.is_some());
-    let policies = [Some(&options.old), Some(&options.new), options.reference.as_ref()];
+    let (recorded, silent): (Vec<StepRow>, Vec<StepRow>) = decisions
+        .into_iter()
+        .filter(|decision| decision.step < horizon)
+        .partition(|decision| decision.tokens.is_some());
+    let policies = [
+        Some(&options.old),
+        Some(&options.new),
+        options.reference.as_ref(),
+    ];
     let mut by_policy = Vec::new();
     for policy in policies.into_iter().flatten() {
-        let of = |decision: &StepRow| decision.logprobs.iter().find(|of| of.policy == *policy).map(|of| of.logprobs.clone());
+        let of = |decision: &StepRow| {
+            decision
+                .logprobs
+                .iter()
+                .find(|of| of.policy == *policy)
+                .map(|of| of.logprobs.clone())
+        };
         let found: Vec<Option<Vec<f64>>> = recorded.iter().map(of).collect();
         if found.iter().all(Option::is_none) {
             return Ok(None);
@@ -273,10 +319,15 @@ fn tokens(
             ),
         });
     }
-    count(left_out, "decisions without log-probabilities", silent.len());
+    count(
+        left_out,
+        "decisions without log-probabilities",
+        silent.len(),
+    );
     let mut by_policy = by_policy.into_iter().map(Vec::into_iter);
     let (mut old, mut new, mut reference) = (by_policy.next(), by_policy.next(), by_policy.next());
-    let next = |list: &mut Option<std::vec::IntoIter<Vec<f64>>>| list.as_mut().and_then(Iterator::next);
+    let next =
+        |list: &mut Option<std::vec::IntoIter<Vec<f64>>>| list.as_mut().and_then(Iterator::next);
     let of = |decision: &StepRow| Tokens {
         step: decision.step,
         old: next(&mut old).unwrap_or_default(),
@@ -289,7 +340,13 @@ fn tokens(
 /// All decisions as one sequence.
 fn joined(decisions: Vec<Tokens>) -> Tokens {
     let mut all = Tokens::default();
-    for Tokens { new, old, reference, .. } in decisions {
+    for Tokens {
+        new,
+        old,
+        reference,
+        ..
+    } in decisions
+    {
         all.new.extend(new);
         all.old.extend(old);
         if let Some(reference) = reference {
@@ -341,21 +398,47 @@ impl Sums {
     }
 }
 
-fn report(sequences: Vec<Sequence>, sums: &Sums, options: &GspoOptions, left_out: LeftOut) -> Result<GspoReport, ExportError> {
+fn report(
+    sequences: Vec<Sequence>,
+    sums: &Sums,
+    options: &GspoOptions,
+    left_out: LeftOut,
+) -> Result<GspoReport, ExportError> {
     let of = |sequences: &[&Sequence]| -> Result<Objective, ExportError> {
-        let column = |value: &dyn Fn(&Sequence) -> f64| sequences.iter().map(|sequence| value(sequence)).collect::<Vec<f64>>();
+        let column = |value: &dyn Fn(&Sequence) -> f64| {
+            sequences
+                .iter()
+                .map(|sequence| value(sequence))
+                .collect::<Vec<f64>>()
+        };
         let kl = column(&|sequence| sequence.kl.get(options.kl.as_str()).copied().unwrap_or(0.0));
-        let (ratios, advantages) = (column(&|sequence| sequence.ratio), column(&|sequence| sequence.advantage));
-        Ok(objective(&ratios, &advantages, &kl, options.clip, options.beta)?)
+        let (ratios, advantages) = (
+            column(&|sequence| sequence.ratio),
+            column(&|sequence| sequence.advantage),
+        );
+        Ok(objective(
+            &ratios,
+            &advantages,
+            &kl,
+            options.clip,
+            options.beta,
+        )?)
     };
     let mut by_group: BTreeMap<&Arc<str>, Vec<&Sequence>> = BTreeMap::new();
     for sequence in &sequences {
         by_group.entry(&sequence.group).or_default().push(sequence);
     }
     let group = |(group, members): (&Arc<str>, Vec<&Sequence>)| {
-        Ok(GroupObjective { group: Arc::clone(group), sequences: members.len(), objective: of(&members)? })
+        Ok(GroupObjective {
+            group: Arc::clone(group),
+            sequences: members.len(),
+            objective: of(&members)?,
+        })
     };
-    let groups = by_group.into_iter().map(group).collect::<Result<Vec<_>, ExportError>>()?;
+    let groups = by_group
+        .into_iter()
+        .map(group)
+        .collect::<Result<Vec<_>, ExportError>>()?;
     let count = sequences.len() as f64;
     let mut kl_means = BTreeMap::new();
     for sequence in &sequences {
@@ -367,7 +450,11 @@ fn report(sequences: Vec<Sequence>, sums: &Sums, options: &GspoOptions, left_out
     Ok(GspoReport {
         objective: of(&sequences.iter().collect::<Vec<_>>())?,
         kl_means,
-        ratio: [ratios().fold(f64::INFINITY, f64::min), ratios().sum::<f64>() / count, ratios().fold(0.0, f64::max)],
+        ratio: [
+            ratios().fold(f64::INFINITY, f64::min),
+            ratios().sum::<f64>() / count,
+            ratios().fold(0.0, f64::max),
+        ],
         clipped_tokens: clip_share(&sums.ratios, &sums.advantages, options.clip)?,
         tokens: sums.ratios.len(),
         groups,

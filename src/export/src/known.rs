@@ -52,23 +52,31 @@ impl Known {
         })
     }
 
-    /// Learns what some episodes share with others; what was learned of earlier ones may be forgotten.
+    /// Learns what some episodes share with others; what was learned of earlier ones may be
+    /// forgotten.
     ///
     /// # Errors
     /// When an episode has a task or scene that is none.
-    pub fn learn<'r>(&mut self, rows: impl IntoIterator<Item = &'r Row<'r>>) -> Result<(), ExportError> {
+    pub fn learn<'r>(
+        &mut self,
+        rows: impl IntoIterator<Item = &'r Row<'r>>,
+    ) -> Result<(), ExportError> {
         if self.tasks.len() > TASKS_KEPT {
             self.tasks.clear();
             self.scenes.clear();
         }
         for row in rows {
             if !self.tasks.contains_key(row.task_digest) {
-                let damaged = |reason| ExportError::Document { episode_id: row.episode_id.to_owned(), reason };
+                let damaged = |reason| ExportError::Document {
+                    episode_id: row.episode_id.to_owned(),
+                    reason,
+                };
                 let task = self.task(row).map_err(damaged)?;
                 self.tasks.insert(row.task_digest.to_owned(), task);
             }
             if !self.preset_digests.contains_key(row.preset) {
-                let digest = Preset::parse(row.preset).map_or_else(String::new, |preset| preset.version().to_string());
+                let digest = Preset::parse(row.preset)
+                    .map_or_else(String::new, |preset| preset.version().to_string());
                 self.preset_digests.insert(row.preset.to_owned(), digest);
             }
         }
@@ -90,8 +98,10 @@ impl Known {
         let scene = match self.scenes.get(row.scene_digest) {
             Some(scene) => Arc::clone(scene),
             None => {
-                let scene: Arc<Scene> = Arc::new(document(&self.scene_texts, row.scene_digest, "scene")?);
-                self.scenes.insert(row.scene_digest.to_owned(), Arc::clone(&scene));
+                let scene: Arc<Scene> =
+                    Arc::new(document(&self.scene_texts, row.scene_digest, "scene")?);
+                self.scenes
+                    .insert(row.scene_digest.to_owned(), Arc::clone(&scene));
                 scene
             }
         };
@@ -103,9 +113,15 @@ impl Known {
         let receptacles = scene.receptacles.iter().map(receptacle).collect();
         Ok(KnownTask {
             public: OnceLock::new(),
-            objects: task.objects.iter().enumerate().map(|(index, object)| (object.instance.to_string(), index)).collect(),
+            objects: task
+                .objects
+                .iter()
+                .enumerate()
+                .map(|(index, object)| (object.instance.to_string(), index))
+                .collect(),
             told: Arc::new(
-                Told::new(&task.instruction, receptacles, Secrets::of_task(&task)).with_prompt(Arc::clone(&self.prompt)),
+                Told::new(&task.instruction, receptacles, Secrets::of_task(&task))
+                    .with_prompt(Arc::clone(&self.prompt)),
             ),
             task,
             scene,
@@ -113,19 +129,27 @@ impl Known {
     }
 }
 
-fn document<D: serde::de::DeserializeOwned>(texts: &HashMap<String, String>, digest: &str, what: &str) -> Result<D, String> {
+fn document<D: serde::de::DeserializeOwned>(
+    texts: &HashMap<String, String>,
+    digest: &str,
+    what: &str,
+) -> Result<D, String> {
     let text = texts.get(digest).map_or("", String::as_str);
-    serde_json::from_str(text).map_err(|error| format!("the {what} in the tables is damaged: {error}"))
+    serde_json::from_str(text)
+        .map_err(|error| format!("the {what} in the tables is damaged: {error}"))
 }
 
 impl KnownTask {
     /// What an annotator may know.
     pub fn public(&self) -> &PublicTask {
-        self.public.get_or_init(|| PublicTask::of(&self.task, &self.scene))
+        self.public
+            .get_or_init(|| PublicTask::of(&self.task, &self.scene))
     }
 
     /// An object by its instance.
     pub fn object(&self, instance: &str) -> Option<&ObjectInstance> {
-        self.objects.get(instance).map(|index| &self.task.objects[*index])
+        self.objects
+            .get(instance)
+            .map(|index| &self.task.objects[*index])
     }
 }

@@ -1,9 +1,10 @@
-//! Training sets out of a store of tables: which episodes and decisions, verified how, in which words, order and part
-//! (SPEC sections 8 and 11).
+//! Training sets out of a store of tables: which episodes and decisions, verified how, in which
+//! words, order and part (SPEC sections 8 and 11).
 //!
-//! Owns the choice, the verification and the order of rows; what a row looks like is `reel-dataset`'s matter. Nothing that is
-//! not verified leaves the store, unless asked for, and then every row says so. Equal store versions and options give equal
-//! bytes, on any number of threads.
+//! Owns the choice, the verification and the order of rows; what a row looks like is
+//! `reel-dataset`'s matter. Nothing that is not verified leaves the store, unless asked for, and
+//! then every row says so. Equal store versions and options give equal bytes, on any number of
+//! threads.
 
 mod episode;
 mod gspo;
@@ -21,7 +22,9 @@ use std::{
     sync::Arc,
 };
 
-use reel_dataset::{DatasetError, Leakage, Ratios, Split, Splits, Style, TokenReport, WriterOptions};
+use reel_dataset::{
+    DatasetError, Leakage, Ratios, Split, Splits, Style, TokenReport, WriterOptions,
+};
 use reel_prompt::Prompt;
 use reel_tables::{Store, StoreError};
 use serde::Serialize;
@@ -211,12 +214,12 @@ pub enum ExportError {
     },
 }
 
-/// Exports a training set from a store into an empty folder. Broken off, the same call goes on: what was verified and drawn
-/// is not done twice.
+/// Exports a training set from a store into an empty folder. Broken off, the same call goes on:
+/// what was verified and drawn is not done twice.
 ///
 /// # Errors
-/// When the store cannot be read, the folder cannot be written, or holds another dataset. What cannot be used of the store is
-/// refused in the report, and the rest goes on.
+/// When the store cannot be read, the folder cannot be written, or holds another dataset. What
+/// cannot be used of the store is refused in the report, and the rest goes on.
 pub fn export(
     store: &Store,
     out: &Path,
@@ -224,8 +227,16 @@ pub fn export(
     verifying: Progress<'_>,
     writing: Progress<'_>,
 ) -> Result<ExportReport, ExportError> {
-    let mut report = ExportReport { table_version: store.version(), ..ExportReport::default() };
-    let mut chosen = select::candidates(store, &options.selection, options.words, &mut report.left_out)?;
+    let mut report = ExportReport {
+        table_version: store.version(),
+        ..ExportReport::default()
+    };
+    let mut chosen = select::candidates(
+        store,
+        &options.selection,
+        options.words,
+        &mut report.left_out,
+    )?;
     let verified = verify::verify(store, &chosen, options.replay, verifying)?;
     let mut verdicts = verified.iter();
     chosen.retain_mut(|candidate| match verdicts.next() {
@@ -245,17 +256,35 @@ pub fn export(
         if let Some(preset) = &how.preset {
             rollouts::rescore(&mut chosen, store, preset, &mut report.left_out)?;
         }
-        rollouts::group(&mut chosen, how, options.selection.seed, &mut report.left_out)?;
+        rollouts::group(
+            &mut chosen,
+            how,
+            options.selection.seed,
+            &mut report.left_out,
+        )?;
     }
     let group = |candidate: &select::Candidate| match options.split_by {
         SplitBy::Task => candidate.task_digest.clone(),
         SplitBy::Scene => candidate.scene_id.clone(),
     };
-    let groups: Vec<(String, &str)> = chosen.iter().map(|candidate| (group(candidate), candidate.family.as_str())).collect();
-    let named = groups.iter().map(|(group, family)| (group.as_str(), *family));
+    let groups: Vec<(String, &str)> = chosen
+        .iter()
+        .map(|candidate| (group(candidate), candidate.family.as_str()))
+        .collect();
+    let named = groups
+        .iter()
+        .map(|(group, family)| (group.as_str(), *family));
     let splits = Splits::stratified(named, options.selection.seed, options.ratios);
-    let place = |candidate| (candidate, splits.of(&group(candidate)).unwrap_or(Split::Train));
-    let places = chosen.iter().map(|candidate| (candidate.episode_id.as_str(), place(candidate))).collect();
+    let place = |candidate| {
+        (
+            candidate,
+            splits.of(&group(candidate)).unwrap_or(Split::Train),
+        )
+    };
+    let places = chosen
+        .iter()
+        .map(|candidate| (candidate.episode_id.as_str(), place(candidate)))
+        .collect();
     let manifest = rows::write(store, out, options, &places, writing, &mut report)?;
     report.examples = manifest.counts.splits;
     report.tokens = manifest.tokens;

@@ -1,7 +1,9 @@
-//! The rows of a training set, episode by episode in the order of the store's files. Chooses nothing.
+//! The rows of a training set, episode by episode in the order of the store's files. Chooses
+//! nothing.
 //!
-//! A run that was broken off is begun again where it is dear: verdicts are kept in the store, and pictures that are in the
-//! folder already are neither drawn nor encoded a second time. Rows are cheap, and are written anew.
+//! A run that was broken off is begun again where it is dear: verdicts are kept in the store, and
+//! pictures that are in the folder already are neither drawn nor encoded a second time. Rows are
+//! cheap, and are written anew.
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
@@ -13,8 +15,9 @@ use std::{
 
 use rayon::prelude::*;
 use reel_dataset::{
-    DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, Manifest, Picture, Pictures, Prepared, Source,
-    Split, Step, Style, TASK_LIST, TokenizerFile, examples, task_list,
+    DatasetWriter, Description, Episode, Example, ExampleOptions, Format, ImageId, Manifest,
+    Picture, Pictures, Prepared, Source, Split, Step, Style, TASK_LIST, TokenizerFile, examples,
+    task_list,
 };
 use reel_reward::Preset;
 use reel_tables::{Store, Table};
@@ -55,69 +58,107 @@ pub(crate) fn write(
 ) -> Result<Manifest, ExportError> {
     let known_pictures = KnownPictures::open(out, options)?;
     let mut writer = match &options.tokenizer {
-        Some(path) => DatasetWriter::with_tokenizer(out, options.writer, Box::new(TokenizerFile::open(path)?)),
+        Some(path) => {
+            DatasetWriter::with_tokenizer(out, options.writer, Box::new(TokenizerFile::open(path)?))
+        }
         None => DatasetWriter::new(out, options.writer),
     };
     let mut parquet: BTreeMap<Split, parquet::Shards> = BTreeMap::new();
     let mut known = Known::new(store, Arc::clone(&options.prompt))?;
     let mut task_ids = BTreeSet::new();
     let mut failed = None;
-    store.read(Table::Episodes, &columns(options.words, options.rollouts.is_some()), |batch| {
-        if failed.is_some() {
-            return Ok(());
-        }
-        let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
-        let wanted: Vec<(&Row<'_>, Place<'_>)> =
-            rows.iter().filter_map(|row| Some((row, *places.get(row.episode_id)?))).collect();
-        let mut write_rows = || -> Result<(), ExportError> {
-            for portion in wanted.chunks(EPISODES_AT_A_TIME) {
-                known.learn(portion.iter().map(|(row, _)| *row))?;
-                let maker =
-                    Maker { options, writer: &writer, pictures: &known_pictures, known: &known, table_version: store.version() };
-                let make = |(row, place): &(&Row<'_>, Place<'_>)| {
-                    let made = maker.make(row, *place);
-                    progress(1);
-                    made
-                };
-                let made: Vec<Result<Made, ExportError>> = portion.par_iter().map(make).collect();
-                for ((_, (candidate, split)), made) in portion.iter().zip(made) {
-                    let Made { examples, prepared, refused, history } = made?;
-                    writer.push(&examples, &prepared)?;
-                    report.episodes += u64::from(!examples.is_empty());
-                    if options.rollouts.is_some() {
-                        task_ids.extend(examples.first().map(|example| example.about.task_id.clone()));
-                    }
-                    report.unverified += if candidate.verified { 0 } else { examples.len() as u64 };
-                    report.history.mended += history.mended;
-                    report.history.dropped += history.dropped;
-                    report.refused.extend(refused);
-                    if options.writer.format == Format::Parquet {
-                        let shards =
-                            parquet.entry(*split).or_insert_with(|| parquet::Shards::new(out, *split, options.writer.rows_max));
-                        shards.push(examples, writer.pictures())?;
+    store.read(
+        Table::Episodes,
+        &columns(options.words, options.rollouts.is_some()),
+        |batch| {
+            if failed.is_some() {
+                return Ok(());
+            }
+            let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
+            let wanted: Vec<(&Row<'_>, Place<'_>)> = rows
+                .iter()
+                .filter_map(|row| Some((row, *places.get(row.episode_id)?)))
+                .collect();
+            let mut write_rows = || -> Result<(), ExportError> {
+                for portion in wanted.chunks(EPISODES_AT_A_TIME) {
+                    known.learn(portion.iter().map(|(row, _)| *row))?;
+                    let maker = Maker {
+                        options,
+                        writer: &writer,
+                        pictures: &known_pictures,
+                        known: &known,
+                        table_version: store.version(),
+                    };
+                    let make = |(row, place): &(&Row<'_>, Place<'_>)| {
+                        let made = maker.make(row, *place);
+                        progress(1);
+                        made
+                    };
+                    let made: Vec<Result<Made, ExportError>> =
+                        portion.par_iter().map(make).collect();
+                    for ((_, (candidate, split)), made) in portion.iter().zip(made) {
+                        let Made {
+                            examples,
+                            prepared,
+                            refused,
+                            history,
+                        } = made?;
+                        writer.push(&examples, &prepared)?;
+                        report.episodes += u64::from(!examples.is_empty());
+                        if options.rollouts.is_some() {
+                            task_ids.extend(
+                                examples
+                                    .first()
+                                    .map(|example| example.about.task_id.clone()),
+                            );
+                        }
+                        report.unverified += if candidate.verified {
+                            0
+                        } else {
+                            examples.len() as u64
+                        };
+                        report.history.mended += history.mended;
+                        report.history.dropped += history.dropped;
+                        report.refused.extend(refused);
+                        if options.writer.format == Format::Parquet {
+                            let shards = parquet.entry(*split).or_insert_with(|| {
+                                parquet::Shards::new(out, *split, options.writer.rows_max)
+                            });
+                            shards.push(examples, writer.pictures())?;
+                        }
                     }
                 }
-            }
+                Ok(())
+            };
+            failed = write_rows().err();
             Ok(())
-        };
-        failed = write_rows().err();
-        Ok(())
-    })?;
+        },
+    )?;
     if let Some(error) = failed {
         return Err(error);
     }
     for (split, shards) in parquet {
-        shards.finish(writer.pictures())?.into_iter().for_each(|shard| writer.keep(split, shard));
+        shards
+            .finish(writer.pictures())?
+            .into_iter()
+            .for_each(|shard| writer.keep(split, shard));
     }
-    report.left_out.iter().for_each(|(reason, count)| writer.leave_out(reason, *count));
+    report
+        .left_out
+        .iter()
+        .for_each(|(reason, count)| writer.leave_out(reason, *count));
     if !report.refused.is_empty() {
-        writer.leave_out("episodes and decisions refused", report.refused.len() as u64);
+        writer.leave_out(
+            "episodes and decisions refused",
+            report.refused.len() as u64,
+        );
     }
     report.pictures = writer.pictures().count();
     known_pictures.remove()?;
     if options.rollouts.is_some() {
         let path = out.join(TASK_LIST);
-        fs::write(&path, task_list(task_ids.iter().map(String::as_str))).map_err(|source| ExportError::Io { source, path })?;
+        fs::write(&path, task_list(task_ids.iter().map(String::as_str)))
+            .map_err(|source| ExportError::Io { source, path })?;
     }
     let description = Description {
         name: options.name.clone(),
@@ -143,21 +184,31 @@ struct Maker<'m> {
 impl Maker<'_> {
     fn make(&self, row: &Row<'_>, (candidate, split): Place<'_>) -> Result<Made, ExportError> {
         let (options, known) = (self.options, self.known.task_of(row));
-        let mut made = Made { examples: Vec::new(), prepared: Vec::new(), refused: Vec::new(), history: Mending::default() };
+        let mut made = Made {
+            examples: Vec::new(),
+            prepared: Vec::new(),
+            refused: Vec::new(),
+            history: Mending::default(),
+        };
         let words = options.words.of(|| row.has_words());
         // what a policy is rewarded for is what it said
         let mends = words == Words::Recorded && options.rollouts.is_none() && row.contradicts();
-        let trace = match (options.pictures || mends).then(|| Trace::read(Path::new(row.trace))).transpose() {
+        let trace = match (options.pictures || mends)
+            .then(|| Trace::read(Path::new(row.trace)))
+            .transpose()
+        {
             Ok(trace) => trace,
             Err(error) => {
-                made.refused.push(candidate.refusal(None, error.to_string()));
+                made.refused
+                    .push(candidate.refusal(None, error.to_string()));
                 return Ok(made);
             }
         };
         let (mut notes, annotator) = match row.notes(words, known, options.selection.seed) {
             Ok(notes) => notes,
             Err(error) => {
-                made.refused.push(candidate.refusal(None, error.to_string()));
+                made.refused
+                    .push(candidate.refusal(None, error.to_string()));
                 return Ok(made);
             }
         };
@@ -168,26 +219,47 @@ impl Maker<'_> {
         for (step, note) in steps.iter_mut().zip(notes) {
             (step.reasoning, step.history) = (note.reasoning, note.history);
             (step.schedule, step.subtask) = (note.schedule, note.subtask);
-            step.held =
-                row.held_after(step.call).and_then(|instance| known.object(instance)).map(|object| object.category.clone());
-            step.learn = candidate.decisions.iter().any(|decision| decision.call == step.call);
-            step.rollout = candidate.worth.as_ref().and_then(|worth| row.rollout(worth, step.call));
+            step.held = row
+                .held_after(step.call)
+                .and_then(|instance| known.object(instance))
+                .map(|object| object.category.clone());
+            step.learn = candidate
+                .decisions
+                .iter()
+                .any(|decision| decision.call == step.call);
+            step.rollout = candidate
+                .worth
+                .as_ref()
+                .and_then(|worth| row.rollout(worth, step.call));
         }
         if let Some(trace) = trace.as_ref().filter(|_| options.pictures) {
             // the first single turn of an episode shows no image, as with REAL's trainer
-            let shows = |(index, step): (usize, &Step)| options.style != Style::SingleTurn || (step.learn && index > 0);
-            let moments: Vec<Option<Moment>> =
-                steps.iter().enumerate().map(|at| shows(at).then(|| moment_before(trace, at.1.call))).collect();
-            let wanted = moments.iter().flatten().copied().collect();
-            let shown = match self.pictures.put(trace, row.trace_digest, &wanted, self.writer.pictures())? {
-                Ok(shown) => shown,
-                Err(reason) => {
-                    made.refused.push(candidate.refusal(None, reason));
-                    return Ok(made);
-                }
+            let shows = |(index, step): (usize, &Step)| {
+                options.style != Style::SingleTurn || (step.learn && index > 0)
             };
+            let moments: Vec<Option<Moment>> = steps
+                .iter()
+                .enumerate()
+                .map(|at| shows(at).then(|| moment_before(trace, at.1.call)))
+                .collect();
+            let wanted = moments.iter().flatten().copied().collect();
+            let shown =
+                match self
+                    .pictures
+                    .put(trace, row.trace_digest, &wanted, self.writer.pictures())?
+                {
+                    Ok(shown) => shown,
+                    Err(reason) => {
+                        made.refused.push(candidate.refusal(None, reason));
+                        return Ok(made);
+                    }
+                };
             for (step, moment) in steps.iter_mut().zip(&moments) {
-                step.images = moment.iter().filter_map(|moment| shown.get(moment)).copied().collect();
+                step.images = moment
+                    .iter()
+                    .filter_map(|moment| shown.get(moment))
+                    .copied()
+                    .collect();
             }
         }
         let episode = Episode {
@@ -202,10 +274,15 @@ impl Maker<'_> {
             steps,
             source: self.source(row, candidate, annotator),
         };
-        let how = ExampleOptions { style: options.style, failed_calls: options.selection.mistakes };
+        let how = ExampleOptions {
+            style: options.style,
+            failed_calls: options.selection.mistakes,
+        };
         let result = examples(&episode, &how);
         let refused = result.refused.into_iter();
-        made.refused.extend(refused.map(|refused| candidate.refusal(refused.call, refused.reason.to_string())));
+        made.refused.extend(
+            refused.map(|refused| candidate.refusal(refused.call, refused.reason.to_string())),
+        );
         made.prepared = self.writer.prepare(&result.examples)?;
         made.examples = result.examples;
         Ok(made)
@@ -213,16 +290,30 @@ impl Maker<'_> {
 
     fn source(&self, row: &Row<'_>, candidate: &Candidate, annotator: String) -> Source {
         let verified = candidate.verified;
-        let preset = self.options.rollouts.as_ref().and_then(|how| how.preset.as_ref());
+        let preset = self
+            .options
+            .rollouts
+            .as_ref()
+            .and_then(|how| how.preset.as_ref());
         Source {
             trace_digest: row.trace_digest.to_owned(),
             trace_uri: row.trace.to_owned(),
             verdict: if verified { "exact" } else { "unverified" }.into(),
-            verdict_sim_version: if verified { reel_replay::SIM_VERSION.to_string() } else { String::new() },
+            verdict_sim_version: if verified {
+                reel_replay::SIM_VERSION.to_string()
+            } else {
+                String::new()
+            },
             preset: preset.map_or(row.preset, Preset::name).to_owned(),
-            preset_digest: preset
-                .map_or_else(|| self.known.preset_digest_of(row).to_owned(), |preset| preset.version().to_string()),
-            rules_version: candidate.rules_version.as_deref().unwrap_or_default().to_owned(),
+            preset_digest: preset.map_or_else(
+                || self.known.preset_digest_of(row).to_owned(),
+                |preset| preset.version().to_string(),
+            ),
+            rules_version: candidate
+                .rules_version
+                .as_deref()
+                .unwrap_or_default()
+                .to_owned(),
             table_version: self.table_version,
             annotator,
         }
@@ -235,10 +326,16 @@ type Moment = Option<u32>;
 /// The latest moment before a call at which the agent got a picture.
 fn moment_before(trace: &Trace, call: u32) -> Moment {
     let pictured = |record: &&StepRecord| record.step < call && record.digests.frame.is_some();
-    trace.steps.iter().rev().find(pictured).map(|record| record.step)
+    trace
+        .steps
+        .iter()
+        .rev()
+        .find(pictured)
+        .map(|record| record.step)
 }
 
-/// Which pictures are in the folder already, in a file beside them that is there as long as the dataset is not whole.
+/// Which pictures are in the folder already, in a file beside them that is there as long as the
+/// dataset is not whole.
 struct KnownPictures {
     path: PathBuf,
     known: HashMap<(String, Moment), (ImageId, Picture)>,
@@ -258,9 +355,13 @@ struct Line {
 const KNOWN_PICTURES: &str = ".export.jsonl";
 
 impl KnownPictures {
-    /// Makes the folder ready: what is left of a run that was broken off, or of the same dataset, is taken up.
+    /// Makes the folder ready: what is left of a run that was broken off, or of the same dataset,
+    /// is taken up.
     fn open(out: &Path, options: &ExportOptions) -> Result<Self, ExportError> {
-        let io_error = |source| ExportError::Io { source, path: out.to_path_buf() };
+        let io_error = |source| ExportError::Io {
+            source,
+            path: out.to_path_buf(),
+        };
         fs::create_dir_all(out).map_err(io_error)?;
         let path = out.join(KNOWN_PICTURES);
         let how = serde_json::to_string(&options.writer.pictures).expect("plain data becomes JSON");
@@ -269,15 +370,27 @@ impl KnownPictures {
             Ok(file) => BufReader::new(file).lines(),
             Err(_) => {
                 if fs::read_dir(out).map_err(io_error)?.next().is_some() {
-                    return Err(ExportError::OtherDataset { path: out.to_path_buf() });
+                    return Err(ExportError::OtherDataset {
+                        path: out.to_path_buf(),
+                    });
                 }
                 BufReader::new(File::create_new(&path).map_err(io_error)?).lines()
             }
         };
-        let same = lines.next().transpose().map_err(io_error)?.is_some_and(|first| first == how);
+        let same = lines
+            .next()
+            .transpose()
+            .map_err(io_error)?
+            .is_some_and(|first| first == how);
         // the last line may be torn
         for line in lines.map_while(Result::ok).filter(|_| same) {
-            if let Ok(Line { trace, moment, image, picture }) = serde_json::from_str(&line) {
+            if let Ok(Line {
+                trace,
+                moment,
+                image,
+                picture,
+            }) = serde_json::from_str(&line)
+            {
                 known.insert((trace, moment), (image, picture));
             }
         }
@@ -285,7 +398,12 @@ impl KnownPictures {
             let mut file = File::create(&path)?;
             writeln!(file, "{how}")?;
             for ((trace, moment), (image, picture)) in &known {
-                let line = Line { trace: trace.clone(), moment: *moment, image: *image, picture: picture.clone() };
+                let line = Line {
+                    trace: trace.clone(),
+                    moment: *moment,
+                    image: *image,
+                    picture: picture.clone(),
+                };
                 writeln!(file, "{}", serde_json::to_string(&line)?)?;
             }
             for split in Split::ALL {
@@ -300,7 +418,8 @@ impl KnownPictures {
         Ok(Self { path, known, file })
     }
 
-    /// Sees that the pictures of these moments are in the dataset; gives them, or why there are none.
+    /// Sees that the pictures of these moments are in the dataset; gives them, or why there are
+    /// none.
     fn put(
         &self,
         trace: &Trace,
@@ -327,10 +446,22 @@ impl KnownPictures {
         for (moment, rgb) in frames {
             let image = Digest::of(&rgb);
             let picture = pictures.put(image, &rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
-            let line = Line { trace: digest.to_owned(), moment, image, picture };
+            let line = Line {
+                trace: digest.to_owned(),
+                moment,
+                image,
+                picture,
+            };
             let line = serde_json::to_string(&line).expect("plain data becomes JSON") + "\n";
-            let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            file.write_all(line.as_bytes()).map_err(|source| ExportError::Io { source, path: self.path.clone() })?;
+            let mut file = self
+                .file
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner);
+            file.write_all(line.as_bytes())
+                .map_err(|source| ExportError::Io {
+                    source,
+                    path: self.path.clone(),
+                })?;
             shown.insert(moment, image);
         }
         Ok(Ok(shown))
@@ -338,6 +469,9 @@ impl KnownPictures {
 
     /// The dataset is whole.
     fn remove(self) -> Result<(), ExportError> {
-        fs::remove_file(&self.path).map_err(|source| ExportError::Io { source, path: self.path })
+        fs::remove_file(&self.path).map_err(|source| ExportError::Io {
+            source,
+            path: self.path,
+        })
     }
 }

@@ -1,5 +1,6 @@
-//! Which episodes of a store, and which of their decisions, make a training set. Reads columns and files' digests; never
-//! looks at a text, and never asks whether an episode is verified ([`crate::verify`]).
+//! Which episodes of a store, and which of their decisions, make a training set. Reads columns and
+//! files' digests; never looks at a text, and never asks whether an episode is verified
+//! ([`crate::verify`]).
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap},
@@ -23,14 +24,16 @@ pub struct Selection {
     pub return_min: Option<f64>,
     /// At most so many episodes a task; which ones is drawn by `seed`.
     pub per_task_max: Option<usize>,
-    /// Decisions that were mistakes are examples too: calls that failed, picks and places that the goal does not want. Their
-    /// place in the History of later decisions they keep in any case.
+    /// Decisions that were mistakes are examples too: calls that failed, picks and places that the
+    /// goal does not want. Their place in the History of later decisions they keep in any case.
     pub mistakes: bool,
-    /// Decisions that came right after a mistake are examples: what to do when something went wrong.
+    /// Decisions that came right after a mistake are examples: what to do when something went
+    /// wrong.
     pub recoveries: bool,
     /// Decisions of failed episodes from the decisive step on (table `classes`) are examples too.
     pub after_decisive: bool,
-    /// Decisions whose own History contradicts the record are examples too; said of words that are exported as recorded.
+    /// Decisions whose own History contradicts the record are examples too; said of words that are
+    /// exported as recorded.
     pub contradictions: bool,
     /// No family has more decisions than the median family.
     pub balance_families: bool,
@@ -110,7 +113,12 @@ impl Candidate {
 
     /// That it, or one of its decisions, is refused.
     pub fn refusal(&self, call: Option<u32>, reason: String) -> Refusal {
-        Refusal { episode_id: self.episode_id.clone(), trace: self.trace.clone(), call, reason }
+        Refusal {
+            episode_id: self.episode_id.clone(),
+            trace: self.trace.clone(),
+            call,
+            reason,
+        }
     }
 }
 
@@ -183,14 +191,24 @@ pub(crate) fn candidates(
     words: Words,
     left_out: &mut LeftOut,
 ) -> Result<Vec<Candidate>, StoreError> {
-    let classes = if wanted.failed { classes(store)? } else { HashMap::new() };
+    let classes = if wanted.failed {
+        classes(store)?
+    } else {
+        HashMap::new()
+    };
     let mut found = Vec::new();
     store.read(Table::Episodes, COLUMNS, |batch| {
         let rows: Vec<Row<'_>> = reel_tables::rows_from(&batch)?;
         for row in rows {
             match unwanted(&row, wanted) {
                 Some(reason) => *left_out.entry(reason).or_default() += 1,
-                None => found.extend(candidate(&row, wanted, words, classes.get(row.episode_id), left_out)),
+                None => found.extend(candidate(
+                    &row,
+                    wanted,
+                    words,
+                    classes.get(row.episode_id),
+                    left_out,
+                )),
             }
         }
         Ok(())
@@ -199,14 +217,21 @@ pub(crate) fn candidates(
 }
 
 fn unwanted(row: &Row<'_>, wanted: &Selection) -> Option<&'static str> {
-    if wanted.episodes.as_ref().is_some_and(|episodes| !episodes.contains(row.episode_id)) {
+    if wanted
+        .episodes
+        .as_ref()
+        .is_some_and(|episodes| !episodes.contains(row.episode_id))
+    {
         return Some("episodes outside the condition");
     }
     if !wanted.failed && row.success != Some(true) {
         return Some("episodes that did not succeed");
     }
     let too_low = |least: f64| row.discounted_return.is_none_or(|it| it < least);
-    wanted.return_min.is_some_and(too_low).then_some("episodes of a lower return")
+    wanted
+        .return_min
+        .is_some_and(too_low)
+        .then_some("episodes of a lower return")
 }
 
 fn candidate(
@@ -219,12 +244,18 @@ fn candidate(
     let recorded = words.of(|| row.steps.iter().any(|step| step.raw.is_some())) == Words::Recorded;
     let mut decisions = Vec::new();
     let mut after_mistake = false;
-    let decisive = class.map(|class| class.step).filter(|_| !wanted.after_decisive);
+    let decisive = class
+        .map(|class| class.step)
+        .filter(|_| !wanted.after_decisive);
     for step in &row.steps {
         let mistake = step.is_mistake();
-        let tool = ToolSpec::POLICY.iter().position(|spec| spec.paper_name == step.tool);
+        let tool = ToolSpec::POLICY
+            .iter()
+            .position(|spec| spec.paper_name == step.tool);
         let reason = match tool {
-            _ if decisive.is_some_and(|decisive| step.step >= decisive) => "decisions from the decisive step of a failure on",
+            _ if decisive.is_some_and(|decisive| step.step >= decisive) => {
+                "decisions from the decisive step of a failure on"
+            }
             _ if mistake && !wanted.mistakes => "decisions that were mistakes",
             _ if after_mistake && !wanted.recoveries => "decisions right after a mistake",
             _ if recorded && step.contradictions > 0 && !wanted.contradictions => {
@@ -235,7 +266,10 @@ fn candidate(
         };
         after_mistake = mistake;
         match tool {
-            Some(tool) if reason.is_empty() => decisions.push(Decision { call: step.step, tool: tool as u8 }),
+            Some(tool) if reason.is_empty() => decisions.push(Decision {
+                call: step.step,
+                tool: tool as u8,
+            }),
             _ => *left_out.entry(reason).or_default() += 1,
         }
     }
@@ -260,7 +294,8 @@ fn candidate(
 }
 
 impl StepRow<'_> {
-    /// A call that failed, a pick of what the goal leaves where it is, a place where the goal does not want it.
+    /// A call that failed, a pick of what the goal leaves where it is, a place where the goal does
+    /// not want it.
     fn is_mistake(&self) -> bool {
         match self.tool {
             _ if self.error_code.is_some() => true,
@@ -286,34 +321,57 @@ fn classes(store: &Store) -> Result<HashMap<String, Class>, StoreError> {
     }
     let mut classes = HashMap::new();
     let mut version: Arc<str> = Arc::from("");
-    store.read(Table::Classes, &["episode_id", "rules_version", "step"], |batch| {
-        for row in reel_tables::rows_from::<Row<'_>>(&batch)? {
-            if row.rules_version != &*version {
-                version = Arc::from(row.rules_version);
+    store.read(
+        Table::Classes,
+        &["episode_id", "rules_version", "step"],
+        |batch| {
+            for row in reel_tables::rows_from::<Row<'_>>(&batch)? {
+                if row.rules_version != &*version {
+                    version = Arc::from(row.rules_version);
+                }
+                classes.insert(
+                    row.episode_id.to_owned(),
+                    Class {
+                        step: row.step,
+                        rules_version: Arc::clone(&version),
+                    },
+                );
             }
-            classes.insert(row.episode_id.to_owned(), Class { step: row.step, rules_version: Arc::clone(&version) });
-        }
-        Ok(())
-    })?;
+            Ok(())
+        },
+    )?;
     Ok(classes)
 }
 
-/// At most so many episodes a task; those that are kept are drawn by the seed and stay in their order.
+/// At most so many episodes a task; those that are kept are drawn by the seed and stay in their
+/// order.
 pub(crate) fn cap_tasks(found: &mut Vec<Candidate>, wanted: &Selection, left_out: &mut LeftOut) {
-    let Some(most) = wanted.per_task_max else { return };
+    let Some(most) = wanted.per_task_max else {
+        return;
+    };
     let mut by_task: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for (index, candidate) in found.iter().enumerate() {
-        by_task.entry(&candidate.task_digest).or_default().push(index);
+        by_task
+            .entry(&candidate.task_digest)
+            .or_default()
+            .push(index);
     }
     let mut kept = vec![false; found.len()];
     for episodes in by_task.values_mut() {
         episodes.sort_by_cached_key(|index| draw(wanted.seed, &found[*index].episode_id, None));
-        episodes.iter().take(most).for_each(|index| kept[*index] = true);
+        episodes
+            .iter()
+            .take(most)
+            .for_each(|index| kept[*index] = true);
     }
     let before = found.len();
     let mut kept = kept.into_iter();
     found.retain(|_| kept.next().unwrap_or(false));
-    count(left_out, "episodes beyond the most of their task", before - found.len());
+    count(
+        left_out,
+        "episodes beyond the most of their task",
+        before - found.len(),
+    );
 }
 
 /// Cuts the decisions of families and tools to the median of the families' and tools' sizes.
@@ -330,27 +388,43 @@ pub(crate) fn balance(found: &mut Vec<Candidate>, wanted: &Selection, left_out: 
 }
 
 /// Cuts every group of decisions to the median of their sizes: those of the smallest draws stay.
-fn cut_to_median(found: &mut [Candidate], seed: u64, group: impl Fn(&Candidate, Decision) -> u8) -> usize {
+fn cut_to_median(
+    found: &mut [Candidate],
+    seed: u64,
+    group: impl Fn(&Candidate, Decision) -> u8,
+) -> usize {
     let mut groups: BTreeMap<u8, Vec<u64>> = BTreeMap::new();
-    let number = |candidate: &Candidate, decision: Decision| draw(seed, &candidate.episode_id, Some(decision.call));
+    let number = |candidate: &Candidate, decision: Decision| {
+        draw(seed, &candidate.episode_id, Some(decision.call))
+    };
     for candidate in found.iter() {
         for decision in &candidate.decisions {
-            groups.entry(group(candidate, *decision)).or_default().push(number(candidate, *decision));
+            groups
+                .entry(group(candidate, *decision))
+                .or_default()
+                .push(number(candidate, *decision));
         }
     }
     let mut sizes: Vec<usize> = groups.values().map(Vec::len).collect();
     sizes.sort_unstable();
-    let Some(median) = sizes.get(sizes.len() / 2).copied() else { return 0 };
+    let Some(median) = sizes.get(sizes.len() / 2).copied() else {
+        return 0;
+    };
     let last_kept = |draws: &mut Vec<u64>| match draws.len() {
         size if size <= median => u64::MAX,
         _ => *draws.select_nth_unstable(median - 1).1,
     };
-    let limits: BTreeMap<u8, u64> = groups.iter_mut().map(|(group, draws)| (*group, last_kept(draws))).collect();
+    let limits: BTreeMap<u8, u64> = groups
+        .iter_mut()
+        .map(|(group, draws)| (*group, last_kept(draws)))
+        .collect();
     let mut cut = 0;
     for candidate in found.iter_mut() {
         let mut decisions = std::mem::take(&mut candidate.decisions);
         let before = decisions.len();
-        decisions.retain(|decision| number(candidate, *decision) <= limits[&group(candidate, *decision)]);
+        decisions.retain(|decision| {
+            number(candidate, *decision) <= limits[&group(candidate, *decision)]
+        });
         cut += before - decisions.len();
         candidate.decisions = decisions;
     }

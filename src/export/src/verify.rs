@@ -1,5 +1,6 @@
-//! Whether the trace of an episode is what it says it is: the file is the one that was ingested, and replaying it gives the
-//! same bits. Verdicts are kept in the store under the digest of the file, so that nothing is replayed twice.
+//! Whether the trace of an episode is what it says it is: the file is the one that was ingested,
+//! and replaying it gives the same bits. Verdicts are kept in the store under the digest of the
+//! file, so that nothing is replayed twice.
 
 use std::{
     collections::HashMap,
@@ -21,7 +22,8 @@ const TRACES_PER_COMMIT: usize = 4_096;
 /// Whether an episode may be trained on; else why not.
 pub(crate) type Verified = Result<(), String>;
 
-/// What is known of each candidate's trace; those that nothing is known of are replayed where `replay` says so.
+/// What is known of each candidate's trace; those that nothing is known of are replayed where
+/// `replay` says so.
 pub(crate) fn verify(
     store: &Store,
     candidates: &[Candidate],
@@ -29,8 +31,13 @@ pub(crate) fn verify(
     progress: Progress<'_>,
 ) -> Result<Vec<Verified>, ExportError> {
     let this = reel_replay::SIM_VERSION;
-    let known = store.verdicts()?.into_iter().filter(|verdict| verdict.sim_version == this);
-    let known: HashMap<String, TraceVerdict> = known.map(|verdict| (verdict.file_digest.clone(), verdict)).collect();
+    let known = store
+        .verdicts()?
+        .into_iter()
+        .filter(|verdict| verdict.sim_version == this);
+    let known: HashMap<String, TraceVerdict> = known
+        .map(|verdict| (verdict.file_digest.clone(), verdict))
+        .collect();
     let mut verified = Vec::with_capacity(candidates.len());
     for some in candidates.chunks(TRACES_PER_COMMIT) {
         let looked: Vec<(Verified, Option<TraceVerdict>)> = some
@@ -41,7 +48,10 @@ pub(crate) fn verify(
                 looked
             })
             .collect();
-        let new: Vec<TraceVerdict> = looked.iter().filter_map(|(_, verdict)| verdict.clone()).collect();
+        let new: Vec<TraceVerdict> = looked
+            .iter()
+            .filter_map(|(_, verdict)| verdict.clone())
+            .collect();
         store.keep_verdicts(&new)?;
         verified.extend(looked.into_iter().map(|(verified, _)| verified));
     }
@@ -49,7 +59,11 @@ pub(crate) fn verify(
 }
 
 /// One trace, and its verdict where it is a new one.
-fn look(candidate: &Candidate, known: &HashMap<String, TraceVerdict>, replay: bool) -> (Verified, Option<TraceVerdict>) {
+fn look(
+    candidate: &Candidate,
+    known: &HashMap<String, TraceVerdict>,
+    replay: bool,
+) -> (Verified, Option<TraceVerdict>) {
     let path = Path::new(&candidate.trace);
     let unread = |error| (Err(format!("the trace cannot be read: {error}")), None);
     let here = match reel_trace::local(path) {
@@ -73,7 +87,9 @@ fn look(candidate: &Candidate, known: &HashMap<String, TraceVerdict>, replay: bo
     };
     let verified = match verdict.verdict.as_str() {
         "exact" if verdict.trace_digest == candidate.trace_digest => Ok(()),
-        "exact" => Err("the file holds another recording than the tables: `reel ingest` it again".into()),
+        "exact" => {
+            Err("the file holds another recording than the tables: `reel ingest` it again".into())
+        }
         _ => Err(format!("{}: {}", verdict.verdict, verdict.reason)),
     };
     (verified, new)
@@ -81,8 +97,16 @@ fn look(candidate: &Candidate, known: &HashMap<String, TraceVerdict>, replay: bo
 
 fn verdict(path: &Path, bytes: &[u8]) -> TraceVerdict {
     let (trace_digest, verdict) = match Trace::from_bytes(path, bytes, &Limits::default()) {
-        Ok(trace) => (trace.chain().to_string(), reel_replay::verify_contained(&trace)),
-        Err(error) => (String::new(), Verdict::Refused { reason: error.to_string() }),
+        Ok(trace) => (
+            trace.chain().to_string(),
+            reel_replay::verify_contained(&trace),
+        ),
+        Err(error) => (
+            String::new(),
+            Verdict::Refused {
+                reason: error.to_string(),
+            },
+        ),
     };
     TraceVerdict {
         file_digest: Digest::of(bytes).to_string(),

@@ -1,5 +1,5 @@
-//! One episode: takes its deeds in their order and judges what a History says of them. Never keeps a verdict, as a later deed
-//! may change it; sentences that were read once are not read again.
+//! One episode: takes its deeds in their order and judges what a History says of them. Never keeps
+//! a verdict, as a later deed may change it; sentences that were read once are not read again.
 
 use std::{collections::BTreeMap, rc::Rc};
 
@@ -42,10 +42,15 @@ impl Checker {
     /// Before the first decision.
     pub fn new(setting: Setting) -> Self {
         let names = Names::new(setting);
-        Self { facts: Facts::new(&names), names, read: BTreeMap::new() }
+        Self {
+            facts: Facts::new(&names),
+            names,
+            read: BTreeMap::new(),
+        }
     }
 
-    /// Before the first decision of another episode. What was learned of names and sentences stays where they mean the same.
+    /// Before the first decision of another episode. What was learned of names and sentences stays
+    /// where they mean the same.
     pub fn begin(&mut self, setting: Setting) {
         if *self.setting() == setting {
             self.facts = Facts::new(&self.names);
@@ -64,16 +69,29 @@ impl Checker {
         self.facts.push(&self.names, deed);
     }
 
-    /// Judges a History that was written after the deeds told so far. Claims come in the order of the text.
+    /// Judges a History that was written after the deeds told so far. Claims come in the order of
+    /// the text.
     pub fn check(&mut self, history: &str) -> Vec<Claim> {
         let ranges = sentences(history);
-        let read: Vec<Rc<[Predicate]>> = ranges.iter().map(|range| self.sentence(&history[range.clone()])).collect();
+        let read: Vec<Rc<[Predicate]>> = ranges
+            .iter()
+            .map(|range| self.sentence(&history[range.clone()]))
+            .collect();
         let mut told: Vec<Told> = Vec::new();
         for (sentence, (range, predicates)) in ranges.iter().zip(&read).enumerate() {
-            let new = |predicate| Told { predicate, offset: range.start, sentence, rulings: Vec::new(), deed: None };
+            let new = |predicate| Told {
+                predicate,
+                offset: range.start,
+                sentence,
+                rulings: Vec::new(),
+                deed: None,
+            };
             told.extend(predicates.iter().map(new));
         }
-        let judge = Judge { facts: &self.facts, names: &self.names };
+        let judge = Judge {
+            facts: &self.facts,
+            names: &self.names,
+        };
         deeds(&judge, &mut told);
         denials(&judge, &mut told);
         states(&judge, &mut told);
@@ -102,7 +120,11 @@ fn claims(told: &Told) -> impl Iterator<Item = Claim> {
         span: shift(&told.predicate.span),
         kind: ruling.kind,
         verdict: ruling.verdict.clone(),
-        fix: ruling.fix.iter().map(|(range, text)| (shift(range), text.clone())).collect(),
+        fix: ruling
+            .fix
+            .iter()
+            .map(|(range, text)| (shift(range), text.clone()))
+            .collect(),
     })
 }
 
@@ -116,7 +138,10 @@ fn deeds(judge: &Judge, told: &mut [Told]) {
         }
         let (place, thing) = unnamed(told, index);
         let rulings = judge.deed(predicate, cursor, judge.facts.now(), place, thing);
-        let deed = rulings.iter().filter_map(|ruling| ruling.matches.first().copied()).max();
+        let deed = rulings
+            .iter()
+            .filter_map(|ruling| ruling.matches.first().copied())
+            .max();
         if let Some(deed) = deed.filter(|_| !matches!(predicate.act, Act::Say | Act::Finish)) {
             cursor = deed;
         }
@@ -131,34 +156,56 @@ fn denies(predicate: &Predicate) -> bool {
 
 /// The place and the thing that stand in the clause before, for `found nothing` and `found one`.
 fn unnamed<'p>(told: &[Told<'p>], index: usize) -> (Option<&'p Arg>, Option<&'p Arg>) {
-    let before = told[..index].iter().rev().take(REACH).take_while(|other| other.sentence == told[index].sentence);
+    let before = told[..index]
+        .iter()
+        .rev()
+        .take(REACH)
+        .take_while(|other| other.sentence == told[index].sentence);
     let mut looks = before.map(|other| other.predicate).filter(|other| {
-        matches!(other.act, Act::Search | Act::Explore | Act::Check | Act::Go | Act::Gaze | Act::See) && other.mood == Mood::Done
+        matches!(
+            other.act,
+            Act::Search | Act::Explore | Act::Check | Act::Go | Act::Gaze | Act::See
+        ) && other.mood == Mood::Done
     });
-    let Some(look) = looks.next() else { return (None, None) };
+    let Some(look) = looks.next() else {
+        return (None, None);
+    };
     let found = slots(look);
-    let thing = found.iter().find_map(|slots| slots.thing).filter(|_| look.act == Act::Search);
-    (found.iter().find_map(|slots| slots.place).filter(|place| !place.referent.any_place), thing)
+    let thing = found
+        .iter()
+        .find_map(|slots| slots.thing)
+        .filter(|_| look.act == Act::Search);
+    (
+        found
+            .iter()
+            .find_map(|slots| slots.place)
+            .filter(|place| !place.referent.any_place),
+        thing,
+    )
 }
 
-/// Judges what is said not to have been done or seen. What the text itself tells later does not refute it.
+/// Judges what is said not to have been done or seen. What the text itself tells later does not
+/// refute it.
 fn denials(judge: &Judge, told: &mut [Told]) {
     for index in 0..told.len() {
         let predicate = told[index].predicate;
         if predicate.is_state() || !denies(predicate) {
             continue;
         }
-        let later = told[index + 1..]
-            .iter()
-            .take(REACH)
-            .filter(|other| other.predicate.act == predicate.act && other.predicate.mood == Mood::Done);
-        let until = later.filter_map(|other| other.deed).min().unwrap_or(judge.facts.now());
+        let later = told[index + 1..].iter().take(REACH).filter(|other| {
+            other.predicate.act == predicate.act && other.predicate.mood == Mood::Done
+        });
+        let until = later
+            .filter_map(|other| other.deed)
+            .min()
+            .unwrap_or(judge.facts.now());
         let (place, thing) = unnamed(told, index);
         told[index].rulings = judge.deed(predicate, 0, until, place, thing);
     }
 }
 
-/// Judges how things stand: between the deeds told before and after, and now where nothing is told after.
+/// Judges how things stand: between the deeds told before and after, and now where nothing is told
+/// after.
 fn states(judge: &Judge, told: &mut [Told]) {
     for index in 0..told.len() {
         let predicate = told[index].predicate;
@@ -170,14 +217,25 @@ fn states(judge: &Judge, told: &mut [Told]) {
 
 /// The moments at which a state may be meant.
 fn window(told: &[Told], index: usize, now: usize) -> Vec<usize> {
-    let before = told[..index].iter().rev().take(REACH).find_map(|other| other.deed).map(|deed| deed + 1);
-    let after = told[index + 1..].iter().take(REACH).find_map(|other| other.deed);
-    let present = told[index].predicate.present && told[index].predicate.link != Some(Link::Because);
+    let before = told[..index]
+        .iter()
+        .rev()
+        .take(REACH)
+        .find_map(|other| other.deed)
+        .map(|deed| deed + 1);
+    let after = told[index + 1..]
+        .iter()
+        .take(REACH)
+        .find_map(|other| other.deed);
+    let present =
+        told[index].predicate.present && told[index].predicate.link != Some(Link::Because);
     match (before, after) {
         // `was closed`: at any time
         _ if !present => (0..=now).collect(),
         // what is told next may be told once more
-        (Some(before), Some(after)) if before <= after + 1 => (before..=after + 1).chain([now]).collect(),
+        (Some(before), Some(after)) if before <= after + 1 => {
+            (before..=after + 1).chain([now]).collect()
+        }
         (_, Some(_)) => (0..=now).collect(),
         (_, None) => vec![now],
     }
@@ -186,28 +244,56 @@ fn window(told: &[Told], index: usize, now: usize) -> Vec<usize> {
 /// Judges what is said to have come before what.
 fn orders(facts: &Facts, told: &mut [Told]) {
     for index in 0..told.len() {
-        let Some(link) = told[index].predicate.link else { continue };
+        let Some(link) = told[index].predicate.link else {
+            continue;
+        };
         if !eventful(&told[index]) {
             continue;
         }
-        let same = |other: &usize| told[*other].sentence == told[index].sentence && eventful(&told[*other]);
-        let subordinate = |other: &usize| matches!(told[*other].predicate.link, Some(Link::After | Link::Before));
+        let same = |other: &usize| {
+            told[*other].sentence == told[index].sentence && eventful(&told[*other])
+        };
+        let subordinate = |other: &usize| {
+            matches!(
+                told[*other].predicate.link,
+                Some(Link::After | Link::Before)
+            )
+        };
         let before = (0..index).rev().take(REACH).find(same);
         let before_it = before.filter(|other| !subordinate(other));
-        let after_it = (index + 1..told.len()).take(REACH).find(|other| same(other) && !subordinate(other));
-        let main = if told[index].predicate.leading { after_it.or(before_it) } else { before_it.or(after_it) };
+        let after_it = (index + 1..told.len())
+            .take(REACH)
+            .find(|other| same(other) && !subordinate(other));
+        let main = if told[index].predicate.leading {
+            after_it.or(before_it)
+        } else {
+            before_it.or(after_it)
+        };
         let pair = match link {
-            Link::Then => before.or_else(|| told_before(told, index)).map(|before| (before, index)),
+            Link::Then => before
+                .or_else(|| told_before(told, index))
+                .map(|before| (before, index)),
             Link::After => main.map(|main| (index, main)),
             Link::Before => main.map(|main| (main, index)),
             _ => None,
         };
-        let Some((first, second)) = pair else { continue };
-        let all = |told: &Told| told.rulings.iter().flat_map(|ruling| ruling.matches.clone()).collect::<Vec<usize>>();
+        let Some((first, second)) = pair else {
+            continue;
+        };
+        let all = |told: &Told| {
+            told.rulings
+                .iter()
+                .flat_map(|ruling| ruling.matches.clone())
+                .collect::<Vec<usize>>()
+        };
         let (earlier, later) = (all(&told[first]), all(&told[second]));
-        let (Some(begin), Some(end)) = (earlier.iter().min(), later.iter().max()) else { continue };
+        let (Some(begin), Some(end)) = (earlier.iter().min(), later.iter().max()) else {
+            continue;
+        };
         let step = facts.step(*end);
-        let ruling = if begin < end || begin == end && told[first].predicate.act != told[second].predicate.act {
+        let ruling = if begin < end
+            || begin == end && told[first].predicate.act != told[second].predicate.act
+        {
             Ruling::supported(ClaimKind::Order, step)
         } else {
             Ruling::contradicted(ClaimKind::Order, "it was the other way round", step)
@@ -218,8 +304,14 @@ fn orders(facts: &Facts, told: &mut [Told]) {
 
 /// The deed told last in the sentences before, for a sentence that opens with `then`.
 fn told_before(told: &[Told], index: usize) -> Option<usize> {
-    let opens = index.checked_sub(1).is_none_or(|before| told[before].sentence != told[index].sentence);
-    (0..index).rev().take(REACH).find(|other| eventful(&told[*other])).filter(|_| opens)
+    let opens = index
+        .checked_sub(1)
+        .is_none_or(|before| told[before].sentence != told[index].sentence);
+    (0..index)
+        .rev()
+        .take(REACH)
+        .find(|other| eventful(&told[*other]))
+        .filter(|_| opens)
 }
 
 /// Whether a claim speaks of a deed that was found.
@@ -227,12 +319,17 @@ fn eventful(told: &Told) -> bool {
     !told.predicate.negated
         && !told.predicate.is_state()
         && told.deed.is_some()
-        && told.rulings.iter().all(|ruling| !matches!(ruling.verdict, Verdict::Contradicted { .. }))
+        && told
+            .rulings
+            .iter()
+            .all(|ruling| !matches!(ruling.verdict, Verdict::Contradicted { .. }))
 }
 
 /// Judges what is said to have been done last.
 fn last_action(judge: &Judge, told: &mut [Told]) {
-    let Some(fact) = judge.facts.all.last() else { return };
+    let Some(fact) = judge.facts.all.last() else {
+        return;
+    };
     for index in 0..told.len() {
         let predicate = told[index].predicate;
         let first = told[..index]
@@ -241,24 +338,42 @@ fn last_action(judge: &Judge, told: &mut [Told]) {
             .take(REACH)
             .take_while(|other| other.sentence == told[index].sentence)
             .all(|other| other.predicate.act == Act::Be);
-        if !predicate.last || !first || matches!(predicate.act, Act::Be | Act::Have) || predicate.negated || predicate.user {
+        if !predicate.last
+            || !first
+            || matches!(predicate.act, Act::Be | Act::Have)
+            || predicate.negated
+            || predicate.user
+        {
             continue;
         }
         let step = Some(fact.deed.step);
         let last = format!("the last call was {}", fact.deed.tool);
         told[index].rulings = vec![if predicate.act == Act::Fail {
             let failed = predicate.mood == Mood::Failed;
-            let why = !predicate.reasons.is_empty() && !fact.ok() && !predicate.reasons.contains(&fact.error());
+            let why = !predicate.reasons.is_empty()
+                && !fact.ok()
+                && !predicate.reasons.contains(&fact.error());
             match failed == fact.ok() || failed && why {
                 true => Ruling::contradicted(ClaimKind::Last, last, step),
                 false => Ruling::supported(ClaimKind::Last, step),
             }
         } else {
-            let mood = if predicate.mood == Mood::Failed { Mood::Failed } else { Mood::Tried };
-            let fits = slots(predicate).iter().map(|slots| judge.fit(predicate, mood, slots, fact)).max().unwrap_or(Fit::Maybe);
+            let mood = if predicate.mood == Mood::Failed {
+                Mood::Failed
+            } else {
+                Mood::Tried
+            };
+            let fits = slots(predicate)
+                .iter()
+                .map(|slots| judge.fit(predicate, mood, slots, fact))
+                .max()
+                .unwrap_or(Fit::Maybe);
             match fits {
                 Fit::Yes => Ruling::supported(ClaimKind::Last, step),
-                Fit::No if kind_of(predicate.act) != ClaimKind::Outcome && predicate.act != Act::See => {
+                Fit::No
+                    if kind_of(predicate.act) != ClaimKind::Outcome
+                        && predicate.act != Act::See =>
+                {
                     Ruling::contradicted(ClaimKind::Last, last, step)
                 }
                 _ => Ruling::unknown(ClaimKind::Last),

@@ -11,7 +11,8 @@ pub struct Claim {
     pub kind: ClaimKind,
     /// Whether it holds.
     pub verdict: Verdict,
-    /// What to write instead, by place in the text, where the record determines it; empty otherwise.
+    /// What to write instead, by place in the text, where the record determines it; empty
+    /// otherwise.
     pub fix: Vec<(Range<usize>, String)>,
 }
 

@@ -1,5 +1,6 @@
-//! Reads a sentence as predicates: verbs with their polarity, mood and what belongs to them. Never judges; what it does not
-//! understand it leaves out, or gives as an argument that may mean anything.
+//! Reads a sentence as predicates: verbs with their polarity, mood and what belongs to them. Never
+//! judges; what it does not understand it leaves out, or gives as an argument that may mean
+//! anything.
 
 mod phrase;
 mod speech;
@@ -243,11 +244,22 @@ impl<'a> Reader<'a> {
             }
         }
         self.flush();
-        let end_of = |predicate: &Predicate| predicate.all_args().map(|arg| arg.span.end).max().unwrap_or(0);
+        let end_of = |predicate: &Predicate| {
+            predicate
+                .all_args()
+                .map(|arg| arg.span.end)
+                .max()
+                .unwrap_or(0)
+        };
         for predicate in &mut self.found {
             predicate.span.end = predicate.span.end.max(end_of(predicate));
-            predicate.span.start =
-                predicate.subjects.iter().map(|arg| arg.span.start).min().unwrap_or(usize::MAX).min(predicate.span.start);
+            predicate.span.start = predicate
+                .subjects
+                .iter()
+                .map(|arg| arg.span.start)
+                .min()
+                .unwrap_or(usize::MAX)
+                .min(predicate.span.start);
             predicate.last = self.last;
         }
     }
@@ -262,12 +274,18 @@ impl<'a> Reader<'a> {
     }
 
     fn class_at(&self, at: usize) -> Option<Class> {
-        self.tokens.get(at).filter(|token| token.kind == Kind::Word).map(|token| class(token.word()))
+        self.tokens
+            .get(at)
+            .filter(|token| token.kind == Kind::Word)
+            .map(|token| class(token.word()))
     }
 
     /// The next token that is no adverb or negation, from `at` on.
     fn ahead(&self, mut at: usize) -> usize {
-        while matches!(self.class_at(at), Some(Class::Adverb | Class::Not | Class::Only | Class::Success(_))) {
+        while matches!(
+            self.class_at(at),
+            Some(Class::Adverb | Class::Not | Class::Only | Class::Success(_))
+        ) {
             at += 1;
         }
         at
@@ -321,7 +339,12 @@ impl<'a> Reader<'a> {
             Class::Agent => self.before.agent = true,
             Class::There => self.before.there = self.fresh,
             // `once the door was open`
-            Class::Times(1) if matches!(self.class_at(at + 1), Some(Class::Determiner | Class::Agent | Class::It)) => {
+            Class::Times(1)
+                if matches!(
+                    self.class_at(at + 1),
+                    Some(Class::Determiner | Class::Agent | Class::It)
+                ) =>
+            {
                 self.link(Link::Sub);
             }
             Class::Times(times) => self.times(times),
@@ -354,23 +377,33 @@ impl<'a> Reader<'a> {
 
     fn have(&mut self) {
         let ahead = self.ahead(self.at + 1);
-        let verb_follows =
-            verb(self.word_at(ahead)).is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Gerund | Form::Present));
+        let verb_follows = verb(self.word_at(ahead))
+            .is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Gerund | Form::Present));
         match self.class_at(ahead) {
-            Some(Class::To) if self.tokens[self.at + 1..ahead].iter().any(|token| token.word() == "yet") => {
+            Some(Class::To)
+                if self.tokens[self.at + 1..ahead]
+                    .iter()
+                    .any(|token| token.word() == "yet") =>
+            {
                 self.before.not = true;
                 self.before.governor = Some((Mood::Done, self.at));
             }
             Some(Class::To) => self.before.will = true,
             _ if verb_follows
-                || matches!(self.class_at(ahead), Some(Class::Been | Class::Link(_) | Class::Prep(_) | Class::Agent) | None) =>
+                || matches!(
+                    self.class_at(ahead),
+                    Some(Class::Been | Class::Link(_) | Class::Prep(_) | Class::Agent) | None
+                ) =>
             {
                 self.before.have = true;
             }
             _ => {
                 self.note_negation(self.at + 1, ahead);
                 let present = self.word_at(self.at) != "had";
-                self.push(Predicate { present, ..Predicate::new(Act::Have, self.tokens[self.at].span.clone()) });
+                self.push(Predicate {
+                    present,
+                    ..Predicate::new(Act::Have, self.tokens[self.at].span.clone())
+                });
                 self.at = ahead;
                 return;
             }
@@ -382,8 +415,14 @@ impl<'a> Reader<'a> {
         let ahead = self.ahead(self.at + 1);
         let word = self.word_at(ahead);
         let adjective = matches!(word, "open" | "closed" | "shut");
-        let verb_follows = !adjective && verb(word).is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Present));
-        if verb_follows || matches!(self.class_at(ahead), Some(Class::Able(_) | Class::Been | Class::Will | Class::Success(_))) {
+        let verb_follows = !adjective
+            && verb(word).is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Present));
+        if verb_follows
+            || matches!(
+                self.class_at(ahead),
+                Some(Class::Able(_) | Class::Been | Class::Will | Class::Success(_))
+            )
+        {
             self.before.be = Some(present);
         } else if self.before.will || self.before.infinitive {
             // `must be open`: no claim
@@ -394,7 +433,11 @@ impl<'a> Reader<'a> {
                 "closed" | "shut" => Some(State::Closed),
                 _ => None,
             };
-            self.push(Predicate { present, state, ..Predicate::new(Act::Be, self.tokens[self.at].span.clone()) });
+            self.push(Predicate {
+                present,
+                state,
+                ..Predicate::new(Act::Be, self.tokens[self.at].span.clone())
+            });
             self.at = if adjective { ahead + 1 } else { ahead };
             return;
         }
@@ -426,7 +469,10 @@ impl<'a> Reader<'a> {
         self.before.by = self.word_at(self.at) == "by";
         // `as it has no door`
         if self.word_at(self.at) == "as"
-            && matches!(self.class_at(self.at + 1), Some(Class::It | Class::Determiner | Class::Agent))
+            && matches!(
+                self.class_at(self.at + 1),
+                Some(Class::It | Class::Determiner | Class::Agent)
+            )
         {
             self.reason_begins();
             self.boundary(Some(Link::Because));
@@ -438,7 +484,8 @@ impl<'a> Reader<'a> {
             self.reason_begins();
         }
         // `after that`, `before that`
-        let that = matches!(self.word_at(self.at + 1), "that" | "this" | "which") && matches!(link, Link::After | Link::Before);
+        let that = matches!(self.word_at(self.at + 1), "that" | "this" | "which")
+            && matches!(link, Link::After | Link::Before);
         if that && (link == Link::After || !self.starts_clause(self.at + 2)) {
             self.at += 1;
             self.boundary((link == Link::After).then_some(Link::Then));
@@ -449,7 +496,9 @@ impl<'a> Reader<'a> {
         self.boundary(Some(link));
         self.before.leading = leading;
         // `and then` is `then`
-        if previous == Some(Link::Then) && link == Link::And || previous == Some(Link::And) && link == Link::Then {
+        if previous == Some(Link::Then) && link == Link::And
+            || previous == Some(Link::And) && link == Link::Then
+        {
             self.before.link = Some(Link::Then);
         }
     }
@@ -459,9 +508,15 @@ impl<'a> Reader<'a> {
     }
 
     fn reason_begins(&mut self) {
-        let failed = self.found.iter().rposition(|predicate| matches!(predicate.mood, Mood::Failed | Mood::Tried));
+        let failed = self
+            .found
+            .iter()
+            .rposition(|predicate| matches!(predicate.mood, Mood::Failed | Mood::Tried));
         if let (Some(index), None) = (failed, self.reason_from) {
-            self.reason_from = Some((index, self.tokens[self.at.min(self.tokens.len() - 1)].span.start));
+            self.reason_from = Some((
+                index,
+                self.tokens[self.at.min(self.tokens.len() - 1)].span.start,
+            ));
         }
     }
 
@@ -473,20 +528,26 @@ impl<'a> Reader<'a> {
             self.pending.retain(|arg| arg.prep == Prep::Direct);
         }
         let link = link.or(self.before.link.filter(|_| self.before.start.is_none()));
-        self.before = Before { link, ..Before::default() };
+        self.before = Before {
+            link,
+            ..Before::default()
+        };
         self.prep = Prep::Direct;
         self.fresh = true;
         self.joins = matches!(link, None | Some(Link::And | Link::Or | Link::Then));
     }
 
     fn flush(&mut self) {
-        let Some(last) = self.found.last_mut() else { return };
+        let Some(last) = self.found.last_mut() else {
+            return;
+        };
         // `because of a bad argument`, `not the pear`
         if !self.joins || self.before.not {
             self.pending.clear();
         }
         let of_last = last.args.last().map(|arg| arg.prep);
-        let continues = |arg: &Arg| !arg.no && (arg.prep == Prep::Direct || Some(arg.prep) == of_last);
+        let continues =
+            |arg: &Arg| !arg.no && (arg.prep == Prep::Direct || Some(arg.prep) == of_last);
         for mut arg in self.pending.drain(..).filter(continues) {
             if arg.prep == Prep::Direct
                 && let Some(previous) = last.args.last()
@@ -506,7 +567,11 @@ impl<'a> Reader<'a> {
     }
 
     fn complement(&mut self, state: State) {
-        if let Some(last) = self.found.last_mut().filter(|last| last.act == Act::Be && !self.fresh) {
+        if let Some(last) = self
+            .found
+            .last_mut()
+            .filter(|last| last.act == Act::Be && !self.fresh)
+        {
             last.state.get_or_insert(state);
             last.span.end = self.tokens[self.at].span.end;
         }
@@ -523,8 +588,12 @@ impl<'a> Reader<'a> {
     fn fail_last(&mut self, mood: Mood) -> bool {
         let end = self.tokens[self.at].span.end;
         let doing = self.before.doing;
-        let acts = |predicate: &Predicate| !predicate.is_state() && !predicate.user && (predicate.mood != Mood::Intent || doing);
-        let Some(last) = self.found.last_mut().filter(|predicate| acts(predicate)) else { return false };
+        let acts = |predicate: &Predicate| {
+            !predicate.is_state() && !predicate.user && (predicate.mood != Mood::Intent || doing)
+        };
+        let Some(last) = self.found.last_mut().filter(|predicate| acts(predicate)) else {
+            return false;
+        };
         last.mood = mood;
         last.span.end = last.span.end.max(end);
         self.reason_from = None;
@@ -534,7 +603,10 @@ impl<'a> Reader<'a> {
     /// Gives a predicate what stands before it, and begins to collect what stands behind.
     fn push(&mut self, mut predicate: Predicate) {
         let before = std::mem::take(&mut self.before);
-        let (subjects, modifiers): (Vec<Arg>, Vec<Arg>) = self.pending.drain(..).partition(|arg| arg.prep == Prep::Direct);
+        let (subjects, modifiers): (Vec<Arg>, Vec<Arg>) = self
+            .pending
+            .drain(..)
+            .partition(|arg| arg.prep == Prep::Direct);
         predicate.negated = before.not || before.without || subjects.iter().any(|arg| arg.no);
         predicate.existential = before.there;
         predicate.user = before.user && !predicate.passive;
@@ -542,11 +614,17 @@ impl<'a> Reader<'a> {
         predicate.only = before.only;
         predicate.link = before.link;
         predicate.leading = before.leading;
-        predicate.span.start = before.start.map_or(predicate.span.start, |start| self.tokens[start].span.start);
+        predicate.span.start = before
+            .start
+            .map_or(predicate.span.start, |start| self.tokens[start].span.start);
         // `was picked and placed`: the second has the first's subject
         predicate.subjects = match self.found.last() {
             Some(last)
-                if subjects.is_empty() && before.link == Some(Link::And) && last.passive && !before.agent && !predicate.user =>
+                if subjects.is_empty()
+                    && before.link == Some(Link::And)
+                    && last.passive
+                    && !before.agent
+                    && !predicate.user =>
             {
                 predicate.passive = last.passive;
                 last.subjects.clone()
@@ -555,9 +633,9 @@ impl<'a> Reader<'a> {
         };
         predicate.args = modifiers;
         // `X is the only receptacle I have visited`
-        if let Some(last) =
-            self.found.last().filter(|last| last.act == Act::Be && last.only && !self.fresh && predicate.act == Act::Go)
-        {
+        if let Some(last) = self.found.last().filter(|last| {
+            last.act == Act::Be && last.only && !self.fresh && predicate.act == Act::Go
+        }) {
             predicate.args.extend(last.subjects.iter().cloned());
             predicate.only = true;
         }

@@ -1,4 +1,5 @@
-//! What was asked or said, and why something failed: words compared with words. Never looks at the world.
+//! What was asked or said, and why something failed: words compared with words. Never looks at the
+//! world.
 
 use std::{collections::BTreeSet, ops::Range};
 
@@ -30,13 +31,22 @@ pub(crate) enum Agreement {
 impl Content {
     pub(crate) fn of(tokens: &[Token]) -> Self {
         let quote = tokens.iter().find(|token| token.kind == Kind::Quote);
-        let quote = quote.map(|token| token.text.trim_matches(|letter: char| !letter.is_alphanumeric()).to_owned());
+        let quote = quote.map(|token| {
+            token
+                .text
+                .trim_matches(|letter: char| !letter.is_alphanumeric())
+                .to_owned()
+        });
         let says = |token: &&Token| match token.kind {
             Kind::Word => matches!(class(token.word()), Class::Noun | Class::Verb | Class::Door),
             Kind::Number => true,
             _ => false,
         };
-        let words = tokens.iter().filter(says).map(|token| token.text.clone()).collect();
+        let words = tokens
+            .iter()
+            .filter(says)
+            .map(|token| token.text.clone())
+            .collect();
         Self { quote, words }
     }
 
@@ -61,28 +71,56 @@ impl Content {
         quoted || wanted.iter().all(|word| own.contains(word))
     }
 
-    /// How an answer in the agent's own words agrees with what was said: it says otherwise only where it names things, and
-    /// none of them was named.
-    pub(crate) fn agrees<'t>(&self, names: &Names, replies: impl Iterator<Item = &'t str>, instruction: &str) -> Agreement {
+    /// How an answer in the agent's own words agrees with what was said: it says otherwise only
+    /// where it names things, and none of them was named.
+    pub(crate) fn agrees<'t>(
+        &self,
+        names: &Names,
+        replies: impl Iterator<Item = &'t str>,
+        instruction: &str,
+    ) -> Agreement {
         let said: BTreeSet<String> = replies.flat_map(lemmas).collect();
         let asked = lemmas(instruction);
         let own: BTreeSet<String> = self.words.iter().flat_map(|word| lemmas(word)).collect();
         if !own.is_empty() && own.is_subset(&said) {
             return Agreement::Same;
         }
-        let mut specific = self.words.iter().filter(|word| names.is_specific(word)).flat_map(|word| lemmas(word)).peekable();
-        let is_other = specific.peek().is_some() && !specific.any(|word| said.contains(&word) || asked.contains(&word));
-        if is_other { Agreement::Other } else { Agreement::Unclear }
+        let mut specific = self
+            .words
+            .iter()
+            .filter(|word| names.is_specific(word))
+            .flat_map(|word| lemmas(word))
+            .peekable();
+        let is_other = specific.peek().is_some()
+            && !specific.any(|word| said.contains(&word) || asked.contains(&word));
+        if is_other {
+            Agreement::Other
+        } else {
+            Agreement::Unclear
+        }
     }
 
     /// How a quotation agrees with any of the texts.
     pub(crate) fn quotes<'t>(&self, texts: impl Iterator<Item = &'t str>) -> Agreement {
-        let Some(quote) = &self.quote else { return Agreement::Unclear };
-        let says = |word: &String| {
-            !matches!(class(word), Class::Determiner | Class::Agent | Class::Be(_) | Class::It | Class::Prep(_) | Class::To)
+        let Some(quote) = &self.quote else {
+            return Agreement::Unclear;
         };
-        let said: BTreeSet<String> =
-            language::words(quote).iter().filter(|word| says(word)).map(|word| language::lemma(word)).collect();
+        let says = |word: &String| {
+            !matches!(
+                class(word),
+                Class::Determiner
+                    | Class::Agent
+                    | Class::Be(_)
+                    | Class::It
+                    | Class::Prep(_)
+                    | Class::To
+            )
+        };
+        let said: BTreeSet<String> = language::words(quote)
+            .iter()
+            .filter(|word| says(word))
+            .map(|word| language::lemma(word))
+            .collect();
         if said.is_empty() {
             return Agreement::Unclear;
         }
@@ -100,15 +138,27 @@ impl Content {
 
 /// The distinct lemmas of a text.
 pub(crate) fn lemmas(text: &str) -> BTreeSet<String> {
-    language::words(text).iter().map(|word| language::lemma(word)).collect()
+    language::words(text)
+        .iter()
+        .map(|word| language::lemma(word))
+        .collect()
 }
 
 /// The error codes that a reason in words may mean.
 pub(crate) fn reasons(text: &str) -> Vec<&'static str> {
     let lower = text.to_lowercase();
-    let named = ErrorCode::ALL.iter().map(|code| code.as_str()).filter(|code| lower.contains(code));
-    let spaced: String = lower.split(|letter: char| !letter.is_alphanumeric()).collect::<Vec<_>>().join(" ");
-    let told = REASONS.iter().filter(|(phrase, _)| spaced.contains(phrase)).flat_map(|(_, codes)| codes.iter().copied());
+    let named = ErrorCode::ALL
+        .iter()
+        .map(|code| code.as_str())
+        .filter(|code| lower.contains(code));
+    let spaced: String = lower
+        .split(|letter: char| !letter.is_alphanumeric())
+        .collect::<Vec<_>>()
+        .join(" ");
+    let told = REASONS
+        .iter()
+        .filter(|(phrase, _)| spaced.contains(phrase))
+        .flat_map(|(_, codes)| codes.iter().copied());
     let mut codes: Vec<&'static str> = named.chain(told).collect();
     codes.sort_unstable();
     codes.dedup();

@@ -1,5 +1,5 @@
-//! What was there and what was done, as plain data: from a task and its records, or from rows of anybody's table.
-//! Never judges.
+//! What was there and what was done, as plain data: from a task and its records, or from rows of
+//! anybody's table. Never judges.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -19,7 +19,8 @@ pub struct Setting {
     /// What the agent was told.
     #[serde(default)]
     pub instruction: String,
-    /// Whether `things` and what the deeds tell of them is all there is. Without it nothing that speaks of objects is refuted.
+    /// Whether `things` and what the deeds tell of them is all there is. Without it nothing that
+    /// speaks of objects is refuted.
     #[serde(default)]
     pub complete: bool,
 }
@@ -107,22 +108,31 @@ pub struct Mark {
 }
 
 impl Setting {
-    /// The setting of a recorded episode, whose world stood as `start` says before the first decision.
+    /// The setting of a recorded episode, whose world stood as `start` says before the first
+    /// decision.
     pub fn of(task: &Task, scene: &Scene, start: &WorldGraph) -> Self {
         let places = scene.receptacles.iter().map(|receptacle| Place {
             id: receptacle.id.as_str().to_owned(),
             category: receptacle.category.clone(),
             room: receptacle.room.clone(),
             captions: receptacle.captions.keys().cloned().collect(),
-            door: (receptacle.door != Door::None).then(|| start.door(&receptacle.id).unwrap_or(DoorState::Closed)),
+            door: (receptacle.door != Door::None)
+                .then(|| start.door(&receptacle.id).unwrap_or(DoorState::Closed)),
         });
         let things = task.objects.iter().map(|object| Thing {
             key: object.instance.as_str().to_owned(),
             category: object.category.clone(),
             caption: object.caption.clone(),
-            place: start.place_of(&object.instance).map(|place| place.as_str().to_owned()),
+            place: start
+                .place_of(&object.instance)
+                .map(|place| place.as_str().to_owned()),
         });
-        Self { places: places.collect(), things: things.collect(), instruction: task.instruction.clone(), complete: true }
+        Self {
+            places: places.collect(),
+            things: things.collect(),
+            instruction: task.instruction.clone(),
+            complete: true,
+        }
     }
 }
 
@@ -130,19 +140,35 @@ impl Deed {
     /// A recorded decision.
     pub fn of(record: &StepRecord) -> Self {
         let key = |id: &reel_world::InstanceId| id.as_str().to_owned();
-        let mut seen: Vec<String> =
-            record.visible.iter().map(|object| key(&object.object)).chain(record.listed.iter().map(key)).collect();
+        let mut seen: Vec<String> = record
+            .visible
+            .iter()
+            .map(|object| key(&object.object))
+            .chain(record.listed.iter().map(key))
+            .collect();
         seen.sort();
         seen.dedup();
         let markers = record.markers.iter().map(|marker| match &marker.target {
-            MarkerTarget::Object(id) => Mark { number: marker.id, object: Some(key(id)), receptacle: None },
-            MarkerTarget::Receptacle(id) => Mark { number: marker.id, object: None, receptacle: Some(id.as_str().to_owned()) },
+            MarkerTarget::Object(id) => Mark {
+                number: marker.id,
+                object: Some(key(id)),
+                receptacle: None,
+            },
+            MarkerTarget::Receptacle(id) => Mark {
+                number: marker.id,
+                object: None,
+                receptacle: Some(id.as_str().to_owned()),
+            },
         });
         let called = Self::called(record.step, &record.input.call, &record.outcome.text);
         Self {
             error: record.outcome.error.map(|code| code.as_str().to_owned()),
             // The published servers answer a question without a user.
-            reply: record.reply.as_ref().map(|reply| reply.text.clone()).or(called.reply),
+            reply: record
+                .reply
+                .as_ref()
+                .map(|reply| reply.text.clone())
+                .or(called.reply),
             object: record.object.as_ref().map(key),
             receptacle: record.receptacle.as_ref().map(|id| id.as_str().to_owned()),
             held: record.held.as_ref().map(key),
@@ -157,13 +183,18 @@ impl Deed {
     pub fn called(step: u32, call: &ToolCall, text: &str) -> Self {
         let spec = ToolSpec::by_name(&call.name);
         let argument = match (&call.arguments, spec.and_then(|spec| spec.argument)) {
-            (Value::Object(map), Some(argument)) => map.get(argument.name).or_else(|| map.values().next()),
+            (Value::Object(map), Some(argument)) => {
+                map.get(argument.name).or_else(|| map.values().next())
+            }
             (Value::Object(map), None) => map.values().next(),
             _ => None,
         };
         let tool = spec.map_or(call.name.as_str(), |spec| spec.paper_name);
         let error = failure(text).map(ErrorCode::as_str);
-        let told = |before: &str| text.split_once(before).map(|(_, rest)| rest.trim_end().trim_end_matches('.').to_owned());
+        let told = |before: &str| {
+            text.split_once(before)
+                .map(|(_, rest)| rest.trim_end().trim_end_matches('.').to_owned())
+        };
         let receptacle = match tool {
             "nav_to" => told("Arrived at "),
             "place" => told("Placed the object on "),
@@ -172,16 +203,28 @@ impl Deed {
         };
         let marked = |line: &str| {
             let (number, name) = line.trim().split_once(": ")?;
-            Some(Mark { number: number.parse().ok()?, object: None, receptacle: Some(name.to_owned()) })
+            Some(Mark {
+                number: number.parse().ok()?,
+                object: None,
+                receptacle: Some(name.to_owned()),
+            })
         };
         Self {
             step,
             tool: tool.to_owned(),
-            argument: argument.map(|value| value.as_str().map_or_else(|| value.to_string(), str::to_owned)),
+            argument: argument.map(|value| {
+                value
+                    .as_str()
+                    .map_or_else(|| value.to_string(), str::to_owned)
+            }),
             error: error.map(str::to_owned),
             reply: (tool == "ask" && error.is_none() && !text.is_empty()).then(|| text.to_owned()),
             receptacle: receptacle.filter(|_| error.is_none()),
-            markers: if tool == "show_receptacles" { text.lines().filter_map(marked).collect() } else { Vec::new() },
+            markers: if tool == "show_receptacles" {
+                text.lines().filter_map(marked).collect()
+            } else {
+                Vec::new()
+            },
             ..Self::default()
         }
     }
@@ -212,5 +255,8 @@ fn failure(text: &str) -> Option<ErrorCode> {
         (": missing argument '", ErrorCode::BadArguments),
         ("Error executing", ErrorCode::BackendError),
     ];
-    WORDS.iter().find(|(words, _)| text.contains(words)).map(|(_, code)| *code)
+    WORDS
+        .iter()
+        .find(|(words, _)| text.contains(words))
+        .map(|(_, code)| *code)
 }

@@ -1,5 +1,6 @@
-//! What was done, in the terms in which claims are judged: receptacles and objects by index, and how the world stood at each
-//! moment. Moment m is after m deeds. Never looks at a text of the agent.
+//! What was done, in the terms in which claims are judged: receptacles and objects by index, and
+//! how the world stood at each moment. Moment m is after m deeds. Never looks at a text of the
+//! agent.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +20,8 @@ pub(crate) struct Fact {
     pub(crate) thing: Option<usize>,
     /// The marker number it was given.
     pub(crate) marker: Option<u32>,
-    /// Where the robot stood afterwards: the landmark, and the receptacle of what it looks at closely.
+    /// Where the robot stood afterwards: the landmark, and the receptacle of what it looks at
+    /// closely.
     pub(crate) at: Vec<usize>,
     /// Objects in view, or told.
     pub(crate) seen: Vec<usize>,
@@ -47,7 +49,8 @@ impl Fact {
     }
 
     pub(crate) fn found_nothing(&self) -> bool {
-        self.error() == "nothing_found" && matches!(self.act, Some(Act::Search | Act::Explore | Act::Mark))
+        self.error() == "nothing_found"
+            && matches!(self.act, Some(Act::Search | Act::Explore | Act::Mark))
     }
 }
 
@@ -68,8 +71,16 @@ impl Facts {
         let place = |id: &Option<String>| id.as_deref().and_then(|id| names.place(id));
         Self {
             all: Vec::new(),
-            whereabouts: setting.things.iter().map(|thing| vec![(0, place(&thing.place))]).collect(),
-            doors: setting.places.iter().map(|place| place.door.iter().map(|door| (0, *door)).collect()).collect(),
+            whereabouts: setting
+                .things
+                .iter()
+                .map(|thing| vec![(0, place(&thing.place))])
+                .collect(),
+            doors: setting
+                .places
+                .iter()
+                .map(|place| place.door.iter().map(|door| (0, *door)).collect())
+                .collect(),
             landmark: None,
             markers: Vec::new(),
         }
@@ -102,7 +113,10 @@ impl Facts {
 
     /// Whether the hand held anything at a moment, known by index or not.
     pub(crate) fn holds(&self, moment: usize) -> bool {
-        moment.checked_sub(1).and_then(|index| self.all.get(index)).is_some_and(|fact| fact.holding)
+        moment
+            .checked_sub(1)
+            .and_then(|index| self.all.get(index))
+            .is_some_and(|fact| fact.holding)
     }
 
     /// Adds a deed.
@@ -111,15 +125,24 @@ impl Facts {
         let act = act_of(&deed.tool);
         let place = |id: &Option<String>| id.as_deref().and_then(|id| names.place(id));
         let thing = |key: &Option<String>| key.as_deref().and_then(|key| names.thing(key));
-        let takes_marker = matches!(act, Some(Act::Gaze | Act::Pick | Act::Place | Act::Open | Act::Close));
-        let marker = deed.argument.as_deref().filter(|_| takes_marker).and_then(|argument| argument.trim().parse().ok());
+        let takes_marker = matches!(
+            act,
+            Some(Act::Gaze | Act::Pick | Act::Place | Act::Open | Act::Close)
+        );
+        let marker = deed
+            .argument
+            .as_deref()
+            .filter(|_| takes_marker)
+            .and_then(|argument| argument.trim().parse().ok());
         let meant = self.markers.iter().find(|mark| Some(mark.number) == marker);
         let aimed_place = match act {
             Some(Act::Go) => place(&deed.argument),
             Some(Act::Explore) => self.landmark,
             _ => meant.and_then(|mark| place(&mark.receptacle)),
         };
-        let aimed_thing = meant.and_then(|mark| thing(&mark.object)).filter(|_| act != Some(Act::Place));
+        let aimed_thing = meant
+            .and_then(|mark| thing(&mark.object))
+            .filter(|_| act != Some(Act::Place));
         let acted_on = thing(&deed.object).or(aimed_thing);
         let before = moment - 1;
         let held_before = self.held(before);
@@ -135,12 +158,26 @@ impl Facts {
             };
         }
         let near = match act {
-            Some(Act::Gaze | Act::Pick) if deed.error.is_none() => acted_on.and_then(|thing| self.place_of(thing, before)),
+            Some(Act::Gaze | Act::Pick) if deed.error.is_none() => {
+                acted_on.and_then(|thing| self.place_of(thing, before))
+            }
             _ => None,
         };
-        let seen: Vec<usize> = deed.seen.iter().filter_map(|key| names.thing(key)).collect();
-        let marked = deed.markers.iter().filter_map(|mark| thing(&mark.object)).collect();
-        let marked_places = deed.markers.iter().filter_map(|mark| place(&mark.receptacle)).collect();
+        let seen: Vec<usize> = deed
+            .seen
+            .iter()
+            .filter_map(|key| names.thing(key))
+            .collect();
+        let marked = deed
+            .markers
+            .iter()
+            .filter_map(|mark| thing(&mark.object))
+            .collect();
+        let marked_places = deed
+            .markers
+            .iter()
+            .filter_map(|mark| place(&mark.receptacle))
+            .collect();
         let holding = match act {
             _ if names.setting().complete => deed.held.is_some(),
             Some(Act::Pick) if deed.error.is_none() => true,
@@ -151,7 +188,11 @@ impl Facts {
         self.all.push(Fact {
             act,
             place: receptacle,
-            thing: if act == Some(Act::Place) { acted_on.or(held_before) } else { acted_on },
+            thing: if act == Some(Act::Place) {
+                acted_on.or(held_before)
+            } else {
+                acted_on
+            },
             marker,
             at: self.landmark.into_iter().chain(near).collect(),
             seen,
@@ -172,10 +213,13 @@ impl Facts {
                 }
             }
             GraphEvent::Add { object, .. } | GraphEvent::Remove { object, .. } => {
-                let Some(thing) = names.thing(object.as_str()) else { return };
+                let Some(thing) = names.thing(object.as_str()) else {
+                    return;
+                };
                 let added = matches!(change, GraphEvent::Add { .. });
                 let list = &mut self.whereabouts[thing];
-                // an object that moves leaves one place and comes to another in the same deed, in any order
+                // an object that moves leaves one place and comes to another in the same deed, in
+                // any order
                 if added || list.last().is_none_or(|(since, _)| *since != moment) {
                     list.push((moment, place.filter(|_| added)));
                 }
@@ -193,12 +237,22 @@ impl Facts {
                 _ => {}
             }
         }
-        (counts.iter().filter(|(_, driven)| **driven).map(|(place, _)| *place).collect(), counts.into_keys().collect())
+        (
+            counts
+                .iter()
+                .filter(|(_, driven)| **driven)
+                .map(|(place, _)| *place)
+                .collect(),
+            counts.into_keys().collect(),
+        )
     }
 }
 
 fn at<T>(list: &[(usize, T)], moment: usize) -> Option<&T> {
-    list.iter().rev().find(|(since, _)| *since <= moment).map(|(_, value)| value)
+    list.iter()
+        .rev()
+        .find(|(since, _)| *since <= moment)
+        .map(|(_, value)| value)
 }
 
 fn act_of(tool: &str) -> Option<Act> {

@@ -1,5 +1,5 @@
-//! The classes of English words that a History is made of: what a verb means, and the small words around it.
-//! Knows no episode and no sentence.
+//! The classes of English words that a History is made of: what a verb means, and the small words
+//! around it. Knows no episode and no sentence.
 
 use std::{collections::BTreeMap, sync::LazyLock};
 
@@ -92,7 +92,10 @@ const VERBS: &[(Act, &str)] = &[
         "bring brought brought bringing,transport transported transported transporting,deliver delivered delivered delivering,\
          transfer transferred transferred transferring",
     ),
-    (Act::Explore, "explore explored explored exploring,circle circled circled circling,tour toured toured touring"),
+    (
+        Act::Explore,
+        "explore explored explored exploring,circle circled circled circling,tour toured toured touring",
+    ),
     (
         Act::Check,
         "check checked checked checking,inspect inspected inspected inspecting,examine examined examined examining,\
@@ -123,15 +126,24 @@ const VERBS: &[(Act, &str)] = &[
          lift lifted lifted lifting,collect collected collected collecting,retrieve retrieved retrieved retrieving,\
          fetch fetched fetched fetching,remove removed removed removing,acquire acquired acquired acquiring",
     ),
-    (Act::Hold, "hold held held holding,carry carried carried carrying"),
-    (Act::Get, "get got got getting,get got gotten getting,obtain obtained obtained obtaining"),
+    (
+        Act::Hold,
+        "hold held held holding,carry carried carried carrying",
+    ),
+    (
+        Act::Get,
+        "get got got getting,get got gotten getting,obtain obtained obtained obtaining",
+    ),
     (
         Act::Place,
         "place placed placed placing,put put put putting,set set set setting,drop dropped dropped dropping,\
          deposit deposited deposited depositing,store stored stored storing,lay laid laid laying,release released released releasing",
     ),
     (Act::Open, "open opened opened opening"),
-    (Act::Close, "close closed closed closing,shut shut shut shutting"),
+    (
+        Act::Close,
+        "close closed closed closing,shut shut shut shutting",
+    ),
     (
         Act::Ask,
         "ask asked asked asking,consult consulted consulted consulting,inquire inquired inquired inquiring,query queried queried querying",
@@ -144,18 +156,33 @@ const VERBS: &[(Act, &str)] = &[
          state stated stated stating,mention mentioned mentioned mentioning,mean meant meant meaning,want wanted wanted wanting,\
          choose chose chosen choosing,select selected selected selecting,prefer preferred preferred preferring",
     ),
-    (Act::Finish, "finish finished finished finishing,end ended ended ending,terminate terminated terminated terminating"),
+    (
+        Act::Finish,
+        "finish finished finished finishing,end ended ended ending,terminate terminated terminated terminating",
+    ),
     (Act::Leave, "leave left left leaving"),
     (Act::Contain, "contain contained contained containing"),
-    (Act::Try, "try tried tried trying,attempt attempted attempted attempting"),
+    (
+        Act::Try,
+        "try tried tried trying,attempt attempted attempted attempting",
+    ),
     (Act::Fail, "fail failed failed failing"),
-    (Act::Succeed, "succeed succeeded succeeded succeeding,work worked worked working"),
+    (
+        Act::Succeed,
+        "succeed succeeded succeeded succeeding,work worked worked working",
+    ),
     (
         Act::Manage,
         "manage managed managed managing,proceed proceeded proceeded proceeding,continue continued continued continuing",
     ),
-    (Act::Be, "remain remained remained remaining,stay stayed stayed staying,stand stood stood standing"),
-    (Act::Call, "throw threw thrown throwing,push pushed pushed pushing"),
+    (
+        Act::Be,
+        "remain remained remained remaining,stay stayed stayed staying,stand stood stood standing",
+    ),
+    (
+        Act::Call,
+        "throw threw thrown throwing,push pushed pushed pushing",
+    ),
 ];
 
 /// Third persons of the present that state how things are.
@@ -179,9 +206,16 @@ static TABLE: LazyLock<BTreeMap<&'static str, Verb>> = LazyLock::new(|| {
     for (act, rows) in VERBS {
         for row in rows.split(',') {
             let forms: Vec<&'static str> = row.split_whitespace().collect();
-            let [base, past, participle, gerund] = forms[..] else { unreachable!("a verb has four forms: {row}") };
+            let [base, past, participle, gerund] = forms[..] else {
+                unreachable!("a verb has four forms: {row}")
+            };
             let mut add = |word, form| {
-                table.entry(word).or_insert(Verb { act: *act, form, base, past });
+                table.entry(word).or_insert(Verb {
+                    act: *act,
+                    form,
+                    base,
+                    past,
+                });
             };
             if base == past {
                 add(base, Form::Any);
@@ -196,7 +230,15 @@ static TABLE: LazyLock<BTreeMap<&'static str, Verb>> = LazyLock::new(|| {
         }
     }
     for (word, act, base) in PRESENTS {
-        table.insert(word, Verb { act: *act, form: Form::Present, base, past: base });
+        table.insert(
+            word,
+            Verb {
+                act: *act,
+                form: Form::Present,
+                base,
+                past: base,
+            },
+        );
     }
     table
 });
@@ -303,15 +345,14 @@ pub(crate) enum Class {
 /// What a lower-case word is.
 pub(crate) fn class(word: &str) -> Class {
     match word {
-        "a" | "an" | "the" | "my" | "your" | "our" | "its" | "their" | "this" | "these" | "those" | "some" | "any" | "his"
-        | "her" => Class::Determiner,
+        "a" | "an" | "the" | "my" | "your" | "our" | "its" | "their" | "this" | "these"
+        | "those" | "some" | "any" | "his" | "her" => Class::Determiner,
         "no" | "nothing" | "none" | "neither" => Class::No,
         "not" | "never" | "hardly" => Class::Not,
         "without" => Class::Without,
         "all" | "both" | "every" | "each" => Class::All,
-        "other" | "others" | "another" | "else" | "more" | "different" | "further" | "additional" | "remaining" | "rest" => {
-            Class::Other
-        }
+        "other" | "others" | "another" | "else" | "more" | "different" | "further"
+        | "additional" | "remaining" | "rest" => Class::Other,
         "only" | "just" | "solely" | "exactly" => Class::Only,
         "have" | "has" | "had" | "having" => Class::Have,
         "am" | "is" | "are" => Class::Be(true),
@@ -319,21 +360,28 @@ pub(crate) fn class(word: &str) -> Class {
         "be" | "been" | "being" => Class::Been,
         "did" | "do" | "does" => Class::Did,
         "can" | "could" => Class::Can,
-        "will" | "would" | "should" | "shall" | "must" | "may" | "might" | "need" | "needs" | "needed" | "plan" | "planning"
-        | "let" | "lets" | "intend" | "decided" | "supposed" | "ready" | "require" | "requires" => Class::Will,
-        "if" | "whether" | "unless" | "maybe" | "perhaps" | "probably" | "possibly" | "likely" | "think" | "thought"
-        | "believe" | "believed" | "assume" | "assumed" | "guess" | "suspect" | "expect" | "expected" | "hope" | "hoping"
-        | "seems" | "seemed" | "appears" | "appeared" | "apparently" | "goal" | "task" | "instruction" | "plans" | "todo"
-        | "remember" => Class::Hedge,
+        "will" | "would" | "should" | "shall" | "must" | "may" | "might" | "need" | "needs"
+        | "needed" | "plan" | "planning" | "let" | "lets" | "intend" | "decided" | "supposed"
+        | "ready" | "require" | "requires" => Class::Will,
+        "if" | "whether" | "unless" | "maybe" | "perhaps" | "probably" | "possibly" | "likely"
+        | "think" | "thought" | "believe" | "believed" | "assume" | "assumed" | "guess"
+        | "suspect" | "expect" | "expected" | "hope" | "hoping" | "seems" | "seemed"
+        | "appears" | "appeared" | "apparently" | "goal" | "task" | "instruction" | "plans"
+        | "todo" | "remember" => Class::Hedge,
         "to" | "toward" | "towards" => Class::To,
         "from" | "off" => Class::Prep(Prep::From),
-        "at" | "on" | "in" | "inside" | "into" | "onto" | "within" | "upon" | "around" | "atop" => Class::Prep(Prep::At),
-        "near" | "beside" | "by" | "behind" | "under" | "between" | "above" | "below" | "outside" => Class::Prep(Prep::Near),
+        "at" | "on" | "in" | "inside" | "into" | "onto" | "within" | "upon" | "around" | "atop" => {
+            Class::Prep(Prep::At)
+        }
+        "near" | "beside" | "by" | "behind" | "under" | "between" | "above" | "below"
+        | "outside" => Class::Prep(Prep::Near),
         "for" => Class::Prep(Prep::For),
         "with" => Class::Prep(Prep::With),
         "about" | "regarding" | "concerning" => Class::Prep(Prep::About),
         "of" => Class::Prep(Prep::Of),
-        "as" | "like" | "than" | "through" | "via" | "during" | "despite" | "using" => Class::Prep(Prep::Other),
+        "as" | "like" | "than" | "through" | "via" | "during" | "despite" | "using" => {
+            Class::Prep(Prep::Other)
+        }
         "and" | "plus" => Class::Link(Link::And),
         "or" | "nor" => Class::Link(Link::Or),
         "but" | "however" | "although" | "though" => Class::Link(Link::But),
@@ -341,9 +389,8 @@ pub(crate) fn class(word: &str) -> Class {
         "after" => Class::Link(Link::After),
         "before" => Class::Link(Link::Before),
         "because" | "since" | "due" => Class::Link(Link::Because),
-        "while" | "when" | "where" | "which" | "that" | "who" | "whose" | "so" | "until" | "what" | "how" => {
-            Class::Link(Link::Sub)
-        }
+        "while" | "when" | "where" | "which" | "that" | "who" | "whose" | "so" | "until"
+        | "what" | "how" => Class::Link(Link::Sub),
         "i" | "we" | "robot" | "agent" | "myself" => Class::Agent,
         "it" | "them" | "itself" => Class::It,
         "there" | "here" => Class::There,
@@ -371,14 +418,17 @@ pub(crate) fn class(word: &str) -> Class {
         "visible" | "view" | "sight" => Class::Visible,
         "door" | "doors" => Class::Door,
         "last" | "latest" | "previous" | "recent" => Class::Last,
-        "action" | "call" | "attempt" | "step" | "try" | "tries" | "attempts" | "calls" | "actions" => Class::Doing,
+        "action" | "call" | "attempt" | "step" | "try" | "tries" | "attempts" | "calls"
+        | "actions" => Class::Doing,
         "successfully" | "success" | "successful" => Class::Success(true),
         "unsuccessfully" | "unsuccessful" | "vain" => Class::Success(false),
-        "now" | "again" | "also" | "yet" | "ever" | "already" | "still" | "currently" | "finally" | "first" | "second"
-        | "third" | "next" | "later" | "earlier" | "back" | "far" | "up" | "down" | "away" | "out" | "over" | "together"
-        | "too" | "very" | "even" | "instead" | "meanwhile" | "anymore" | "eventually" | "immediately" | "directly"
-        | "longer" | "right" | "previously" | "initially" | "recently" | "therefore" | "thus" | "along" | "straight"
-        | "closely" | "carefully" | "simply" | "actually" | "rather" | "most" => Class::Adverb,
+        "now" | "again" | "also" | "yet" | "ever" | "already" | "still" | "currently"
+        | "finally" | "first" | "second" | "third" | "next" | "later" | "earlier" | "back"
+        | "far" | "up" | "down" | "away" | "out" | "over" | "together" | "too" | "very"
+        | "even" | "instead" | "meanwhile" | "anymore" | "eventually" | "immediately"
+        | "directly" | "longer" | "right" | "previously" | "initially" | "recently"
+        | "therefore" | "thus" | "along" | "straight" | "closely" | "carefully" | "simply"
+        | "actually" | "rather" | "most" => Class::Adverb,
         _ if TABLE.contains_key(word) => Class::Verb,
         _ => Class::Noun,
     }

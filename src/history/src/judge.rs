@@ -1,4 +1,5 @@
-//! Claims of deeds beside the deeds. Never reads a text; what may be so is left open, never refuted.
+//! Claims of deeds beside the deeds. Never reads a text; what may be so is left open, never
+//! refuted.
 
 use std::ops::Range;
 
@@ -23,15 +24,29 @@ pub(crate) struct Ruling {
 
 impl Ruling {
     pub(crate) fn unknown(kind: ClaimKind) -> Self {
-        Self { kind, verdict: Verdict::Unknown, fix: Vec::new(), matches: Vec::new() }
+        Self {
+            kind,
+            verdict: Verdict::Unknown,
+            fix: Vec::new(),
+            matches: Vec::new(),
+        }
     }
 
     pub(crate) fn supported(kind: ClaimKind, step: Option<u32>) -> Self {
-        Self { verdict: Verdict::Supported { step }, ..Self::unknown(kind) }
+        Self {
+            verdict: Verdict::Supported { step },
+            ..Self::unknown(kind)
+        }
     }
 
     pub(crate) fn contradicted(kind: ClaimKind, why: impl Into<String>, step: Option<u32>) -> Self {
-        Self { verdict: Verdict::Contradicted { why: why.into(), step }, ..Self::unknown(kind) }
+        Self {
+            verdict: Verdict::Contradicted {
+                why: why.into(),
+                step,
+            },
+            ..Self::unknown(kind)
+        }
     }
 
     pub(crate) fn with_fix(mut self, fix: Option<(Range<usize>, String)>) -> Self {
@@ -55,8 +70,8 @@ pub(crate) struct Judge<'a> {
 }
 
 impl Judge<'_> {
-    /// Judges what is claimed to have been done (or not) in deeds up to `until`. `place` and `thing` are what an unnamed
-    /// place or object stands for.
+    /// Judges what is claimed to have been done (or not) in deeds up to `until`. `place` and
+    /// `thing` are what an unnamed place or object stands for.
     pub(crate) fn deed(
         &self,
         predicate: &Predicate,
@@ -88,24 +103,46 @@ impl Judge<'_> {
         rulings
     }
 
-    fn one_deed(&self, predicate: &Predicate, slots: &Slots, cursor: usize, until: usize) -> Ruling {
+    fn one_deed(
+        &self,
+        predicate: &Predicate,
+        slots: &Slots,
+        cursor: usize,
+        until: usize,
+    ) -> Ruling {
         let kind = kind_of(predicate.act);
         if let Some(arg) = slots.place.filter(|arg| arg.all) {
             return self.all_places(predicate, arg, kind);
         }
-        let counted = [slots.thing, slots.place].into_iter().flatten().find_map(|arg| arg.count.as_ref());
+        let counted = [slots.thing, slots.place]
+            .into_iter()
+            .flatten()
+            .find_map(|arg| arg.count.as_ref());
         if let (Some((count, span)), false) = (counted, predicate.negated) {
             return self.counted(predicate, slots, *count, span);
         }
         let facts = &self.facts.all[..until.min(self.facts.now())];
-        let graded: Vec<(usize, Fit)> =
-            facts.iter().enumerate().map(|(index, fact)| (index, self.fit(predicate, predicate.mood, slots, fact))).collect();
-        let yes: Vec<usize> = graded.iter().filter(|(_, fit)| *fit == Fit::Yes).map(|(index, _)| *index).collect();
+        let graded: Vec<(usize, Fit)> = facts
+            .iter()
+            .enumerate()
+            .map(|(index, fact)| (index, self.fit(predicate, predicate.mood, slots, fact)))
+            .collect();
+        let yes: Vec<usize> = graded
+            .iter()
+            .filter(|(_, fit)| *fit == Fit::Yes)
+            .map(|(index, _)| *index)
+            .collect();
         let maybe = graded.iter().any(|(_, fit)| *fit == Fit::Maybe);
-        let chosen = yes.iter().find(|index| **index >= cursor).or(yes.last()).copied();
+        let chosen = yes
+            .iter()
+            .find(|index| **index >= cursor)
+            .or(yes.last())
+            .copied();
         let step = chosen.and_then(|index| self.facts.step(index));
         let ruling = match (predicate.negated, chosen, maybe) {
-            (false, Some(_), _) => self.in_detail(predicate, &yes, kind).unwrap_or_else(|| Ruling::supported(kind, step)),
+            (false, Some(_), _) => self
+                .in_detail(predicate, &yes, kind)
+                .unwrap_or_else(|| Ruling::supported(kind, step)),
             // a verb of taking without what was taken is an idiom
             (false, None, false) if bare(predicate, slots) => Ruling::unknown(kind),
             (false, None, false) => self.refute(predicate, slots, kind),
@@ -128,16 +165,25 @@ impl Judge<'_> {
         if let Some((times, _)) = &predicate.times {
             let found = yes.len();
             if *times as usize > found || predicate.only && *times as usize != found {
-                let said = ["never", "once", "twice"].get(found).map_or_else(|| format!("{found} times"), ToString::to_string);
-                return Some(Ruling::contradicted(kind, format!("it was done {said}"), step));
+                let said = ["never", "once", "twice"]
+                    .get(found)
+                    .map_or_else(|| format!("{found} times"), ToString::to_string);
+                return Some(Ruling::contradicted(
+                    kind,
+                    format!("it was done {said}"),
+                    step,
+                ));
             }
             if (*times as usize) < found {
                 return Some(Ruling::unknown(kind));
             }
         }
         if !predicate.reasons.is_empty() && predicate.mood == Mood::Failed {
-            let errors: Vec<&str> =
-                yes.iter().map(|index| self.facts.all[*index].error()).filter(|error| !error.is_empty()).collect();
+            let errors: Vec<&str> = yes
+                .iter()
+                .map(|index| self.facts.all[*index].error())
+                .filter(|error| !error.is_empty())
+                .collect();
             if !errors.is_empty() && !errors.iter().any(|error| predicate.reasons.contains(error)) {
                 return Some(Ruling::contradicted(
                     ClaimKind::Outcome,
@@ -153,14 +199,27 @@ impl Judge<'_> {
     fn refute(&self, predicate: &Predicate, slots: &Slots, kind: ClaimKind) -> Ruling {
         let find = |mood: Mood, slots: &Slots| -> Vec<usize> {
             let fits = |fact: &Fact| self.fit(predicate, mood, slots, fact) == Fit::Yes;
-            self.facts.all.iter().enumerate().filter(|(_, fact)| fits(fact)).map(|(index, _)| index).collect()
+            self.facts
+                .all
+                .iter()
+                .enumerate()
+                .filter(|(_, fact)| fits(fact))
+                .map(|(index, _)| index)
+                .collect()
         };
         let step = |index: usize| self.facts.step(index);
-        let verb = predicate.verb.filter(|_| !predicate.passive && predicate.args.len() <= 3);
+        let verb = predicate
+            .verb
+            .filter(|_| !predicate.passive && predicate.args.len() <= 3);
         if predicate.mood == Mood::Done
             && let Some(index) = find(Mood::Failed, slots).last().copied()
         {
-            let fix = verb.map(|verb| (predicate.verb_span.clone(), format!("tried to {}", verb.base)));
+            let fix = verb.map(|verb| {
+                (
+                    predicate.verb_span.clone(),
+                    format!("tried to {}", verb.base),
+                )
+            });
             return Ruling::contradicted(
                 ClaimKind::Outcome,
                 format!("it failed: {}", self.facts.all[index].error()),
@@ -171,25 +230,56 @@ impl Judge<'_> {
         if predicate.mood == Mood::Failed
             && let Some(index) = find(Mood::Done, slots).last().copied()
         {
-            let governed = verb.filter(|verb| predicate.reasons.is_empty() && verb.act != Act::Fail);
+            let governed =
+                verb.filter(|verb| predicate.reasons.is_empty() && verb.act != Act::Fail);
             let fix = governed.map(|verb| (predicate.verb_span.clone(), verb.past.to_owned()));
             return Ruling::contradicted(ClaimKind::Outcome, "it succeeded", step(index))
                 .with_fix(fix.filter(|(span, _)| span.len() > 8));
         }
         if let Some(arg) = slots.place {
-            let elsewhere = find(predicate.mood, &Slots { place: None, ..*slots });
-            let mut places: Vec<usize> = elsewhere.iter().filter_map(|index| self.facts.all[*index].place).collect();
+            let elsewhere = find(
+                predicate.mood,
+                &Slots {
+                    place: None,
+                    ..*slots
+                },
+            );
+            let mut places: Vec<usize> = elsewhere
+                .iter()
+                .filter_map(|index| self.facts.all[*index].place)
+                .collect();
             places.sort_unstable();
             places.dedup();
-            if let (Some(index), true) = (elsewhere.last(), slots.thing.is_some() || slots.marker.is_some()) {
-                let names: Vec<&str> = places.iter().map(|place| self.names.setting().places[*place].id.as_str()).collect();
-                let fix = (names.len() == 1 && arg.marker.is_none()).then(|| (arg.span.clone(), names[0].to_owned()));
-                return Ruling::contradicted(kind, format!("it was {}", names.join(", ")), step(*index)).with_fix(fix);
+            if let (Some(index), true) = (
+                elsewhere.last(),
+                slots.thing.is_some() || slots.marker.is_some(),
+            ) {
+                let names: Vec<&str> = places
+                    .iter()
+                    .map(|place| self.names.setting().places[*place].id.as_str())
+                    .collect();
+                let fix = (names.len() == 1 && arg.marker.is_none())
+                    .then(|| (arg.span.clone(), names[0].to_owned()));
+                return Ruling::contradicted(
+                    kind,
+                    format!("it was {}", names.join(", ")),
+                    step(*index),
+                )
+                .with_fix(fix);
             }
         }
         if let Some(arg) = slots.thing.filter(|arg| arg.marker.is_none()) {
-            let others = find(predicate.mood, &Slots { thing: None, ..*slots });
-            let mut things: Vec<usize> = others.iter().filter_map(|index| self.facts.all[*index].thing).collect();
+            let others = find(
+                predicate.mood,
+                &Slots {
+                    thing: None,
+                    ..*slots
+                },
+            );
+            let mut things: Vec<usize> = others
+                .iter()
+                .filter_map(|index| self.facts.all[*index].thing)
+                .collect();
             things.sort_unstable();
             things.dedup();
             if let ([thing], Some(index)) = (&things[..], others.last()) {
@@ -215,8 +305,12 @@ impl Judge<'_> {
         if act == Fit::No {
             return Fit::No;
         }
-        let place = slots.place.map_or(Fit::Yes, |arg| self.fit_place(predicate.act, arg, fact));
-        let thing = slots.thing.map_or(Fit::Yes, |arg| self.fit_thing(predicate.act, &arg.referent, fact));
+        let place = slots
+            .place
+            .map_or(Fit::Yes, |arg| self.fit_place(predicate.act, arg, fact));
+        let thing = slots.thing.map_or(Fit::Yes, |arg| {
+            self.fit_thing(predicate.act, &arg.referent, fact)
+        });
         let marker = self.fit_marker(predicate, slots, fact);
         act.min(place).min(thing).min(marker)
     }
@@ -238,7 +332,10 @@ impl Judge<'_> {
         let yes = match act {
             // the robot drives up to a receptacle that it gazes at, too
             Act::Go => done == Act::Go || done == Act::Gaze,
-            Act::Carry => matches!(done, Act::Go | Act::Place | Act::Gaze) || slots.place.is_none() && done == Act::Pick,
+            Act::Carry => {
+                matches!(done, Act::Go | Act::Place | Act::Gaze)
+                    || slots.place.is_none() && done == Act::Pick
+            }
             Act::Get => matches!(done, Act::Pick | Act::Go),
             Act::Check => true,
             Act::Explore if done != Act::Explore => return Fit::No,
@@ -256,10 +353,20 @@ impl Judge<'_> {
         if arg.referent.open {
             return Fit::Maybe;
         }
-        let at = |places: &[usize]| places.iter().map(|place| arg.referent.fits_place(Some(*place))).max().unwrap_or(Fit::No);
+        let at = |places: &[usize]| {
+            places
+                .iter()
+                .map(|place| arg.referent.fits_place(Some(*place)))
+                .max()
+                .unwrap_or(Fit::No)
+        };
         let fit = match act {
             Act::Go | Act::Carry if fact.place.is_none() && fact.act == Some(Act::Go) => {
-                let same = fact.deed.argument.as_deref().is_some_and(|argument| argument.to_lowercase() == arg.referent.words);
+                let same = fact
+                    .deed
+                    .argument
+                    .as_deref()
+                    .is_some_and(|argument| argument.to_lowercase() == arg.referent.words);
                 return if same { Fit::Yes } else { Fit::No };
             }
             Act::Go if fact.act == Some(Act::Gaze) => at(&fact.at),
@@ -269,7 +376,11 @@ impl Judge<'_> {
             _ => arg.referent.fits_place(fact.place),
         };
         // a room, or a word that is not known
-        if looks_like_id(&arg.referent.words) && arg.referent.places.is_empty() { Fit::No } else { fit }
+        if looks_like_id(&arg.referent.words) && arg.referent.places.is_empty() {
+            Fit::No
+        } else {
+            fit
+        }
     }
 
     fn fit_thing(&self, act: Act, referent: &Referent, fact: &Fact) -> Fit {
@@ -278,7 +389,11 @@ impl Judge<'_> {
         }
         match act {
             Act::Search if fact.act == Some(Act::Search) => {
-                if referent.any_thing || self.names.same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words) {
+                if referent.any_thing
+                    || self
+                        .names
+                        .same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words)
+                {
                     Fit::Yes
                 } else if referent.open || self.names.setting().things.is_empty() {
                     Fit::Maybe
@@ -288,7 +403,11 @@ impl Judge<'_> {
             }
             Act::Search => {
                 let spoken_of = self.names.mentions(&referent.words);
-                if spoken_of || referent.open { Fit::Maybe } else { Fit::No }
+                if spoken_of || referent.open {
+                    Fit::Maybe
+                } else {
+                    Fit::No
+                }
             }
             Act::Mark if fact.act == Some(Act::Mark) => {
                 if referent.is_place() || referent.any_thing {
@@ -300,11 +419,25 @@ impl Judge<'_> {
             Act::Mark => self.fit_thing(Act::Search, referent, fact),
             Act::Carry if fact.act != Some(Act::Place) && fact.act != Some(Act::Pick) => referent
                 .fits_thing(fact.held)
-                .min(if fact.deed.held.is_some() || referent.any_thing { Fit::Yes } else { Fit::No }),
+                .min(if fact.deed.held.is_some() || referent.any_thing {
+                    Fit::Yes
+                } else {
+                    Fit::No
+                }),
             Act::Check | Act::Go if fact.act != Some(Act::Gaze) => {
-                if fact.seen.iter().any(|thing| referent.fits_thing(Some(*thing)) > Fit::No) { Fit::Maybe } else { Fit::No }
+                if fact
+                    .seen
+                    .iter()
+                    .any(|thing| referent.fits_thing(Some(*thing)) > Fit::No)
+                {
+                    Fit::Maybe
+                } else {
+                    Fit::No
+                }
             }
-            Act::Gaze if referent.is_place() && !referent.is_thing() => referent.fits_place(fact.place),
+            Act::Gaze if referent.is_place() && !referent.is_thing() => {
+                referent.fits_place(fact.place)
+            }
             Act::Gaze if fact.thing.is_none() && fact.place.is_some() => {
                 if referent.any_thing {
                     Fit::Yes
@@ -312,18 +445,28 @@ impl Judge<'_> {
                     Fit::No
                 }
             }
-            Act::Pick if fact.thing.is_none() && fact.place.is_some() => referent.fits_place(fact.place),
-            _ if self.names.setting().complete || fact.thing.is_some() || !fact.ok() => match fact.thing {
-                None if referent.any_thing => Fit::Yes,
-                None if fact.ok() => Fit::Maybe,
-                None => Fit::Maybe,
-                thing => referent.fits_thing(thing),
-            },
+            Act::Pick if fact.thing.is_none() && fact.place.is_some() => {
+                referent.fits_place(fact.place)
+            }
+            _ if self.names.setting().complete || fact.thing.is_some() || !fact.ok() => {
+                match fact.thing {
+                    None if referent.any_thing => Fit::Yes,
+                    None if fact.ok() => Fit::Maybe,
+                    None => Fit::Maybe,
+                    thing => referent.fits_thing(thing),
+                }
+            }
             _ => Fit::Maybe.max(referent.fits_thing(fact.thing)),
         }
     }
 
-    fn counted(&self, predicate: &Predicate, slots: &Slots, count: u32, span: &Range<usize>) -> Ruling {
+    fn counted(
+        &self,
+        predicate: &Predicate,
+        slots: &Slots,
+        count: u32,
+        span: &Range<usize>,
+    ) -> Ruling {
         let kind = kind_of(predicate.act);
         let count = count as usize;
         let until = self.facts.now();
@@ -343,7 +486,10 @@ impl Judge<'_> {
                     places
                         .iter()
                         .filter(|place| {
-                            arg.is_none_or(|arg| arg.referent.fits_place(Some(**place)) > Fit::No || arg.referent.any_thing)
+                            arg.is_none_or(|arg| {
+                                arg.referent.fits_place(Some(**place)) > Fit::No
+                                    || arg.referent.any_thing
+                            })
                         })
                         .count()
                 };
@@ -351,7 +497,11 @@ impl Judge<'_> {
             }
             Act::Mark | Act::Search => {
                 let sizes: Vec<usize> = facts.iter().map(|fact| fact.deed.markers.len()).collect();
-                if sizes.contains(&count) { (count, count) } else { sizes.last().map_or((0, 0), |size| (*size, *size)) }
+                if sizes.contains(&count) {
+                    (count, count)
+                } else {
+                    sizes.last().map_or((0, 0), |size| (*size, *size))
+                }
             }
             Act::Pick | Act::Place if self.names.setting().complete => {
                 let number = distinct(&mut facts.iter().filter_map(|fact| fact.thing));
@@ -384,7 +534,11 @@ impl Judge<'_> {
             .collect();
         match (missing.is_empty(), predicate.negated) {
             (true, false) if predicate.act != Act::Explore => Ruling::supported(kind, None),
-            (false, false) => Ruling::contradicted(kind, format!("{} was not visited", missing.join(", ")), None),
+            (false, false) => Ruling::contradicted(
+                kind,
+                format!("{} was not visited", missing.join(", ")),
+                None,
+            ),
             (true, true) => Ruling::contradicted(kind, "all were visited", None),
             _ => Ruling::unknown(kind),
         }
@@ -393,8 +547,11 @@ impl Judge<'_> {
     /// `I only visited X`: any other place visited refutes it.
     fn only_visited(&self, predicate: &Predicate) -> Ruling {
         let (driven, _) = self.facts.visited();
-        let named =
-            |place: usize| predicate.all_args().any(|arg| arg.count.is_some() || arg.referent.fits_place(Some(place)) > Fit::No);
+        let named = |place: usize| {
+            predicate
+                .all_args()
+                .any(|arg| arg.count.is_some() || arg.referent.fits_place(Some(place)) > Fit::No)
+        };
         match driven.iter().find(|place| !named(**place)) {
             Some(place) => Ruling::contradicted(
                 ClaimKind::Visit,
@@ -407,8 +564,9 @@ impl Judge<'_> {
 
     fn asked(&self, predicate: &Predicate, until: usize) -> Ruling {
         let kind = ClaimKind::Ask;
-        let asks: Vec<usize> =
-            (0..until.min(self.facts.now())).filter(|index| self.facts.all[*index].act == Some(Act::Ask)).collect();
+        let asks: Vec<usize> = (0..until.min(self.facts.now()))
+            .filter(|index| self.facts.all[*index].act == Some(Act::Ask))
+            .collect();
         let step = asks.first().and_then(|index| self.facts.step(*index));
         if predicate.user {
             return Ruling::unknown(kind);
@@ -423,12 +581,20 @@ impl Judge<'_> {
         if asks.is_empty() {
             return Ruling::contradicted(kind, "the user was not asked", None);
         }
-        let questions = || asks.iter().filter_map(|index| self.facts.all[*index].deed.argument.as_deref());
-        if predicate.content.quote.is_some() && predicate.content.quotes(questions()) == Agreement::Other {
+        let questions = || {
+            asks.iter()
+                .filter_map(|index| self.facts.all[*index].deed.argument.as_deref())
+        };
+        if predicate.content.quote.is_some()
+            && predicate.content.quotes(questions()) == Agreement::Other
+        {
             return Ruling::contradicted(kind, "the question was another", step);
         }
         let detail = self.in_detail(predicate, &asks, kind);
-        Ruling { matches: asks, ..detail.unwrap_or_else(|| Ruling::supported(kind, step)) }
+        Ruling {
+            matches: asks,
+            ..detail.unwrap_or_else(|| Ruling::supported(kind, step))
+        }
     }
 
     fn said(&self, predicate: &Predicate, until: usize) -> Ruling {
@@ -437,61 +603,106 @@ impl Judge<'_> {
             return Ruling::unknown(kind);
         }
         let all = &self.facts.all[..until.min(self.facts.now())];
-        let answered: Vec<usize> = (0..all.len()).filter(|index| all[*index].deed.reply.is_some()).collect();
-        let replies = || answered.iter().filter_map(|index| all[*index].deed.reply.as_deref());
+        let answered: Vec<usize> = (0..all.len())
+            .filter(|index| all[*index].deed.reply.is_some())
+            .collect();
+        let replies = || {
+            answered
+                .iter()
+                .filter_map(|index| all[*index].deed.reply.as_deref())
+        };
         let step = answered.last().and_then(|index| self.facts.step(*index));
-        let wants = predicate.verb.is_some_and(|verb| matches!(verb.base, "want" | "mean"));
+        let wants = predicate
+            .verb
+            .is_some_and(|verb| matches!(verb.base, "want" | "mean"));
         match (answered.is_empty(), predicate.negated) {
             (true, true) => return Ruling::supported(kind, None),
-            (false, true) if predicate.content.words.is_empty() => return Ruling::contradicted(kind, "the user answered", step),
-            (true, false) if !wants => return Ruling::contradicted(kind, "the user said nothing", None),
+            (false, true) if predicate.content.words.is_empty() => {
+                return Ruling::contradicted(kind, "the user answered", step);
+            }
+            (true, false) if !wants => {
+                return Ruling::contradicted(kind, "the user said nothing", None);
+            }
             (true, _) | (_, true) => return Ruling::unknown(kind),
             _ => {}
         }
         let agreement = match predicate.content.quote {
             Some(_) => predicate.content.quotes(replies()),
-            None => predicate.content.agrees(self.names, replies(), &self.names.setting().instruction),
+            None => {
+                predicate
+                    .content
+                    .agrees(self.names, replies(), &self.names.setting().instruction)
+            }
         };
         let ruling = match agreement {
             Agreement::Same => Ruling::supported(kind, step),
-            Agreement::Other => {
-                Ruling::contradicted(kind, format!("the user said: {}", replies().next_back().unwrap_or("")), step)
-            }
+            Agreement::Other => Ruling::contradicted(
+                kind,
+                format!("the user said: {}", replies().next_back().unwrap_or("")),
+                step,
+            ),
             Agreement::Unclear => Ruling::unknown(kind),
         };
-        Ruling { matches: answered.clone(), ..ruling }
+        Ruling {
+            matches: answered.clone(),
+            ..ruling
+        }
     }
 
     fn finished(&self, predicate: &Predicate, until: usize) -> Ruling {
         let kind = ClaimKind::Finish;
-        let what = predicate.all_args().find(|arg| !arg.user).map(|arg| arg.referent.words.as_str());
+        let what = predicate
+            .all_args()
+            .find(|arg| !arg.user)
+            .map(|arg| arg.referent.words.as_str());
         if !what.is_none_or(|what| matches!(what, "episode" | "run" | "trial")) {
             return Ruling::unknown(kind);
         }
-        let finish = self.facts.all[..until.min(self.facts.now())].iter().find(|fact| fact.act == Some(Act::Finish));
+        let finish = self.facts.all[..until.min(self.facts.now())]
+            .iter()
+            .find(|fact| fact.act == Some(Act::Finish));
         match (finish, predicate.negated) {
             (Some(fact), false) => Ruling::supported(kind, Some(fact.deed.step)),
             (None, true) => Ruling::supported(kind, None),
-            (Some(fact), true) => Ruling::contradicted(kind, "the episode was finished", Some(fact.deed.step)),
+            (Some(fact), true) => {
+                Ruling::contradicted(kind, "the episode was finished", Some(fact.deed.step))
+            }
             (None, false) => Ruling::contradicted(kind, "the episode was not finished", None),
         }
     }
 
     fn called(&self, predicate: &Predicate) -> Vec<Ruling> {
         let kind = ClaimKind::Call;
-        let Some((name, said)) = predicate.content.words.split_first() else { return Vec::new() };
-        let tool = reel_world::ToolSpec::by_name(name).map_or(name.as_str(), |spec| spec.paper_name);
+        let Some((name, said)) = predicate.content.words.split_first() else {
+            return Vec::new();
+        };
+        let tool =
+            reel_world::ToolSpec::by_name(name).map_or(name.as_str(), |spec| spec.paper_name);
         let same = |fact: &Fact| {
             let argument = fact.deed.argument.as_deref().map(str::to_lowercase);
             let given = said.is_empty() && predicate.content.quote.is_none();
-            let place = predicate.args.iter().find(|arg| arg.prep == Prep::At && arg.referent.is_place());
-            let there = place.is_none_or(|arg| fact.at.iter().any(|at| arg.referent.fits_place(Some(*at)) > Fit::No));
-            there && fact.deed.tool == tool && argument.is_none_or(|argument| given || predicate.content.holds(&argument))
+            let place = predicate
+                .args
+                .iter()
+                .find(|arg| arg.prep == Prep::At && arg.referent.is_place());
+            let there = place.is_none_or(|arg| {
+                fact.at
+                    .iter()
+                    .any(|at| arg.referent.fits_place(Some(*at)) > Fit::No)
+            });
+            there
+                && fact.deed.tool == tool
+                && argument.is_none_or(|argument| given || predicate.content.holds(&argument))
         };
-        let found: Vec<usize> = (0..self.facts.now()).filter(|index| same(&self.facts.all[*index])).collect();
+        let found: Vec<usize> = (0..self.facts.now())
+            .filter(|index| same(&self.facts.all[*index]))
+            .collect();
         let step = found.first().and_then(|index| self.facts.step(*index));
         vec![match (found.is_empty(), predicate.negated) {
-            (false, false) => Ruling { matches: found, ..Ruling::supported(kind, step) },
+            (false, false) => Ruling {
+                matches: found,
+                ..Ruling::supported(kind, step)
+            },
             (true, false) => Ruling::contradicted(kind, "there was no such call", None),
             (false, true) => Ruling::contradicted(kind, "there was such a call", step),
             (true, true) => Ruling::supported(kind, None),
@@ -501,7 +712,10 @@ impl Judge<'_> {
 
 /// Whether a verb that needs an object has none.
 fn bare(predicate: &Predicate, slots: &Slots) -> bool {
-    let needs = matches!(predicate.act, Act::Pick | Act::Place | Act::Get | Act::Carry | Act::Gaze | Act::Check);
+    let needs = matches!(
+        predicate.act,
+        Act::Pick | Act::Place | Act::Get | Act::Carry | Act::Gaze | Act::Check
+    );
     needs && slots.thing.is_none() && slots.place.is_none() && slots.marker.is_none()
 }
 
@@ -529,26 +743,41 @@ pub(crate) fn kind_of(act: Act) -> ClaimKind {
 
 /// The readings of a predicate's arguments; lists give one each, and no argument gives one without.
 pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
-    let takes_marker =
-        matches!(predicate.act, Act::Gaze | Act::Pick | Act::Place | Act::Open | Act::Close | Act::Check | Act::Get);
-    let marker = predicate.all_args().filter(|_| takes_marker).find_map(|arg| arg.marker);
+    let takes_marker = matches!(
+        predicate.act,
+        Act::Gaze | Act::Pick | Act::Place | Act::Open | Act::Close | Act::Check | Act::Get
+    );
+    let marker = predicate
+        .all_args()
+        .filter(|_| takes_marker)
+        .find_map(|arg| arg.marker);
     let (mut things, mut places): (Vec<&Arg>, Vec<&Arg>) = (Vec::new(), Vec::new());
     let for_follows = predicate.args.iter().any(|arg| arg.prep == Prep::For);
-    let said = |arg: &&Arg| !arg.user && !arg.hand && (arg.marker.is_none() || arg.referent.is_place());
-    let objects = predicate.subjects.iter().map(|arg| (arg, true)).chain(predicate.args.iter().map(|arg| (arg, false)));
+    let said =
+        |arg: &&Arg| !arg.user && !arg.hand && (arg.marker.is_none() || arg.referent.is_place());
+    let objects = predicate
+        .subjects
+        .iter()
+        .map(|arg| (arg, true))
+        .chain(predicate.args.iter().map(|arg| (arg, false)));
     for (arg, before) in objects.filter(|(arg, _)| said(arg)) {
         let place_like = arg.referent.is_place() || !arg.referent.is_thing();
         match (predicate.act, arg.prep) {
             _ if before && !predicate.passive && !arg.door => {}
-            (Act::Go | Act::Check | Act::Explore, Prep::Direct | Prep::To | Prep::At | Prep::Near) if place_like => {
-                places.push(arg)
-            }
+            (
+                Act::Go | Act::Check | Act::Explore,
+                Prep::Direct | Prep::To | Prep::At | Prep::Near,
+            ) if place_like => places.push(arg),
             (Act::Go | Act::Check | Act::Explore, Prep::Direct | Prep::To) => things.push(arg),
             (Act::Open | Act::Close, Prep::Direct | Prep::Of | Prep::At) => places.push(arg),
-            (Act::Search, Prep::Direct) if for_follows || place_like && arg.referent.is_place() => places.push(arg),
+            (Act::Search, Prep::Direct) if for_follows || place_like && arg.referent.is_place() => {
+                places.push(arg)
+            }
             (Act::Search, Prep::For | Prep::Direct) => things.push(arg),
             (Act::Gaze, Prep::Direct | Prep::At | Prep::To) => things.push(arg),
-            (Act::Pick, Prep::From | Prep::At) | (Act::Place | Act::Carry, Prep::At | Prep::To) => places.push(arg),
+            (Act::Pick, Prep::From | Prep::At) | (Act::Place | Act::Carry, Prep::At | Prep::To) => {
+                places.push(arg)
+            }
             (Act::Get, Prep::To) => places.push(arg),
             (Act::See | Act::Mark | Act::Search, Prep::At) => places.push(arg),
             (_, Prep::Direct) => things.push(arg),
@@ -556,9 +785,33 @@ pub(crate) fn slots(predicate: &Predicate) -> Vec<Slots<'_>> {
         }
     }
     match (things.len(), places.len()) {
-        (0, 0) => vec![Slots { marker, ..Slots::default() }],
-        (_, 0) => things.into_iter().map(|thing| Slots { thing: Some(thing), place: None, marker }).collect(),
-        (1.., 1) => things.into_iter().map(|thing| Slots { thing: Some(thing), place: Some(places[0]), marker }).collect(),
-        _ => places.into_iter().map(|place| Slots { thing: things.first().copied(), place: Some(place), marker }).collect(),
+        (0, 0) => vec![Slots {
+            marker,
+            ..Slots::default()
+        }],
+        (_, 0) => things
+            .into_iter()
+            .map(|thing| Slots {
+                thing: Some(thing),
+                place: None,
+                marker,
+            })
+            .collect(),
+        (1.., 1) => things
+            .into_iter()
+            .map(|thing| Slots {
+                thing: Some(thing),
+                place: Some(places[0]),
+                marker,
+            })
+            .collect(),
+        _ => places
+            .into_iter()
+            .map(|place| Slots {
+                thing: things.first().copied(),
+                place: Some(place),
+                marker,
+            })
+            .collect(),
     }
 }

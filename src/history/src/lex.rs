@@ -1,4 +1,5 @@
-//! Cuts a text into sentences and a sentence into tokens. Never looks at meaning; linear in the text.
+//! Cuts a text into sentences and a sentence into tokens. Never looks at meaning; linear in the
+//! text.
 
 use std::ops::Range;
 
@@ -39,16 +40,23 @@ pub(crate) struct Token {
 impl Token {
     /// The word, where it is one.
     pub(crate) fn word(&self) -> &str {
-        if self.kind == Kind::Word { &self.text } else { "" }
+        if self.kind == Kind::Word {
+            &self.text
+        } else {
+            ""
+        }
     }
 
     /// The number, where it is one.
     pub(crate) fn number(&self) -> Option<u32> {
-        (self.kind == Kind::Number).then(|| self.text.parse().ok()).flatten()
+        (self.kind == Kind::Number)
+            .then(|| self.text.parse().ok())
+            .flatten()
     }
 }
 
-/// The sentences of a text with their final mark, without the space around them. A semicolon and a line's end divide too.
+/// The sentences of a text with their final mark, without the space around them. A semicolon and a
+/// line's end divide too.
 pub(crate) fn sentences(text: &str) -> Vec<Range<usize>> {
     let bytes = text.as_bytes();
     let mut found = Vec::new();
@@ -69,14 +77,22 @@ pub(crate) fn sentences(text: &str) -> Vec<Range<usize>> {
                 Some(end) => {
                     at = end;
                     // `He said "No." Then` ends where the quotation ends
-                    bytes[..end - 1].last().is_some_and(|last| b".!?".contains(last)) && depth == 0 && opens_sentence(text, end)
+                    bytes[..end - 1]
+                        .last()
+                        .is_some_and(|last| b".!?".contains(last))
+                        && depth == 0
+                        && opens_sentence(text, end)
                 }
                 None => false,
             },
             b'\n' => true,
             b';' => depth == 0,
             b'!' | b'?' => depth == 0,
-            b'.' => depth == 0 && bytes.get(at).is_none_or(u8::is_ascii_whitespace) && !enumerates(&text[start..here]),
+            b'.' => {
+                depth == 0
+                    && bytes.get(at).is_none_or(u8::is_ascii_whitespace)
+                    && !enumerates(&text[start..here])
+            }
             _ => false,
         };
         if ends {
@@ -86,14 +102,20 @@ pub(crate) fn sentences(text: &str) -> Vec<Range<usize>> {
         }
     }
     found.push(start..text.len());
-    found.into_iter().filter_map(|range| trimmed(text, range)).collect()
+    found
+        .into_iter()
+        .filter_map(|range| trimmed(text, range))
+        .collect()
 }
 
 /// The tokens of a sentence, without the number of its line: `3) I went.` counts no things.
 pub(crate) fn tokens(sentence: &str) -> Vec<Token> {
     let mut found: Vec<Token> = Vec::new();
     let begin = line_number(sentence);
-    let mut letters = sentence.char_indices().skip_while(move |(at, _)| *at < begin).peekable();
+    let mut letters = sentence
+        .char_indices()
+        .skip_while(move |(at, _)| *at < begin)
+        .peekable();
     while let Some((at, letter)) = letters.next() {
         if found.len() >= LONGEST_SENTENCE {
             break;
@@ -102,7 +124,11 @@ pub(crate) fn tokens(sentence: &str) -> Vec<Token> {
             '"' | '\'' | '\u{201c}' => {
                 if let Some(end) = quote_end(sentence, at) {
                     while letters.next_if(|(next, _)| *next < end).is_some() {}
-                    found.push(Token { kind: Kind::Quote, text: sentence[at..end].to_lowercase(), span: at..end });
+                    found.push(Token {
+                        kind: Kind::Quote,
+                        text: sentence[at..end].to_lowercase(),
+                        span: at..end,
+                    });
                 }
                 continue;
             }
@@ -114,7 +140,8 @@ pub(crate) fn tokens(sentence: &str) -> Vec<Token> {
                 let mut end = at + letter.len_utf8();
                 while let Some((next, letter)) = letters.next_if(|(next, letter)| {
                     is_letter(*letter)
-                        || is_apostrophe(*letter) && sentence[*next..].chars().nth(1).is_some_and(is_letter)
+                        || is_apostrophe(*letter)
+                            && sentence[*next..].chars().nth(1).is_some_and(is_letter)
                         || *letter == '.' && is_decimal(sentence, *next)
                 }) {
                     end = next + letter.len_utf8();
@@ -124,7 +151,11 @@ pub(crate) fn tokens(sentence: &str) -> Vec<Token> {
             }
             _ => continue,
         };
-        found.push(Token { kind, text: String::new(), span: at..at + letter.len_utf8() });
+        found.push(Token {
+            kind,
+            text: String::new(),
+            span: at..at + letter.len_utf8(),
+        });
     }
     found
 }
@@ -133,7 +164,11 @@ pub(crate) fn tokens(sentence: &str) -> Vec<Token> {
 fn line_number(sentence: &str) -> usize {
     let rest = sentence.trim_start_matches(|letter: char| letter.is_ascii_digit());
     let digits = sentence.len() - rest.len();
-    if digits > 0 && rest.starts_with(')') { digits + 1 } else { 0 }
+    if digits > 0 && rest.starts_with(')') {
+        digits + 1
+    } else {
+        0
+    }
 }
 
 fn is_letter(letter: char) -> bool {
@@ -153,8 +188,18 @@ fn is_decimal(text: &str, dot: usize) -> bool {
 fn push_word(found: &mut Vec<Token>, raw: &str, at: usize) {
     let text = raw.to_lowercase().replace('\u{2019}', "'");
     let span = at..at + raw.len();
-    let kind = if text.bytes().all(|byte| byte.is_ascii_digit()) { Kind::Number } else { Kind::Word };
-    let mut push = |text: &str| found.push(Token { kind, text: text.to_owned(), span: span.clone() });
+    let kind = if text.bytes().all(|byte| byte.is_ascii_digit()) {
+        Kind::Number
+    } else {
+        Kind::Word
+    };
+    let mut push = |text: &str| {
+        found.push(Token {
+            kind,
+            text: text.to_owned(),
+            span: span.clone(),
+        })
+    };
     if let Some(stem) = text.strip_suffix("n't") {
         push(match stem {
             "ca" => "can",
@@ -186,11 +231,16 @@ fn quote_end(text: &str, open: usize) -> Option<usize> {
     let close = if mark == '\u{201c}' { '\u{201d}' } else { mark };
     let inside = |letter: Option<char>| letter.is_some_and(char::is_alphanumeric);
     // an apostrophe opens only before a word and after none
-    if mark == '\'' && (inside(text[..open].chars().next_back()) || !inside(text[open + 1..].chars().next())) {
+    if mark == '\''
+        && (inside(text[..open].chars().next_back()) || !inside(text[open + 1..].chars().next()))
+    {
         return None;
     }
     let from = open + mark.len_utf8();
-    for (at, letter) in text[from..].char_indices().take_while(|(at, letter)| *at < LONGEST_QUOTE && *letter != '\n') {
+    for (at, letter) in text[from..]
+        .char_indices()
+        .take_while(|(at, letter)| *at < LONGEST_QUOTE && *letter != '\n')
+    {
         let end = from + at + letter.len_utf8();
         if letter == close && (mark != '\'' || !inside(text[end..].chars().next())) {
             return Some(end);
@@ -201,7 +251,8 @@ fn quote_end(text: &str, open: usize) -> Option<usize> {
 
 fn opens_sentence(text: &str, at: usize) -> bool {
     let rest = text[at..].trim_start();
-    rest.len() < text.len() - at && rest.chars().next().is_some_and(char::is_uppercase) || rest.is_empty()
+    rest.len() < text.len() - at && rest.chars().next().is_some_and(char::is_uppercase)
+        || rest.is_empty()
 }
 
 /// Whether a text is no more than the number of a list's item.
@@ -222,7 +273,10 @@ mod tests {
     use super::*;
 
     fn texts(text: &str) -> Vec<&str> {
-        sentences(text).into_iter().map(|range| &text[range]).collect()
+        sentences(text)
+            .into_iter()
+            .map(|range| &text[range])
+            .collect()
     }
 
     #[test]
@@ -231,14 +285,31 @@ mod tests {
             texts("I went 1.5 m. Then (a. b) I left;done\n3. pick"),
             ["I went 1.5 m.", "Then (a. b) I left;", "done", "3. pick"]
         );
-        assert_eq!(texts("The user said \"No. Not that.\" I left."), ["The user said \"No. Not that.\"", "I left."]);
+        assert_eq!(
+            texts("The user said \"No. Not that.\" I left."),
+            ["The user said \"No. Not that.\"", "I left."]
+        );
         assert_eq!(texts("  "), Vec::<&str>::new());
     }
 
     #[test]
     fn words_that_are_written_together_are_split() {
-        let words: Vec<String> = tokens("I've, didn't (it's) table_1's 3 \"Yes.\"").into_iter().map(|token| token.text).collect();
-        assert_eq!(tokens("3) I saw 2 cups.").into_iter().map(|token| token.text).collect::<Vec<_>>(), ["i", "saw", "2", "cups"]);
-        assert_eq!(words, ["i", "have", "", "did", "not", "", "it", "is", "", "table_1", "3", "\"yes.\""]);
+        let words: Vec<String> = tokens("I've, didn't (it's) table_1's 3 \"Yes.\"")
+            .into_iter()
+            .map(|token| token.text)
+            .collect();
+        assert_eq!(
+            tokens("3) I saw 2 cups.")
+                .into_iter()
+                .map(|token| token.text)
+                .collect::<Vec<_>>(),
+            ["i", "saw", "2", "cups"]
+        );
+        assert_eq!(
+            words,
+            [
+                "i", "have", "", "did", "not", "", "it", "is", "", "table_1", "3", "\"yes.\""
+            ]
+        );
     }
 }

@@ -1,10 +1,12 @@
-//! What an agent says it has done (`History`, SPEC section 4), sentence by sentence, beside what the record says was done.
+//! What an agent says it has done (`History`, SPEC section 4), sentence by sentence, beside what
+//! the record says was done.
 //!
-//! Owns the reading of sentences as claims, the verdict on each, and the mending of a text. Never writes a History of its
-//! own, and never judges what is neither shown nor refuted by the record.
+//! Owns the reading of sentences as claims, the verdict on each, and the mending of a text. Never
+//! writes a History of its own, and never judges what is neither shown nor refuted by the record.
 //!
-//! The way of a sentence: `lex` cuts it into tokens, `clause` finds the verbs and what belongs to each with the
-//! word classes of `grammar` and the episode's own `names`, `judge` compares each with the `facts`.
+//! The way of a sentence: `lex` cuts it into tokens, `clause` finds the verbs and what belongs to
+//! each with the word classes of `grammar` and the episode's own `names`, `judge` compares each
+//! with the `facts`.
 
 mod checker;
 mod claim;

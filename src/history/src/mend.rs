@@ -1,5 +1,5 @@
-//! Makes a History true: false claims are replaced where the record says by what, and their sentences dropped otherwise.
-//! Never adds a claim of its own.
+//! Makes a History true: false claims are replaced where the record says by what, and their
+//! sentences dropped otherwise. Never adds a claim of its own.
 
 use std::{collections::BTreeSet, ops::Range};
 
@@ -26,28 +26,50 @@ pub fn mend(checker: &mut Checker, history: &str) -> Mended {
     let before = sentences(history).len();
     let claims = checker.check(history);
     if !claims.iter().any(Claim::is_false) {
-        return Mended { text: history.to_owned(), mended: 0, dropped: 0, kept: before };
+        return Mended {
+            text: history.to_owned(),
+            mended: 0,
+            dropped: 0,
+            kept: before,
+        };
     }
     let (mut text, mended) = replaced(history, &claims);
     let mut mended = mended;
     let mut dropped = 0;
     for _ in 0..MOST_PASSES {
         let claims = checker.check(&text);
-        let wrong: Vec<Range<usize>> = claims.iter().filter(|claim| claim.is_false()).map(|claim| claim.span.clone()).collect();
+        let wrong: Vec<Range<usize>> = claims
+            .iter()
+            .filter(|claim| claim.is_false())
+            .map(|claim| claim.span.clone())
+            .collect();
         if wrong.is_empty() {
             let kept = before.saturating_sub(mended.len() + dropped);
-            return Mended { text, mended: mended.len(), dropped, kept };
+            return Mended {
+                text,
+                mended: mended.len(),
+                dropped,
+                kept,
+            };
         }
         (text, dropped) = without(&text, &wrong, &mut mended, dropped);
     }
-    Mended { text: String::new(), mended: 0, dropped: before, kept: 0 }
+    Mended {
+        text: String::new(),
+        mended: 0,
+        dropped: before,
+        kept: 0,
+    }
 }
 
 /// The text with every replacement made, and the sentences (by number) that it touched.
 fn replaced(text: &str, claims: &[Claim]) -> (String, BTreeSet<usize>) {
     let ranges = sentences(text);
-    let mut fixes: Vec<&(Range<usize>, String)> =
-        claims.iter().filter(|claim| claim.is_false()).flat_map(|claim| &claim.fix).collect();
+    let mut fixes: Vec<&(Range<usize>, String)> = claims
+        .iter()
+        .filter(|claim| claim.is_false())
+        .flat_map(|claim| &claim.fix)
+        .collect();
     fixes.sort_by_key(|(range, _)| (range.start, range.end));
     let mut result = String::with_capacity(text.len());
     let mut touched = BTreeSet::new();
@@ -66,7 +88,12 @@ fn replaced(text: &str, claims: &[Claim]) -> (String, BTreeSet<usize>) {
 }
 
 /// The text without the sentences that hold wrong claims.
-fn without(text: &str, wrong: &[Range<usize>], mended: &mut BTreeSet<usize>, mut dropped: usize) -> (String, usize) {
+fn without(
+    text: &str,
+    wrong: &[Range<usize>],
+    mended: &mut BTreeSet<usize>,
+    mut dropped: usize,
+) -> (String, usize) {
     let begins: BTreeSet<usize> = wrong.iter().map(|claim| claim.start).collect();
     let mut result = String::with_capacity(text.len());
     let mut at = 0;

@@ -1,4 +1,5 @@
-//! The episode's own names: which receptacles and which objects a phrase may mean. Never looks at a sentence's grammar.
+//! The episode's own names: which receptacles and which objects a phrase may mean. Never looks at a
+//! sentence's grammar.
 
 use std::{
     cell::{OnceCell, RefCell},
@@ -45,7 +46,11 @@ pub(crate) struct Referent {
 impl Referent {
     /// `it`
     pub(crate) fn anything() -> Self {
-        Self { any_thing: true, any_place: true, ..Self::default() }
+        Self {
+            any_thing: true,
+            any_place: true,
+            ..Self::default()
+        }
     }
 
     /// How a receptacle fits.
@@ -72,7 +77,10 @@ impl Referent {
 
     /// Whether it speaks of receptacles, as far as the words tell.
     pub(crate) fn is_place(&self) -> bool {
-        !self.places.is_empty() || !self.maybe_places.is_empty() || self.any_place && !self.any_thing || self.names_place()
+        !self.places.is_empty()
+            || !self.maybe_places.is_empty()
+            || self.any_place && !self.any_thing
+            || self.names_place()
     }
 
     /// Whether it speaks of objects, as far as the words tell.
@@ -95,8 +103,9 @@ impl Referent {
 
 /// `table_1`: a receptacle's id, of this scene or of none.
 pub(crate) fn looks_like_id(word: &str) -> bool {
-    word.rsplit_once('_')
-        .is_some_and(|(name, number)| !name.is_empty() && !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
+    word.rsplit_once('_').is_some_and(|(name, number)| {
+        !name.is_empty() && !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit())
+    })
 }
 
 /// A name of several words.
@@ -134,30 +143,56 @@ const LONGEST_PHRASE: usize = 12;
 
 impl Names {
     pub(crate) fn new(setting: Setting) -> Self {
-        let ids = setting.places.iter().enumerate().map(|(index, place)| (place.id.to_lowercase(), index)).collect();
+        let ids = setting
+            .places
+            .iter()
+            .enumerate()
+            .map(|(index, place)| (place.id.to_lowercase(), index))
+            .collect();
         let mut captions: BTreeMap<String, Vec<Caption>> = BTreeMap::new();
         let mut add = |text: &str, place, thing| {
             let mut words = language::words(text);
-            if words.first().is_some_and(|word| matches!(word.as_str(), "the" | "a" | "an")) {
+            if words
+                .first()
+                .is_some_and(|word| matches!(word.as_str(), "the" | "a" | "an"))
+            {
                 words.remove(0);
             }
             if words.len() > 1 {
-                captions.entry(words[0].clone()).or_default().push(Caption { words, place, thing });
+                captions.entry(words[0].clone()).or_default().push(Caption {
+                    words,
+                    place,
+                    thing,
+                });
             }
         };
         for (index, place) in setting.places.iter().enumerate() {
-            place.captions.iter().for_each(|caption| add(caption, Some(index), None));
+            place
+                .captions
+                .iter()
+                .for_each(|caption| add(caption, Some(index), None));
             add(&place.id.replace('_', " "), Some(index), None);
         }
         for (index, thing) in setting.things.iter().enumerate() {
-            thing.caption.iter().for_each(|caption| add(caption, None, Some(index)));
+            thing
+                .caption
+                .iter()
+                .for_each(|caption| add(caption, None, Some(index)));
         }
         for list in captions.values_mut() {
             list.sort_by_key(|caption| std::cmp::Reverse(caption.words.len()));
         }
         let descriptions = vec![OnceCell::new(); setting.places.len() + setting.things.len()];
         let instruction = lemmas(&setting.instruction);
-        Self { ids, captions, descriptions, instruction, known: RefCell::default(), same: RefCell::default(), setting }
+        Self {
+            ids,
+            captions,
+            descriptions,
+            instruction,
+            known: RefCell::default(),
+            same: RefCell::default(),
+            setting,
+        }
     }
 
     pub(crate) fn setting(&self) -> &Setting {
@@ -166,31 +201,65 @@ impl Names {
 
     /// The receptacle of an id.
     pub(crate) fn place(&self, id: &str) -> Option<usize> {
-        self.ids.get(id).copied().or_else(|| self.ids.get(&id.to_lowercase()).copied())
+        self.ids
+            .get(id)
+            .copied()
+            .or_else(|| self.ids.get(&id.to_lowercase()).copied())
     }
 
     /// The object of a key.
     pub(crate) fn thing(&self, key: &str) -> Option<usize> {
-        self.setting.things.iter().position(|thing| thing.key == key)
+        self.setting
+            .things
+            .iter()
+            .position(|thing| thing.key == key)
     }
 
-    /// An id, or a caption of several words, at the start of some words: how many words, and what they mean.
+    /// An id, or a caption of several words, at the start of some words: how many words, and what
+    /// they mean.
     pub(crate) fn opening(&self, words: &[&str]) -> Option<(usize, Referent)> {
         let first = words.first()?;
         if let Some(place) = self.ids.get(*first) {
-            return Some((1, Referent { places: vec![*place], words: (*first).to_owned(), ..Referent::default() }));
+            return Some((
+                1,
+                Referent {
+                    places: vec![*place],
+                    words: (*first).to_owned(),
+                    ..Referent::default()
+                },
+            ));
         }
         if looks_like_id(first) {
-            return Some((1, Referent { words: (*first).to_owned(), ..Referent::default() }));
+            return Some((
+                1,
+                Referent {
+                    words: (*first).to_owned(),
+                    ..Referent::default()
+                },
+            ));
         }
         let captions = self.captions.get(*first)?;
-        let matches =
-            |caption: &&Caption| caption.words.len() <= words.len() && caption.words.iter().zip(words).all(|(a, b)| a == b);
+        let matches = |caption: &&Caption| {
+            caption.words.len() <= words.len()
+                && caption.words.iter().zip(words).all(|(a, b)| a == b)
+        };
         let length = captions.iter().find(matches)?.words.len();
-        let all: Vec<&Caption> = captions.iter().filter(|caption| caption.words.len() == length).filter(matches).collect();
+        let all: Vec<&Caption> = captions
+            .iter()
+            .filter(|caption| caption.words.len() == length)
+            .filter(matches)
+            .collect();
         let places = all.iter().filter_map(|caption| caption.place).collect();
         let things = all.iter().filter_map(|caption| caption.thing).collect();
-        Some((length, Referent { places, things, words: words[..length].join(" "), ..Referent::default() }))
+        Some((
+            length,
+            Referent {
+                places,
+                things,
+                words: words[..length].join(" "),
+                ..Referent::default()
+            },
+        ))
     }
 
     /// What a noun phrase without article means.
@@ -200,7 +269,10 @@ impl Names {
         if let Some(known) = self.known.borrow().get(&text) {
             return known.clone();
         }
-        let referent = Referent { words: text.clone(), ..self.resolve(words) };
+        let referent = Referent {
+            words: text.clone(),
+            ..self.resolve(words)
+        };
         let mut known = self.known.borrow_mut();
         if known.len() < REMEMBERED {
             known.insert(text, referent.clone());
@@ -209,13 +281,22 @@ impl Names {
     }
 
     fn resolve(&self, words: &[&str]) -> Referent {
-        let Some(last) = words.last() else { return Referent::anything() };
+        let Some(last) = words.last() else {
+            return Referent::anything();
+        };
         let head = language::lemma(last);
         if ANYTHING.contains(&head.as_str()) || ANYTHING.contains(last) {
-            return Referent { any_thing: true, any_place: *last == "one", ..Referent::default() };
+            return Referent {
+                any_thing: true,
+                any_place: *last == "one",
+                ..Referent::default()
+            };
         }
         if ANYWHERE.contains(&head.as_str()) {
-            return Referent { any_place: true, ..Referent::default() };
+            return Referent {
+                any_place: true,
+                ..Referent::default()
+            };
         }
         for start in 0..words.len() {
             let hits = self.named(&words[start..].join(" "));
@@ -225,38 +306,70 @@ impl Names {
         }
         // a known thing that is not here is none of what is here; other words may mean anything
         let absent = self.setting.complete && words.len() <= 3 && language::names_object(last);
-        Referent { open: !absent, ..Referent::default() }
+        Referent {
+            open: !absent,
+            ..Referent::default()
+        }
     }
 
     /// Indices (receptacles first) of what goes by a name.
     fn named(&self, name: &str) -> Vec<usize> {
-        let compact = |text: &str| language::words(text).iter().map(|word| language::lemma(word)).collect::<String>();
+        let compact = |text: &str| {
+            language::words(text)
+                .iter()
+                .map(|word| language::lemma(word))
+                .collect::<String>()
+        };
         let name_compact = compact(name);
         let is = |category: &str| {
             let head = category.rsplit(' ').next().unwrap_or(category);
-            language::is_a(category, name) || compact(category) == name_compact || compact(head) == name_compact
+            language::is_a(category, name)
+                || compact(category) == name_compact
+                || compact(head) == name_compact
         };
-        let hits: BTreeSet<&str> =
-            self.categories().collect::<BTreeSet<_>>().into_iter().filter(|category| is(category)).collect();
-        self.categories().enumerate().filter(|(_, category)| hits.contains(category)).map(|(index, _)| index).collect()
+        let hits: BTreeSet<&str> = self
+            .categories()
+            .collect::<BTreeSet<_>>()
+            .into_iter()
+            .filter(|category| is(category))
+            .collect();
+        self.categories()
+            .enumerate()
+            .filter(|(_, category)| hits.contains(category))
+            .map(|(index, _)| index)
+            .collect()
     }
 
     /// Of the receptacles, then of the objects.
     fn categories(&self) -> impl Iterator<Item = &str> {
-        let places = self.setting.places.iter().map(|place| place.category.as_str());
-        places.chain(self.setting.things.iter().map(|thing| thing.category.as_str()))
+        let places = self
+            .setting
+            .places
+            .iter()
+            .map(|place| place.category.as_str());
+        places.chain(
+            self.setting
+                .things
+                .iter()
+                .map(|thing| thing.category.as_str()),
+        )
     }
 
     /// By the index that [`Names::named`] gives.
     fn description(&self, index: usize) -> &Description {
-        self.descriptions[index].get_or_init(|| match index.checked_sub(self.setting.places.len()) {
-            None => {
-                let place = &self.setting.places[index];
-                Description::new(&place.category, &format!("{} {}", place.captions.join(" "), place.room))
-            }
-            Some(thing) => {
-                let thing = &self.setting.things[thing];
-                Description::new(&thing.category, thing.caption.as_deref().unwrap_or(""))
+        self.descriptions[index].get_or_init(|| {
+            match index.checked_sub(self.setting.places.len()) {
+                None => {
+                    let place = &self.setting.places[index];
+                    Description::new(
+                        &place.category,
+                        &format!("{} {}", place.captions.join(" "), place.room),
+                    )
+                }
+                Some(thing) => {
+                    let thing = &self.setting.things[thing];
+                    Description::new(&thing.category, thing.caption.as_deref().unwrap_or(""))
+                }
             }
         })
     }
@@ -265,17 +378,39 @@ impl Names {
     fn narrowed(&self, hits: &[usize], adjectives: &[&str]) -> Referent {
         let grade = |index: &usize| (*index, self.description(*index).fits(adjectives));
         let graded: Vec<(usize, Fit)> = hits.iter().map(grade).collect();
-        let pick = |wanted: Fit| graded.iter().filter(move |(_, fit)| *fit == wanted).map(|(index, _)| *index);
+        let pick = |wanted: Fit| {
+            graded
+                .iter()
+                .filter(move |(_, fit)| *fit == wanted)
+                .map(|(index, _)| *index)
+        };
         let sure: Vec<usize> = pick(Fit::Yes).collect();
         // only where another one fits better, a description rules out
-        let maybe: Vec<usize> = if sure.is_empty() { hits.to_vec() } else { pick(Fit::Maybe).collect() };
+        let maybe: Vec<usize> = if sure.is_empty() {
+            hits.to_vec()
+        } else {
+            pick(Fit::Maybe).collect()
+        };
         let first_thing = self.setting.places.len();
         let split = |indices: Vec<usize>| {
-            let (places, things): (Vec<usize>, Vec<usize>) = indices.into_iter().partition(|index| *index < first_thing);
-            (places, things.into_iter().map(|index| index - first_thing).collect())
+            let (places, things): (Vec<usize>, Vec<usize>) =
+                indices.into_iter().partition(|index| *index < first_thing);
+            (
+                places,
+                things
+                    .into_iter()
+                    .map(|index| index - first_thing)
+                    .collect(),
+            )
         };
         let ((places, things), (maybe_places, maybe_things)) = (split(sure), split(maybe));
-        Referent { places, things, maybe_places, maybe_things, ..Referent::default() }
+        Referent {
+            places,
+            things,
+            maybe_places,
+            maybe_things,
+            ..Referent::default()
+        }
     }
 
     /// Whether a query means what a phrase means, or one of them the more general.
@@ -288,7 +423,9 @@ impl Names {
             return *same;
         }
         let last = words.rsplit(' ').next().unwrap_or(words);
-        let same = [words, last].iter().any(|name| language::is_a(query, name) || language::is_a(name, query))
+        let same = [words, last]
+            .iter()
+            .any(|name| language::is_a(query, name) || language::is_a(name, query))
             || lemmas(query).contains(&language::lemma(last));
         let mut known = self.same.borrow_mut();
         if known.len() < REMEMBERED {
@@ -321,21 +458,35 @@ impl Names {
 
 impl Description {
     fn new(category: &str, text: &str) -> Self {
-        let words = language::words(text).into_iter().chain(language::words(category));
-        let words = words.flat_map(|word| [language::lemma(&word), word]).collect();
-        Self { words, attributes: language::attribute_words(text) }
+        let words = language::words(text)
+            .into_iter()
+            .chain(language::words(category));
+        let words = words
+            .flat_map(|word| [language::lemma(&word), word])
+            .collect();
+        Self {
+            words,
+            attributes: language::attribute_words(text),
+        }
     }
 
     /// How adjectives fit: an attribute of a kind that is described otherwise does not.
     fn fits(&self, adjectives: &[&str]) -> Fit {
         let said = language::attribute_words(&adjectives.join(" "));
-        let against = said
-            .iter()
-            .any(|(kind, words)| self.attributes.get(kind).is_some_and(|own| !words.iter().any(|word| own.contains(word))));
+        let against = said.iter().any(|(kind, words)| {
+            self.attributes
+                .get(kind)
+                .is_some_and(|own| !words.iter().any(|word| own.contains(word)))
+        });
         if against {
             return Fit::No;
         }
-        let held = |word: &&str| self.words.contains(*word) || self.words.contains(&language::lemma(word));
-        if adjectives.iter().all(held) { Fit::Yes } else { Fit::Maybe }
+        let held =
+            |word: &&str| self.words.contains(*word) || self.words.contains(&language::lemma(word));
+        if adjectives.iter().all(held) {
+            Fit::Yes
+        } else {
+            Fit::Maybe
+        }
     }
 }

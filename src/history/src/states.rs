@@ -13,18 +13,45 @@ use crate::{
 
 impl Judge<'_> {
     /// Judges having seen things, or none.
-    pub(crate) fn sights(&self, predicate: &Predicate, until: usize, place: Option<&Arg>, thing: Option<&Arg>) -> Vec<Ruling> {
+    pub(crate) fn sights(
+        &self,
+        predicate: &Predicate,
+        until: usize,
+        place: Option<&Arg>,
+        thing: Option<&Arg>,
+    ) -> Vec<Ruling> {
         let all = slots(predicate);
         all.iter()
             .map(|slots| {
-                let vague = slots.thing.is_none_or(|arg| arg.pronoun || arg.referent.any_thing);
-                let meant = if vague { thing.or(slots.thing) } else { slots.thing };
-                self.sight(predicate, &Slots { thing: slots.thing, place: slots.place.or(place), ..*slots }, meant, until)
+                let vague = slots
+                    .thing
+                    .is_none_or(|arg| arg.pronoun || arg.referent.any_thing);
+                let meant = if vague {
+                    thing.or(slots.thing)
+                } else {
+                    slots.thing
+                };
+                self.sight(
+                    predicate,
+                    &Slots {
+                        thing: slots.thing,
+                        place: slots.place.or(place),
+                        ..*slots
+                    },
+                    meant,
+                    until,
+                )
             })
             .collect()
     }
 
-    fn sight(&self, predicate: &Predicate, slots: &Slots, meant: Option<&Arg>, until: usize) -> Ruling {
+    fn sight(
+        &self,
+        predicate: &Predicate,
+        slots: &Slots,
+        meant: Option<&Arg>,
+        until: usize,
+    ) -> Ruling {
         let kind = ClaimKind::Sight;
         let anything = Referent::anything();
         let referent = meant.map_or(&anything, |arg| &arg.referent);
@@ -35,10 +62,19 @@ impl Judge<'_> {
         {
             return Ruling::unknown(kind);
         }
-        let seen_by = |index: usize, fact: &Fact| -> Fit { self.seen(index, fact, referent, slots.place) };
+        let seen_by =
+            |index: usize, fact: &Fact| -> Fit { self.seen(index, fact, referent, slots.place) };
         let facts = &self.facts.all[..until.min(self.facts.now())];
-        let seen: Vec<(usize, Fit)> = facts.iter().enumerate().map(|(index, fact)| (index, seen_by(index, fact))).collect();
-        let yes: Vec<usize> = seen.iter().filter(|(_, fit)| *fit == Fit::Yes).map(|(index, _)| *index).collect();
+        let seen: Vec<(usize, Fit)> = facts
+            .iter()
+            .enumerate()
+            .map(|(index, fact)| (index, seen_by(index, fact)))
+            .collect();
+        let yes: Vec<usize> = seen
+            .iter()
+            .filter(|(_, fit)| *fit == Fit::Yes)
+            .map(|(index, _)| *index)
+            .collect();
         let maybe = seen.iter().any(|(_, fit)| *fit == Fit::Maybe);
         let step = yes.first().and_then(|index| self.facts.step(*index));
         if predicate.negated || said.is_some_and(|arg| arg.no) {
@@ -49,7 +85,10 @@ impl Judge<'_> {
         }
         let complete = self.names.setting().complete;
         match (yes.is_empty(), maybe || !complete || referent.open) {
-            (false, _) => Ruling { matches: yes, ..Ruling::supported(kind, step) },
+            (false, _) => Ruling {
+                matches: yes,
+                ..Ruling::supported(kind, step)
+            },
             (true, true) => Ruling::unknown(kind),
             (true, false) => Ruling::contradicted(kind, "it was never seen there", None),
         }
@@ -59,26 +98,54 @@ impl Judge<'_> {
     fn seen(&self, index: usize, fact: &Fact, referent: &Referent, place: Option<&Arg>) -> Fit {
         let there = |thing: usize| {
             let Some(arg) = place else { return Fit::Yes };
-            let located = self.facts.place_of(thing, index + 1).or_else(|| self.facts.place_of(thing, index));
+            let located = self
+                .facts
+                .place_of(thing, index + 1)
+                .or_else(|| self.facts.place_of(thing, index));
             located.map_or(Fit::Maybe, |place| arg.referent.fits_place(Some(place)))
         };
         let all = fact.seen.iter().chain(&fact.marked);
-        all.map(|thing| referent.fits_thing(Some(*thing)).min(there(*thing))).max().unwrap_or(Fit::No)
+        all.map(|thing| referent.fits_thing(Some(*thing)).min(there(*thing)))
+            .max()
+            .unwrap_or(Fit::No)
     }
 
-    fn not_seen(&self, referent: &Referent, place: Option<&Arg>, facts: &[Fact], yes: &[usize], maybe: bool) -> Ruling {
+    fn not_seen(
+        &self,
+        referent: &Referent,
+        place: Option<&Arg>,
+        facts: &[Fact],
+        yes: &[usize],
+        maybe: bool,
+    ) -> Ruling {
         let kind = ClaimKind::Sight;
-        let here = |fact: &&Fact| place.is_none_or(|arg| fact.at.iter().any(|at| arg.referent.fits_place(Some(*at)) > Fit::No));
-        let in_vain = facts.iter().filter(here).filter(|fact| fact.found_nothing()).find(|fact| {
-            fact.act == Some(Act::Explore)
-                || referent.any_thing
-                || self.names.same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words)
-        });
+        let here = |fact: &&Fact| {
+            place.is_none_or(|arg| {
+                fact.at
+                    .iter()
+                    .any(|at| arg.referent.fits_place(Some(*at)) > Fit::No)
+            })
+        };
+        let in_vain = facts
+            .iter()
+            .filter(here)
+            .filter(|fact| fact.found_nothing())
+            .find(|fact| {
+                fact.act == Some(Act::Explore)
+                    || referent.any_thing
+                    || self
+                        .names
+                        .same(fact.deed.argument.as_deref().unwrap_or(""), &referent.words)
+            });
         if let Some(fact) = in_vain {
             return Ruling::supported(kind, Some(fact.deed.step));
         }
         // without a place, `nothing` may be about any look
-        if referent.any_thing && place.is_none() || maybe || referent.open || !self.names.setting().complete {
+        if referent.any_thing && place.is_none()
+            || maybe
+            || referent.open
+            || !self.names.setting().complete
+        {
             return Ruling::unknown(kind);
         }
         match yes.last() {
@@ -101,13 +168,21 @@ impl Judge<'_> {
         for (index, fact) in facts.iter().enumerate() {
             let fits = |thing: &&usize| {
                 let there = place.is_none_or(|arg| {
-                    self.facts.place_of(**thing, index + 1).is_none_or(|place| arg.referent.fits_place(Some(place)) > Fit::No)
+                    self.facts
+                        .place_of(**thing, index + 1)
+                        .is_none_or(|place| arg.referent.fits_place(Some(place)) > Fit::No)
                 });
                 there && referent.fits_thing(Some(**thing)) > Fit::No
             };
-            let counts = [fact.seen.iter().filter(fits).count(), fact.marked.iter().filter(fits).count()];
+            let counts = [
+                fact.seen.iter().filter(fits).count(),
+                fact.marked.iter().filter(fits).count(),
+            ];
             if counts.contains(&count) && (count > 0 || fact.found_nothing()) {
-                return Ruling { matches: vec![index], ..Ruling::supported(kind, Some(fact.deed.step)) };
+                return Ruling {
+                    matches: vec![index],
+                    ..Ruling::supported(kind, Some(fact.deed.step))
+                };
             }
             if matches!(fact.act, Some(Act::Search | Act::Explore)) && counts[1] > 0 {
                 last = Some((index, counts[1]));
@@ -128,7 +203,8 @@ impl Judge<'_> {
         match last {
             Some((index, found)) => {
                 let fix = (found > 1 && count > 1).then(|| (span, found.to_string()));
-                Ruling::contradicted(kind, format!("{found} were seen"), self.facts.step(index)).with_fix(fix)
+                Ruling::contradicted(kind, format!("{found} were seen"), self.facts.step(index))
+                    .with_fix(fix)
             }
             None => Ruling::contradicted(kind, "none was seen", None),
         }
@@ -140,50 +216,87 @@ impl Judge<'_> {
             return Vec::new();
         }
         let subject = predicate.subjects.last();
-        let direct = predicate.args.iter().find(|arg| arg.prep == Prep::Direct && !arg.user);
-        let at = predicate.args.iter().find(|arg| arg.prep == Prep::At && (arg.hand || arg.referent.is_place()));
+        let direct = predicate
+            .args
+            .iter()
+            .find(|arg| arg.prep == Prep::Direct && !arg.user);
+        let at = predicate
+            .args
+            .iter()
+            .find(|arg| arg.prep == Prep::At && (arg.hand || arg.referent.is_place()));
         let negated = predicate.negated;
         match predicate.act {
             Act::Be => match (predicate.state, subject) {
                 (Some(State::Open | State::Closed), _) => self.doors(predicate, moments),
-                (Some(State::Empty | State::Free), Some(hand)) if hand.hand => vec![self.holding(None, None, !negated, moments)],
-                (Some(State::Empty), _) => {
-                    self.places_of(predicate).map(|place| self.located(None, place, !negated, moments)).collect()
+                (Some(State::Empty | State::Free), Some(hand)) if hand.hand => {
+                    vec![self.holding(None, None, !negated, moments)]
                 }
+                (Some(State::Empty), _) => self
+                    .places_of(predicate)
+                    .map(|place| self.located(None, place, !negated, moments))
+                    .collect(),
                 (Some(State::Visible), Some(thing)) if thing.referent.is_thing() => {
-                    let as_sight = Slots { thing: Some(thing), place: None, marker: None };
-                    vec![self.sight(&Predicate { passive: true, ..predicate.clone() }, &as_sight, Some(thing), self.facts.now())]
+                    let as_sight = Slots {
+                        thing: Some(thing),
+                        place: None,
+                        marker: None,
+                    };
+                    vec![self.sight(
+                        &Predicate {
+                            passive: true,
+                            ..predicate.clone()
+                        },
+                        &as_sight,
+                        Some(thing),
+                        self.facts.now(),
+                    )]
                 }
-                (None, Some(marker)) if marker.marker.is_some() && !negated => {
-                    direct.map(|what| self.marker(marker, what)).into_iter().collect()
-                }
-                (None, Some(thing)) if direct.is_some_and(|arg| arg.marker.is_some()) && !negated => {
-                    direct.map(|marker| self.marker(marker, thing)).into_iter().collect()
+                (None, Some(marker)) if marker.marker.is_some() && !negated => direct
+                    .map(|what| self.marker(marker, what))
+                    .into_iter()
+                    .collect(),
+                (None, Some(thing))
+                    if direct.is_some_and(|arg| arg.marker.is_some()) && !negated =>
+                {
+                    direct
+                        .map(|marker| self.marker(marker, thing))
+                        .into_iter()
+                        .collect()
                 }
                 (None, _) if predicate.existential => match (direct, at) {
-                    (Some(thing), Some(place)) if !place.hand => vec![self.located(Some(thing), place, negated, moments)],
+                    (Some(thing), Some(place)) if !place.hand => {
+                        vec![self.located(Some(thing), place, negated, moments)]
+                    }
                     _ => Vec::new(),
                 },
                 (None, Some(thing)) => match at {
-                    Some(place) if place.hand => vec![self.holding(Some(thing), Some(thing), negated, moments)],
+                    Some(place) if place.hand => {
+                        vec![self.holding(Some(thing), Some(thing), negated, moments)]
+                    }
                     Some(place) => vec![self.located(Some(thing), place, negated, moments)],
                     None => Vec::new(),
                 },
-                (None, None) if predicate.agent => {
-                    at.filter(|at| !at.hand).map(|place| self.standing(place, negated, moments)).into_iter().collect()
-                }
+                (None, None) if predicate.agent => at
+                    .filter(|at| !at.hand)
+                    .map(|place| self.standing(place, negated, moments))
+                    .into_iter()
+                    .collect(),
                 _ => Vec::new(),
             },
             Act::Hold | Act::Have | Act::Contain => match subject.filter(|arg| !arg.hand) {
                 Some(place) if place.referent.is_place() => match direct {
-                    Some(thing) if !thing.door => vec![self.located(Some(thing), place, negated, moments)],
+                    Some(thing) if !thing.door => {
+                        vec![self.located(Some(thing), place, negated, moments)]
+                    }
                     _ => Vec::new(),
                 },
                 Some(_) => Vec::new(),
                 None if predicate.act == Act::Contain => Vec::new(),
                 None => match direct {
                     Some(thing)
-                        if thing.door || thing.referent.is_place() && !thing.referent.is_thing() || thing.marker.is_some() =>
+                        if thing.door
+                            || thing.referent.is_place() && !thing.referent.is_thing()
+                            || thing.marker.is_some() =>
                     {
                         Vec::new()
                     }
@@ -202,26 +315,46 @@ impl Judge<'_> {
     }
 
     fn places_of<'p>(&self, predicate: &'p Predicate) -> impl Iterator<Item = &'p Arg> {
-        predicate.subjects.iter().filter(|arg| arg.referent.is_place() && !arg.pronoun && !arg.referent.any_place)
+        predicate
+            .subjects
+            .iter()
+            .filter(|arg| arg.referent.is_place() && !arg.pronoun && !arg.referent.any_place)
     }
 
     fn doors(&self, predicate: &Predicate, moments: &[usize]) -> Vec<Ruling> {
         let kind = ClaimKind::DoorState;
-        let wanted =
-            if (predicate.state == Some(State::Open)) != predicate.negated { DoorState::Open } else { DoorState::Closed };
-        let named = predicate.subjects.iter().chain(predicate.args.iter().filter(|arg| arg.prep == Prep::Of));
+        let wanted = if (predicate.state == Some(State::Open)) != predicate.negated {
+            DoorState::Open
+        } else {
+            DoorState::Closed
+        };
+        let named = predicate
+            .subjects
+            .iter()
+            .chain(predicate.args.iter().filter(|arg| arg.prep == Prep::Of));
         let judge = |arg: &Arg| {
             let (places, sure): (Vec<usize>, bool) = if arg.pronoun || arg.referent.any_place {
                 ((0..self.names.setting().places.len()).collect(), false)
             } else {
-                (arg.referent.places.clone(), arg.referent.maybe_places.is_empty())
+                (
+                    arg.referent.places.clone(),
+                    arg.referent.maybe_places.is_empty(),
+                )
             };
-            let states: Vec<DoorState> =
-                places.iter().flat_map(|place| moments.iter().filter_map(|moment| self.facts.door(*place, *moment))).collect();
+            let states: Vec<DoorState> = places
+                .iter()
+                .flat_map(|place| {
+                    moments
+                        .iter()
+                        .filter_map(|moment| self.facts.door(*place, *moment))
+                })
+                .collect();
             match (states.is_empty(), states.contains(&wanted)) {
                 (true, _) => Ruling::unknown(kind),
                 (false, true) => Ruling::supported(kind, None),
-                (false, false) if sure => Ruling::contradicted(kind, format!("it is {}", states[0]), None),
+                (false, false) if sure => {
+                    Ruling::contradicted(kind, format!("it is {}", states[0]), None)
+                }
                 (false, false) => Ruling::unknown(kind),
             }
         };
@@ -229,7 +362,13 @@ impl Judge<'_> {
     }
 
     /// Holding a thing (none: anything), or not.
-    fn holding(&self, thing: Option<&Arg>, shown: Option<&Arg>, negated: bool, moments: &[usize]) -> Ruling {
+    fn holding(
+        &self,
+        thing: Option<&Arg>,
+        shown: Option<&Arg>,
+        negated: bool,
+        moments: &[usize],
+    ) -> Ruling {
         let kind = ClaimKind::Hold;
         let fits = |moment: &usize| match (self.facts.held(*moment), thing) {
             _ if !self.facts.holds(*moment) => Fit::No,
@@ -237,15 +376,22 @@ impl Judge<'_> {
             (held, Some(arg)) => arg.referent.fits_thing(held),
         };
         let fits: Vec<Fit> = moments.iter().map(fits).collect();
-        let step = moments.last().and_then(|moment| moment.checked_sub(1)).and_then(|index| self.facts.step(index));
+        let step = moments
+            .last()
+            .and_then(|moment| moment.checked_sub(1))
+            .and_then(|index| self.facts.step(index));
         let held = moments.last().and_then(|moment| self.facts.held(*moment));
         match negated {
             false if fits.contains(&Fit::Yes) => Ruling::supported(kind, step),
             true if fits.contains(&Fit::No) => Ruling::supported(kind, step),
             _ if fits.contains(&Fit::Maybe) => Ruling::unknown(kind),
             false => {
-                let fix = held.zip(shown).map(|(held, arg)| (arg.span.clone(), format!("the {}", self.names.call(held))));
-                let why = held.map_or("nothing is held".to_owned(), |held| format!("the {} is held", self.names.call(held)));
+                let fix = held.zip(shown).map(|(held, arg)| {
+                    (arg.span.clone(), format!("the {}", self.names.call(held)))
+                });
+                let why = held.map_or("nothing is held".to_owned(), |held| {
+                    format!("the {} is held", self.names.call(held))
+                });
                 Ruling::contradicted(kind, why, step).with_fix(fix)
             }
             true => Ruling::contradicted(kind, "it is held", step),
@@ -253,12 +399,23 @@ impl Judge<'_> {
     }
 
     /// A thing (none: anything) at a place, or not.
-    fn located(&self, thing: Option<&Arg>, place: &Arg, negated: bool, moments: &[usize]) -> Ruling {
+    fn located(
+        &self,
+        thing: Option<&Arg>,
+        place: &Arg,
+        negated: bool,
+        moments: &[usize],
+    ) -> Ruling {
         let kind = ClaimKind::Location;
-        let anything = Referent { any_thing: true, ..Referent::default() };
+        let anything = Referent {
+            any_thing: true,
+            ..Referent::default()
+        };
         let referent = thing.map_or(&anything, |arg| &arg.referent);
         let negated = negated || thing.is_some_and(|arg| arg.no);
-        let vague = thing.is_some_and(|arg| arg.pronoun || arg.other || arg.door) || place.pronoun || place.referent.any_place;
+        let vague = thing.is_some_and(|arg| arg.pronoun || arg.other || arg.door)
+            || place.pronoun
+            || place.referent.any_place;
         if vague || !referent.is_thing() || !self.names.setting().complete {
             return Ruling::unknown(kind);
         }
@@ -268,25 +425,48 @@ impl Judge<'_> {
         };
         let things = 0..self.names.setting().things.len();
         let fit = |moment: usize| {
-            things.clone().map(|thing| referent.fits_thing(Some(thing)).min(there(thing, moment))).max().unwrap_or(Fit::No)
+            things
+                .clone()
+                .map(|thing| referent.fits_thing(Some(thing)).min(there(thing, moment)))
+                .max()
+                .unwrap_or(Fit::No)
         };
         let number = |moment: usize| {
-            things.clone().filter(|thing| referent.fits_thing(Some(*thing)).min(there(*thing, moment)) > Fit::No).count()
+            things
+                .clone()
+                .filter(|thing| {
+                    referent.fits_thing(Some(*thing)).min(there(*thing, moment)) > Fit::No
+                })
+                .count()
         };
         let fits: Vec<Fit> = moments.iter().map(|moment| fit(*moment)).collect();
         if let (Some((count, _)), false) = (thing.and_then(|arg| arg.count.as_ref()), negated) {
             let numbers: Vec<usize> = moments.iter().map(|moment| number(*moment)).collect();
             return match numbers.contains(&(*count as usize)) {
                 true => Ruling::supported(kind, None),
-                false if (*count as usize) > numbers.iter().copied().max().unwrap_or(0) && !referent.any_thing => {
-                    Ruling::contradicted(kind, format!("there are {}", numbers.last().unwrap_or(&0)), None)
+                false
+                    if (*count as usize) > numbers.iter().copied().max().unwrap_or(0)
+                        && !referent.any_thing =>
+                {
+                    Ruling::contradicted(
+                        kind,
+                        format!("there are {}", numbers.last().unwrap_or(&0)),
+                        None,
+                    )
                 }
                 false => Ruling::unknown(kind),
             };
         }
         let told_empty = || {
-            let here = |fact: &Fact| fact.at.iter().any(|at| place.referent.fits_place(Some(*at)) > Fit::No);
-            self.facts.all.iter().any(|fact| fact.found_nothing() && here(fact))
+            let here = |fact: &Fact| {
+                fact.at
+                    .iter()
+                    .any(|at| place.referent.fits_place(Some(*at)) > Fit::No)
+            };
+            self.facts
+                .all
+                .iter()
+                .any(|fact| fact.found_nothing() && here(fact))
         };
         match negated {
             false if fits.contains(&Fit::Yes) => Ruling::supported(kind, None),
@@ -301,8 +481,16 @@ impl Judge<'_> {
     fn standing(&self, place: &Arg, negated: bool, moments: &[usize]) -> Ruling {
         let kind = ClaimKind::Visit;
         let at = |moment: &usize| {
-            let fact = moment.checked_sub(1).and_then(|index| self.facts.all.get(index));
-            fact.map_or(Fit::No, |fact| fact.at.iter().map(|at| place.referent.fits_place(Some(*at))).max().unwrap_or(Fit::Maybe))
+            let fact = moment
+                .checked_sub(1)
+                .and_then(|index| self.facts.all.get(index));
+            fact.map_or(Fit::No, |fact| {
+                fact.at
+                    .iter()
+                    .map(|at| place.referent.fits_place(Some(*at)))
+                    .max()
+                    .unwrap_or(Fit::Maybe)
+            })
         };
         let fits: Vec<Fit> = moments.iter().map(at).collect();
         match negated {
@@ -318,15 +506,29 @@ impl Judge<'_> {
     fn marker(&self, marker: &Arg, what: &Arg) -> Ruling {
         let kind = ClaimKind::Marker;
         let fit = |fact: &Fact| {
-            let mark = fact.deed.markers.iter().find(|mark| Some(mark.number) == marker.marker)?;
-            let place = mark.receptacle.as_deref().map(|id| what.referent.fits_place(self.names.place(id)));
-            let thing = mark.object.as_deref().map(|key| what.referent.fits_thing(self.names.thing(key)));
+            let mark = fact
+                .deed
+                .markers
+                .iter()
+                .find(|mark| Some(mark.number) == marker.marker)?;
+            let place = mark
+                .receptacle
+                .as_deref()
+                .map(|id| what.referent.fits_place(self.names.place(id)));
+            let thing = mark
+                .object
+                .as_deref()
+                .map(|key| what.referent.fits_thing(self.names.thing(key)));
             place.or(thing)
         };
         let fits: Vec<Fit> = self.facts.all.iter().filter_map(fit).collect();
         if fits.contains(&Fit::Yes) {
             Ruling::supported(kind, None)
-        } else if fits.contains(&Fit::Maybe) || what.referent.open || what.pronoun || !self.names.setting().complete {
+        } else if fits.contains(&Fit::Maybe)
+            || what.referent.open
+            || what.pronoun
+            || !self.names.setting().complete
+        {
             Ruling::unknown(kind)
         } else {
             Ruling::contradicted(kind, "the marker stood for something else", None)

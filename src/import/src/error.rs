@@ -46,7 +46,9 @@ pub enum ImportError {
         what: String,
     },
     /// No recording there.
-    #[error("no recording here: give a file .mcap, a folder that rosbag2 wrote, or a folder of such: {root}")]
+    #[error(
+        "no recording here: give a file .mcap, a folder that rosbag2 wrote, or a folder of such: {root}"
+    )]
     NoRecording {
         /// What was given.
         root: PathBuf,

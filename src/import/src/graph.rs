@@ -1,11 +1,15 @@
-//! World graphs as the published server writes them: `{receptacle: {content: [instance], door: bool}}`, and its older
-//! summary in text, which leaves out doors and whatever is empty.
+//! World graphs as the published server writes them: `{receptacle: {content: [instance], door:
+//! bool}}`, and its older summary in text, which leaves out doors and whatever is empty.
 
 use reel_world::{DoorState, ReceptacleId, WorldGraph};
 use serde_json::{Map, Value};
 
-/// The graph of a `debug_info.json`; none where it holds none. A summary in text is completed by the graph before it.
-pub(crate) fn of_debug_info(debug_info: &Map<String, Value>, before: Option<&WorldGraph>) -> Option<WorldGraph> {
+/// The graph of a `debug_info.json`; none where it holds none. A summary in text is completed by
+/// the graph before it.
+pub(crate) fn of_debug_info(
+    debug_info: &Map<String, Value>,
+    before: Option<&WorldGraph>,
+) -> Option<WorldGraph> {
     match (debug_info.get("world_graph"), debug_info.get("WORLD_GRAPH")) {
         (Some(graph @ Value::Object(_)), _) | (_, Some(graph @ Value::Object(_))) => parse(graph),
         (_, Some(Value::String(text))) => Some(parse_summary(text, before)),
@@ -18,7 +22,11 @@ pub(crate) fn parse(value: &Value) -> Option<WorldGraph> {
     let mut graph = WorldGraph::default();
     for (name, state) in value.as_object()? {
         let receptacle = ReceptacleId::from(name.as_str());
-        graph.receptacles.entry(receptacle.clone()).or_default().door = state.get("door").and_then(door_state);
+        graph
+            .receptacles
+            .entry(receptacle.clone())
+            .or_default()
+            .door = state.get("door").and_then(door_state);
         let content = state.get("content").unwrap_or(state).as_array();
         for object in content.into_iter().flatten().filter_map(Value::as_str) {
             graph.add(&receptacle, &object.into());
@@ -57,14 +65,22 @@ pub(crate) fn summary_lines(text: &str) -> impl Iterator<Item = (&str, Vec<&str>
     let lines = text.lines().filter_map(|line| line.split_once(':'));
     lines.map(|(name, content)| {
         let content = content.trim();
-        let list = content.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
-        (name.trim(), list.map(|list| quoted(list).collect()).unwrap_or_default())
+        let list = content
+            .strip_prefix('[')
+            .and_then(|rest| rest.strip_suffix(']'));
+        (
+            name.trim(),
+            list.map(|list| quoted(list).collect()).unwrap_or_default(),
+        )
     })
 }
 
 /// The strings between the brackets of a Python list of strings; identifiers hold no quotes.
 fn quoted(list: &str) -> impl Iterator<Item = &str> {
-    list.split(['\'', '"']).skip(1).step_by(2).filter(|object| !object.is_empty())
+    list.split(['\'', '"'])
+        .skip(1)
+        .step_by(2)
+        .filter(|object| !object.is_empty())
 }
 
 #[cfg(test)]
@@ -83,12 +99,17 @@ mod tests {
         let graph = of_debug_info(&debug_info(both), None).unwrap();
         assert_eq!(graph.objects_on(&"a".into()), ["x".into(), "x".into()]);
         assert_eq!(graph.door(&"b".into()), Some(DoorState::Open));
-        assert_eq!(of_debug_info(&debug_info(json!({"CURRENT_INV": null})), None), None);
+        assert_eq!(
+            of_debug_info(&debug_info(json!({"CURRENT_INV": null})), None),
+            None
+        );
     }
 
     #[test]
     fn a_summary_is_completed_by_the_graph_before() {
-        let before = parse(&json!({"a": {"content": ["x"]}, "fridge": {"content": ["y"], "door": false}})).unwrap();
+        let before =
+            parse(&json!({"a": {"content": ["x"]}, "fridge": {"content": ["y"], "door": false}}))
+                .unwrap();
         let summary = debug_info(json!({"WORLD_GRAPH": "fridge: ['y', \"x\"]\nnonsense\n"}));
         let graph = of_debug_info(&summary, Some(&before)).unwrap();
         assert_eq!(graph.objects_on(&"fridge".into()), ["x".into(), "y".into()]);

@@ -1,5 +1,6 @@
-//! The files of an `eval_output` tree: which folders are episodes, and what lies in one. Owns every file name and the
-//! limits of what is read. Reads step by step up to the first that cannot be read; knows no meaning of fields.
+//! The files of an `eval_output` tree: which folders are episodes, and what lies in one. Owns every
+//! file name and the limits of what is read. Reads step by step up to the first that cannot be
+//! read; knows no meaning of fields.
 
 use std::{
     collections::BTreeMap,
@@ -75,7 +76,9 @@ pub(crate) fn episodes(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
     let mut found = Vec::new();
     find(root, 0, &mut found)?;
     if found.is_empty() {
-        return Err(ImportError::NoEpisode { root: root.to_owned() });
+        return Err(ImportError::NoEpisode {
+            root: root.to_owned(),
+        });
     }
     found.sort();
     Ok(found)
@@ -93,12 +96,20 @@ pub(crate) fn read(folder: &Path) -> Result<Files, ImportError> {
         losses: Vec::new(),
         notes: Vec::new(),
     };
-    files.meta = files.about(META, "it is taken as missing").unwrap_or_default();
+    files.meta = files
+        .about(META, "it is taken as missing")
+        .unwrap_or_default();
     files.summary = files.about(SUMMARY, "how the episode ended follows from its steps");
-    let numbered: BTreeMap<u32, &PathBuf> = entries.iter().filter_map(|path| Some((step_number(path)?, path))).collect();
+    let numbered: BTreeMap<u32, &PathBuf> = entries
+        .iter()
+        .filter_map(|path| Some((step_number(path)?, path)))
+        .collect();
     for (expected, (number, path)) in (0..).zip(&numbered) {
         if *number != expected {
-            files.break_off(folder.join(format!("step_{expected:03}")), format!("it is missing, but there is a step {number}"));
+            files.break_off(
+                folder.join(format!("step_{expected:03}")),
+                format!("it is missing, but there is a step {number}"),
+            );
             break;
         }
         match files.step(path)? {
@@ -123,7 +134,14 @@ impl Files {
     /// The name of the folder so many levels up; none for a path that does not say.
     pub(crate) fn folder_name(&self, levels: usize) -> Option<String> {
         let absolute = std::path::absolute(&self.folder).ok()?;
-        Some(absolute.ancestors().nth(levels)?.file_name()?.to_string_lossy().into_owned())
+        Some(
+            absolute
+                .ancestors()
+                .nth(levels)?
+                .file_name()?
+                .to_string_lossy()
+                .into_owned(),
+        )
     }
 
     pub(crate) fn lose(&mut self, file: PathBuf, what: String) {
@@ -147,7 +165,11 @@ impl Files {
     /// Reads a step, or says what stands in its place.
     fn step(&mut self, folder: &Path) -> Result<Result<StepFiles, After>, ImportError> {
         let entries = list(folder)?;
-        let has = |name: &str| entries.iter().any(|path| path.file_name().is_some_and(|found| found == name));
+        let has = |name: &str| {
+            entries
+                .iter()
+                .any(|path| path.file_name().is_some_and(|found| found == name))
+        };
         let failed = has("action_error.txt");
         let call = match object(&folder.join(CALL)) {
             Ok(Some(call)) => call,
@@ -168,28 +190,50 @@ impl Files {
             }
         };
         let time = object(&folder.join("inference_time.json")).unwrap_or_else(|error| {
-            self.lose(folder.join("inference_time.json"), format!("{error}; the latency is lost"));
+            self.lose(
+                folder.join("inference_time.json"),
+                format!("{error}; the latency is lost"),
+            );
             None
         });
         let raw = match self.text(&folder.join("raw_response.txt")) {
             Some(text) => Some(Raw::Text(text)),
-            None => self.text(&folder.join("raw_response.json")).map(|text| self.raw_json(folder, text)),
+            None => self
+                .text(&folder.join("raw_response.json"))
+                .map(|text| self.raw_json(folder, text)),
         };
         let picture = self.picture(&entries);
         if text.is_none() && picture.is_none() && !failed {
-            self.notes.push(format!("{}: neither text nor picture says what the call came to", name_of(folder)));
+            self.notes.push(format!(
+                "{}: neither text nor picture says what the call came to",
+                name_of(folder)
+            ));
         }
         // A raw debug payload that the client could not read.
-        let debug_info = match debug_info.get("raw").and_then(Value::as_str).map(serde_json::from_str) {
+        let debug_info = match debug_info
+            .get("raw")
+            .and_then(Value::as_str)
+            .map(serde_json::from_str)
+        {
             Some(Ok(Value::Object(parsed))) => parsed,
             _ => debug_info,
         };
-        Ok(Ok(StepFiles { call, raw, time: time.unwrap_or_default(), text, debug_info, picture, failed }))
+        Ok(Ok(StepFiles {
+            call,
+            raw,
+            time: time.unwrap_or_default(),
+            text,
+            debug_info,
+            picture,
+            failed,
+        }))
     }
 
     fn raw_json(&mut self, folder: &Path, text: String) -> Raw {
         if let Err(error) = serde_json::from_str::<serde::de::IgnoredAny>(&text) {
-            let what = format!("it is no JSON ({error}); it is kept as it is, and nothing is read from it");
+            let what = format!(
+                "it is no JSON ({error}); it is kept as it is, and nothing is read from it"
+            );
             self.lose(folder.join("raw_response.json"), what);
         }
         Raw::Json(text)
@@ -200,7 +244,10 @@ impl Files {
         match bytes(path) {
             Ok(bytes) => Some(String::from_utf8(bytes?).unwrap_or_else(|error| {
                 let at = error.utf8_error().valid_up_to();
-                self.lose(path.to_owned(), format!("it is no UTF-8 text from byte {at} on; what is not was replaced"));
+                self.lose(
+                    path.to_owned(),
+                    format!("it is no UTF-8 text from byte {at} on; what is not was replaced"),
+                );
                 String::from_utf8_lossy(error.as_bytes()).into_owned()
             })),
             Err(error) => {
@@ -212,14 +259,21 @@ impl Files {
 
     /// The last picture of a step: there is one a result, and room for one.
     fn picture(&mut self, entries: &[PathBuf]) -> Option<Frame> {
-        let mut pictures: Vec<(u32, &PathBuf)> = entries.iter().filter_map(|path| Some((picture_number(path)?, path))).collect();
+        let mut pictures: Vec<(u32, &PathBuf)> = entries
+            .iter()
+            .filter_map(|path| Some((picture_number(path)?, path)))
+            .collect();
         pictures.sort();
         let (_, path) = pictures.last()?;
         if pictures.len() > 1 {
             let folder = path.parent().map(name_of).unwrap_or_default();
-            self.notes.push(format!("{folder}: of {} pictures the last is kept", pictures.len()));
+            self.notes.push(format!(
+                "{folder}: of {} pictures the last is kept",
+                pictures.len()
+            ));
         }
-        let read = bytes(path).and_then(|bytes| bytes.map(|bytes| picture::decode(&bytes)).transpose());
+        let read =
+            bytes(path).and_then(|bytes| bytes.map(|bytes| picture::decode(&bytes)).transpose());
         read.unwrap_or_else(|error| {
             self.lose((*path).clone(), format!("{error}; the step has no picture"));
             None
@@ -229,14 +283,25 @@ impl Files {
 
 fn find(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), ImportError> {
     let entries = list(folder)?;
-    let named = |path: &PathBuf| path.file_name().is_some_and(|name| name == META || name == SUMMARY);
-    if entries.iter().any(|path| named(path) || step_number(path).is_some()) {
+    let named = |path: &PathBuf| {
+        path.file_name()
+            .is_some_and(|name| name == META || name == SUMMARY)
+    };
+    if entries
+        .iter()
+        .any(|path| named(path) || step_number(path).is_some())
+    {
         found.push(folder.to_owned());
         return Ok(());
     }
     // Links are not followed: they may lead back.
-    let is_folder = |path: &&PathBuf| fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_dir());
-    for path in entries.iter().filter(is_folder).filter(|_| depth < FOLDERS_MAX) {
+    let is_folder =
+        |path: &&PathBuf| fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_dir());
+    for path in entries
+        .iter()
+        .filter(is_folder)
+        .filter(|_| depth < FOLDERS_MAX)
+    {
         find(path, depth + 1, found)?;
     }
     Ok(())
@@ -244,8 +309,15 @@ fn find(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), Imp
 
 /// What lies in a folder, sorted.
 fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let listed = fs::read_dir(folder).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect::<io::Result<Vec<_>>>());
-    let mut paths = listed.map_err(|source| ImportError::List { path: folder.to_owned(), source })?;
+    let listed = fs::read_dir(folder).and_then(|entries| {
+        entries
+            .map(|entry| Ok(entry?.path()))
+            .collect::<io::Result<Vec<_>>>()
+    });
+    let mut paths = listed.map_err(|source| ImportError::List {
+        path: folder.to_owned(),
+        source,
+    })?;
     paths.sort();
     Ok(paths)
 }
@@ -253,21 +325,34 @@ fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
 /// `step_007` is 7.
 fn step_number(path: &Path) -> Option<u32> {
     let digits = path.file_name()?.to_str()?.strip_prefix("step_")?;
-    let number = digits.bytes().all(|byte| byte.is_ascii_digit()).then(|| digits.parse().ok()).flatten()?;
+    let number = digits
+        .bytes()
+        .all(|byte| byte.is_ascii_digit())
+        .then(|| digits.parse().ok())
+        .flatten()?;
     (number < STEPS_MAX && path.is_dir()).then_some(number)
 }
 
-/// `image_observation_1.png` is 1; older agents wrote `image_observation.png` and `obs_image_1.png`.
+/// `image_observation_1.png` is 1; older agents wrote `image_observation.png` and
+/// `obs_image_1.png`.
 fn picture_number(path: &Path) -> Option<u32> {
     let stem = path.file_name()?.to_str()?.strip_suffix(".png")?;
-    let rest = stem.strip_prefix("image_observation").or_else(|| stem.strip_prefix("obs_image"))?;
-    if rest.is_empty() { Some(0) } else { rest.strip_prefix('_')?.parse().ok() }
+    let rest = stem
+        .strip_prefix("image_observation")
+        .or_else(|| stem.strip_prefix("obs_image"))?;
+    if rest.is_empty() {
+        Some(0)
+    } else {
+        rest.strip_prefix('_')?.parse().ok()
+    }
 }
 
 /// Takes the debug payload off the end of a text, if it stands there.
 pub fn cut_debug_info(text: &mut String) -> Option<Map<String, Value>> {
     let at = text.rfind(DEBUG_TEXT)?;
-    let Ok(Value::Object(debug_info)) = serde_json::from_str(&text[at + DEBUG_TEXT.len()..]) else { return None };
+    let Ok(Value::Object(debug_info)) = serde_json::from_str(&text[at + DEBUG_TEXT.len()..]) else {
+        return None;
+    };
     text.truncate(at);
     text.truncate(text.trim_end().len());
     Some(debug_info)
@@ -275,8 +360,12 @@ pub fn cut_debug_info(text: &mut String) -> Option<Map<String, Value>> {
 
 /// A JSON object; none where there is no such file.
 fn object(path: &Path) -> Result<Option<Map<String, Value>>, String> {
-    let Some(bytes) = bytes(path)? else { return Ok(None) };
-    serde_json::from_slice(&bytes).map(Some).map_err(|error| format!("it is not the JSON object it should be ({error})"))
+    let Some(bytes) = bytes(path)? else {
+        return Ok(None);
+    };
+    serde_json::from_slice(&bytes)
+        .map(Some)
+        .map_err(|error| format!("it is not the JSON object it should be ({error})"))
 }
 
 /// The bytes of a file; none where there is none.
@@ -289,7 +378,11 @@ fn bytes(path: &Path) -> Result<Option<Vec<u8>>, String> {
         Err(error) => return Err(refused(error)),
     }
     let mut bytes = Vec::new();
-    File::open(path).map_err(refused)?.take(BYTES_MAX + 1).read_to_end(&mut bytes).map_err(refused)?;
+    File::open(path)
+        .map_err(refused)?
+        .take(BYTES_MAX + 1)
+        .read_to_end(&mut bytes)
+        .map_err(refused)?;
     if bytes.len() as u64 > BYTES_MAX {
         return Err(format!("it has more than {BYTES_MAX} bytes"));
     }
@@ -297,5 +390,8 @@ fn bytes(path: &Path) -> Result<Option<Vec<u8>>, String> {
 }
 
 fn name_of(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    path.file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
 }

@@ -1,24 +1,30 @@
-//! Episodes that agents of the published REAL framework played (`eval_output`, SPEC section 9) as traces; [`robot`] does the same
-//! for what robots recorded.
+//! Episodes that agents of the published REAL framework played (`eval_output`, SPEC section 9) as
+//! traces; [`robot`] does the same for what robots recorded.
 //!
-//! Owns what their files mean. Reads every field leniently: a missing file is less information; a torn one is a loss that
-//! is named, and the steps before it are imported. Never simulates, never guesses a value: what the files do not say
-//! (sizes, poses, pixels of objects, the robot's heading, paths) is zero or absent in the trace.
+//! Owns what their files mean. Reads every field leniently: a missing file is less information; a
+//! torn one is a loss that is named, and the steps before it are imported. Never simulates, never
+//! guesses a value: what the files do not say (sizes, poses, pixels of objects, the robot's
+//! heading, paths) is zero or absent in the trace.
 //!
 //! # What becomes of what
-//! - `task_meta.json`: the task, unless [`Options::tasks`] has it; the model's name; further keys are settings of the policy.
-//!   The published agents store no graph in it, so the start is the first graph that a step shows: before that nothing
-//!   could be changed, because every tool that changes something needs markers.
+//! - `task_meta.json`: the task, unless [`Options::tasks`] has it; the model's name; further keys
+//!   are settings of the policy. The published agents store no graph in it, so the start is the
+//!   first graph that a step shows: before that nothing could be changed, because every tool that
+//!   changes something needs markers.
 //! - `tool_call.json`: the call as it was made. `raw_response.txt` or `.json`: the policy's output.
-//! - `inference_time.json`: latency. `textual_observation.txt`: the outcome. A result without it was a picture alone.
+//! - `inference_time.json`: latency. `textual_observation.txt`: the outcome. A result without it
+//!   was a picture alone.
 //! - `image_observation_N.png`: the picture, to the pixel; of several the last.
-//! - `debug_info.json`: the registry graph, held object, markers, camera position. There is no second authority: the
-//!   physical graph of the trace is the same. Objects that got a marker count as listed, since they were shown.
-//! - `inference_error.txt`, `action_error.txt`: the episode ended with a fault; what was decided there is not in the files.
+//! - `debug_info.json`: the registry graph, held object, markers, camera position. There is no
+//!   second authority: the physical graph of the trace is the same. Objects that got a marker count
+//!   as listed, since they were shown.
+//! - `inference_error.txt`, `action_error.txt`: the episode ended with a fault; what was decided
+//!   there is not in the files.
 //! - `episode_summary.json`: how it ended. The client's own success is compared, not taken.
 //!
-//! Whoever stands by while such an episode is played (the recording proxy) reads the same things as they come: [`begun`] is
-//! the task that a server tells, [`State`] what its results show, [`record`] the step that follows.
+//! Whoever stands by while such an episode is played (the recording proxy) reads the same things as
+//! they come: [`begun`] is the task that a server tells, [`State`] what its results show,
+//! [`record`] the step that follows.
 
 mod episode;
 mod error;
@@ -55,7 +61,8 @@ pub use task::{Setting, unknown_task};
 pub struct Options<'a> {
     /// Run that the traces belong to.
     pub run_id: &'a str,
-    /// Task files: the one with an episode's task id is used instead of what its `task_meta.json` says.
+    /// Task files: the one with an episode's task id is used instead of what its `task_meta.json`
+    /// says.
     pub tasks: &'a [Arc<Task>],
     /// The scenes of the tasks. Without them, or for episodes of another scene, one of names alone.
     pub scenes: Option<&'a Scenes>,
@@ -101,8 +108,8 @@ impl std::fmt::Display for Loss {
     }
 }
 
-/// The folders of episodes under a folder (itself included), sorted: those with a `task_meta.json`, an
-/// `episode_summary.json` or a step.
+/// The folders of episodes under a folder (itself included), sorted: those with a `task_meta.json`,
+/// an `episode_summary.json` or a step.
 ///
 /// # Errors
 /// When a folder cannot be listed, or there is none.
@@ -110,8 +117,8 @@ pub fn episodes(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
     layout::episodes(root)
 }
 
-/// Writes the episode of one folder as a trace into the folder `out`, which exists. Equal files give equal bytes under an
-/// equal name, wherever they lie.
+/// Writes the episode of one folder as a trace into the folder `out`, which exists. Equal files
+/// give equal bytes under an equal name, wherever they lie.
 ///
 /// # Errors
 /// When nothing of it can be imported, or the trace cannot be written.
@@ -119,7 +126,13 @@ pub fn import(source: &Path, out: &Path, options: &Options<'_>) -> Result<Import
     let files = layout::read(source)?;
     let built = episode::build(files, options)?;
     let trace = out.join(format!("{}.mcap", built.file_stem()));
-    let mut recorder = Recorder::create(&trace, &built.header, &built.task, &built.scene, Images::Full)?;
+    let mut recorder = Recorder::create(
+        &trace,
+        &built.header,
+        &built.task,
+        &built.scene,
+        Images::Full,
+    )?;
     recorder.start(&built.start, None)?;
     for (record, frame) in &built.steps {
         recorder.input(record.step, &record.input)?;
@@ -132,7 +145,11 @@ pub fn import(source: &Path, out: &Path, options: &Options<'_>) -> Result<Import
         bytes: summary.bytes,
         task_id: built.task.task_id,
         steps: built.end.steps,
-        pictures: built.steps.iter().filter(|(_, frame)| frame.is_some()).count() as u32,
+        pictures: built
+            .steps
+            .iter()
+            .filter(|(_, frame)| frame.is_some())
+            .count() as u32,
         end: built.end.reason,
         success: built.end.metrics.success,
         losses: built.losses,
@@ -151,22 +168,44 @@ pub struct Begun {
     pub notes: Vec<String>,
 }
 
-/// Reads the task that the published server tells when an episode begins (the payload of `finish`), and the debug information
-/// that came with it.
+/// Reads the task that the published server tells when an episode begins (the payload of `finish`),
+/// and the debug information that came with it.
 ///
 /// # Errors
 /// When they do not say what shall go where.
-pub fn begun(payload: &Map<String, Value>, debug_info: &Map<String, Value>, options: &Options<'_>) -> Result<Begun, ImportError> {
+pub fn begun(
+    payload: &Map<String, Value>,
+    debug_info: &Map<String, Value>,
+    options: &Options<'_>,
+) -> Result<Begun, ImportError> {
     let told_graph = payload.get("initial_world_graph").and_then(graph::parse);
-    let mut state = State { graph: told_graph.clone(), ..State::default() }.after(debug_info);
-    let mut seen = task::Seen { first: told_graph, ..task::Seen::default() };
+    let mut state = State {
+        graph: told_graph.clone(),
+        ..State::default()
+    }
+    .after(debug_info);
+    let mut seen = task::Seen {
+        first: told_graph,
+        ..task::Seen::default()
+    };
     for graph in seen.first.clone().iter().chain(&state.graph) {
         seen.take_in(graph);
     }
     let path = Path::new("the payload of finish");
-    let mut told = task::Told { meta: payload, folders: [None, None], path, notes: Vec::new() };
+    let mut told = task::Told {
+        meta: payload,
+        folders: [None, None],
+        path,
+        notes: Vec::new(),
+    };
     let setting = task::setting(&mut told, &seen, options)?;
     let notes = told.notes;
-    state.graph.get_or_insert_with(|| setting.task.initial.clone());
-    Ok(Begun { setting, state, notes })
+    state
+        .graph
+        .get_or_insert_with(|| setting.task.initial.clone());
+    Ok(Begun {
+        setting,
+        state,
+        notes,
+    })
 }

@@ -1,13 +1,15 @@
-//! What can be seen of a world that somebody else simulates, or that is real: the state that results show, and the record of
-//! a step that follows from the states around it. Knows neither files nor protocols.
+//! What can be seen of a world that somebody else simulates, or that is real: the state that
+//! results show, and the record of a step that follows from the states around it. Knows neither
+//! files nor protocols.
 
 use std::collections::BTreeMap;
 
 use reel_world::{
-    Digest, FrameDigests, InstanceId, Outcome, Profile, ReceptacleId, Scene, Skills, Task, Tool, WorldGraph,
+    Digest, FrameDigests, InstanceId, Outcome, Profile, ReceptacleId, Scene, Skills, Task, Tool,
+    WorldGraph,
     record::{
-        Backend, EpisodeHeader, GraphChanges, Graphs, Marker, MarkerTarget, PolicyInfo, RobotState, StateDigests, StepInput,
-        StepRecord, UserReply,
+        Backend, EpisodeHeader, GraphChanges, Graphs, Marker, MarkerTarget, PolicyInfo, RobotState,
+        StateDigests, StepInput, StepRecord, UserReply,
     },
 };
 use serde_json::{Map, Value};
@@ -29,8 +31,8 @@ pub struct State {
     pub position: Option<[f32; 3]>,
 }
 
-/// The header of an episode that somebody else played: no seed, no simulator, no name yet. Who played it and in which run is for
-/// the caller to say.
+/// The header of an episode that somebody else played: no seed, no simulator, no name yet. Who
+/// played it and in which run is for the caller to say.
 pub fn header(task: &Task, scene: &Scene) -> EpisodeHeader {
     EpisodeHeader {
         episode_id: String::new(),
@@ -69,7 +71,8 @@ pub struct Shown {
 }
 
 impl State {
-    /// The state after a result with this debug payload. A graph that it does not show is as before.
+    /// The state after a result with this debug payload. A graph that it does not show is as
+    /// before.
     pub fn after(&self, debug_info: &Map<String, Value>) -> State {
         let mut state = self.clone();
         state.update(debug_info);
@@ -79,7 +82,12 @@ impl State {
 
     /// Takes in a debug payload, but for its graph; what it does not name stays.
     pub(crate) fn update(&mut self, debug_info: &Map<String, Value>) {
-        let name = |value: &Value| value.as_str().filter(|name| !name.is_empty()).map(str::to_owned);
+        let name = |value: &Value| {
+            value
+                .as_str()
+                .filter(|name| !name.is_empty())
+                .map(str::to_owned)
+        };
         if let Some(value) = debug_info.get("CURRENT_INV") {
             self.held = name(value).map(Into::into);
         }
@@ -91,8 +99,14 @@ impl State {
         }
         if let Some(value) = debug_info.get("CURRENT_MARKER_MAP") {
             self.markers = value.as_object().map(|map| {
-                let number = |(key, target): (&String, &Value)| Some((key.trim().parse().ok()?, name(target)?));
-                map.iter().filter_map(number).collect::<BTreeMap<u32, String>>().into_iter().collect()
+                let number = |(key, target): (&String, &Value)| {
+                    Some((key.trim().parse().ok()?, name(target)?))
+                };
+                map.iter()
+                    .filter_map(number)
+                    .collect::<BTreeMap<u32, String>>()
+                    .into_iter()
+                    .collect()
             });
         }
     }
@@ -100,24 +114,42 @@ impl State {
     /// The robot, as far as it is known.
     pub fn robot(&self) -> RobotState {
         let [x, y, z] = self.position.unwrap_or_default();
-        RobotState { base: [x, y], camera: [x, y, z], ..RobotState::default() }
+        RobotState {
+            base: [x, y],
+            camera: [x, y, z],
+            ..RobotState::default()
+        }
     }
 
     /// What the markers stand for: a name of the graph is a receptacle.
     pub(crate) fn markers(&self) -> Vec<Marker> {
         let receptacles = self.graph.as_ref().map(|graph| &graph.receptacles);
         let target = |name: &str| match receptacles {
-            Some(receptacles) if receptacles.contains_key(name) => MarkerTarget::Receptacle(name.into()),
+            Some(receptacles) if receptacles.contains_key(name) => {
+                MarkerTarget::Receptacle(name.into())
+            }
             _ => MarkerTarget::Object(name.into()),
         };
-        self.markers.iter().flatten().map(|(id, name)| Marker { id: *id, target: target(name) }).collect()
+        self.markers
+            .iter()
+            .flatten()
+            .map(|(id, name)| Marker {
+                id: *id,
+                target: target(name),
+            })
+            .collect()
     }
 }
 
-/// The record of a step, without its rewards and its link of the chain. `before` and `after` know their graphs, where anything
-/// shows them.
+/// The record of a step, without its rewards and its link of the chain. `before` and `after` know
+/// their graphs, where anything shows them.
 pub fn record(step: u32, shown: Shown, before: &State, after: &State) -> StepRecord {
-    let Shown { input, outcome, reply, frame } = shown;
+    let Shown {
+        input,
+        outcome,
+        reply,
+        frame,
+    } = shown;
     let tool = Tool::parse(&input.call).ok();
     let (object, receptacle) = acted_on(tool.as_ref(), &outcome, before, after);
     let changed = match (&before.graph, &after.graph) {
@@ -125,12 +157,17 @@ pub fn record(step: u32, shown: Shown, before: &State, after: &State) -> StepRec
         _ => Vec::new(),
     };
     let markers = after.markers();
-    let told =
-        matches!(tool, Some(Tool::WalkAround | Tool::ShowObjectByCategory { .. } | Tool::GazeAt { .. })) && outcome.is_ok();
-    let listed = markers.iter().filter(|_| told).filter_map(|marker| match &marker.target {
-        MarkerTarget::Object(object) => Some(object.clone()),
-        MarkerTarget::Receptacle(_) => None,
-    });
+    let told = matches!(
+        tool,
+        Some(Tool::WalkAround | Tool::ShowObjectByCategory { .. } | Tool::GazeAt { .. })
+    ) && outcome.is_ok();
+    let listed = markers
+        .iter()
+        .filter(|_| told)
+        .filter_map(|marker| match &marker.target {
+            MarkerTarget::Object(object) => Some(object.clone()),
+            MarkerTarget::Receptacle(_) => None,
+        });
     StepRecord {
         step,
         listed: listed.collect(),
@@ -143,19 +180,38 @@ pub fn record(step: u32, shown: Shown, before: &State, after: &State) -> StepRec
         object,
         receptacle,
         held: after.held.clone(),
-        changes: GraphChanges { physics: changed.clone(), registry: changed },
+        changes: GraphChanges {
+            physics: changed.clone(),
+            registry: changed,
+        },
         bodies: Vec::new(),
         robot: after.robot(),
         sim_step: 0,
         reward: Vec::new(),
-        digests: StateDigests { frame, ..StateDigests::default() },
+        digests: StateDigests {
+            frame,
+            ..StateDigests::default()
+        },
     }
 }
 
 /// The object and the receptacle that a successful call acted on.
-fn acted_on(tool: Option<&Tool>, outcome: &Outcome, before: &State, after: &State) -> (Option<InstanceId>, Option<ReceptacleId>) {
-    let Some(tool) = tool.filter(|_| outcome.is_ok()) else { return (None, None) };
-    let marked = |number: u32| before.markers().into_iter().find(|marker| marker.id == number).map(|marker| marker.target);
+fn acted_on(
+    tool: Option<&Tool>,
+    outcome: &Outcome,
+    before: &State,
+    after: &State,
+) -> (Option<InstanceId>, Option<ReceptacleId>) {
+    let Some(tool) = tool.filter(|_| outcome.is_ok()) else {
+        return (None, None);
+    };
+    let marked = |number: u32| {
+        before
+            .markers()
+            .into_iter()
+            .find(|marker| marker.id == number)
+            .map(|marker| marker.target)
+    };
     let object = |number: u32| match marked(number) {
         Some(MarkerTarget::Object(object)) => Some(object),
         _ => None,
@@ -170,7 +226,9 @@ fn acted_on(tool: Option<&Tool>, outcome: &Outcome, before: &State, after: &Stat
         Tool::GazeAt { marker } => (object(*marker), receptacle(*marker)),
         Tool::Pick { marker } => {
             let object = object(*marker).or_else(|| after.held.clone());
-            let place = object.as_ref().and_then(|object| before.graph.as_ref()?.place_of(object).cloned());
+            let place = object
+                .as_ref()
+                .and_then(|object| before.graph.as_ref()?.place_of(object).cloned());
             (object, place)
         }
         Tool::Place { marker } => (before.held.clone(), receptacle(*marker)),
@@ -181,17 +239,32 @@ fn acted_on(tool: Option<&Tool>, outcome: &Outcome, before: &State, after: &Stat
 
 /// Two or three numbers, which some versions of the server wrote as texts.
 fn position(value: &Value) -> Option<[f32; 3]> {
-    let number = |value: &Value| value.as_f64().or_else(|| value.as_str()?.trim().parse().ok());
-    let numbers: Vec<f32> = value.as_array()?.iter().filter_map(number).map(|number| number as f32).collect();
+    let number = |value: &Value| {
+        value
+            .as_f64()
+            .or_else(|| value.as_str()?.trim().parse().ok())
+    };
+    let numbers: Vec<f32> = value
+        .as_array()?
+        .iter()
+        .filter_map(number)
+        .map(|number| number as f32)
+        .collect();
     let position = match numbers[..] {
         [x, y] => [x, y, 0.0],
         [x, y, z] => [x, y, z],
         _ => return None,
     };
-    position.iter().all(|number| number.is_finite()).then_some(position)
+    position
+        .iter()
+        .all(|number| number.is_finite())
+        .then_some(position)
 }
 
 /// One graph for both authorities: who stands by knows of one alone.
 pub fn both(graph: &WorldGraph) -> Graphs {
-    Graphs { physics: graph.clone(), registry: graph.clone() }
+    Graphs {
+        physics: graph.clone(),
+        registry: graph.clone(),
+    }
 }

@@ -1,4 +1,5 @@
-//! PNG files as pictures of a trace. Refuses what is not a picture of the head camera; never scales one.
+//! PNG files as pictures of a trace. Refuses what is not a picture of the head camera; never scales
+//! one.
 
 use reel_trace::decode_png;
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
@@ -9,5 +10,9 @@ use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 /// What is wrong with it.
 pub(crate) fn decode(bytes: &[u8]) -> Result<Frame, String> {
     let rgb = decode_png(bytes, (FRAME_WIDTH, FRAME_HEIGHT))?;
-    Ok(Frame { rgb, ids: Vec::new(), depth_mm: Vec::new() })
+    Ok(Frame {
+        rgb,
+        ids: Vec::new(),
+        depth_mm: Vec::new(),
+    })
 }

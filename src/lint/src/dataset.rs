@@ -46,18 +46,34 @@ pub struct DatasetFile {
 }
 
 impl Dataset {
-    /// Opens files and folders; a folder is searched to any depth for `.json`, `.jsonl` and `.parquet`. Paths of pictures
-    /// are looked up below `image_root`, if given, then beside the file and in the folders above it.
+    /// Opens files and folders; a folder is searched to any depth for `.json`, `.jsonl` and
+    /// `.parquet`. Paths of pictures are looked up below `image_root`, if given, then beside the
+    /// file and in the folders above it.
     ///
     /// # Errors
-    /// [`Error`], where a named file is no training set, or a folder holds none. Files of a folder that are something else
-    /// are in [`Dataset::skipped`].
-    pub fn open(paths: &[PathBuf], format: Option<Format>, image_root: Option<PathBuf>) -> Result<Self, Error> {
-        let mut dataset = Self { files: Vec::new(), skipped: Vec::new(), image_root };
+    /// [`Error`], where a named file is no training set, or a folder holds none. Files of a folder
+    /// that are something else are in [`Dataset::skipped`].
+    pub fn open(
+        paths: &[PathBuf],
+        format: Option<Format>,
+        image_root: Option<PathBuf>,
+    ) -> Result<Self, Error> {
+        let mut dataset = Self {
+            files: Vec::new(),
+            skipped: Vec::new(),
+            image_root,
+        };
         for path in paths {
-            let info = fs::metadata(path).map_err(|source| Error::Io { path: path.clone(), source })?;
+            let info = fs::metadata(path).map_err(|source| Error::Io {
+                path: path.clone(),
+                source,
+            })?;
             if !info.is_dir() {
-                dataset.files.push(DatasetFile::open(path, path.parent().unwrap_or(Path::new("")), format)?);
+                dataset.files.push(DatasetFile::open(
+                    path,
+                    path.parent().unwrap_or(Path::new("")),
+                    format,
+                )?);
                 continue;
             }
             let before = dataset.files.len();
@@ -89,7 +105,13 @@ impl Dataset {
 
     /// All rows, one at a time; what cannot be read is an error in its place.
     pub fn rows(&self) -> Rows<'_> {
-        Rows { dataset: self, file: 0, open: None, beside: None, index: 0 }
+        Rows {
+            dataset: self,
+            file: 0,
+            open: None,
+            beside: None,
+            index: 0,
+        }
     }
 
     /// The rows of one number, counted from 0 over all files.
@@ -99,9 +121,15 @@ impl Dataset {
 
     fn resolve(&self, file: &Path, picture: &Path) -> PathBuf {
         let beside = file.parent().unwrap_or(Path::new(""));
-        let roots = self.image_root.as_deref().into_iter().chain(beside.ancestors().take(3));
+        let roots = self
+            .image_root
+            .as_deref()
+            .into_iter()
+            .chain(beside.ancestors().take(3));
         let mut tried = roots.map(|root| root.join(picture));
-        tried.find(|path| path.is_file()).unwrap_or_else(|| self.image_root.as_deref().unwrap_or(beside).join(picture))
+        tried
+            .find(|path| path.is_file())
+            .unwrap_or_else(|| self.image_root.as_deref().unwrap_or(beside).join(picture))
     }
 }
 
@@ -122,8 +150,14 @@ impl DatasetFile {
             let notes = schema_notes(path)?;
             let mut rows = ParquetRows::open(path)?;
             let row = rows.next().and_then(Result::ok).map(|row| row.fields);
-            let columns = row.as_ref().and_then(formats::recognise).map_or(Columns::of(Format::Parquet), Columns::of);
-            if row.as_ref().is_some_and(|row| formats::recognise(row).is_none()) {
+            let columns = row
+                .as_ref()
+                .and_then(formats::recognise)
+                .map_or(Columns::of(Format::Parquet), Columns::of);
+            if row
+                .as_ref()
+                .is_some_and(|row| formats::recognise(row).is_none())
+            {
                 return Err(unlike(path, row.as_ref()));
             }
             return Ok(opened(Format::Parquet, columns, false, notes));
@@ -134,13 +168,26 @@ impl DatasetFile {
         if let Some(format) = format {
             return Ok(opened(format, Columns::of(format), false, Vec::new()));
         }
-        let file = File::open(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        let file = File::open(path).map_err(|source| Error::Io {
+            path: path.to_owned(),
+            source,
+        })?;
         let rows = JsonRows::new(BufReader::new(file)).take(ROWS_LOOKED_AT);
-        let rows: Vec<Map<String, Value>> =
-            rows.filter_map(|row| if let Ok(Value::Object(row)) = row.value { Some(row) } else { None }).collect();
+        let rows: Vec<Map<String, Value>> = rows
+            .filter_map(|row| {
+                if let Ok(Value::Object(row)) = row.value {
+                    Some(row)
+                } else {
+                    None
+                }
+            })
+            .collect();
         let known: Vec<Format> = rows.iter().filter_map(formats::recognise).collect();
         // A plain row of messages is of any format that has them: the rows that tell more decide.
-        let format = known.iter().find(|format| **format != Format::Trl).or(known.first());
+        let format = known
+            .iter()
+            .find(|format| **format != Format::Trl)
+            .or(known.first());
         let format = *format.ok_or_else(|| unlike(path, rows.first()))?;
         Ok(opened(format, Columns::of(format), false, Vec::new()))
     }
@@ -149,23 +196,41 @@ impl DatasetFile {
 fn unlike(path: &Path, row: Option<&Map<String, Value>>) -> Error {
     let found = match row {
         Some(row) => {
-            format!("the first row has the keys {}", row.keys().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", "))
+            format!(
+                "the first row has the keys {}",
+                row.keys()
+                    .map(|key| format!("`{key}`"))
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            )
         }
         None => "no JSON object is among the first rows".to_owned(),
     };
-    Error::NotRecognised { path: path.to_owned(), found, expected: EXPECTED }
+    Error::NotRecognised {
+        path: path.to_owned(),
+        found,
+        expected: EXPECTED,
+    }
 }
 
 fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Error> {
-    let failed = |source| Error::Io { path: folder.to_owned(), source };
+    let failed = |source| Error::Io {
+        path: folder.to_owned(),
+        source,
+    };
     for entry in fs::read_dir(folder).map_err(failed)? {
         let entry = entry.map_err(failed)?;
         let (path, kind) = (entry.path(), entry.file_type().map_err(failed)?);
-        let rows = path.extension().and_then(|it| it.to_str()).is_some_and(|it| matches!(it, "json" | "jsonl" | "parquet"));
+        let rows = path
+            .extension()
+            .and_then(|it| it.to_str())
+            .is_some_and(|it| matches!(it, "json" | "jsonl" | "parquet"));
         let hidden = entry.file_name().to_string_lossy().starts_with('.');
         let name = entry.file_name().to_string_lossy().into_owned();
-        let beside = matches!(&*name, reel_dataset::DATASET_INFO | reel_dataset::MANIFEST | reel_dataset::TASK_LIST)
-            || name.ends_with(PROVENANCE);
+        let beside = matches!(
+            &*name,
+            reel_dataset::DATASET_INFO | reel_dataset::MANIFEST | reel_dataset::TASK_LIST
+        ) || name.ends_with(PROVENANCE);
         if hidden || beside {
             continue;
         }
@@ -183,9 +248,22 @@ const PROVENANCE: &str = ".provenance.jsonl";
 
 /// `provenance/<folders>/<name>.provenance.jsonl` in the file's folder or one above it.
 fn provenance_beside(path: &Path) -> Option<PathBuf> {
-    let inside = |root: &Path| path.strip_prefix(root).ok().map(|inside| inside.with_extension(""));
-    let beside = |root: &Path| Some(root.join("provenance").join(format!("{}{PROVENANCE}", inside(root)?.display())));
-    path.ancestors().skip(1).take(3).filter_map(beside).find(|path| path.is_file())
+    let inside = |root: &Path| {
+        path.strip_prefix(root)
+            .ok()
+            .map(|inside| inside.with_extension(""))
+    };
+    let beside = |root: &Path| {
+        Some(
+            root.join("provenance")
+                .join(format!("{}{PROVENANCE}", inside(root)?.display())),
+        )
+    };
+    path.ancestors()
+        .skip(1)
+        .take(3)
+        .filter_map(beside)
+        .find(|path| path.is_file())
 }
 
 /// The split that a path below the dataset's folder names.
@@ -193,9 +271,23 @@ fn split_of(path: &Path) -> Option<String> {
     let text = path.with_extension("");
     let text = text.to_string_lossy().to_lowercase();
     let known = |word: &&str| {
-        matches!(*word, "train" | "training" | "test" | "testing" | "val" | "valid" | "validation" | "dev" | "eval" | "heldout")
+        matches!(
+            *word,
+            "train"
+                | "training"
+                | "test"
+                | "testing"
+                | "val"
+                | "valid"
+                | "validation"
+                | "dev"
+                | "eval"
+                | "heldout"
+        )
     };
-    text.split(|c: char| !c.is_ascii_alphanumeric()).find(known).map(formats::split_name)
+    text.split(|c: char| !c.is_ascii_alphanumeric())
+        .find(known)
+        .map(formats::split_name)
 }
 
 /// The rows of a dataset, one at a time.
@@ -223,7 +315,10 @@ impl Reader {
             };
         }
         match File::open(&file.path) {
-            Ok(opened) => Self::Json(Box::new(JsonRows::new(BufReader::with_capacity(1 << 18, opened)))),
+            Ok(opened) => Self::Json(Box::new(JsonRows::new(BufReader::with_capacity(
+                1 << 18,
+                opened,
+            )))),
             Err(error) => Self::Failed(Some(format!("cannot open the file: {error}"))),
         }
     }
@@ -233,15 +328,26 @@ impl Rows<'_> {
     /// The next row of the file that is open: where it begins, and what was read.
     fn read(&mut self, file: &DatasetFile) -> Option<Result<Example, RowError>> {
         if self.open.is_none() {
-            self.beside =
-                file.provenance.as_ref().and_then(|path| File::open(path).ok()).map(|it| JsonRows::new(BufReader::new(it)));
+            self.beside = file
+                .provenance
+                .as_ref()
+                .and_then(|path| File::open(path).ok())
+                .map(|it| JsonRows::new(BufReader::new(it)));
         }
         let reader = self.open.get_or_insert_with(|| Reader::open(file));
-        let mut place = Place { index: self.index, file: u32::try_from(self.file).unwrap_or(u32::MAX), line: 1 };
+        let mut place = Place {
+            index: self.index,
+            file: u32::try_from(self.file).unwrap_or(u32::MAX),
+            line: 1,
+        };
         let (row, inside) = match reader {
             Reader::Failed(message) => {
                 let message = message.take()?;
-                return Some(Err(RowError { place, column: 0, message }));
+                return Some(Err(RowError {
+                    place,
+                    column: 0,
+                    message,
+                }));
             }
             Reader::Json(rows) => {
                 let row = rows.next()?;
@@ -251,7 +357,11 @@ impl Rows<'_> {
                     Err(broken) => {
                         self.beside.as_mut().and_then(Iterator::next);
                         place.line = broken.line;
-                        return Some(Err(RowError { place, column: broken.column, message: broken.message }));
+                        return Some(Err(RowError {
+                            place,
+                            column: broken.column,
+                            message: broken.message,
+                        }));
                     }
                 }
             }
@@ -259,22 +369,47 @@ impl Rows<'_> {
                 place.line = rows.number();
                 match rows.next()? {
                     Ok(row) => (Value::Object(row.fields), row.images),
-                    Err(message) => return Some(Err(RowError { place, column: 0, message })),
+                    Err(message) => {
+                        return Some(Err(RowError {
+                            place,
+                            column: 0,
+                            message,
+                        }));
+                    }
                 }
             }
         };
-        let provenance = self.beside.as_mut().and_then(Iterator::next).and_then(|row| row.value.ok());
+        let provenance = self
+            .beside
+            .as_mut()
+            .and_then(Iterator::next)
+            .and_then(|row| row.value.ok());
         let Value::Object(mut row) = row else {
             let message = "the row is no JSON object: expected one with turns".to_owned();
-            return Some(Err(RowError { place, column: 1, message }));
+            return Some(Err(RowError {
+                place,
+                column: 1,
+                message,
+            }));
         };
         if let Some(provenance) = provenance {
             row.entry("provenance").or_insert(provenance);
         }
         let resolve = |picture: &Path| ImageSource::File(self.dataset.resolve(&file.path, picture));
-        let source =
-            Source { place, format: file.format, columns: &file.columns, split: file.split.as_deref(), resolve: &resolve };
-        Some(formats::example(row, inside, &source).map_err(|message| RowError { place, column: 0, message }))
+        let source = Source {
+            place,
+            format: file.format,
+            columns: &file.columns,
+            split: file.split.as_deref(),
+            resolve: &resolve,
+        };
+        Some(
+            formats::example(row, inside, &source).map_err(|message| RowError {
+                place,
+                column: 0,
+                message,
+            }),
+        )
     }
 }
 

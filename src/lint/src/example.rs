@@ -1,4 +1,5 @@
-//! The common form of a training row: turns of text, pictures and calls, whatever the file's format.
+//! The common form of a training row: turns of text, pictures and calls, whatever the file's
+//! format.
 
 use std::path::PathBuf;
 
@@ -25,7 +26,8 @@ pub struct Example {
     pub place: Place,
     /// The format it was read as.
     pub format: Format,
-    /// `train`, `validation`, `test`, or what the row says itself; from the row, or else from the names of file and folder.
+    /// `train`, `validation`, `test`, or what the row says itself; from the row, or else from the
+    /// names of file and folder.
     pub split: Option<String>,
     /// What is said, in order.
     pub turns: Vec<Turn>,
@@ -169,6 +171,8 @@ impl Example {
 
     /// The number of the decision in its episode.
     pub fn call_number(&self) -> Option<u64> {
-        ["call", "step", "step_id", "call_index"].iter().find_map(|key| self.meta.get(*key)?.as_u64())
+        ["call", "step", "step_id", "call_index"]
+            .iter()
+            .find_map(|key| self.meta.get(*key)?.as_u64())
     }
 }

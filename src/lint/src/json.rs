@@ -1,4 +1,5 @@
-//! Rows of JSON files one by one: the items of a JSON list, or the lines of JSONL. A broken row does not end the reading.
+//! Rows of JSON files one by one: the items of a JSON list, or the lines of JSONL. A broken row
+//! does not end the reading.
 //!
 //! Holds one row at a time; a row beyond [`ROW_BYTES_MAX`] ends its file.
 
@@ -45,7 +46,12 @@ pub(crate) struct JsonRows<R> {
 
 impl<R: BufRead> JsonRows<R> {
     pub(crate) fn new(reader: R) -> Self {
-        Self { reader, layout: Layout::Unknown, line: 1, column: 1 }
+        Self {
+            reader,
+            layout: Layout::Unknown,
+            line: 1,
+            column: 1,
+        }
     }
 
     /// The next row; an error of the disk ends the file.
@@ -90,8 +96,16 @@ impl<R: BufRead> JsonRows<R> {
                 continue;
             }
             let value = serde_json::from_slice(&text).map_err(|error| {
-                let torn = if error.is_eof() && !whole { "the last line is torn off: " } else { "" };
-                let expected = if error.is_eof() { "; expected one whole JSON object a line" } else { "" };
+                let torn = if error.is_eof() && !whole {
+                    "the last line is torn off: "
+                } else {
+                    ""
+                };
+                let expected = if error.is_eof() {
+                    "; expected one whole JSON object a line"
+                } else {
+                    ""
+                };
                 broken(&error, (start, 1), torn, expected)
             });
             return Ok(Some(JsonRow { line: start, value }));
@@ -110,7 +124,10 @@ impl<R: BufRead> JsonRows<R> {
                 Some(_) => break,
                 None => {
                     self.layout = Layout::Over;
-                    return Ok(Some(self.torn(self.line, "the list has no end: expected ] after the last row")));
+                    return Ok(Some(self.torn(
+                        self.line,
+                        "the list has no end: expected ] after the last row",
+                    )));
                 }
             }
         }
@@ -126,7 +143,10 @@ impl<R: BufRead> JsonRows<R> {
             }));
         }
         let value = serde_json::from_slice(&text).map_err(|error| broken(&error, start, "", ""));
-        Ok(Some(JsonRow { line: start.0, value }))
+        Ok(Some(JsonRow {
+            line: start.0,
+            value,
+        }))
     }
 
     /// Bytes up to the comma or bracket that ends an item; whether there was one.
@@ -196,7 +216,14 @@ impl<R: BufRead> JsonRows<R> {
     }
 
     fn torn(&self, start: u32, message: &str) -> JsonRow {
-        JsonRow { line: start, value: Err(Broken { line: self.line, column: self.column, message: message.to_owned() }) }
+        JsonRow {
+            line: start,
+            value: Err(Broken {
+                line: self.line,
+                column: self.column,
+                message: message.to_owned(),
+            }),
+        }
     }
 }
 
@@ -212,17 +239,35 @@ impl<R: BufRead> Iterator for JsonRows<R> {
 }
 
 fn too_long(line: u32) -> JsonRow {
-    let message = format!("a row of more than {} MiB: the rest of the file is not read", ROW_BYTES_MAX >> 20);
-    JsonRow { line, value: Err(Broken { line, column: 0, message }) }
+    let message = format!(
+        "a row of more than {} MiB: the rest of the file is not read",
+        ROW_BYTES_MAX >> 20
+    );
+    JsonRow {
+        line,
+        value: Err(Broken {
+            line,
+            column: 0,
+            message,
+        }),
+    }
 }
 
 /// An error of the parser at its place in the file; `start` is where the row begins.
 fn broken(error: &serde_json::Error, start: (u32, usize), before: &str, after: &str) -> Broken {
     let down = u32::try_from(error.line().saturating_sub(1)).unwrap_or(u32::MAX);
-    let column = if down == 0 { start.1 + error.column().saturating_sub(1) } else { error.column() };
+    let column = if down == 0 {
+        start.1 + error.column().saturating_sub(1)
+    } else {
+        error.column()
+    };
     let text = error.to_string();
     let text = text.split(" at line ").next().unwrap_or_default();
-    Broken { line: start.0.saturating_add(down), column, message: format!("{before}not JSON: {text}{after}") }
+    Broken {
+        line: start.0.saturating_add(down),
+        column,
+        message: format!("{before}not JSON: {text}{after}"),
+    }
 }
 
 #[cfg(test)]
@@ -236,17 +281,34 @@ mod tests {
 
     fn rows(text: &str) -> Vec<Read> {
         let rows = JsonRows::new(text.as_bytes());
-        rows.map(|row| (row.line, row.value.map_err(|broken| (broken.line, broken.column)))).collect()
+        rows.map(|row| {
+            (
+                row.line,
+                row.value.map_err(|broken| (broken.line, broken.column)),
+            )
+        })
+        .collect()
     }
 
     #[test]
     fn a_list_and_lines_give_the_same_rows() {
         let list = "\u{feff}[\n  {\"a\": \"],}\\\"\"},\n\n {\"b\": [1, {}]}\n]\n";
         let lines = "{\"a\": \"],}\\\"\"}\n\n\n{\"b\": [1, {}]}";
-        let values = |text| rows(text).into_iter().map(|(_, value)| value.expect("whole")).collect::<Vec<_>>();
+        let values = |text| {
+            rows(text)
+                .into_iter()
+                .map(|(_, value)| value.expect("whole"))
+                .collect::<Vec<_>>()
+        };
         assert_eq!(values(list), values(lines));
-        assert_eq!(rows(list).iter().map(|row| row.0).collect::<Vec<_>>(), [2, 4]);
-        assert_eq!(rows(lines).iter().map(|row| row.0).collect::<Vec<_>>(), [1, 4]);
+        assert_eq!(
+            rows(list).iter().map(|row| row.0).collect::<Vec<_>>(),
+            [2, 4]
+        );
+        assert_eq!(
+            rows(lines).iter().map(|row| row.0).collect::<Vec<_>>(),
+            [1, 4]
+        );
         assert_eq!(rows("[]"), []);
         assert_eq!(rows(""), []);
     }
@@ -262,8 +324,15 @@ mod tests {
         assert_eq!(list[1], (2, Err((2, 8))));
         assert!(list[2].1.is_ok());
         assert_eq!(list.len(), 4);
-        let torn = JsonRows::new(&b"{\"a\": 1}\n{\"a\": 2"[..]).last().expect("two rows");
-        assert!(torn.value.expect_err("torn").message.starts_with("the last line is torn off"));
+        let torn = JsonRows::new(&b"{\"a\": 1}\n{\"a\": 2"[..])
+            .last()
+            .expect("two rows");
+        assert!(
+            torn.value
+                .expect_err("torn")
+                .message
+                .starts_with("the last line is torn off")
+        );
     }
 
     proptest! {

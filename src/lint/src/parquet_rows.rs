@@ -1,4 +1,5 @@
-//! Rows of Parquet files, pictures apart from the rest so that their bytes are never turned into text.
+//! Rows of Parquet files, pictures apart from the rest so that their bytes are never turned into
+//! text.
 //!
 //! Holds one small batch at a time.
 
@@ -34,8 +35,16 @@ pub(crate) struct ParquetRows {
 impl ParquetRows {
     pub(crate) fn open(path: &Path) -> Result<Self, Error> {
         let batches = builder(path)?.with_batch_size(BATCH_ROWS).build();
-        let batches = batches.map_err(|source| Error::Parquet { path: path.to_owned(), source })?;
-        Ok(Self { batches, rows: Vec::new().into_iter(), read: 0, over: false })
+        let batches = batches.map_err(|source| Error::Parquet {
+            path: path.to_owned(),
+            source,
+        })?;
+        Ok(Self {
+            batches,
+            rows: Vec::new().into_iter(),
+            read: 0,
+            over: false,
+        })
     }
 
     /// Number of the next row, from 1.
@@ -64,7 +73,9 @@ impl Iterator for ParquetRows {
                 Ok(rows) => self.rows = rows.into_iter(),
                 Err(error) => {
                     self.over = true;
-                    return Some(Err(format!("the rows from here on cannot be read: {error}")));
+                    return Some(Err(format!(
+                        "the rows from here on cannot be read: {error}"
+                    )));
                 }
             }
         }
@@ -75,13 +86,21 @@ impl Iterator for ParquetRows {
 pub(crate) fn schema_notes(path: &Path) -> Result<Vec<Oddity>, Error> {
     let builder = builder(path)?;
     let schema = builder.schema();
-    let pictures: Vec<&str> =
-        schema.fields().iter().filter(|field| is_pictures(field.data_type())).map(|field| field.name().as_str()).collect();
+    let pictures: Vec<&str> = schema
+        .fields()
+        .iter()
+        .filter(|field| is_pictures(field.data_type()))
+        .map(|field| field.name().as_str())
+        .collect();
     let mut notes = Vec::new();
     let features = features(schema);
     if let Some(features) = &features {
-        let missing: Vec<&str> =
-            schema.fields().iter().map(|field| field.name().as_str()).filter(|name| !features.contains_key(*name)).collect();
+        let missing: Vec<&str> = schema
+            .fields()
+            .iter()
+            .map(|field| field.name().as_str())
+            .filter(|name| !features.contains_key(*name))
+            .collect();
         if !missing.is_empty() {
             let names = missing.join(", ");
             notes.push(oddity(
@@ -90,7 +109,10 @@ pub(crate) fn schema_notes(path: &Path) -> Result<Vec<Oddity>, Error> {
                 format!("the `huggingface` metadata does not name the columns {names}: datasets refuses the file"),
             ));
         }
-        if features.values().any(|feature| feature.to_string().contains(r#""_type":"List""#)) {
+        if features
+            .values()
+            .any(|feature| feature.to_string().contains(r#""_type":"List""#))
+        {
             notes.push(oddity(
                 "features",
                 true,
@@ -99,10 +121,14 @@ pub(crate) fn schema_notes(path: &Path) -> Result<Vec<Oddity>, Error> {
         }
     }
     for name in pictures {
-        let decoded =
-            features.as_ref().and_then(|it| it.get(name)).is_some_and(|it| it.to_string().contains(r#""_type":"Image""#));
+        let decoded = features
+            .as_ref()
+            .and_then(|it| it.get(name))
+            .is_some_and(|it| it.to_string().contains(r#""_type":"Image""#));
         if !decoded {
-            let told = format!("`{name}` holds pictures, but no `huggingface` metadata says so: datasets hands out raw bytes");
+            let told = format!(
+                "`{name}` holds pictures, but no `huggingface` metadata says so: datasets hands out raw bytes"
+            );
             notes.push(oddity("features", false, told));
         }
     }
@@ -110,8 +136,14 @@ pub(crate) fn schema_notes(path: &Path) -> Result<Vec<Oddity>, Error> {
 }
 
 fn builder(path: &Path) -> Result<ParquetRecordBatchReaderBuilder<File>, Error> {
-    let file = File::open(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-    ParquetRecordBatchReaderBuilder::try_new(file).map_err(|source| Error::Parquet { path: path.to_owned(), source })
+    let file = File::open(path).map_err(|source| Error::Io {
+        path: path.to_owned(),
+        source,
+    })?;
+    ParquetRecordBatchReaderBuilder::try_new(file).map_err(|source| Error::Parquet {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 fn features(schema: &Schema) -> Option<Map<String, Value>> {
@@ -121,7 +153,12 @@ fn features(schema: &Schema) -> Option<Map<String, Value>> {
 }
 
 fn is_picture(kind: &DataType) -> bool {
-    let bytes = |kind: &DataType| matches!(kind, DataType::Binary | DataType::LargeBinary | DataType::BinaryView);
+    let bytes = |kind: &DataType| {
+        matches!(
+            kind,
+            DataType::Binary | DataType::LargeBinary | DataType::BinaryView
+        )
+    };
     matches!(kind, DataType::Struct(fields) if fields.iter().any(|field| field.name() == "bytes" && bytes(field.data_type())))
         || bytes(kind)
 }
@@ -135,17 +172,30 @@ fn is_pictures(kind: &DataType) -> bool {
 
 fn rows_of(batch: &RecordBatch) -> Result<Vec<ParquetRow>, String> {
     let is_column = |index: &usize| is_pictures(batch.column(*index).data_type());
-    let (pictures, others): (Vec<usize>, Vec<usize>) = (0..batch.num_columns()).partition(is_column);
+    let (pictures, others): (Vec<usize>, Vec<usize>) =
+        (0..batch.num_columns()).partition(is_column);
     let others = batch.project(&others).map_err(|error| error.to_string())?;
     let mut writer = ArrayWriter::new(Vec::new());
-    writer.write(&others).and_then(|()| writer.finish()).map_err(|error| error.to_string())?;
+    writer
+        .write(&others)
+        .and_then(|()| writer.finish())
+        .map_err(|error| error.to_string())?;
     let json = writer.into_inner();
     // A file of pictures alone writes no rows of JSON.
-    let fields: Vec<Map<String, Value>> =
-        if json.is_empty() { Vec::new() } else { serde_json::from_slice(&json).map_err(|error| error.to_string())? };
+    let fields: Vec<Map<String, Value>> = if json.is_empty() {
+        Vec::new()
+    } else {
+        serde_json::from_slice(&json).map_err(|error| error.to_string())?
+    };
     let rows = fields.into_iter().enumerate().map(|(row, fields)| {
-        let images = pictures.iter().flat_map(|index| images_of(batch.column(*index), row)).collect();
-        ParquetRow { fields, images: (!pictures.is_empty()).then_some(images) }
+        let images = pictures
+            .iter()
+            .flat_map(|index| images_of(batch.column(*index), row))
+            .collect();
+        ParquetRow {
+            fields,
+            images: (!pictures.is_empty()).then_some(images),
+        }
     });
     Ok(rows.collect())
 }
@@ -159,20 +209,27 @@ fn images_of(column: &ArrayRef, row: usize) -> Vec<Image> {
         DataType::LargeList(_) => column.as_list::<i64>().value(row),
         _ => column.slice(row, 1),
     };
-    (0..items.len()).map(|item| image_of(&items, item)).collect()
+    (0..items.len())
+        .map(|item| image_of(&items, item))
+        .collect()
 }
 
 fn image_of(items: &ArrayRef, item: usize) -> Image {
     let (bytes, name) = match items.as_struct_opt() {
-        Some(fields) => {
-            (fields.column_by_name("bytes").cloned(), fields.column_by_name("path").and_then(|path| text_of(path, item)))
-        }
+        Some(fields) => (
+            fields.column_by_name("bytes").cloned(),
+            fields
+                .column_by_name("path")
+                .and_then(|path| text_of(path, item)),
+        ),
         None => (Some(items.clone()), None),
     };
     let name = name.unwrap_or_default();
     let source = match bytes.and_then(|bytes| bytes_of(&bytes, item)) {
         Some(bytes) => ImageSource::Bytes(bytes),
-        None if name.is_empty() => ImageSource::Broken("a picture without bytes and without a path".into()),
+        None if name.is_empty() => {
+            ImageSource::Broken("a picture without bytes and without a path".into())
+        }
         None => ImageSource::File(name.clone().into()),
     };
     Image { name, source }

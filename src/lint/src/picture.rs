@@ -1,4 +1,5 @@
-//! What a picture's file says of itself: format, size, whether it is whole. Reads headers; never decodes pixels.
+//! What a picture's file says of itself: format, size, whether it is whole. Reads headers; never
+//! decodes pixels.
 
 use std::fmt;
 
@@ -53,13 +54,35 @@ impl Picture {
             [] => Err(PictureError::Empty),
             [0x89, b'P', b'N', b'G', 0x0d, 0x0a, 0x1a, 0x0a, ..] => png(bytes),
             [0xff, 0xd8, ..] => jpeg(bytes),
-            [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => webp(bytes),
+            [
+                b'R',
+                b'I',
+                b'F',
+                b'F',
+                _,
+                _,
+                _,
+                _,
+                b'W',
+                b'E',
+                b'B',
+                b'P',
+                ..,
+            ] => webp(bytes),
             _ => Err(PictureError::Unknown),
         }
     }
 
     fn new(format: PictureFormat, width: u32, height: u32) -> Result<Self, PictureError> {
-        if width == 0 || height == 0 { Err(PictureError::Header) } else { Ok(Self { format, width, height }) }
+        if width == 0 || height == 0 {
+            Err(PictureError::Header)
+        } else {
+            Ok(Self {
+                format,
+                width,
+                height,
+            })
+        }
     }
 
     /// Number of pixels.
@@ -84,7 +107,11 @@ fn png(bytes: &[u8]) -> Result<Picture, PictureError> {
     if &header[12..16] != b"IHDR" {
         return Err(PictureError::Header);
     }
-    let picture = Picture::new(PictureFormat::Png, big_u32(&header[16..20]), big_u32(&header[20..24]))?;
+    let picture = Picture::new(
+        PictureFormat::Png,
+        big_u32(&header[16..20]),
+        big_u32(&header[20..24]),
+    )?;
     // Chunks of length, type, data, checksum up to IEND.
     let mut at = 8;
     loop {
@@ -122,7 +149,8 @@ fn jpeg(bytes: &[u8]) -> Result<Picture, PictureError> {
         let is_frame = matches!(kind, 0xc0..=0xcf) && !matches!(kind, 0xc4 | 0xc8 | 0xcc);
         if is_frame {
             let size = bytes.get(at + 5..at + 9).ok_or(PictureError::CutOff)?;
-            let [height, width] = [[size[0], size[1]], [size[2], size[3]]].map(|it| u32::from(u16::from_be_bytes(it)));
+            let [height, width] = [[size[0], size[1]], [size[2], size[3]]]
+                .map(|it| u32::from(u16::from_be_bytes(it)));
             break Picture::new(PictureFormat::Jpeg, width, height)?;
         }
         if kind == 0xda || length < 2 {
@@ -132,17 +160,27 @@ fn jpeg(bytes: &[u8]) -> Result<Picture, PictureError> {
     };
     // Some writers pad with a few bytes after the end marker.
     let tail = &bytes[bytes.len().saturating_sub(64)..];
-    if tail.windows(2).any(|pair| pair == [0xff, 0xd9]) { Ok(picture) } else { Err(PictureError::CutOff) }
+    if tail.windows(2).any(|pair| pair == [0xff, 0xd9]) {
+        Ok(picture)
+    } else {
+        Err(PictureError::CutOff)
+    }
 }
 
 fn webp(bytes: &[u8]) -> Result<Picture, PictureError> {
     let length = u32::from_le_bytes([bytes[4], bytes[5], bytes[6], bytes[7]]);
-    if usize::try_from(length).unwrap_or(usize::MAX).saturating_add(8) > bytes.len() {
+    if usize::try_from(length)
+        .unwrap_or(usize::MAX)
+        .saturating_add(8)
+        > bytes.len()
+    {
         return Err(PictureError::CutOff);
     }
     let head = bytes.get(12..30).ok_or(PictureError::CutOff)?;
     let (chunk, data) = (&head[..4], &head[8..]);
-    let three = |at: usize| u32::from(data[at]) | u32::from(data[at + 1]) << 8 | u32::from(data[at + 2]) << 16;
+    let three = |at: usize| {
+        u32::from(data[at]) | u32::from(data[at + 1]) << 8 | u32::from(data[at + 2]) << 16
+    };
     let (width, height) = match chunk {
         b"VP8X" => (three(4) + 1, three(7) + 1),
         b"VP8L" if data[0] == 0x2f => {
@@ -159,7 +197,9 @@ fn webp(bytes: &[u8]) -> Result<Picture, PictureError> {
 }
 
 fn big_u32(bytes: &[u8]) -> u32 {
-    bytes.iter().fold(0, |value, byte| value << 8 | u32::from(*byte))
+    bytes
+        .iter()
+        .fold(0, |value, byte| value << 8 | u32::from(*byte))
 }
 
 /// Pictures written by hand, for tests of other modules too.
@@ -201,7 +241,10 @@ mod tests {
     fn headers() {
         let sized = |bytes: &[u8]| Picture::of(bytes).map(|it| it.to_string());
         assert_eq!(sized(&samples::png(364, 273)).as_deref(), Ok("364x273 PNG"));
-        assert_eq!(sized(&samples::jpeg(640, 480)).as_deref(), Ok("640x480 JPEG"));
+        assert_eq!(
+            sized(&samples::jpeg(640, 480)).as_deref(),
+            Ok("640x480 JPEG")
+        );
         assert_eq!(sized(&samples::webp(28, 700)).as_deref(), Ok("28x700 WebP"));
         assert_eq!(sized(b"GIF89a"), Err(PictureError::Unknown));
         assert_eq!(sized(b""), Err(PictureError::Empty));
@@ -213,7 +256,11 @@ mod tests {
         for bytes in [samples::png(8, 8), samples::jpeg(8, 8), samples::webp(8, 8)] {
             assert!(Picture::of(&bytes).is_ok());
             for length in 0..bytes.len() {
-                assert!(Picture::of(&bytes[..length]).is_err(), "{length} of {} bytes", bytes.len());
+                assert!(
+                    Picture::of(&bytes[..length]).is_err(),
+                    "{length} of {} bytes",
+                    bytes.len()
+                );
             }
         }
     }

@@ -101,7 +101,9 @@ pub struct FileReport {
 impl Report {
     /// Whether anything is an error: the command's answer is then "no" (exit code 1).
     pub fn is_bad(&self) -> bool {
-        self.checks.iter().any(|check| check.worst == Some(Severity::Error))
+        self.checks
+            .iter()
+            .any(|check| check.worst == Some(Severity::Error))
     }
 
     /// The report of one check.
@@ -112,16 +114,33 @@ impl Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let unreadable = if self.unreadable > 0 { format!(", {} unreadable", self.unreadable) } else { String::new() };
-        writeln!(f, "{} rows{unreadable} in {} files", self.rows, self.files.len())?;
+        let unreadable = if self.unreadable > 0 {
+            format!(", {} unreadable", self.unreadable)
+        } else {
+            String::new()
+        };
+        writeln!(
+            f,
+            "{} rows{unreadable} in {} files",
+            self.rows,
+            self.files.len()
+        )?;
         for file in self.files.iter().take(FILES_SHOWN) {
-            let split = file.split.as_deref().map(|split| format!(", split {split}")).unwrap_or_default();
+            let split = file
+                .split
+                .as_deref()
+                .map(|split| format!(", split {split}"))
+                .unwrap_or_default();
             writeln!(f, "  {} ({}{split})", file.path, file.format.as_str())?;
         }
         if self.files.len() > FILES_SHOWN {
             writeln!(f, "  and {} more", self.files.len() - FILES_SHOWN)?;
         }
-        writeln!(f, "\n{:<16} {:>9} {:>9} {:>8}", "check", "findings", "rows", "share")?;
+        writeln!(
+            f,
+            "\n{:<16} {:>9} {:>9} {:>8}",
+            "check", "findings", "rows", "share"
+        )?;
         for check in &self.checks {
             let verdict = match check.worst {
                 _ if !check.applies => "-",
@@ -130,15 +149,34 @@ impl fmt::Display for Report {
                 Some(Severity::Warning) => "warning",
                 Some(Severity::Error) => "ERROR",
             };
-            let (findings, rows, share) = (check.findings, check.rows, format!("{:.1}%", 100.0 * check.share));
-            let line = format!("{:<16} {findings:>9} {rows:>9} {share:>8}  {verdict:<7}  {}", check.check, check.note);
+            let (findings, rows, share) = (
+                check.findings,
+                check.rows,
+                format!("{:.1}%", 100.0 * check.share),
+            );
+            let line = format!(
+                "{:<16} {findings:>9} {rows:>9} {share:>8}  {verdict:<7}  {}",
+                check.check, check.note
+            );
             writeln!(f, "{}", line.trim_end())?;
         }
-        for check in self.checks.iter().filter(|check| !check.examples.is_empty()) {
+        for check in self
+            .checks
+            .iter()
+            .filter(|check| !check.examples.is_empty())
+        {
             writeln!(f, "\n{}: {}", check.check, check.what)?;
             for (kind, count) in &check.kinds {
-                let of_kind: Vec<&Finding> = check.examples.iter().filter(|finding| finding.kind == *kind).collect();
-                let shown = if (of_kind.len() as u64) < *count { format!(", {} shown", of_kind.len()) } else { String::new() };
+                let of_kind: Vec<&Finding> = check
+                    .examples
+                    .iter()
+                    .filter(|finding| finding.kind == *kind)
+                    .collect();
+                let shown = if (of_kind.len() as u64) < *count {
+                    format!(", {} shown", of_kind.len())
+                } else {
+                    String::new()
+                };
                 writeln!(f, "  {kind}: {count}{shown}")?;
                 for finding in of_kind {
                     write_finding(f, finding)?;
@@ -153,8 +191,18 @@ impl fmt::Display for Report {
 const FILES_SHOWN: usize = 8;
 
 fn write_finding(f: &mut fmt::Formatter<'_>, finding: &Finding) -> fmt::Result {
-    let places: Vec<String> = finding.examples.iter().map(|it| format!("{}:{} (row {})", it.file, it.line, it.index)).collect();
-    writeln!(f, "    {}{}{}", places.join(" ~ "), if places.is_empty() { "" } else { ": " }, finding.message)?;
+    let places: Vec<String> = finding
+        .examples
+        .iter()
+        .map(|it| format!("{}:{} (row {})", it.file, it.line, it.index))
+        .collect();
+    writeln!(
+        f,
+        "    {}{}{}",
+        places.join(" ~ "),
+        if places.is_empty() { "" } else { ": " },
+        finding.message
+    )?;
     for line in finding.excerpt.lines() {
         writeln!(f, "      | {line}")?;
     }
@@ -170,7 +218,12 @@ pub(crate) struct Findings<'a> {
 }
 
 impl<'a> Findings<'a> {
-    pub(crate) fn new(dataset: &'a Dataset, check: &'static str, what: &'static str, kept_of_kind: usize) -> Self {
+    pub(crate) fn new(
+        dataset: &'a Dataset,
+        check: &'static str,
+        what: &'static str,
+        kept_of_kind: usize,
+    ) -> Self {
         let report = CheckReport {
             check,
             what,
@@ -183,7 +236,12 @@ impl<'a> Findings<'a> {
             note: String::new(),
             examples: Vec::new(),
         };
-        Self { dataset, report, kept_of_kind, last_row: None }
+        Self {
+            dataset,
+            report,
+            kept_of_kind,
+            last_row: None,
+        }
     }
 
     /// Counts a finding; its words are only made if it is kept.
@@ -197,7 +255,10 @@ impl<'a> Findings<'a> {
         let report = &mut self.report;
         report.findings += 1;
         report.worst = report.worst.max(Some(severity));
-        if let Some(place) = places.first().filter(|place| self.last_row != Some(place.index)) {
+        if let Some(place) = places
+            .first()
+            .filter(|place| self.last_row != Some(place.index))
+        {
             self.last_row = Some(place.index);
             report.rows += 1;
         }
@@ -207,8 +268,18 @@ impl<'a> Findings<'a> {
             return;
         }
         let (message, excerpt) = words();
-        let examples = places.iter().map(|place| self.dataset.example_ref(*place)).collect();
-        report.examples.push(Finding { check: report.check, kind, severity, examples, message, excerpt: short(&excerpt) });
+        let examples = places
+            .iter()
+            .map(|place| self.dataset.example_ref(*place))
+            .collect();
+        report.examples.push(Finding {
+            check: report.check,
+            kind,
+            severity,
+            examples,
+            message,
+            excerpt: short(&excerpt),
+        });
     }
 
     /// Figures for the table.
@@ -225,7 +296,11 @@ impl<'a> Findings<'a> {
     }
 
     pub(crate) fn finish(mut self, rows: u64) -> CheckReport {
-        self.report.share = if rows == 0 { 0.0 } else { self.report.rows as f64 / rows as f64 };
+        self.report.share = if rows == 0 {
+            0.0
+        } else {
+            self.report.rows as f64 / rows as f64
+        };
         self.report
     }
 }
@@ -233,9 +308,17 @@ impl<'a> Findings<'a> {
 impl Dataset {
     /// A place for people.
     pub fn example_ref(&self, place: Place) -> ExampleRef {
-        let file = usize::try_from(place.file).ok().and_then(|file| self.files().get(file));
-        let file = file.map(|file| file.path.display().to_string()).unwrap_or_default();
-        ExampleRef { index: place.index, file, line: place.line }
+        let file = usize::try_from(place.file)
+            .ok()
+            .and_then(|file| self.files().get(file));
+        let file = file
+            .map(|file| file.path.display().to_string())
+            .unwrap_or_default();
+        ExampleRef {
+            index: place.index,
+            file,
+            line: place.line,
+        }
     }
 }
 

@@ -1,4 +1,5 @@
-//! An example as the model sees it: turns under the names of who speaks, pictures in their places, the answer laid out.
+//! An example as the model sees it: turns under the names of who speaks, pictures in their places,
+//! the answer laid out.
 
 use std::{borrow::Cow, fmt::Write as _, fs};
 
@@ -7,11 +8,29 @@ use crate::{Answer, Example, Image, ImageSource, Part, Picture};
 /// The turns of an example as text; the JSON of answers is laid out line by line.
 pub fn show(example: &Example) -> String {
     let mut text = String::new();
-    let split = example.split.as_deref().map(|split| format!(", split {split}")).unwrap_or_default();
-    let _ = writeln!(text, "example {} ({}{split})", example.place.index, example.format.as_str());
-    let facts = example.meta.iter().filter(|(_, value)| value.is_string() || value.is_number() || value.is_boolean());
+    let split = example
+        .split
+        .as_deref()
+        .map(|split| format!(", split {split}"))
+        .unwrap_or_default();
+    let _ = writeln!(
+        text,
+        "example {} ({}{split})",
+        example.place.index,
+        example.format.as_str()
+    );
+    let facts = example
+        .meta
+        .iter()
+        .filter(|(_, value)| value.is_string() || value.is_number() || value.is_boolean());
     for (key, value) in facts {
-        let _ = writeln!(text, "  {key}: {}", value.as_str().map_or_else(|| value.to_string(), str::to_owned));
+        let _ = writeln!(
+            text,
+            "  {key}: {}",
+            value
+                .as_str()
+                .map_or_else(|| value.to_string(), str::to_owned)
+        );
     }
     if let Some(tools) = &example.tools {
         let _ = writeln!(text, "\n== tools ==\n{tools:#}");
@@ -30,8 +49,16 @@ pub fn show(example: &Example) -> String {
         }
         text.push('\n');
     }
-    let shown = |number: &usize| example.turns.iter().flat_map(|turn| &turn.parts).any(|part| *part == Part::Image(*number));
-    let unseen: Vec<usize> = (0..example.images.len()).filter(|number| !shown(number)).collect();
+    let shown = |number: &usize| {
+        example
+            .turns
+            .iter()
+            .flat_map(|turn| &turn.parts)
+            .any(|part| *part == Part::Image(*number))
+    };
+    let unseen: Vec<usize> = (0..example.images.len())
+        .filter(|number| !shown(number))
+        .collect();
     if !unseen.is_empty() {
         let _ = writeln!(text, "\n== pictures without a place in the text ==");
         for number in unseen {
@@ -55,12 +82,17 @@ fn tag(image: Option<&Image>, number: usize) -> String {
         return format!("<image {}: missing>", number + 1);
     };
     let looks = match (&image.source, image_bytes(image)) {
-        (_, Some(bytes)) => Picture::of(&bytes).map_or_else(|error| error.to_string(), |picture| picture.to_string()),
+        (_, Some(bytes)) => Picture::of(&bytes)
+            .map_or_else(|error| error.to_string(), |picture| picture.to_string()),
         (ImageSource::Broken(why), None) => why.clone(),
         (ImageSource::Remote, None) => "not read".to_owned(),
         (_, None) => "missing file".to_owned(),
     };
-    let name = if image.name.is_empty() { String::new() } else { format!(", {}", image.name) };
+    let name = if image.name.is_empty() {
+        String::new()
+    } else {
+        format!(", {}", image.name)
+    };
     format!("<image {}: {looks}{name}>", number + 1)
 }
 

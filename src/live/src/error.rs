@@ -25,7 +25,9 @@ pub enum LiveError {
     #[error("there is no session '{0}': it was closed, or never opened")]
     Unknown(String),
     /// A name that could not be one of a file.
-    #[error("'{0}' is no name for a session: 1 to 64 letters, digits, '-', '_' and '.', the first a letter or digit")]
+    #[error(
+        "'{0}' is no name for a session: 1 to 64 letters, digits, '-', '_' and '.', the first a letter or digit"
+    )]
     Name(String),
     /// The name belongs to another prompt group.
     #[error("session '{0}' is in use; release it, or take another name")]

@@ -1,5 +1,5 @@
-//! A household: an exclusive simulator in which one agent plays one episode after another. Never decides anything, never
-//! speaks a protocol.
+//! A household: an exclusive simulator in which one agent plays one episode after another. Never
+//! decides anything, never speaks a protocol.
 
 use std::{
     fs,
@@ -32,13 +32,21 @@ pub struct Household {
     now: Now,
 }
 
-/// What there is at the moment. Taken out while something happens, so that a panic leaves `Broken` behind.
+/// What there is at the moment. Taken out while something happens, so that a panic leaves `Broken`
+/// behind.
 enum Now {
     Empty,
     Playing(Box<Playing>),
     Parked(Box<Resting>),
-    Over { task: Arc<Task>, reason: EndReason, metrics: Metrics },
-    Broken { part: PathBuf, reason: String },
+    Over {
+        task: Arc<Task>,
+        reason: EndReason,
+        metrics: Metrics,
+    },
+    Broken {
+        part: PathBuf,
+        reason: String,
+    },
 }
 
 struct Playing {
@@ -81,7 +89,8 @@ pub struct Made {
     pub step: StepRecord,
     /// The picture, where the tool returns one.
     pub frame: Option<Frame>,
-    /// With the published servers, which answer everything with a picture: what the head sees, where the tool returns none.
+    /// With the published servers, which answer everything with a picture: what the head sees,
+    /// where the tool returns none.
     pub look: Option<Frame>,
     /// The state after the call.
     pub view: View,
@@ -140,7 +149,16 @@ impl Household {
     /// A household without an episode.
     pub fn new(name: &str, setup: Arc<Setup>, lease: Option<Lease>) -> Self {
         let (policy, now) = ("client".to_owned(), Now::Empty);
-        Self { name: name.to_owned(), setup, policy, lease, next: 0, begun: 0, finished: None, now }
+        Self {
+            name: name.to_owned(),
+            setup,
+            policy,
+            lease,
+            next: 0,
+            begun: 0,
+            finished: None,
+            now,
+        }
     }
 
     /// Who plays from the next episode on.
@@ -153,7 +171,8 @@ impl Household {
         &self.setup
     }
 
-    /// The scene of the episode that runs, or of the one that comes next; that of the first task if all were played.
+    /// The scene of the episode that runs, or of the one that comes next; that of the first task if
+    /// all were played.
     pub fn scene(&self) -> Option<&Arc<Scene>> {
         let task = match &self.now {
             Now::Playing(playing) => Some(playing.episode.task()),
@@ -176,9 +195,12 @@ impl Household {
         self.leave()?;
         let task = match &self.lease {
             Some(lease) if self.begun >= lease.rollouts => return Ok(None),
-            Some(lease) => {
-                Some(self.setup.task(&lease.task_id).cloned().ok_or_else(|| LiveError::UnknownTask(lease.task_id.clone()))?)
-            }
+            Some(lease) => Some(
+                self.setup
+                    .task(&lease.task_id)
+                    .cloned()
+                    .ok_or_else(|| LiveError::UnknownTask(lease.task_id.clone()))?,
+            ),
             None => self.setup.tasks.get(self.next).cloned(),
         };
         let Some(task) = task else {
@@ -190,8 +212,8 @@ impl Household {
         Ok(Some(begun))
     }
 
-    /// Ends what runs and begins the episode of a certain task, by its id or by the part after the family where no other task
-    /// is called so.
+    /// Ends what runs and begins the episode of a certain task, by its id or by the part after the
+    /// family where no other task is called so.
     ///
     /// # Errors
     /// When the task is unknown, the episode cannot start or its trace cannot be written.
@@ -199,14 +221,20 @@ impl Household {
         let unknown = || LiveError::UnknownTask(task_id.to_owned());
         let index = self.setup.find(task_id).ok_or_else(unknown)?;
         let task = self.setup.tasks[index].clone();
-        let elsewhere = self.lease.as_ref().is_some_and(|lease| lease.task_id != task.task_id);
+        let elsewhere = self
+            .lease
+            .as_ref()
+            .is_some_and(|lease| lease.task_id != task.task_id);
         if elsewhere {
             return Err(unknown());
         }
         self.leave()?;
         let begun = self.start(task)?;
         self.next = index + 1;
-        Ok(Begun { requested: Some(task_id.to_owned()), ..begun })
+        Ok(Begun {
+            requested: Some(task_id.to_owned()),
+            ..begun
+        })
     }
 
     /// Makes a call. It is on tape when this returns.
@@ -224,12 +252,22 @@ impl Household {
         let view = view(&playing.episode);
         let ended = playing.episode.ended();
         if ended.is_some() {
-            let Playing { episode, recorder, path } = *playing;
+            let Playing {
+                episode,
+                recorder,
+                path,
+            } = *playing;
             self.close(episode.task().clone(), episode.end(), recorder, path)?;
         } else {
             self.now = Now::Playing(playing);
         }
-        Ok(Made { step: record, frame, look, view, ended })
+        Ok(Made {
+            step: record,
+            frame,
+            look,
+            view,
+            ended,
+        })
     }
 
     /// What the agent was told.
@@ -262,8 +300,16 @@ impl Household {
         if self.awake()
             && let Ok(playing) = self.take()
         {
-            let Playing { episode, recorder, path } = *playing;
-            self.now = Now::Parked(Box::new(Resting { episode: episode.park(), recorder, path }));
+            let Playing {
+                episode,
+                recorder,
+                path,
+            } = *playing;
+            self.now = Now::Parked(Box::new(Resting {
+                episode: episode.park(),
+                recorder,
+                path,
+            }));
         }
     }
 
@@ -286,15 +332,26 @@ impl Household {
     pub fn leave(&mut self) -> Result<(), LiveError> {
         match self.take_out() {
             Now::Playing(playing) => {
-                let Playing { episode, recorder, path } = *playing;
+                let Playing {
+                    episode,
+                    recorder,
+                    path,
+                } = *playing;
                 self.close(episode.task().clone(), episode.end(), recorder, path)
             }
             Now::Parked(resting) => {
-                let Resting { episode, recorder, path } = *resting;
+                let Resting {
+                    episode,
+                    recorder,
+                    path,
+                } = *resting;
                 self.close(episode.task().clone(), episode.end(), recorder, path)
             }
             Now::Broken { part, .. } => {
-                self.finished = restore(&part, None).ok().map(|recovery| recovery.trace).or(self.finished.take());
+                self.finished = restore(&part, None)
+                    .ok()
+                    .map(|recovery| recovery.trace)
+                    .or(self.finished.take());
                 self.now = Now::Empty;
                 Ok(())
             }
@@ -309,10 +366,28 @@ impl Household {
     pub fn state(&self) -> State {
         let (state, task, steps, ended) = match &self.now {
             Now::Empty => ("empty", None, 0, None),
-            Now::Playing(playing) => ("playing", Some(playing.episode.task()), calls(playing.episode.steps()), None),
-            Now::Parked(resting) => ("parked", Some(resting.episode.task()), calls(resting.episode.steps()), None),
-            Now::Over { task, reason, metrics } => {
-                let ended = Ended { reason: *reason, success: metrics.success, total_reward: metrics.total_reward };
+            Now::Playing(playing) => (
+                "playing",
+                Some(playing.episode.task()),
+                calls(playing.episode.steps()),
+                None,
+            ),
+            Now::Parked(resting) => (
+                "parked",
+                Some(resting.episode.task()),
+                calls(resting.episode.steps()),
+                None,
+            ),
+            Now::Over {
+                task,
+                reason,
+                metrics,
+            } => {
+                let ended = Ended {
+                    reason: *reason,
+                    success: metrics.success,
+                    total_reward: metrics.total_reward,
+                };
                 ("over", Some(task), metrics.length, Some(ended))
             }
             Now::Broken { .. } => ("broken", None, 0, None),
@@ -329,28 +404,73 @@ impl Household {
     }
 
     fn start(&mut self, task: Arc<Task>) -> Result<Begun, LiveError> {
-        let place = Place { household: &self.name, number: self.begun, policy: &self.policy, lease: self.lease.as_ref() };
+        let place = Place {
+            household: &self.name,
+            number: self.begun,
+            policy: &self.policy,
+            lease: self.lease.as_ref(),
+        };
         let (path, before) = self.setup.path(&task, &place);
         let config = self.setup.config(&task, &place, before);
         let folder = path.parent().unwrap_or(Path::new("."));
-        fs::create_dir_all(folder).map_err(|source| LiveError::Folder { path: folder.display().to_string(), source })?;
+        fs::create_dir_all(folder).map_err(|source| LiveError::Folder {
+            path: folder.display().to_string(),
+            source,
+        })?;
         let number = self.begun;
         self.begun += 1;
-        self.now = Now::Broken { part: part(&path), reason: "it could not be started".to_owned() };
+        self.now = Now::Broken {
+            part: part(&path),
+            reason: "it could not be started".to_owned(),
+        };
         let (episode, start, frame) = Episode::start_on(self.setup.stage(&task)?, config);
-        let mut recorder = Recorder::create(&path, episode.header(), episode.task(), episode.scene(), self.setup.options)?;
+        let mut recorder = Recorder::create(
+            &path,
+            episode.header(),
+            episode.task(),
+            episode.scene(),
+            self.setup.options,
+        )?;
         recorder.start(&start, Some(&frame))?;
-        let index = self.setup.tasks.iter().position(|other| Arc::ptr_eq(other, &task)).unwrap_or(0);
+        let index = self
+            .setup
+            .tasks
+            .iter()
+            .position(|other| Arc::ptr_eq(other, &task))
+            .unwrap_or(0);
         let (of, view) = (self.setup.tasks.len(), view(&episode));
-        let begun = Begun { briefing: episode.briefing(), task, requested: None, index, of, number, frame, view };
-        self.now = Now::Playing(Box::new(Playing { episode, recorder, path }));
+        let begun = Begun {
+            briefing: episode.briefing(),
+            task,
+            requested: None,
+            index,
+            of,
+            number,
+            frame,
+            view,
+        };
+        self.now = Now::Playing(Box::new(Playing {
+            episode,
+            recorder,
+            path,
+        }));
         Ok(begun)
     }
 
-    fn close(&mut self, task: Arc<Task>, end: EndRecord, recorder: Recorder, path: PathBuf) -> Result<(), LiveError> {
+    fn close(
+        &mut self,
+        task: Arc<Task>,
+        end: EndRecord,
+        recorder: Recorder,
+        path: PathBuf,
+    ) -> Result<(), LiveError> {
         recorder.end(&end)?;
         self.finished = Some(path);
-        self.now = Now::Over { task, reason: end.reason, metrics: end.metrics };
+        self.now = Now::Over {
+            task,
+            reason: end.reason,
+            metrics: end.metrics,
+        };
         Ok(())
     }
 
@@ -362,22 +482,33 @@ impl Household {
         match self.take_out() {
             Now::Playing(playing) => Ok(playing),
             Now::Parked(resting) => {
-                let Resting { episode, recorder, path } = *resting;
-                Ok(Box::new(Playing { episode: episode.wake()?, recorder, path }))
+                let Resting {
+                    episode,
+                    recorder,
+                    path,
+                } = *resting;
+                Ok(Box::new(Playing {
+                    episode: episode.wake()?,
+                    recorder,
+                    path,
+                }))
             }
             _ => unreachable!("it plays"),
         }
     }
 
-    /// Takes out what there is. Should it not come back, because the simulator panics or the disk refuses, what is left says
-    /// that it broke down.
+    /// Takes out what there is. Should it not come back, because the simulator panics or the disk
+    /// refuses, what is left says that it broke down.
     fn take_out(&mut self) -> Now {
         let left = match &self.now {
             Now::Playing(playing) => Some(&playing.path),
             Now::Parked(resting) => Some(&resting.path),
             _ => None,
         };
-        let left = left.map(|path| Now::Broken { part: part(path), reason: "a call did not come to its end".to_owned() });
+        let left = left.map(|path| Now::Broken {
+            part: part(path),
+            reason: "a call did not come to its end".to_owned(),
+        });
         std::mem::replace(&mut self.now, left.unwrap_or(Now::Empty))
     }
 
@@ -395,7 +526,9 @@ fn view(episode: &Episode) -> View {
     View {
         graphs: simulator.graphs(),
         shelves: simulator.shelves(),
-        markers: simulator.has_marker_map().then(|| simulator.markers().to_vec()),
+        markers: simulator
+            .has_marker_map()
+            .then(|| simulator.markers().to_vec()),
         held: simulator.held().cloned(),
         landmark: simulator.landmark().cloned(),
         robot: simulator.robot(),

@@ -1,4 +1,5 @@
-//! Hundreds of households in one process: each used by one call at a time, few at work at once, the idle ones put aside.
+//! Hundreds of households in one process: each used by one call at a time, few at work at once, the
+//! idle ones put aside.
 
 use std::{
     collections::BTreeMap,
@@ -115,19 +116,32 @@ impl Pool {
             return Err(LiveError::Closing);
         }
         if let Some(slot) = households.get(name) {
-            return if lease.is_some() && slot.lease != lease { Err(LiveError::Taken(name.to_owned())) } else { Ok(()) };
+            return if lease.is_some() && slot.lease != lease {
+                Err(LiveError::Taken(name.to_owned()))
+            } else {
+                Ok(())
+            };
         }
         if households.len() >= self.limits.households {
             return Err(LiveError::Full(self.limits.households));
         }
         let household = Household::new(name, self.setup.clone(), lease.clone());
-        let seen = Mutex::new(Seen { state: household.state(), used: Instant::now() });
-        let slot = Slot { name: name.to_owned(), lease, household: Arc::new(AsyncMutex::new(household)), seen };
+        let seen = Mutex::new(Seen {
+            state: household.state(),
+            used: Instant::now(),
+        });
+        let slot = Slot {
+            name: name.to_owned(),
+            lease,
+            household: Arc::new(AsyncMutex::new(household)),
+            seen,
+        };
         households.insert(name.to_owned(), Arc::new(slot));
         Ok(())
     }
 
-    /// Does something with a household, alone with it, on a worker. Once begun it is done to the end, whoever stops waiting.
+    /// Does something with a household, alone with it, on a worker. Once begun it is done to the
+    /// end, whoever stops waiting.
     ///
     /// # Errors
     /// When there is no such household, or no worker had time for it; nothing was done then.
@@ -139,15 +153,25 @@ impl Pool {
         if self.closing.load(Ordering::Acquire) {
             return Err(LiveError::Closing);
         }
-        let slot = self.lock().get(name).cloned().ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
+        let slot = self
+            .lock()
+            .get(name)
+            .cloned()
+            .ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
         let patience = self.limits.patience;
         let waited = async {
             let household = slot.household.clone().lock_owned().await;
-            let worker = self.work.clone().acquire_owned().await.expect("the pool never closes its workers");
+            let worker = self
+                .work
+                .clone()
+                .acquire_owned()
+                .await
+                .expect("the pool never closes its workers");
             (household, worker)
         };
-        let (household, worker) =
-            tokio::time::timeout(patience, waited).await.map_err(|_| LiveError::Busy(patience.as_secs()))?;
+        let (household, worker) = tokio::time::timeout(patience, waited)
+            .await
+            .map_err(|_| LiveError::Busy(patience.as_secs()))?;
         let pool = self.clone();
         let done = tokio::task::spawn_blocking(move || {
             let _worker = worker;
@@ -163,25 +187,40 @@ impl Pool {
                 let panic = error.into_panic();
                 let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
                 let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-                Err(LiveError::Broken(text.unwrap_or_else(|| resume_unwind(panic))))
+                Err(LiveError::Broken(
+                    text.unwrap_or_else(|| resume_unwind(panic)),
+                ))
             }
             Err(_) => Err(LiveError::Closing),
         }
     }
 
-    /// What a household's robot sees now. Who looks uses nothing: the household is put aside and closed as if nobody had.
+    /// What a household's robot sees now. Who looks uses nothing: the household is put aside and
+    /// closed as if nobody had.
     ///
     /// # Errors
     /// When there is no such household, nothing runs in it, or no worker had time.
     pub async fn look(&self, name: &str) -> Result<Frame, LiveError> {
-        let slot = self.lock().get(name).cloned().ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
+        let slot = self
+            .lock()
+            .get(name)
+            .cloned()
+            .ok_or_else(|| LiveError::Unknown(name.to_owned()))?;
         let waited = async {
             let household = slot.household.clone().lock_owned().await;
-            (household, self.work.clone().acquire_owned().await.expect("the pool never closes its workers"))
+            (
+                household,
+                self.work
+                    .clone()
+                    .acquire_owned()
+                    .await
+                    .expect("the pool never closes its workers"),
+            )
         };
         let patience = self.limits.patience;
-        let (household, worker) =
-            tokio::time::timeout(patience, waited).await.map_err(|_| LiveError::Busy(patience.as_secs()))?;
+        let (household, worker) = tokio::time::timeout(patience, waited)
+            .await
+            .map_err(|_| LiveError::Busy(patience.as_secs()))?;
         let looked = tokio::task::spawn_blocking(move || {
             let _worker = worker;
             household.look()
@@ -211,11 +250,15 @@ impl Pool {
         let idle = |limit: Duration| -> Vec<(String, State)> {
             let slots = self.lock();
             let seen = slots.values().map(|slot| (slot.name.clone(), slot.seen()));
-            seen.filter(|(_, seen)| seen.used.elapsed() >= limit).map(|(name, seen)| (name, seen.state.clone())).collect()
+            seen.filter(|(_, seen)| seen.used.elapsed() >= limit)
+                .map(|(name, seen)| (name, seen.state.clone()))
+                .collect()
         };
         for (name, _) in idle(self.limits.close_after) {
             match self.close(&name).await {
-                Ok(state) => tracing::info!(session = name, trace = ?state.trace, "closed: nobody used it any more"),
+                Ok(state) => {
+                    tracing::info!(session = name, trace = ?state.trace, "closed: nobody used it any more")
+                }
                 Err(error) => tracing::warn!(session = name, %error, "could not be closed"),
             }
         }
@@ -233,9 +276,14 @@ impl Pool {
         let count = slots.len();
         for slot in slots {
             let household = slot.household.clone().lock_owned().await;
-            let left = tokio::task::spawn_blocking(move || Used { household, slot }.household.leave()).await;
+            let left =
+                tokio::task::spawn_blocking(move || Used { household, slot }.household.leave())
+                    .await;
             if !matches!(left, Ok(Ok(()))) {
-                tracing::warn!(?left, "an episode could not be ended; `reel recover` restores it");
+                tracing::warn!(
+                    ?left,
+                    "an episode could not be ended; `reel recover` restores it"
+                );
             }
         }
         count
@@ -251,7 +299,10 @@ impl Pool {
     /// # Errors
     /// When there is none of that name.
     pub fn entry(&self, name: &str) -> Result<Entry, LiveError> {
-        self.lock().get(name).map(|slot| slot.entry()).ok_or_else(|| LiveError::Unknown(name.to_owned()))
+        self.lock()
+            .get(name)
+            .map(|slot| slot.entry())
+            .ok_or_else(|| LiveError::Unknown(name.to_owned()))
     }
 
     /// Puts the longest unused aside while more simulators are awake than may be.
@@ -259,7 +310,9 @@ impl Pool {
         let mut awake: Vec<(Instant, String)> = {
             let slots = self.lock();
             let seen = slots.values().map(|slot| (slot.name.clone(), slot.seen()));
-            seen.filter(|(_, seen)| seen.state.state == "playing").map(|(name, seen)| (seen.used, name)).collect()
+            seen.filter(|(_, seen)| seen.state.state == "playing")
+                .map(|(name, seen)| (seen.used, name))
+                .collect()
         };
         let excess = awake.len().saturating_sub(self.limits.awake);
         awake.sort_unstable();
@@ -270,7 +323,9 @@ impl Pool {
 
     /// Puts a household aside, unless somebody is using it.
     fn park(&self, name: &str) {
-        let Some(slot) = self.lock().get(name).cloned() else { return };
+        let Some(slot) = self.lock().get(name).cloned() else {
+            return;
+        };
         if let Ok(mut household) = slot.household.clone().try_lock_owned() {
             household.park();
             slot.seen().state = household.state();
@@ -278,7 +333,9 @@ impl Pool {
     }
 
     fn lock(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Slot>>> {
-        self.households.lock().unwrap_or_else(PoisonError::into_inner)
+        self.households
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -306,6 +363,9 @@ struct Used {
 
 impl Drop for Used {
     fn drop(&mut self) {
-        *self.slot.seen() = Seen { state: self.household.state(), used: Instant::now() };
+        *self.slot.seen() = Seen {
+            state: self.household.state(),
+            used: Instant::now(),
+        };
     }
 }

@@ -23,11 +23,24 @@ fn preset(trace: &Trace) -> Preset {
 
 impl Scoring for ByPreset {
     fn metrics(&self, trace: &Trace, graphs: &Graphs) -> Metrics {
-        metrics(&preset(trace), &trace.task, &trace.start, &trace.steps, graphs)
+        metrics(
+            &preset(trace),
+            &trace.task,
+            &trace.start,
+            &trace.steps,
+            graphs,
+        )
     }
 
     fn terms(&self, trace: &Trace, step: &StepRecord) -> Option<Vec<RewardTerm>> {
         let steps = [trace.steps.as_slice(), std::slice::from_ref(step)].concat();
-        rewards(&preset(trace), &trace.task, &trace.scene, &trace.start, &steps).pop()
+        rewards(
+            &preset(trace),
+            &trace.task,
+            &trace.scene,
+            &trace.start,
+            &steps,
+        )
+        .pop()
     }
 }

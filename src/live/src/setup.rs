@@ -86,13 +86,21 @@ impl Setup {
     /// # Panics
     /// Panics if it is not among the scenes: tasks are loaded with theirs.
     pub fn scene(&self, task: &Task) -> &Arc<Scene> {
-        self.scenes.of(task).expect("tasks are loaded with their scenes")
+        self.scenes
+            .of(task)
+            .expect("tasks are loaded with their scenes")
     }
 
-    /// The index of the task that an id means: the whole id, or the part after the family where only one task has it.
+    /// The index of the task that an id means: the whole id, or the part after the family where
+    /// only one task has it.
     pub(crate) fn find(&self, id: &str) -> Option<usize> {
         let whole = self.tasks.iter().position(|task| task.task_id == id);
-        let mut short = self.tasks.iter().enumerate().filter(|(_, task)| task.short_id() == id).map(|(index, _)| index);
+        let mut short = self
+            .tasks
+            .iter()
+            .enumerate()
+            .filter(|(_, task)| task.short_id() == id)
+            .map(|(index, _)| index);
         whole.or_else(|| short.next().filter(|_| short.next().is_none()))
     }
 
@@ -103,7 +111,11 @@ impl Setup {
     pub(crate) fn stage(&self, task: &Arc<Task>) -> Result<Arc<Stage>, LiveError> {
         let known = || self.stages.0.lock().unwrap_or_else(PoisonError::into_inner);
         let fits = |stage: &Arc<Stage>| Arc::ptr_eq(stage.task(), task);
-        if let Some(stage) = known().get(&task.task_id).and_then(Weak::upgrade).filter(fits) {
+        if let Some(stage) = known()
+            .get(&task.task_id)
+            .and_then(Weak::upgrade)
+            .filter(fits)
+        {
             return Ok(stage);
         }
         // Others need not wait meanwhile; who builds the same at the same time keeps its own.
@@ -120,12 +132,19 @@ impl Setup {
     }
 
     pub(crate) fn config(&self, task: &Arc<Task>, place: &Place<'_>, before: u32) -> EpisodeConfig {
-        // Which session it was is part of the inputs: two agents that play the same task do not play the same episode.
-        let mut parameters = vec![("session", json!(place.household)), ("number", json!(place.number))];
+        // Which session it was is part of the inputs: two agents that play the same task do not
+        // play the same episode.
+        let mut parameters = vec![
+            ("session", json!(place.household)),
+            ("number", json!(place.number)),
+        ];
         if before > 0 {
             parameters.push(("before", json!(before)));
         }
-        let rollout = place.lease.map(|lease| Rollout { group_id: lease.group_id.clone(), index: place.number });
+        let rollout = place.lease.map(|lease| Rollout {
+            group_id: lease.group_id.clone(),
+            index: place.number,
+        });
         EpisodeConfig {
             task: task.clone(),
             scene: self.scene(task).clone(),
@@ -138,25 +157,36 @@ impl Setup {
             policy: PolicyInfo {
                 name: place.policy.to_owned(),
                 checkpoint: None,
-                parameters: parameters.into_iter().map(|(key, value)| (key.to_owned(), value)).collect(),
+                parameters: parameters
+                    .into_iter()
+                    .map(|(key, value)| (key.to_owned(), value))
+                    .collect(),
             },
             rollout,
             parent: None,
         }
     }
 
-    /// Where the episode is recorded, under a name that no trace and no recording has; and how many of its name there were before,
-    /// of an earlier session that was called the same.
+    /// Where the episode is recorded, under a name that no trace and no recording has; and how many
+    /// of its name there were before, of an earlier session that was called the same.
     pub(crate) fn path(&self, task: &Task, place: &Place<'_>) -> (PathBuf, u32) {
-        let task = task.task_id.replace(|c: char| !c.is_ascii_alphanumeric() && !"-_.".contains(c), "_");
-        let name = format!("{}--{}--{:04}--{task}", self.run_id, place.household, place.number);
+        let task = task.task_id.replace(
+            |c: char| !c.is_ascii_alphanumeric() && !"-_.".contains(c),
+            "_",
+        );
+        let name = format!(
+            "{}--{}--{:04}--{task}",
+            self.run_id, place.household, place.number
+        );
         let path = |before: u32| match before {
             0 => self.folder.join(format!("{name}.mcap")),
             _ => self.folder.join(format!("{name}--{before}.mcap")),
         };
         let taken = |path: &PathBuf| path.exists() || path.with_added_extension("part").exists();
         let mut names = (0..).map(|before| (path(before), before));
-        names.find(|(path, _)| !taken(path)).expect("there is always a further number")
+        names
+            .find(|(path, _)| !taken(path))
+            .expect("there is always a further number")
     }
 }
 
@@ -166,7 +196,12 @@ impl Setup {
 /// When it is empty, too long, or holds anything but letters, digits, `-`, `_` and `.`.
 pub fn check_name(name: &str) -> Result<(), LiveError> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-    let fine =
-        (1..=64).contains(&name.len()) && name.chars().all(allowed) && name.starts_with(|c: char| c.is_ascii_alphanumeric());
-    if fine { Ok(()) } else { Err(LiveError::Name(name.chars().take(80).collect())) }
+    let fine = (1..=64).contains(&name.len())
+        && name.chars().all(allowed)
+        && name.starts_with(|c: char| c.is_ascii_alphanumeric());
+    if fine {
+        Ok(())
+    } else {
+        Err(LiveError::Name(name.chars().take(80).collect()))
+    }
 }

@@ -1,7 +1,9 @@
-//! A server that does nothing, of the same SDK and transport as the real one: what `make load` compares with.
+//! A server that does nothing, of the same SDK and transport as the real one: what `make load`
+//! compares with.
 //!
-//! `idle_server [PORT]` listens on 127.0.0.1 (0: any free port) and prints where. It lists the tools of profile `paper`, and
-//! answers every call at once with the same text, and with the same picture where the real server shows one.
+//! `idle_server [PORT]` listens on 127.0.0.1 (0: any free port) and prints where. It lists the
+//! tools of profile `paper`, and answers every call at once with the same text, and with the same
+//! picture where the real server shows one.
 
 use std::{
     io::{self, Write as _},
@@ -15,8 +17,8 @@ use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Profile};
 use rmcp::{
     ErrorData, RoleServer, ServerHandler,
     model::{
-        CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, Implementation, ListToolsResult,
-        PaginatedRequestParams, ServerCapabilities, ServerConfig,
+        CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, Implementation,
+        ListToolsResult, PaginatedRequestParams, ServerCapabilities, ServerConfig,
     },
     service::RequestContext,
 };
@@ -34,14 +36,24 @@ const WORDS: [&str; 4] = ["walk_around", "ask", "list_receptacles", "list_tasks"
 
 #[tokio::main]
 async fn main() -> io::Result<()> {
-    let port = std::env::args().nth(1).map_or(Ok(0), |port| port.parse::<u16>());
+    let port = std::env::args()
+        .nth(1)
+        .map_or(Ok(0), |port| port.parse::<u16>());
     let Ok(port) = port else {
         eprintln!("usage: idle_server [PORT]");
         std::process::exit(2);
     };
     let picture: Arc<str> = picture().into();
-    let factory = move || Idle { picture: picture.clone() };
-    let service = reel_mcp::streamable_http(factory, SESSIONS, KEEP_ALIVE, MAX_BODY, CancellationToken::new());
+    let factory = move || Idle {
+        picture: picture.clone(),
+    };
+    let service = reel_mcp::streamable_http(
+        factory,
+        SESSIONS,
+        KEEP_ALIVE,
+        MAX_BODY,
+        CancellationToken::new(),
+    );
     let listener = TcpListener::bind(("127.0.0.1", port)).await?;
     println!("listening on http://{}", listener.local_addr()?);
     io::stdout().flush()?;
@@ -75,7 +87,9 @@ impl ServerHandler for Idle {
         _: Option<PaginatedRequestParams>,
         _: RequestContext<RoleServer>,
     ) -> Result<ListToolsResult, ErrorData> {
-        Ok(ListToolsResult::with_all_items(reel_mcp::tools(Profile::Paper)))
+        Ok(ListToolsResult::with_all_items(reel_mcp::tools(
+            Profile::Paper,
+        )))
     }
 
     async fn call_tool(

@@ -1,9 +1,11 @@
-//! The clients of `make load` (`tests/load.sh`): many sessions open in one server, a few of them acting at once with the
-//! thinking time of a policy. Prints how long each tool took, and what the server needed, as lines of words.
+//! The clients of `make load` (`tests/load.sh`): many sessions open in one server, a few of them
+//! acting at once with the thinking time of a policy. Prints how long each tool took, and what the
+//! server needed, as lines of words.
 //!
-//! They repeat calls that were recorded beforehand by `reel run --policy oracle` over the tasks that the server plays, with its
-//! seed and profile, so that every answer is known. When an episode ends, its client goes on in the session that was idle the
-//! longest. Exits 1 when an answer is not the recorded one, 2 for wrong arguments.
+//! They repeat calls that were recorded beforehand by `reel run --policy oracle` over the tasks
+//! that the server plays, with its seed and profile, so that every answer is known. When an episode
+//! ends, its client goes on in the session that was idle the longest. Exits 1 when an answer is not
+//! the recorded one, 2 for wrong arguments.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -22,7 +24,10 @@ use reel_trace::Trace;
 use reel_world::{HORIZON, Tool, record::StepRecord};
 use rmcp::{
     RoleClient, ServiceExt as _,
-    model::{CallToolRequestParams, CallToolResult, ClientCapabilities, ClientConfig, Implementation, JsonObject},
+    model::{
+        CallToolRequestParams, CallToolResult, ClientCapabilities, ClientConfig, Implementation,
+        JsonObject,
+    },
     service::RunningService,
     transport::StreamableHttpClientTransport,
 };
@@ -135,7 +140,11 @@ async fn run(arguments: Arguments) -> Result<u64, Failure> {
     let fresh = Usage::of(arguments.pid)?;
     let tapes = tapes(&arguments).await?;
     let count = arguments.sessions;
-    println!("sessions {count}\nacting {}\ntasks {}", arguments.acting, tapes.len());
+    println!(
+        "sessions {count}\nacting {}\ntasks {}",
+        arguments.acting,
+        tapes.len()
+    );
     let load = Arc::new(Load {
         arguments,
         tapes,
@@ -151,30 +160,61 @@ async fn run(arguments: Arguments) -> Result<u64, Failure> {
     load.rest().await?;
     println!("rested_s {:.1}", begun.elapsed().as_secs_f64());
     let parked = Usage::of(load.arguments.pid)?;
-    println!("fresh_mb {:.1}\nparked_mb {:.1}", fresh.resident_mb, parked.resident_mb);
-    println!("session_mb {:.2}", (parked.resident_mb - fresh.resident_mb) / count as f64);
+    println!(
+        "fresh_mb {:.1}\nparked_mb {:.1}",
+        fresh.resident_mb, parked.resident_mb
+    );
+    println!(
+        "session_mb {:.2}",
+        (parked.resident_mb - fresh.resident_mb) / count as f64
+    );
 
     // What opening took is no part of the table.
     lock(&load.took_ms).clear();
-    let (own, machine_s, begun) = (Usage::of(std::process::id())?, machine_cpu_s()?, Instant::now());
+    let (own, machine_s, begun) = (
+        Usage::of(std::process::id())?,
+        machine_cpu_s()?,
+        Instant::now(),
+    );
     load.clone().act_all().await?;
     let took_s = begun.elapsed().as_secs_f64();
-    let (server, client) = (Usage::of(load.arguments.pid)?, Usage::of(std::process::id())?);
-    println!("acting_mb {:.1}\npeak_mb {:.1}", server.resident_mb, server.peak_mb);
+    let (server, client) = (
+        Usage::of(load.arguments.pid)?,
+        Usage::of(std::process::id())?,
+    );
+    println!(
+        "acting_mb {:.1}\npeak_mb {:.1}",
+        server.resident_mb, server.peak_mb
+    );
     let (server_s, client_s) = (server.cpu_s - parked.cpu_s, client.cpu_s - own.cpu_s);
     let others_s = machine_cpu_s()? - machine_s - server_s - client_s;
-    for (whose, cpu_s) in [("server", server_s), ("client", client_s), ("others", others_s)] {
+    for (whose, cpu_s) in [
+        ("server", server_s),
+        ("client", client_s),
+        ("others", others_s),
+    ] {
         println!("{whose}_cores {:.2}", cpu_s / took_s);
     }
     let took_ms = std::mem::take(&mut *lock(&load.took_ms));
     let calls: usize = took_ms.values().map(Vec::len).sum();
     println!("calls {calls}\ncalls_per_s {:.1}", calls as f64 / took_s);
     let pictures = load.pictures.load(Ordering::Relaxed);
-    println!("picture_kb {:.1}", load.picture_bytes.load(Ordering::Relaxed) as f64 / 1e3 / pictures.max(1) as f64);
+    println!(
+        "picture_kb {:.1}",
+        load.picture_bytes.load(Ordering::Relaxed) as f64 / 1e3 / pictures.max(1) as f64
+    );
     for (tool, mut took_ms) in took_ms {
         took_ms.sort_by(f64::total_cmp);
-        let at = |share: f64| took_ms[((took_ms.len() as f64 * share).ceil() as usize).clamp(1, took_ms.len()) - 1];
-        println!("tool {tool} {} {:.1} {:.1} {:.1}", took_ms.len(), at(0.5), at(0.99), at(1.0));
+        let at = |share: f64| {
+            took_ms[((took_ms.len() as f64 * share).ceil() as usize).clamp(1, took_ms.len()) - 1]
+        };
+        println!(
+            "tool {tool} {} {:.1} {:.1} {:.1}",
+            took_ms.len(),
+            at(0.5),
+            at(0.99),
+            at(1.0)
+        );
     }
     Ok(load.wrong.load(Ordering::Relaxed))
 }
@@ -198,10 +238,18 @@ impl Load {
     }
 
     async fn open(&self, number: usize) -> Result<Session, Failure> {
-        let transport = StreamableHttpClientTransport::from_uri(format!("{}/mcp", self.arguments.url));
-        let config = ClientConfig::new(ClientCapabilities::default(), Implementation::new("oracle", env!("CARGO_PKG_VERSION")));
+        let transport =
+            StreamableHttpClientTransport::from_uri(format!("{}/mcp", self.arguments.url));
+        let config = ClientConfig::new(
+            ClientCapabilities::default(),
+            Implementation::new("oracle", env!("CARGO_PKG_VERSION")),
+        );
         let client = time::timeout(CALL_MAX, config.serve(transport)).await??;
-        let mut session = Session { client, tape: number % self.tapes.len(), made: None };
+        let mut session = Session {
+            client,
+            tape: number % self.tapes.len(),
+            made: None,
+        };
         // So many that those who begin with it are not at the same point.
         for _ in 0..=number / self.tapes.len() % FIRST_CALLS {
             self.act(&mut session).await?;
@@ -214,11 +262,14 @@ impl Load {
         let begun = Instant::now();
         loop {
             time::sleep(Duration::from_secs(2)).await;
-            if self.arguments.idle || parked(&self.arguments.url).await? == self.arguments.sessions {
+            if self.arguments.idle || parked(&self.arguments.url).await? == self.arguments.sessions
+            {
                 return Ok(());
             }
             if begun.elapsed() > REST_MAX {
-                return Err(format!("after {} s not every session is parked", REST_MAX.as_secs()).into());
+                return Err(
+                    format!("after {} s not every session is parked", REST_MAX.as_secs()).into(),
+                );
             }
         }
     }
@@ -238,7 +289,9 @@ impl Load {
         // Nobody begins at the same time.
         let mut think_s = self.arguments.think_s * random.unit();
         loop {
-            let mut session = lock(&self.idle).pop_front().ok_or("there are fewer sessions than clients")?;
+            let mut session = lock(&self.idle)
+                .pop_front()
+                .ok_or("there are fewer sessions than clients")?;
             loop {
                 let next = time::Instant::now() + Duration::from_secs_f64(think_s);
                 if next > deadline {
@@ -259,14 +312,25 @@ impl Load {
     async fn act(&self, session: &mut Session) -> Result<bool, Failure> {
         let tape = &self.tapes[session.tape];
         let Some(made) = session.made else {
-            let arguments = [("task_id".to_owned(), json!(tape.task_id))].into_iter().collect();
-            let result = self.call(session, "finish_with_id", "finish_with_id", arguments).await?;
+            let arguments = [("task_id".to_owned(), json!(tape.task_id))]
+                .into_iter()
+                .collect();
+            let result = self
+                .call(session, "finish_with_id", "finish_with_id", arguments)
+                .await?;
             self.compare(&result, &json!({"ok": true, "decisions_left": HORIZON, "episode": {"task_id": tape.task_id}}));
             session.made = Some(0);
             return Ok(false);
         };
         let recorded = &tape.calls[made];
-        let result = self.call(session, recorded.tool, &recorded.name, recorded.arguments.clone()).await?;
+        let result = self
+            .call(
+                session,
+                recorded.tool,
+                &recorded.name,
+                recorded.arguments.clone(),
+            )
+            .await?;
         if made + 1 < tape.calls.len() {
             self.compare(&result, &recorded.said);
             session.made = Some(made + 1);
@@ -297,12 +361,17 @@ impl Load {
         let begun = Instant::now();
         let result = time::timeout(CALL_MAX, session.client.call_tool(request)).await;
         let took = begun.elapsed();
-        let result = result.map_err(|_| format!("{tool} was not answered in {} s", CALL_MAX.as_secs()))?;
+        let result =
+            result.map_err(|_| format!("{tool} was not answered in {} s", CALL_MAX.as_secs()))?;
         let result = result.map_err(|error| format!("{tool} failed: {error}"))?;
-        lock(&self.took_ms).entry(tool).or_default().push(took.as_secs_f64() * 1e3);
+        lock(&self.took_ms)
+            .entry(tool)
+            .or_default()
+            .push(took.as_secs_f64() * 1e3);
         for picture in result.content.iter().filter_map(|block| block.as_image()) {
             self.pictures.fetch_add(1, Ordering::Relaxed);
-            self.picture_bytes.fetch_add(picture.data.len() as u64 * 3 / 4, Ordering::Relaxed);
+            self.picture_bytes
+                .fetch_add(picture.data.len() as u64 * 3 / 4, Ordering::Relaxed);
         }
         Ok(result)
     }
@@ -315,7 +384,9 @@ impl Load {
         let found = result.structured_content.clone().unwrap_or_default();
         if !says(&found, expected) && self.wrong.fetch_add(1, Ordering::Relaxed) < SHOWN {
             let found: String = found.to_string().chars().take(SHOWN_CHARS).collect();
-            eprintln!("load: the answer was not the recorded one\n  expected {expected}\n  found    {found}");
+            eprintln!(
+                "load: the answer was not the recorded one\n  expected {expected}\n  found    {found}"
+            );
         }
     }
 }
@@ -323,9 +394,9 @@ impl Load {
 /// Whether `found` has every field of `expected`.
 fn says(found: &Value, expected: &Value) -> bool {
     match (found, expected) {
-        (Value::Object(found), Value::Object(expected)) => {
-            expected.iter().all(|(key, value)| found.get(key).is_some_and(|found| says(found, value)))
-        }
+        (Value::Object(found), Value::Object(expected)) => expected
+            .iter()
+            .all(|(key, value)| found.get(key).is_some_and(|found| says(found, value))),
         _ => found == expected,
     }
 }
@@ -335,19 +406,40 @@ async fn tapes(arguments: &Arguments) -> Result<Vec<Tape>, Failure> {
     let mut by_task = BTreeMap::new();
     for entry in fs::read_dir(&arguments.calls)? {
         let path = entry?.path();
-        if path.extension().is_some_and(|extension| extension == "mcap") {
+        if path
+            .extension()
+            .is_some_and(|extension| extension == "mcap")
+        {
             let trace = Trace::read(&path)?;
             by_task.insert(trace.task.task_id.clone(), calls(&trace)?);
         }
     }
-    let order: Vec<String> = if arguments.idle { by_task.keys().cloned().collect() } else { served(&arguments.url).await? };
+    let order: Vec<String> = if arguments.idle {
+        by_task.keys().cloned().collect()
+    } else {
+        served(&arguments.url).await?
+    };
     let count = order.len();
     let tape = |(index, task_id): (usize, String)| {
-        let calls = by_task.remove(&task_id).ok_or_else(|| format!("no trace has the calls of task {task_id}"))?;
-        Ok(Tape { task_id, calls, next: (index + 1 < count).then_some(index + 1) })
+        let calls = by_task
+            .remove(&task_id)
+            .ok_or_else(|| format!("no trace has the calls of task {task_id}"))?;
+        Ok(Tape {
+            task_id,
+            calls,
+            next: (index + 1 < count).then_some(index + 1),
+        })
     };
-    let tapes = order.into_iter().enumerate().map(tape).collect::<Result<Vec<_>, Failure>>()?;
-    if tapes.is_empty() { Err("there are no recorded calls".into()) } else { Ok(tapes) }
+    let tapes = order
+        .into_iter()
+        .enumerate()
+        .map(tape)
+        .collect::<Result<Vec<_>, Failure>>()?;
+    if tapes.is_empty() {
+        Err("there are no recorded calls".into())
+    } else {
+        Ok(tapes)
+    }
 }
 
 fn calls(trace: &Trace) -> Result<Vec<Recorded>, Failure> {
@@ -366,7 +458,13 @@ fn calls(trace: &Trace) -> Result<Vec<Recorded>, Failure> {
     let calls: Option<Vec<Recorded>> = trace.steps.iter().map(recorded).collect();
     calls
         .filter(|calls| calls.last().is_some_and(|call| call.tool == "finish"))
-        .ok_or_else(|| refused(&trace.path, "its calls do not end with 'finish', or one is no call").into())
+        .ok_or_else(|| {
+            refused(
+                &trace.path,
+                "its calls do not end with 'finish', or one is no call",
+            )
+            .into()
+        })
 }
 
 fn refused(path: &Path, why: &str) -> String {
@@ -375,23 +473,40 @@ fn refused(path: &Path, why: &str) -> String {
 
 /// The ids of the tasks that the server plays.
 async fn served(url: &str) -> Result<Vec<String>, Failure> {
-    let client = ().serve(StreamableHttpClientTransport::from_uri(format!("{url}/mcp"))).await?;
-    let result = client.call_tool(CallToolRequestParams::new("list_tasks")).await?;
+    let client = ()
+        .serve(StreamableHttpClientTransport::from_uri(format!(
+            "{url}/mcp"
+        )))
+        .await?;
+    let result = client
+        .call_tool(CallToolRequestParams::new("list_tasks"))
+        .await?;
     client.cancel().await?;
     let said = result.structured_content.unwrap_or_default();
-    Ok(serde_json::from_str(said["text"].as_str().ok_or("the server does not list its tasks")?)?)
+    Ok(serde_json::from_str(
+        said["text"]
+            .as_str()
+            .ok_or("the server does not list its tasks")?,
+    )?)
 }
 
 /// How many sessions the server has put aside.
 async fn parked(url: &str) -> Result<usize, Failure> {
-    let address = url.strip_prefix("http://").ok_or("the url does not begin with http://")?;
+    let address = url
+        .strip_prefix("http://")
+        .ok_or("the url does not begin with http://")?;
     let mut stream = TcpStream::connect(address).await?;
     let request = format!("GET /metrics HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
     stream.write_all(request.as_bytes()).await?;
     let mut text = String::new();
     stream.read_to_string(&mut text).await?;
-    let line = text.lines().find_map(|line| line.strip_prefix(r#"reel_sessions{state="parked"} "#));
-    Ok(line.ok_or("the server does not say how many sessions are parked")?.trim().parse()?)
+    let line = text
+        .lines()
+        .find_map(|line| line.strip_prefix(r#"reel_sessions{state="parked"} "#));
+    Ok(line
+        .ok_or("the server does not say how many sessions are parked")?
+        .trim()
+        .parse()?)
 }
 
 /// What a process took so far.
@@ -405,23 +520,47 @@ impl Usage {
     fn of(pid: u32) -> Result<Self, Failure> {
         let status = fs::read_to_string(format!("/proc/{pid}/status"))?;
         let megabytes = |key: &str| {
-            let line = status.lines().find_map(|line| line.strip_prefix(key)).ok_or("/proc says nothing of memory")?;
-            let kib: f64 = line.trim_start_matches(':').trim().trim_end_matches("kB").trim().parse()?;
+            let line = status
+                .lines()
+                .find_map(|line| line.strip_prefix(key))
+                .ok_or("/proc says nothing of memory")?;
+            let kib: f64 = line
+                .trim_start_matches(':')
+                .trim()
+                .trim_end_matches("kB")
+                .trim()
+                .parse()?;
             Ok::<f64, Failure>(kib * 1024.0 / 1e6)
         };
         let stat = fs::read_to_string(format!("/proc/{pid}/stat"))?;
-        // After the name, which may hold anything, come state and numbers; the 12th and 13th are ticks.
+        // After the name, which may hold anything, come state and numbers; the 12th and 13th are
+        // ticks.
         let (_, numbers) = stat.rsplit_once(')').ok_or("/proc says nothing of time")?;
-        let ticks = numbers.split_whitespace().skip(11).take(2).map(str::parse::<f64>).sum::<Result<f64, _>>()?;
-        Ok(Self { resident_mb: megabytes("VmRSS")?, peak_mb: megabytes("VmHWM")?, cpu_s: ticks / TICKS_PER_S })
+        let ticks = numbers
+            .split_whitespace()
+            .skip(11)
+            .take(2)
+            .map(str::parse::<f64>)
+            .sum::<Result<f64, _>>()?;
+        Ok(Self {
+            resident_mb: megabytes("VmRSS")?,
+            peak_mb: megabytes("VmHWM")?,
+            cpu_s: ticks / TICKS_PER_S,
+        })
     }
 }
 
 /// What all processes of the machine took so far, and other machines on its processor.
 fn machine_cpu_s() -> Result<f64, Failure> {
     let stat = fs::read_to_string("/proc/stat")?;
-    // User, nice, system, idle, waiting for disks, two kinds of interrupts, stolen; then what is in the first two already.
-    let ticks = stat.split_whitespace().skip(1).take(8).map(str::parse::<f64>).collect::<Result<Vec<_>, _>>()?;
+    // User, nice, system, idle, waiting for disks, two kinds of interrupts, stolen; then what is in
+    // the first two already.
+    let ticks = stat
+        .split_whitespace()
+        .skip(1)
+        .take(8)
+        .map(str::parse::<f64>)
+        .collect::<Result<Vec<_>, _>>()?;
     let idle: f64 = ticks.iter().skip(3).take(2).sum();
     Ok((ticks.iter().sum::<f64>() - idle) / TICKS_PER_S)
 }
@@ -446,17 +585,26 @@ impl Arguments {
         let mut arguments = std::env::args().skip(1);
         while let Some(argument) = arguments.next() {
             let name = argument.strip_prefix("--")?.to_owned();
-            let value = if name == "idle" { String::new() } else { arguments.next()? };
+            let value = if name == "idle" {
+                String::new()
+            } else {
+                arguments.next()?
+            };
             values.insert(name, value);
         }
-        let mut take = |name: &str, otherwise: Option<&str>| values.remove(name).or(otherwise.map(str::to_owned));
+        let mut take = |name: &str, otherwise: Option<&str>| {
+            values.remove(name).or(otherwise.map(str::to_owned))
+        };
         let parsed = Self {
             url: take("url", None)?.trim_end_matches('/').to_owned(),
             pid: take("pid", None)?.parse().ok()?,
             calls: take("calls", None)?.into(),
             sessions: take("sessions", Some("1000"))?.parse().ok()?,
             acting: take("acting", Some("200"))?.parse().ok()?,
-            think_s: take("think", Some("5.9"))?.parse().ok().filter(|seconds| (0.0..=3_600.0).contains(seconds))?,
+            think_s: take("think", Some("5.9"))?
+                .parse()
+                .ok()
+                .filter(|seconds| (0.0..=3_600.0).contains(seconds))?,
             acting_time: Duration::from_secs(take("seconds", Some("120"))?.parse().ok()?),
             idle: take("idle", None).is_some(),
         };

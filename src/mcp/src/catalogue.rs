@@ -8,15 +8,28 @@ use serde_json::{Value, json};
 
 /// Tools around an episode, which are no decisions of the policy: name, argument, description.
 const LIFECYCLE: [(&str, Option<&'static str>, &str); 3] = [
-    ("list_receptacles", None, "List the rooms and the furniture in them."),
-    ("list_tasks", None, "List the ids of the tasks that are served here, as JSON."),
-    ("finish_with_id", Some("task_id"), "Abort the episode that runs, if one does, and begin that of a certain task."),
+    (
+        "list_receptacles",
+        None,
+        "List the rooms and the furniture in them.",
+    ),
+    (
+        "list_tasks",
+        None,
+        "List the ids of the tasks that are served here, as JSON.",
+    ),
+    (
+        "finish_with_id",
+        Some("task_id"),
+        "Abort the episode that runs, if one does, and begin that of a certain task.",
+    ),
 ];
 /// What `finish` does here, where one episode follows another.
 const FINISH: &str = "End the episode when the task is done, and begin the next one: the answer holds its task. The first call \
                       begins the first episode.";
 
-/// The published servers' tools in their order. Branch `gspo` lists the first ten only, and takes lifecycle tools unlisted.
+/// The published servers' tools in their order. Branch `gspo` lists the first ten only, and takes
+/// lifecycle tools unlisted.
 const PUBLISHED: [&str; 12] = [
     "list_receptacles",
     "navigate_to",
@@ -33,23 +46,44 @@ const PUBLISHED: [&str; 12] = [
 ];
 const LISTED_BY_GSPO: usize = 10;
 
-/// The tools of a profile: those of the paper in its order, then those around an episode; those of a published server in its own.
+/// The tools of a profile: those of the paper in its order, then those around an episode; those of
+/// a published server in its own.
 pub fn tools(profile: Profile) -> Vec<Tool> {
     match profile {
         Profile::Paper => {
             let policy = ToolSpec::POLICY.iter().map(|spec| {
-                let description = if spec.paper_name == "finish" { FINISH } else { spec.description };
-                let arguments: Vec<Property> =
-                    spec.argument.iter().map(|argument| property(argument.name, argument.json_type)).collect();
+                let description = if spec.paper_name == "finish" {
+                    FINISH
+                } else {
+                    spec.description
+                };
+                let arguments: Vec<Property> = spec
+                    .argument
+                    .iter()
+                    .map(|argument| property(argument.name, argument.json_type))
+                    .collect();
                 tool(spec.paper_name, description, arguments)
             });
             let lifecycle = LIFECYCLE.iter().map(|(name, argument, description)| {
-                tool(name, description, argument.iter().map(|argument| property(argument, "string")).collect())
+                tool(
+                    name,
+                    description,
+                    argument
+                        .iter()
+                        .map(|argument| property(argument, "string"))
+                        .collect(),
+                )
             });
-            policy.chain(lifecycle).map(|tool| tool.with_raw_output_schema(Arc::new(output()))).collect()
+            policy
+                .chain(lifecycle)
+                .map(|tool| tool.with_raw_output_schema(Arc::new(output())))
+                .collect()
         }
         Profile::RealRepo => PUBLISHED.iter().map(|name| published(name)).collect(),
-        Profile::RealGspo => PUBLISHED[..LISTED_BY_GSPO].iter().map(|name| published(name)).collect(),
+        Profile::RealGspo => PUBLISHED[..LISTED_BY_GSPO]
+            .iter()
+            .map(|name| published(name))
+            .collect(),
     }
 }
 
@@ -57,8 +91,15 @@ pub fn tools(profile: Profile) -> Vec<Tool> {
 fn published(name: &'static str) -> Tool {
     let spec = ToolSpec::by_name(name);
     let arguments = match name {
-        "ask" => vec![filled(property("target_category", "string")), filled(property("target_description", "string"))],
-        _ => spec.and_then(|spec| spec.argument).iter().map(|argument| property(argument.name, "string")).collect(),
+        "ask" => vec![
+            filled(property("target_category", "string")),
+            filled(property("target_description", "string")),
+        ],
+        _ => spec
+            .and_then(|spec| spec.argument)
+            .iter()
+            .map(|argument| property(argument.name, "string"))
+            .collect(),
     };
     let description = match (name, spec) {
         ("finish", _) => FINISH,
@@ -72,7 +113,10 @@ fn published(name: &'static str) -> Tool {
 type Property = (&'static str, Value);
 
 fn property(name: &'static str, json_type: &str) -> Property {
-    (name, json!({"type": json_type, "description": meaning(name)}))
+    (
+        name,
+        json!({"type": json_type, "description": meaning(name)}),
+    )
 }
 
 /// An argument that must not be empty.
@@ -83,11 +127,18 @@ fn filled((name, mut schema): Property) -> Property {
 
 fn tool(name: &'static str, description: &'static str, arguments: Vec<Property>) -> Tool {
     let required: Vec<&str> = arguments.iter().map(|(name, _)| *name).collect();
-    let properties: JsonObject = arguments.iter().map(|(name, schema)| ((*name).to_owned(), schema.clone())).collect();
+    let properties: JsonObject = arguments
+        .iter()
+        .map(|(name, schema)| ((*name).to_owned(), schema.clone()))
+        .collect();
     let input = object(json!({"type": "object", "properties": properties, "required": required}));
     let reads = matches!(name, "list_receptacles" | "list_tasks");
-    Tool::new(name, description, Arc::new(input))
-        .with_annotations(ToolAnnotations::new().read_only(reads).destructive(false).open_world(false))
+    Tool::new(name, description, Arc::new(input)).with_annotations(
+        ToolAnnotations::new()
+            .read_only(reads)
+            .destructive(false)
+            .open_world(false),
+    )
 }
 
 fn meaning(argument: &str) -> &'static str {

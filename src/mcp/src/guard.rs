@@ -1,6 +1,7 @@
-//! The names by which requests may call this server. It keeps pages of the web from a server on somebody's own machine: a page
-//! that has its own name resolve to 127.0.0.1 (DNS rebinding) still sends that name as `Host`, and its own as `Origin`; one that
-//! only has a picture loaded from here sends no `Origin`, but browsers say so in `Sec-Fetch-Site`. Pages of listed origins are let
+//! The names by which requests may call this server. It keeps pages of the web from a server on
+//! somebody's own machine: a page that has its own name resolve to 127.0.0.1 (DNS rebinding) still
+//! sends that name as `Host`, and its own as `Origin`; one that only has a picture loaded from here
+//! sends no `Origin`, but browsers say so in `Sec-Fetch-Site`. Pages of listed origins are let
 //! through, and their browsers told that they may read the answers (CORS).
 //!
 //! Compares headers with lists; never resolves a name, and never says who is calling.
@@ -12,8 +13,9 @@ use axum::{
     http::{
         HeaderMap, HeaderValue, Method, StatusCode, Uri,
         header::{
-            ACCESS_CONTROL_ALLOW_HEADERS, ACCESS_CONTROL_ALLOW_METHODS, ACCESS_CONTROL_ALLOW_ORIGIN,
-            ACCESS_CONTROL_EXPOSE_HEADERS, ACCESS_CONTROL_MAX_AGE, ACCESS_CONTROL_REQUEST_METHOD, HOST, HeaderName, ORIGIN, VARY,
+            ACCESS_CONTROL_ALLOW_HEADERS, ACCESS_CONTROL_ALLOW_METHODS,
+            ACCESS_CONTROL_ALLOW_ORIGIN, ACCESS_CONTROL_EXPOSE_HEADERS, ACCESS_CONTROL_MAX_AGE,
+            ACCESS_CONTROL_REQUEST_METHOD, HOST, HeaderName, ORIGIN, VARY,
         },
     },
     middleware::Next,
@@ -35,8 +37,8 @@ const MAX_AGE: HeaderValue = HeaderValue::from_static("3600");
 /// What requests may say in `Host` and `Origin`.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Guard {
-    /// Names of this server besides localhost, 127.0.0.1 and `[::1]`, as clients write them: `reel.example` with any port, or
-    /// `reel.example:8801` with this one only.
+    /// Names of this server besides localhost, 127.0.0.1 and `[::1]`, as clients write them:
+    /// `reel.example` with any port, or `reel.example:8801` with this one only.
     pub hosts: Vec<String>,
     /// Origins of web pages that may call it, besides its own: `https://lab.example`.
     pub origins: Vec<String>,
@@ -57,7 +59,8 @@ impl Guard {
         response
     }
 
-    /// Whether a request may come in: it names one host, which is this server, and comes from no page of somebody else's.
+    /// Whether a request may come in: it names one host, which is this server, and comes from no
+    /// page of somebody else's.
     ///
     /// # Errors
     /// What is wrong with it, and what to do, for who sent it.
@@ -65,32 +68,52 @@ impl Guard {
         self.is_of_a_listed_page(headers, uri).map(|_| ())
     }
 
-    /// What the browser behind a request wants to be told. For who calls [`Guard::check`] and not [`Guard::pass`]: where there is
-    /// a [`Page::preflight`] it is the answer, before anything else is looked at; every other answer goes through [`Page::share`].
+    /// What the browser behind a request wants to be told. For who calls [`Guard::check`] and not
+    /// [`Guard::pass`]: where there is a [`Page::preflight`] it is the answer, before anything else
+    /// is looked at; every other answer goes through [`Page::share`].
     pub fn page(&self, request: &Request) -> Page {
         let headers = request.headers();
         let is_listed = self.is_of_a_listed_page(headers, request.uri()) == Ok(true);
-        let asks = request.method() == Method::OPTIONS && headers.contains_key(ACCESS_CONTROL_REQUEST_METHOD);
-        Page { origin: headers.get(ORIGIN).filter(|_| is_listed).cloned(), asks }
+        let asks = request.method() == Method::OPTIONS
+            && headers.contains_key(ACCESS_CONTROL_REQUEST_METHOD);
+        Page {
+            origin: headers.get(ORIGIN).filter(|_| is_listed).cloned(),
+            asks,
+        }
     }
 
     /// The first name in the lists that no request can carry.
     pub fn mistake(&self) -> Option<&str> {
-        let host = self.hosts.iter().find(|host| Authority::parse(host).is_none());
-        host.or_else(|| self.origins.iter().find(|origin| Origin::parse(origin).is_none())).map(String::as_str)
+        let host = self
+            .hosts
+            .iter()
+            .find(|host| Authority::parse(host).is_none());
+        host.or_else(|| {
+            self.origins
+                .iter()
+                .find(|origin| Origin::parse(origin).is_none())
+        })
+        .map(String::as_str)
     }
 
-    /// Whether a request that may come in is one of a page of a listed origin, which is not this server's own.
+    /// Whether a request that may come in is one of a page of a listed origin, which is not this
+    /// server's own.
     fn is_of_a_listed_page(&self, headers: &HeaderMap, uri: &Uri) -> Result<bool, String> {
         // HTTP/2 and clients of a proxy name the host in the target, alone or as well.
-        let mut named = one(headers, &HOST)?.into_iter().chain(uri.authority().map(|authority| authority.as_str().into()));
-        let name = named.next().ok_or("the request says in no Host header which server it wants")?;
+        let mut named = one(headers, &HOST)?
+            .into_iter()
+            .chain(uri.authority().map(|authority| authority.as_str().into()));
+        let name = named
+            .next()
+            .ok_or("the request says in no Host header which server it wants")?;
         let stranger = || {
             format!(
                 "this server is not called {name:?}: reach it as localhost, or list the name under `hosts` in its configuration"
             )
         };
-        let host = Authority::parse(&name).filter(|host| self.is_called(host)).ok_or_else(stranger)?;
+        let host = Authority::parse(&name)
+            .filter(|host| self.is_called(host))
+            .ok_or_else(stranger)?;
         if let Some(other) = named.find(|other| Authority::parse(other).as_ref() != Some(&host)) {
             return Err(format!("the request wants both {name:?} and {other:?}"));
         }
@@ -100,7 +123,9 @@ impl Guard {
                 Some(origin) if self.allowed().any(|allowed| allowed == origin) => return Ok(true),
                 _ => {
                     let advice = "list the origin under `origins` in its configuration";
-                    return Err(format!("pages of {page:?} may not call this server: {advice}"));
+                    return Err(format!(
+                        "pages of {page:?} may not call this server: {advice}"
+                    ));
                 }
             }
         }
@@ -114,11 +139,15 @@ impl Guard {
     fn is_called(&self, name: &Authority) -> bool {
         let mut hosts = self.hosts.iter().filter_map(|host| Authority::parse(host));
         LOOPBACK.contains(&name.host.as_str())
-            || hosts.any(|host| host.host == name.host && (host.port.is_none() || host.port == name.port))
+            || hosts.any(|host| {
+                host.host == name.host && (host.port.is_none() || host.port == name.port)
+            })
     }
 
     fn allowed(&self) -> impl Iterator<Item = Origin> {
-        self.origins.iter().filter_map(|origin| Origin::parse(origin))
+        self.origins
+            .iter()
+            .filter_map(|origin| Origin::parse(origin))
     }
 }
 
@@ -137,8 +166,11 @@ impl Page {
         if !self.asks || self.origin.is_none() {
             return None;
         }
-        let allowed =
-            [(ACCESS_CONTROL_ALLOW_METHODS, METHODS), (ACCESS_CONTROL_ALLOW_HEADERS, HEADERS), (ACCESS_CONTROL_MAX_AGE, MAX_AGE)];
+        let allowed = [
+            (ACCESS_CONTROL_ALLOW_METHODS, METHODS),
+            (ACCESS_CONTROL_ALLOW_HEADERS, HEADERS),
+            (ACCESS_CONTROL_MAX_AGE, MAX_AGE),
+        ];
         let mut response = (StatusCode::NO_CONTENT, allowed).into_response();
         self.allow_origin(&mut response);
         Some(response)
@@ -147,7 +179,9 @@ impl Page {
     /// Lets the page read an answer.
     pub fn share(&self, response: &mut Response) {
         if self.origin.is_some() {
-            response.headers_mut().insert(ACCESS_CONTROL_EXPOSE_HEADERS, EXPOSED);
+            response
+                .headers_mut()
+                .insert(ACCESS_CONTROL_EXPOSE_HEADERS, EXPOSED);
             self.allow_origin(response);
         }
     }
@@ -161,20 +195,31 @@ impl Page {
     }
 }
 
-/// Whether a page of another site has something of this server loaded into itself, as a picture or a script.
+/// Whether a page of another site has something of this server loaded into itself, as a picture or
+/// a script.
 fn is_drawn_in(headers: &HeaderMap) -> bool {
-    let says =
-        |name: &str, value: &str| headers.get_all(name).iter().any(|said| said.as_bytes().eq_ignore_ascii_case(value.as_bytes()));
+    let says = |name: &str, value: &str| {
+        headers
+            .get_all(name)
+            .iter()
+            .any(|said| said.as_bytes().eq_ignore_ascii_case(value.as_bytes()))
+    };
     says("sec-fetch-site", "cross-site") && !says("sec-fetch-mode", "navigate")
 }
 
-/// The value of a header that may stand once. What is no text comes out as text that is nobody's name.
+/// The value of a header that may stand once. What is no text comes out as text that is nobody's
+/// name.
 fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<Cow<'a, str>>, String> {
     let mut values = headers.get_all(name).iter();
-    let value = values.next().map(|value| String::from_utf8_lossy(value.as_bytes()));
+    let value = values
+        .next()
+        .map(|value| String::from_utf8_lossy(value.as_bytes()));
     match values.count() {
         0 => Ok(value),
-        more => Err(format!("the request has {} headers '{name}', of which there may be one", more + 1)),
+        more => Err(format!(
+            "the request has {} headers '{name}', of which there may be one",
+            more + 1
+        )),
     }
 }
 
@@ -204,7 +249,9 @@ impl Authority {
         }
         let port = match port.strip_prefix(':') {
             None if port.is_empty() => None,
-            Some(digits) if digits.bytes().all(|byte| byte.is_ascii_digit()) => Some(digits.parse().ok()?),
+            Some(digits) if digits.bytes().all(|byte| byte.is_ascii_digit()) => {
+                Some(digits.parse().ok()?)
+            }
             _ => return None,
         };
         Some(Self { host, port })
@@ -228,9 +275,12 @@ impl Origin {
         Some(Self { scheme, authority })
     }
 
-    /// Whether the page is one of the server that a request reached. A proxy may have taken the encryption off.
+    /// Whether the page is one of the server that a request reached. A proxy may have taken the
+    /// encryption off.
     fn is_of(&self, server: &Authority) -> bool {
-        let Some(implied) = implied_port(&self.scheme) else { return false };
+        let Some(implied) = implied_port(&self.scheme) else {
+            return false;
+        };
         self.authority.host == server.host && self.authority.port == server.port.or(Some(implied))
     }
 }
@@ -257,8 +307,12 @@ mod tests {
 
     fn guard() -> Guard {
         Guard {
-            hosts: ["reel.example", "Lab.Example:8801", "[2001:db8::1]"].map(str::to_owned).into(),
-            origins: ["https://pages.example", "http://localhost:3000"].map(str::to_owned).into(),
+            hosts: ["reel.example", "Lab.Example:8801", "[2001:db8::1]"]
+                .map(str::to_owned)
+                .into(),
+            origins: ["https://pages.example", "http://localhost:3000"]
+                .map(str::to_owned)
+                .into(),
         }
     }
 
@@ -271,7 +325,10 @@ mod tests {
         for origin in origins {
             headers.append(ORIGIN, HeaderValue::from_str(origin).unwrap());
         }
-        guard().check(&headers, &target.parse().unwrap()).err().unwrap_or_default()
+        guard()
+            .check(&headers, &target.parse().unwrap())
+            .err()
+            .unwrap_or_default()
     }
 
     #[test]
@@ -286,9 +343,15 @@ mod tests {
             :80 localhost: localhost:x localhost:+80 localhost:65536 localhost:80:80 localhost:80@evil.example
             localhost@evil.example evil.example@localhost localhost/ localhost# localhost? localhost,evil.example
             http://localhost evil.example\\localhost *";
-        for host in strange.split_whitespace().chain(["", " ", "localhost evil.example"]) {
+        for host in strange
+            .split_whitespace()
+            .chain(["", " ", "localhost evil.example"])
+        {
             let why = said("/mcp", &[host.as_bytes()], &[]);
-            assert!(why.starts_with("this server is not called ") && why.contains("`hosts`"), "{host}: {why}");
+            assert!(
+                why.starts_with("this server is not called ") && why.contains("`hosts`"),
+                "{host}: {why}"
+            );
         }
         assert_ne!(said("/mcp", &["l\u{f6}calhost".as_bytes()], &[]), "");
         assert_ne!(said("/mcp", &[b"localhost\xff"], &[]), "");
@@ -296,7 +359,8 @@ mod tests {
 
     #[test]
     fn how_often_a_host_is_named() {
-        let (localhost, reel, evil): (&[u8], &[u8], &[u8]) = (b"localhost:1", b"reel.example", b"evil.example");
+        let (localhost, reel, evil): (&[u8], &[u8], &[u8]) =
+            (b"localhost:1", b"reel.example", b"evil.example");
         let cases: [(&str, &[&[u8]], &str); 11] = [
             ("/mcp", &[], "no Host header"),
             ("/mcp", &[localhost, localhost], "2 headers 'host'"),
@@ -304,15 +368,34 @@ mod tests {
             ("/mcp", &[evil, reel, localhost], "3 headers 'host'"),
             ("http://localhost:1/mcp", &[], ""),
             ("http://LOCALHOST:1/mcp", &[localhost], ""),
-            ("http://evil.example/mcp", &[], "not called \"evil.example\""),
-            ("http://evil.example/mcp", &[localhost], "wants both \"localhost:1\" and \"evil.example\""),
-            ("http://localhost:1/mcp", &[evil], "not called \"evil.example\""),
+            (
+                "http://evil.example/mcp",
+                &[],
+                "not called \"evil.example\"",
+            ),
+            (
+                "http://evil.example/mcp",
+                &[localhost],
+                "wants both \"localhost:1\" and \"evil.example\"",
+            ),
+            (
+                "http://localhost:1/mcp",
+                &[evil],
+                "not called \"evil.example\"",
+            ),
             ("http://reel.example/mcp", &[localhost], "wants both"),
-            ("http://localhost:1@evil.example/mcp", &[localhost], "wants both"),
+            (
+                "http://localhost:1@evil.example/mcp",
+                &[localhost],
+                "wants both",
+            ),
         ];
         for (target, hosts, expected) in cases {
             let why = said(target, hosts, &[]);
-            assert!(why.contains(expected) && why.is_empty() == expected.is_empty(), "{target} {hosts:?}: {why}");
+            assert!(
+                why.contains(expected) && why.is_empty() == expected.is_empty(),
+                "{target} {hosts:?}: {why}"
+            );
         }
     }
 
@@ -333,31 +416,75 @@ mod tests {
             ("localhost:8801", "http://localhost:3000"),
         ];
         for (host, origin) in ours {
-            assert_eq!(said("/mcp", &[host.as_bytes()], &[origin]), "", "{origin} to {host}");
+            assert_eq!(
+                said("/mcp", &[host.as_bytes()], &[origin]),
+                "",
+                "{origin} to {host}"
+            );
         }
         let strange = "null NULL http://evil.example http://localhost:8802 http://localhost http://127.0.0.1:8801
             http://pages.example https://pages.example:444 https://pages.example.evil.example ftp://localhost:8801
             http://localhost:8801@evil.example http://evil.example@localhost:8801 http://user:pass@localhost:8801
             http://localhost:8801/ http://localhost:8801/evil http://localhost:8801,http://evil.example http:localhost:8801
             //localhost:8801 localhost:8801 http:// *";
-        for origin in strange.split_whitespace().chain(["", "http://localhost:8801 http://evil.example"]) {
+        for origin in strange
+            .split_whitespace()
+            .chain(["", "http://localhost:8801 http://evil.example"])
+        {
             let why = said("/mcp", &[b"localhost:8801"], &[origin]);
-            assert!(why.starts_with("pages of ") && why.contains("`origins`"), "{origin}: {why}");
+            assert!(
+                why.starts_with("pages of ") && why.contains("`origins`"),
+                "{origin}: {why}"
+            );
         }
-        let twice = said("/mcp", &[b"localhost:8801"], &["http://localhost:8801", "http://localhost:8801"]);
+        let twice = said(
+            "/mcp",
+            &[b"localhost:8801"],
+            &["http://localhost:8801", "http://localhost:8801"],
+        );
         assert!(twice.contains("2 headers 'origin'"), "{twice}");
         // A page that rebound its own name is of the same origin as what it calls.
-        assert_ne!(said("/mcp", &[b"evil.example"], &["http://evil.example"]), "");
+        assert_ne!(
+            said("/mcp", &[b"evil.example"], &["http://evil.example"]),
+            ""
+        );
     }
 
     #[test]
     fn mistakes_in_the_lists() {
         assert_eq!(guard().mistake(), None);
-        for host in ["https://reel.example", "reel.example/", "*.example", "::1", "user@reel.example", ""] {
-            assert_eq!(Guard { hosts: vec![host.to_owned()], ..guard() }.mistake(), Some(host));
+        for host in [
+            "https://reel.example",
+            "reel.example/",
+            "*.example",
+            "::1",
+            "user@reel.example",
+            "",
+        ] {
+            assert_eq!(
+                Guard {
+                    hosts: vec![host.to_owned()],
+                    ..guard()
+                }
+                .mistake(),
+                Some(host)
+            );
         }
-        for origin in ["reel.example", "https://reel.example/", "https://*.example", "null", ""] {
-            assert_eq!(Guard { origins: vec![origin.to_owned()], ..guard() }.mistake(), Some(origin));
+        for origin in [
+            "reel.example",
+            "https://reel.example/",
+            "https://*.example",
+            "null",
+            "",
+        ] {
+            assert_eq!(
+                Guard {
+                    origins: vec![origin.to_owned()],
+                    ..guard()
+                }
+                .mistake(),
+                Some(origin)
+            );
         }
     }
 
@@ -375,7 +502,10 @@ mod tests {
     /// The whole answer to a request of these lines.
     async fn ask(address: SocketAddr, request: &str) -> String {
         let mut stream = TcpStream::connect(address).await.unwrap();
-        stream.write_all(format!("{request}Connection: close\r\n\r\n").as_bytes()).await.unwrap();
+        stream
+            .write_all(format!("{request}Connection: close\r\n\r\n").as_bytes())
+            .await
+            .unwrap();
         let mut answer = String::new();
         stream.read_to_string(&mut answer).await.unwrap();
         answer
@@ -386,24 +516,45 @@ mod tests {
         let address = serve(Guard::default()).await;
         let cases = [
             ("GET /mcp HTTP/1.1\r\nHost: localhost:8801\r\n", "200"),
-            ("GET /mcp HTTP/1.1\r\nhOsT:\t127.0.0.1 \r\nOrigin: http://127.0.0.1\r\n", "200"),
+            (
+                "GET /mcp HTTP/1.1\r\nhOsT:\t127.0.0.1 \r\nOrigin: http://127.0.0.1\r\n",
+                "200",
+            ),
             ("GET /mcp HTTP/1.0\r\nHost: [::1]\r\n", "200"),
-            ("GET http://localhost/mcp HTTP/1.1\r\nHost: localhost\r\n", "200"),
+            (
+                "GET http://localhost/mcp HTTP/1.1\r\nHost: localhost\r\n",
+                "200",
+            ),
             ("GET /none HTTP/1.1\r\nHost: localhost\r\n", "404"),
             ("GET /mcp HTTP/1.1\r\n", "403"),
             ("GET /mcp HTTP/1.0\r\n", "403"),
             ("GET /mcp HTTP/1.1\r\nHost:\r\n", "403"),
             ("GET /mcp HTTP/1.1\r\nHost: evil.example\r\n", "403"),
             ("GET /none HTTP/1.1\r\nHost: evil.example\r\n", "403"),
-            ("OPTIONS /mcp HTTP/1.1\r\nHost: localhost\r\nOrigin: http://evil.example\r\n", "403"),
-            ("GET /mcp HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n", "403"),
-            ("GET /mcp HTTP/1.1\r\nHost: localhost\r\nOrigin: null\r\n", "403"),
-            ("GET http://evil.example/mcp HTTP/1.1\r\nHost: localhost\r\n", "403"),
+            (
+                "OPTIONS /mcp HTTP/1.1\r\nHost: localhost\r\nOrigin: http://evil.example\r\n",
+                "403",
+            ),
+            (
+                "GET /mcp HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n",
+                "403",
+            ),
+            (
+                "GET /mcp HTTP/1.1\r\nHost: localhost\r\nOrigin: null\r\n",
+                "403",
+            ),
+            (
+                "GET http://evil.example/mcp HTTP/1.1\r\nHost: localhost\r\n",
+                "403",
+            ),
         ];
         for (request, status) in cases {
             let answer = ask(address, request).await;
             assert_eq!(answer.split(' ').nth(1), Some(status), "{request}{answer}");
-            assert!(status != "403" || answer.contains("content-type: text/plain"), "{answer}");
+            assert!(
+                status != "403" || answer.contains("content-type: text/plain"),
+                "{answer}"
+            );
         }
     }
 
@@ -417,8 +568,7 @@ mod tests {
         let listed = "https://pages.example";
         let preflight = ask(address, &request("OPTIONS", "localhost:8801", listed, asks)).await;
         assert!(preflight.starts_with("HTTP/1.1 204 "), "{preflight}");
-        let headers =
-            "authorization, content-type, mcp-session-id, mcp-protocol-version, mcp-method, mcp-name, last-event-id, range";
+        let headers = "authorization, content-type, mcp-session-id, mcp-protocol-version, mcp-method, mcp-name, last-event-id, range";
         for line in [
             "access-control-allow-origin: https://pages.example",
             "access-control-allow-methods: GET, HEAD, POST, PUT, DELETE",
@@ -426,20 +576,41 @@ mod tests {
             "access-control-max-age: 3600",
             "vary: Origin",
         ] {
-            assert!(preflight.contains(&format!("\r\n{line}\r\n")), "{line} in {preflight}");
+            assert!(
+                preflight.contains(&format!("\r\n{line}\r\n")),
+                "{line} in {preflight}"
+            );
         }
-        let answer = ask(address, &request("GET", "localhost:8801", listed, "Sec-Fetch-Site: cross-site\r\n")).await;
-        assert!(answer.starts_with("HTTP/1.1 200 ") && answer.ends_with("\r\n\r\nin"), "{answer}");
+        let answer = ask(
+            address,
+            &request(
+                "GET",
+                "localhost:8801",
+                listed,
+                "Sec-Fetch-Site: cross-site\r\n",
+            ),
+        )
+        .await;
+        assert!(
+            answer.starts_with("HTTP/1.1 200 ") && answer.ends_with("\r\n\r\nin"),
+            "{answer}"
+        );
         for line in [
             "access-control-allow-origin: https://pages.example",
             "access-control-expose-headers: mcp-session-id, content-range",
             "vary: Origin",
         ] {
-            assert!(answer.contains(&format!("\r\n{line}\r\n")), "{line} in {answer}");
+            assert!(
+                answer.contains(&format!("\r\n{line}\r\n")),
+                "{line} in {answer}"
+            );
         }
         // An OPTIONS that asks for nothing is a request like another.
         let answer = ask(address, &request("OPTIONS", "localhost:8801", listed, "")).await;
-        assert!(answer.starts_with("HTTP/1.1 405 ") && answer.contains("access-control-allow-origin: "), "{answer}");
+        assert!(
+            answer.starts_with("HTTP/1.1 405 ") && answer.contains("access-control-allow-origin: "),
+            "{answer}"
+        );
         for (host, origin, status) in [
             ("localhost:8801", "http://evil.example", "403"),
             ("localhost:8801", "null", "403"),
@@ -447,8 +618,15 @@ mod tests {
             ("localhost:8801", "http://localhost:8801", "405"),
         ] {
             let answer = ask(address, &request("OPTIONS", host, origin, asks)).await;
-            assert_eq!(answer.split(' ').nth(1), Some(status), "{origin} to {host}: {answer}");
-            assert!(!answer.contains("access-control-"), "{origin} to {host}: {answer}");
+            assert_eq!(
+                answer.split(' ').nth(1),
+                Some(status),
+                "{origin} to {host}: {answer}"
+            );
+            assert!(
+                !answer.contains("access-control-"),
+                "{origin} to {host}: {answer}"
+            );
         }
     }
 
@@ -456,18 +634,46 @@ mod tests {
     async fn pages_of_other_sites_load_nothing() {
         let address = serve(guard()).await;
         let cases = [
-            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: no-cors\r\nSec-Fetch-Dest: image\r\n", "403"),
+            (
+                "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: no-cors\r\nSec-Fetch-Dest: image\r\n",
+                "403",
+            ),
             ("sec-fetch-site: Cross-Site\r\n", "403"),
-            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: cors\r\nOrigin: http://localhost\r\n", "403"),
-            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\n", "200"),
-            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: cors\r\nOrigin: https://pages.example\r\n", "200"),
-            ("Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\nOrigin: http://evil.example\r\n", "403"),
-            ("Sec-Fetch-Site: same-origin\r\nSec-Fetch-Mode: no-cors\r\n", "200"),
-            ("Sec-Fetch-Site: same-site\r\nSec-Fetch-Mode: no-cors\r\n", "200"),
-            ("Sec-Fetch-Site: none\r\nSec-Fetch-Mode: navigate\r\n", "200"),
+            (
+                "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: cors\r\nOrigin: http://localhost\r\n",
+                "403",
+            ),
+            (
+                "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\n",
+                "200",
+            ),
+            (
+                "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: cors\r\nOrigin: https://pages.example\r\n",
+                "200",
+            ),
+            (
+                "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\nOrigin: http://evil.example\r\n",
+                "403",
+            ),
+            (
+                "Sec-Fetch-Site: same-origin\r\nSec-Fetch-Mode: no-cors\r\n",
+                "200",
+            ),
+            (
+                "Sec-Fetch-Site: same-site\r\nSec-Fetch-Mode: no-cors\r\n",
+                "200",
+            ),
+            (
+                "Sec-Fetch-Site: none\r\nSec-Fetch-Mode: navigate\r\n",
+                "200",
+            ),
         ];
         for (headers, status) in cases {
-            let answer = ask(address, &format!("GET /mcp HTTP/1.1\r\nHost: localhost\r\n{headers}")).await;
+            let answer = ask(
+                address,
+                &format!("GET /mcp HTTP/1.1\r\nHost: localhost\r\n{headers}"),
+            )
+            .await;
             assert_eq!(answer.split(' ').nth(1), Some(status), "{headers}{answer}");
         }
     }

@@ -14,9 +14,10 @@ use reel_world::{
 use rmcp::{
     ErrorData, RoleServer, ServerHandler, elicit_safe,
     model::{
-        CallToolRequestParams, CallToolResponse, CallToolResult, DiscoverResult, ElicitRequest, ElicitRequestParams,
-        ElicitResult, ElicitationAction, ElicitationSchema, Implementation, InputRequest, InputRequiredResult, ListToolsResult,
-        PaginatedRequestParams, ProgressNotificationParam, ProtocolVersion, ServerCapabilities, ServerConfig,
+        CallToolRequestParams, CallToolResponse, CallToolResult, DiscoverResult, ElicitRequest,
+        ElicitRequestParams, ElicitResult, ElicitationAction, ElicitationSchema, Implementation,
+        InputRequest, InputRequiredResult, ListToolsResult, PaginatedRequestParams,
+        ProgressNotificationParam, ProtocolVersion, ServerCapabilities, ServerConfig,
     },
     schemars,
     service::{ElicitationMode, RequestContext},
@@ -35,13 +36,15 @@ pub enum AskWhom {
     /// The rule-based user.
     #[default]
     Rules,
-    /// The person at the client, by elicitation; the rule-based user where the client cannot ask anybody.
+    /// The person at the client, by elicitation; the rule-based user where the client cannot ask
+    /// anybody.
     Client,
     /// A person who answers through [`Questions`].
     Rest,
 }
 
-/// Told of every call: the tool (one of ours, or `unknown`), `ok`, `error` or `refused`, and how long it took, waiting included.
+/// Told of every call: the tool (one of ours, or `unknown`), `ok`, `error` or `refused`, and how
+/// long it took, waiting included.
 pub type Watch = Arc<dyn Fn(&'static str, &'static str, Duration) + Send + Sync>;
 
 /// How policy sessions behave.
@@ -59,7 +62,12 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { ask: AskWhom::Rules, ask_patience: Duration::from_secs(120), policy: None, watch: None }
+        Self {
+            ask: AskWhom::Rules,
+            ask_patience: Duration::from_secs(120),
+            policy: None,
+            watch: None,
+        }
     }
 }
 
@@ -93,7 +101,11 @@ impl Drop for Own {
         if let Ok(runtime) = Handle::try_current() {
             runtime.spawn(async move {
                 match pool.close(&name).await {
-                    Ok(state) => tracing::info!(session = name, episodes = state.episodes, "closed with its connection"),
+                    Ok(state) => tracing::info!(
+                        session = name,
+                        episodes = state.episodes,
+                        "closed with its connection"
+                    ),
                     // Nothing was called, or it was closed before.
                     Err(LiveError::Unknown(_) | LiveError::Closing) => {}
                     Err(error) => tracing::warn!(session = name, %error, "could not be closed"),
@@ -117,14 +129,37 @@ const ANSWER: &str = "answer";
 
 impl ToolServer {
     /// A server for one connection, with a household of its own.
-    pub fn new(pool: Arc<Pool>, questions: Arc<Questions>, options: Arc<Options>, name: String) -> Self {
-        let home = Home::Own(Arc::new(Own { name, pool: pool.clone() }));
-        Self { pool, questions, options, home }
+    pub fn new(
+        pool: Arc<Pool>,
+        questions: Arc<Questions>,
+        options: Arc<Options>,
+        name: String,
+    ) -> Self {
+        let home = Home::Own(Arc::new(Own {
+            name,
+            pool: pool.clone(),
+        }));
+        Self {
+            pool,
+            questions,
+            options,
+            home,
+        }
     }
 
     /// A server for one connection of a worker, whose household outlives it.
-    pub fn of_worker(pool: Arc<Pool>, questions: Arc<Questions>, options: Arc<Options>, worker: Worker) -> Self {
-        Self { pool, questions, options, home: Home::Worker(worker) }
+    pub fn of_worker(
+        pool: Arc<Pool>,
+        questions: Arc<Questions>,
+        options: Arc<Options>,
+        worker: Worker,
+    ) -> Self {
+        Self {
+            pool,
+            questions,
+            options,
+            home: Home::Worker(worker),
+        }
     }
 
     fn profile(&self) -> Profile {
@@ -135,7 +170,10 @@ impl ToolServer {
     fn worker<'a>(&'a self, context: &'a RequestContext<RoleServer>) -> Option<&'a Worker> {
         match &self.home {
             Home::Worker(worker) => Some(worker),
-            Home::Own(_) => context.extensions.get::<Parts>().and_then(|parts| parts.extensions.get::<Worker>()),
+            Home::Own(_) => context
+                .extensions
+                .get::<Parts>()
+                .and_then(|parts| parts.extensions.get::<Worker>()),
         }
     }
 
@@ -161,7 +199,10 @@ impl ToolServer {
     ) -> CallToolResult {
         let profile = self.profile();
         let (tool, begun) = (call.name.clone(), Instant::now());
-        let known = self.profile().tool(&call).map_or("unknown", |tool| tool.paper_name());
+        let known = self
+            .profile()
+            .tool(&call)
+            .map_or("unknown", |tool| tool.paper_name());
         let said = self.request(session, call, reply, context).await;
         let outcome = match &said {
             Ok(Said::Made(made)) if !made.step.outcome.is_ok() => "error",
@@ -200,7 +241,9 @@ impl ToolServer {
             {
                 return Ok(Said::Receptacles(scene.clone()));
             }
-            Ok(Tool::Lifecycle(Lifecycle::ListTasks)) => return Ok(Said::Tasks(speech::ids(&setup.tasks))),
+            Ok(Tool::Lifecycle(Lifecycle::ListTasks)) => {
+                return Ok(Said::Tasks(speech::ids(&setup.tasks)));
+            }
             _ => {}
         }
         self.pool.open(session)?;
@@ -215,8 +258,12 @@ impl ToolServer {
                 Said::Begun(Box::new(begun), scene)
             };
             match tool {
-                Ok(Tool::Lifecycle(Lifecycle::ListReceptacles)) if !published || !household.plays() => {
-                    Ok(Said::Receptacles(household.scene().cloned().ok_or(LiveError::NoEpisode)?))
+                Ok(Tool::Lifecycle(Lifecycle::ListReceptacles))
+                    if !published || !household.plays() =>
+                {
+                    Ok(Said::Receptacles(
+                        household.scene().cloned().ok_or(LiveError::NoEpisode)?,
+                    ))
                 }
                 Ok(Tool::Finish) => {
                     if household.plays() {
@@ -224,17 +271,26 @@ impl ToolServer {
                     }
                     Ok(household.begin_next()?.map_or(Said::Completed, said_begun))
                 }
-                Ok(Tool::Lifecycle(Lifecycle::FinishWithId { task_id })) => household.begin(&task_id).map(said_begun),
+                Ok(Tool::Lifecycle(Lifecycle::FinishWithId { task_id })) => {
+                    household.begin(&task_id).map(said_begun)
+                }
                 _ => {
-                    let made = household.call(StepInput { user_reply: reply, ..StepInput::bare(call) })?;
+                    let made = household.call(StepInput {
+                        user_reply: reply,
+                        ..StepInput::bare(call)
+                    })?;
                     Ok(Said::Made(Box::new(made)))
                 }
             }
         };
         let mut done = Box::pin(self.pool.with(session, work));
-        let Some(token) = context.meta.get_progress_token() else { return done.await? };
+        let Some(token) = context.meta.get_progress_token() else {
+            return done.await?;
+        };
         let report = |progress: f64, message: &str| {
-            let param = ProgressNotificationParam::new(token.clone(), progress).with_total(2.0).with_message(message);
+            let param = ProgressNotificationParam::new(token.clone(), progress)
+                .with_total(2.0)
+                .with_message(message);
             let peer = context.peer.clone();
             // A client that went away hears of nothing.
             async move { drop(peer.notify_progress(param).await) }
@@ -251,7 +307,8 @@ impl ToolServer {
         said
     }
 
-    /// Asks a person, where one is to be asked. An error of the result is what to answer the client instead.
+    /// Asks a person, where one is to be asked. An error of the result is what to answer the client
+    /// instead.
     async fn ask_person(
         &self,
         session: &str,
@@ -259,8 +316,14 @@ impl ToolServer {
         request: &CallToolRequestParams,
         context: &RequestContext<RoleServer>,
     ) -> Result<Option<UserReply>, CallToolResponse> {
-        let nobody = || UserReply { text: "Nobody answers.".to_owned(), source: UserSource::Human };
-        let human = |text: String| UserReply { text, source: UserSource::Human };
+        let nobody = || UserReply {
+            text: "Nobody answers.".to_owned(),
+            source: UserSource::Human,
+        };
+        let human = |text: String| UserReply {
+            text,
+            source: UserSource::Human,
+        };
         // A question in an episode that does not run is refused, and nobody is bothered with it.
         if !self.runs(session) {
             return Ok(None);
@@ -268,35 +331,63 @@ impl ToolServer {
         match self.options.ask {
             AskWhom::Rules => Ok(None),
             AskWhom::Rest => {
-                let answer = self.questions.ask(session, question, self.options.ask_patience).await;
+                let answer = self
+                    .questions
+                    .ask(session, question, self.options.ask_patience)
+                    .await;
                 Ok(Some(answer.map_or_else(nobody, human)))
             }
             AskWhom::Client if stateless(context) => {
-                let answered = request.input_responses.as_ref().and_then(|answers| answers.get(ANSWER));
-                let Some(answered) = answered else { return Err(elicitation(question)) };
+                let answered = request
+                    .input_responses
+                    .as_ref()
+                    .and_then(|answers| answers.get(ANSWER));
+                let Some(answered) = answered else {
+                    return Err(elicitation(question));
+                };
                 let result: Option<ElicitResult> = serde_json::from_value(answered.clone()).ok();
                 let accepted = result.filter(|result| result.action == ElicitationAction::Accept);
-                let reply = accepted.and_then(|result| serde_json::from_value::<Reply>(result.content?).ok());
+                let reply = accepted
+                    .and_then(|result| serde_json::from_value::<Reply>(result.content?).ok());
                 Ok(Some(reply.map_or_else(nobody, |reply| human(reply.answer))))
             }
             AskWhom::Client => {
-                if !context.peer.supported_elicitation_modes().contains(&ElicitationMode::Form) {
+                if !context
+                    .peer
+                    .supported_elicitation_modes()
+                    .contains(&ElicitationMode::Form)
+                {
                     return Ok(None);
                 }
-                let answer = context.peer.elicit_with_timeout::<Reply>(question, Some(self.options.ask_patience)).await;
-                Ok(Some(answer.ok().flatten().map_or_else(nobody, |reply| human(reply.answer))))
+                let answer = context
+                    .peer
+                    .elicit_with_timeout::<Reply>(question, Some(self.options.ask_patience))
+                    .await;
+                Ok(Some(
+                    answer
+                        .ok()
+                        .flatten()
+                        .map_or_else(nobody, |reply| human(reply.answer)),
+                ))
             }
         }
     }
 
     /// Whether an episode runs.
     fn runs(&self, session: &str) -> bool {
-        self.pool.entry(session).is_ok_and(|entry| matches!(entry.state.state, "playing" | "parked"))
+        self.pool
+            .entry(session)
+            .is_ok_and(|entry| matches!(entry.state.state, "playing" | "parked"))
     }
 
     fn policy(&self, context: &RequestContext<RoleServer>) -> String {
         let client = context.client_info().map(|client| client.name);
-        let name = self.options.policy.clone().or(client.filter(|name| !name.is_empty())).unwrap_or_else(|| "client".to_owned());
+        let name = self
+            .options
+            .policy
+            .clone()
+            .or(client.filter(|name| !name.is_empty()))
+            .unwrap_or_else(|| "client".to_owned());
         name.chars().filter(|c| !c.is_control()).take(64).collect()
     }
 }
@@ -304,15 +395,20 @@ impl ToolServer {
 /// Asks the client of the newest protocol to ask its person, and to call again with the answer.
 fn elicitation(question: &str) -> CallToolResponse {
     let schema = ElicitationSchema::from_type::<Reply>().expect("the form has one field of text");
-    let params =
-        ElicitRequestParams::FormElicitationParams { meta: None, message: question.to_owned(), requested_schema: schema };
+    let params = ElicitRequestParams::FormElicitationParams {
+        meta: None,
+        message: question.to_owned(),
+        requested_schema: schema,
+    };
     let request = InputRequest::Elicitation(ElicitRequest::new(params));
     InputRequiredResult::from_input_requests([(ANSWER.to_owned(), request)].into()).into()
 }
 
 /// Whether the protocol has no sessions.
 fn stateless(context: &RequestContext<RoleServer>) -> bool {
-    context.protocol_version().is_some_and(|version| version.as_str() >= ProtocolVersion::V_2026_07_28.as_str())
+    context
+        .protocol_version()
+        .is_some_and(|version| version.as_str() >= ProtocolVersion::V_2026_07_28.as_str())
 }
 
 impl ServerHandler for ToolServer {
@@ -326,7 +422,10 @@ impl ServerHandler for ToolServer {
     }
 
     /// Where nothing but a session says whose world it is, only protocols with sessions are spoken.
-    async fn discover(&self, context: RequestContext<RoleServer>) -> Result<DiscoverResult, ErrorData> {
+    async fn discover(
+        &self,
+        context: RequestContext<RoleServer>,
+    ) -> Result<DiscoverResult, ErrorData> {
         let versions = match self.worker(&context) {
             Some(_) => self.supported_protocol_versions().into_owned(),
             None => ProtocolVersion::known_up_to(&ProtocolVersion::V_2025_11_25).to_vec(),
@@ -339,7 +438,9 @@ impl ServerHandler for ToolServer {
         _: Option<PaginatedRequestParams>,
         _: RequestContext<RoleServer>,
     ) -> Result<ListToolsResult, ErrorData> {
-        Ok(ListToolsResult::with_all_items(catalogue::tools(self.profile())))
+        Ok(ListToolsResult::with_all_items(catalogue::tools(
+            self.profile(),
+        )))
     }
 
     async fn call_tool(
@@ -348,11 +449,17 @@ impl ServerHandler for ToolServer {
         context: RequestContext<RoleServer>,
     ) -> Result<CallToolResponse, ErrorData> {
         let session = self.session(&context)?;
-        let arguments = request.arguments.clone().map_or_else(|| json!({}), Value::Object);
+        let arguments = request
+            .arguments
+            .clone()
+            .map_or_else(|| json!({}), Value::Object);
         let call = ToolCall::new(request.name.clone(), arguments);
         let work = async {
             let reply = match self.profile().tool(&call) {
-                Ok(Tool::Ask { question }) => self.ask_person(&session, &question, &request, &context).await?,
+                Ok(Tool::Ask { question }) => {
+                    self.ask_person(&session, &question, &request, &context)
+                        .await?
+                }
                 _ => None,
             };
             Ok(self.answer(&session, call, reply, &context).await.into())

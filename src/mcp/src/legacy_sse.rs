@@ -1,5 +1,5 @@
-//! The transport of 2024: `GET /sse` opens a stream of server-sent events and names the path to post messages to.
-//! rmcp serves only its successor; REAL's agents and its trainer speak this one.
+//! The transport of 2024: `GET /sse` opens a stream of server-sent events and names the path to
+//! post messages to. rmcp serves only its successor; REAL's agents and its trainer speak this one.
 
 use std::{
     collections::HashMap,
@@ -21,7 +21,9 @@ use axum::{
 use futures_util::{StreamExt as _, stream};
 use rmcp::{
     RoleServer, ServerHandler,
-    model::{ClientJsonRpcMessage, ClientNotification, JsonRpcMessage, JsonRpcNotification, RequestId},
+    model::{
+        ClientJsonRpcMessage, ClientNotification, JsonRpcMessage, JsonRpcNotification, RequestId,
+    },
     serve_server,
     service::{RxJsonRpcMessage, TxJsonRpcMessage},
     transport::Transport,
@@ -32,8 +34,8 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 
 /// Messages that may wait in each direction of one connection.
 const QUEUE: usize = 64;
-/// Requests of one connection whose answers the client has not read yet. Who wants more waits, and is refused after a while:
-/// answers hold pictures, and a client may post without ever reading.
+/// Requests of one connection whose answers the client has not read yet. Who wants more waits, and
+/// is refused after a while: answers hold pictures, and a client may post without ever reading.
 const UNREAD: usize = 32;
 /// How long a message waits for room.
 const PATIENCE: Duration = Duration::from_secs(15);
@@ -57,14 +59,21 @@ struct Client {
 
 impl Client {
     fn new(to_server: mpsc::Sender<In>) -> Self {
-        Self { to_server, places: Arc::new(Semaphore::new(UNREAD)), unread: Arc::default() }
+        Self {
+            to_server,
+            places: Arc::new(Semaphore::new(UNREAD)),
+            unread: Arc::default(),
+        }
     }
 
-    /// Hands a message on, as soon as there is room for it and its answer; false where the client is gone.
+    /// Hands a message on, as soon as there is room for it and its answer; false where the client
+    /// is gone.
     async fn say(&self, message: In) -> bool {
         match &message {
             JsonRpcMessage::Request(request) => {
-                let Ok(place) = self.places.clone().acquire_owned().await else { return false };
+                let Ok(place) = self.places.clone().acquire_owned().await else {
+                    return false;
+                };
                 lock(&self.unread).insert(request.id.clone(), place);
             }
             JsonRpcMessage::Notification(JsonRpcNotification {
@@ -89,7 +98,8 @@ fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Connections {
-    /// Opens a connection, one of at most `limit`, that `handler` serves as long as the client reads; messages go to `post`.
+    /// Opens a connection, one of at most `limit`, that `handler` serves as long as the client
+    /// reads; messages go to `post`.
     pub(crate) fn open(
         &self,
         handler: impl ServerHandler,
@@ -110,15 +120,26 @@ impl Connections {
             }
             open.insert(id.clone(), client.clone());
         }
-        let transport = Connection { from_client, to_client: Some(to_client), gone: gone.clone() };
+        let transport = Connection {
+            from_client,
+            to_client: Some(to_client),
+            gone: gone.clone(),
+        };
         tokio::spawn(async move {
             match serve_server(handler, transport).await {
                 Ok(running) => drop(running.waiting().await),
                 Err(error) => tracing::debug!(%error, "a client went before it said who it is"),
             }
         });
-        let hello = Event::default().event("endpoint").data(format!("{post}?session_id={id}"));
-        let open = Open { connections: self.clone(), id, client, _gone: gone.clone().drop_guard() };
+        let hello = Event::default()
+            .event("endpoint")
+            .data(format!("{post}?session_id={id}"));
+        let open = Open {
+            connections: self.clone(),
+            id,
+            client,
+            _gone: gone.clone().drop_guard(),
+        };
         let messages = ReceiverStream::new(from_server).map(move |message| {
             match &message {
                 JsonRpcMessage::Response(answer) => open.client.has_read(Some(&answer.id)),
@@ -128,14 +149,21 @@ impl Connections {
             let json = serde_json::to_string(&message).expect("a message of the protocol is JSON");
             Event::default().event("message").data(json)
         });
-        let events = stream::once(async { hello }).chain(messages).take_until(gone.cancelled_owned());
-        Sse::new(events.map(Ok::<_, Infallible>)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE).text("ping")).into_response()
+        let events = stream::once(async { hello })
+            .chain(messages)
+            .take_until(gone.cancelled_owned());
+        Sse::new(events.map(Ok::<_, Infallible>))
+            .keep_alive(KeepAlive::new().interval(KEEP_ALIVE).text("ping"))
+            .into_response()
     }
 
     /// Takes a message that was posted.
     pub(crate) async fn message(&self, id: Option<&str>, body: &Bytes) -> Response {
         let Some(id) = id else {
-            return (StatusCode::BAD_REQUEST, "session_id is required: post to the path that the event 'endpoint' named")
+            return (
+                StatusCode::BAD_REQUEST,
+                "session_id is required: post to the path that the event 'endpoint' named",
+            )
                 .into_response();
         };
         let Some(client) = lock(&self.0).get(id).cloned() else {
@@ -150,7 +178,11 @@ impl Connections {
                     (StatusCode::TOO_MANY_REQUESTS, text).into_response()
                 }
             },
-            Err(error) => (StatusCode::BAD_REQUEST, format!("no message of the protocol: {error}")).into_response(),
+            Err(error) => (
+                StatusCode::BAD_REQUEST,
+                format!("no message of the protocol: {error}"),
+            )
+                .into_response(),
         }
     }
 }
@@ -165,11 +197,18 @@ struct Connection {
 impl Transport<RoleServer> for Connection {
     type Error = io::Error;
 
-    fn send(&mut self, message: Out) -> impl Future<Output = Result<(), io::Error>> + Send + 'static {
+    fn send(
+        &mut self,
+        message: Out,
+    ) -> impl Future<Output = Result<(), io::Error>> + Send + 'static {
         let to_client = self.to_client.clone();
         async move {
             let gone = || io::Error::new(io::ErrorKind::BrokenPipe, "the client went away");
-            to_client.ok_or_else(gone)?.send(message).await.map_err(|_| gone())
+            to_client
+                .ok_or_else(gone)?
+                .send(message)
+                .await
+                .map_err(|_| gone())
         }
     }
 

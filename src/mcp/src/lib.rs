@@ -1,8 +1,8 @@
-//! Live worlds as tools of the Model Context Protocol: over Streamable HTTP, legacy HTTP+SSE and stdio, in the words of the
-//! paper or of the published server.
+//! Live worlds as tools of the Model Context Protocol: over Streamable HTTP, legacy HTTP+SSE and
+//! stdio, in the words of the paper or of the published server.
 //!
-//! Carries calls to the pool and says what came of them; never decides, never simulates. What a profile shows is in `speech`,
-//! and nothing else reaches a policy.
+//! Carries calls to the pool and says what came of them; never decides, never simulates. What a
+//! profile shows is in `speech`, and nothing else reaches a policy.
 
 mod catalogue;
 mod event_store;

@@ -35,7 +35,11 @@ impl Questions {
     /// Waits for somebody to answer; none when nobody does in time.
     pub async fn ask(&self, session: &str, text: &str, patience: Duration) -> Option<String> {
         let (answer, answered) = oneshot::channel();
-        let waiting = Waiting { text: text.to_owned(), since: Instant::now(), answer };
+        let waiting = Waiting {
+            text: text.to_owned(),
+            since: Instant::now(),
+            answer,
+        };
         self.lock().insert(session.to_owned(), waiting);
         // Also when the caller stops waiting in the middle.
         let _gone = Withdraw(self, session);

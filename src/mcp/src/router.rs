@@ -55,8 +55,8 @@ struct Shared {
     closing: CancellationToken,
 }
 
-/// `/mcp`, `/w/<name>/mcp`, `/sse`, `/w/<name>/sse` and `/messages/`. Host, Origin, tokens and sizes of bodies are the caller's to
-/// check; every stream ends with `closing`.
+/// `/mcp`, `/w/<name>/mcp`, `/sse`, `/w/<name>/sse` and `/messages/`. Host, Origin, tokens and
+/// sizes of bodies are the caller's to check; every stream ends with `closing`.
 pub fn router(
     pool: Arc<Pool>,
     questions: Arc<Questions>,
@@ -64,14 +64,28 @@ pub fn router(
     closing: CancellationToken,
     max_body: usize,
 ) -> Router {
-    let shared = Shared { pool, questions, options, connections: Connections::default(), closing: closing.clone() };
+    let shared = Shared {
+        pool,
+        questions,
+        options,
+        connections: Connections::default(),
+        closing: closing.clone(),
+    };
     let factory = {
         let shared = shared.clone();
         move || shared.server()
     };
     let limits = shared.pool.limits();
-    let service = streamable_http(factory, limits.households, limits.close_after, max_body, closing);
-    let workers = Router::new().route_service("/w/{worker}/mcp", service.clone()).layer(middleware::from_fn(name_worker));
+    let service = streamable_http(
+        factory,
+        limits.households,
+        limits.close_after,
+        max_body,
+        closing,
+    );
+    let workers = Router::new()
+        .route_service("/w/{worker}/mcp", service.clone())
+        .layer(middleware::from_fn(name_worker));
     Router::new()
         .route("/sse", get(open))
         .route("/w/{worker}/sse", get(open_worker))
@@ -81,9 +95,10 @@ pub fn router(
         .merge(workers)
 }
 
-/// The service of Streamable HTTP, with a handler from `factory` for each of at most `sessions` sessions; who wants one more is
-/// told so with 503. A session ends when nothing came or went for `keep_alive`, or sooner while it calls no tool; every stream
-/// with `closing`. [`Guard`](crate::Guard) is what keeps pages of the web from it.
+/// The service of Streamable HTTP, with a handler from `factory` for each of at most `sessions`
+/// sessions; who wants one more is told so with 503. A session ends when nothing came or went for
+/// `keep_alive`, or sooner while it calls no tool; every stream with `closing`.
+/// [`Guard`](crate::Guard) is what keeps pages of the web from it.
 pub fn streamable_http<S: ServerHandler>(
     factory: impl Fn() -> S + Send + Sync + 'static,
     sessions: usize,
@@ -91,7 +106,12 @@ pub fn streamable_http<S: ServerHandler>(
     max_body: usize,
     closing: CancellationToken,
 ) -> MethodRouter {
-    serve(Sessions::new(sessions, keep_alive), factory, max_body, closing)
+    serve(
+        Sessions::new(sessions, keep_alive),
+        factory,
+        max_body,
+        closing,
+    )
 }
 
 /// [`streamable_http`] for these sessions.
@@ -105,26 +125,49 @@ pub(crate) fn serve<S: ServerHandler>(
         .disable_allowed_hosts()
         .with_max_request_body_bytes(max_body)
         .with_cancellation_token(closing);
-    any_service(StreamableHttpService::new(move || Ok(factory()), sessions, http)).layer(middleware::from_fn(Sessions::or_full))
+    any_service(StreamableHttpService::new(
+        move || Ok(factory()),
+        sessions,
+        http,
+    ))
+    .layer(middleware::from_fn(Sessions::or_full))
 }
 
 /// Serves one agent over standard input and output, until it goes.
 ///
 /// # Errors
 /// When the first message is not one of the protocol.
-pub async fn stdio(pool: Arc<Pool>, options: Options) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
+pub async fn stdio(
+    pool: Arc<Pool>,
+    options: Options,
+) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let server = ToolServer::new(pool, Arc::default(), Arc::new(options), "stdio".to_owned());
-    server.serve(rmcp::transport::stdio()).await?.waiting().await?;
+    server
+        .serve(rmcp::transport::stdio())
+        .await?
+        .waiting()
+        .await?;
     Ok(())
 }
 
 impl Shared {
     fn server(&self) -> ToolServer {
-        ToolServer::new(self.pool.clone(), self.questions.clone(), self.options.clone(), format!("s-{}", random()))
+        ToolServer::new(
+            self.pool.clone(),
+            self.questions.clone(),
+            self.options.clone(),
+            format!("s-{}", random()),
+        )
     }
 
     fn stream(&self, server: ToolServer) -> Response {
-        self.connections.open(server, random(), MESSAGES, self.pool.limits().households, &self.closing)
+        self.connections.open(
+            server,
+            random(),
+            MESSAGES,
+            self.pool.limits().households,
+            &self.closing,
+        )
     }
 }
 
@@ -146,7 +189,12 @@ async fn open(State(shared): State<Shared>) -> Response {
 async fn open_worker(State(shared): State<Shared>, Path(worker): Path<String>) -> Response {
     match Worker::named(&worker) {
         Ok(worker) => {
-            let Shared { pool, questions, options, .. } = shared.clone();
+            let Shared {
+                pool,
+                questions,
+                options,
+                ..
+            } = shared.clone();
             let server = ToolServer::of_worker(pool, questions, options, worker);
             shared.stream(server)
         }
@@ -160,8 +208,15 @@ struct Session {
     session_id: Option<String>,
 }
 
-async fn message(State(shared): State<Shared>, Query(session): Query<Session>, body: Bytes) -> Response {
-    shared.connections.message(session.session_id.as_deref(), &body).await
+async fn message(
+    State(shared): State<Shared>,
+    Query(session): Query<Session>,
+    body: Bytes,
+) -> Response {
+    shared
+        .connections
+        .message(session.session_id.as_deref(), &body)
+        .await
 }
 
 /// 128 bits that nobody can guess.

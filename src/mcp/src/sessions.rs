@@ -1,7 +1,7 @@
 //! The sessions of Streamable HTTP: so many and no more, and none that does nothing for long.
 //!
-//! Each is a session of rmcp with an event store of its own, so that no client gets what another missed. Never looks into a
-//! message further than whether it calls a tool.
+//! Each is a session of rmcp with an event store of its own, so that no client gets what another
+//! missed. Never looks into a message further than whether it calls a tool.
 
 use std::{
     cell::Cell,
@@ -26,7 +26,10 @@ use rmcp::{
             SessionId, SessionManager,
             session::{
                 EventStream, ServerSseMessage,
-                local::{LocalSessionManager, LocalSessionManagerError, LocalSessionWorker, SessionConfig, SessionError},
+                local::{
+                    LocalSessionManager, LocalSessionManagerError, LocalSessionWorker,
+                    SessionConfig, SessionError,
+                },
             },
         },
     },
@@ -35,7 +38,8 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::event_store::{Events, SessionEvents};
 
-/// How long a session lives that called no tool yet, without a request and without a stream that its client listens to.
+/// How long a session lives that called no tool yet, without a request and without a stream that
+/// its client listens to.
 const SILENT_FOR: Duration = Duration::from_secs(120);
 const TEND_EVERY: Duration = Duration::from_secs(10);
 
@@ -88,12 +92,18 @@ impl Sessions {
         })
     }
 
-    /// Answers 503 to who wanted one session too many. To rmcp that is an error of the server: it answers 500.
+    /// Answers 503 to who wanted one session too many. To rmcp that is an error of the server: it
+    /// answers 500.
     pub async fn or_full(request: Request, next: Next) -> Response {
         let answered = async {
             let response = next.run(request).await;
-            let text = "as many sessions are open as may be: end one with DELETE, or come back later";
-            if REFUSED.with(Cell::get) { (StatusCode::SERVICE_UNAVAILABLE, text).into_response() } else { response }
+            let text =
+                "as many sessions are open as may be: end one with DELETE, or come back later";
+            if REFUSED.with(Cell::get) {
+                (StatusCode::SERVICE_UNAVAILABLE, text).into_response()
+            } else {
+                response
+            }
         };
         REFUSED.scope(Cell::new(false), answered).await
     }
@@ -102,8 +112,12 @@ impl Sessions {
     async fn tend(&self, now: Instant) {
         self.events.expire(now);
         let is_silent = |session: &Session| session.life().is_silent(now);
-        let silent: Vec<SessionId> =
-            self.lock().iter().filter(|(_, session)| is_silent(session)).map(|(id, _)| id.clone()).collect();
+        let silent: Vec<SessionId> = self
+            .lock()
+            .iter()
+            .filter(|(_, session)| is_silent(session))
+            .map(|(id, _)| id.clone())
+            .collect();
         for id in silent {
             tracing::info!(session = &*id, "closed: it called no tool");
             if let Err(error) = self.close_session(&id).await {
@@ -113,7 +127,10 @@ impl Sessions {
     }
 
     fn session(&self, id: &SessionId) -> Result<Arc<Session>, Error> {
-        self.lock().get(id).cloned().ok_or_else(|| Error::SessionNotFound(id.clone()))
+        self.lock()
+            .get(id)
+            .cloned()
+            .ok_or_else(|| Error::SessionNotFound(id.clone()))
     }
 
     fn lock(&self) -> MutexGuard<'_, HashMap<SessionId, Arc<Session>>> {
@@ -124,7 +141,9 @@ impl Sessions {
 async fn tend(sessions: Weak<Sessions>) {
     loop {
         tokio::time::sleep(TEND_EVERY).await;
-        let Some(sessions) = sessions.upgrade() else { return };
+        let Some(sessions) = sessions.upgrade() else {
+            return;
+        };
         sessions.tend(Instant::now()).await;
     }
 }
@@ -134,7 +153,8 @@ impl Session {
         lock(&self.life)
     }
 
-    /// A stream that tells the events what its connection took, and the session for how long somebody listened.
+    /// A stream that tells the events what its connection took, and the session for how long
+    /// somebody listened.
     fn watched<S>(&self, stream: S, listening: Option<Listening>) -> EventStream
     where
         S: Stream<Item = ServerSseMessage> + Send + Sync + 'static,
@@ -180,23 +200,43 @@ impl SessionManager for Sessions {
     async fn create_session(&self) -> Result<(SessionId, Self::Transport), Error> {
         let Ok(place) = self.places.clone().try_acquire_owned() else {
             let _ = REFUSED.try_with(|refused| refused.set(true));
-            let full = io::Error::other(format!("{} sessions are open, which is the limit", self.limit));
+            let full = io::Error::other(format!(
+                "{} sessions are open, which is the limit",
+                self.limit
+            ));
             return Err(SessionError::Io(full).into());
         };
-        self.tended.call_once(|| drop(tokio::spawn(tend(self.this.clone()))));
+        self.tended
+            .call_once(|| drop(tokio::spawn(tend(self.this.clone()))));
         let events = self.events.open();
         let mut local = LocalSessionManager::default();
         local.session_config = self.config.clone();
         let local = local.with_event_store(Arc::new(events.clone()));
         let (id, transport) = local.create_session().await?;
-        let life = Life { heard: Instant::now(), calls: false, listens: 0 };
-        let session = Session { local, events, life: Arc::new(Mutex::new(life)), _place: place };
+        let life = Life {
+            heard: Instant::now(),
+            calls: false,
+            listens: 0,
+        };
+        let session = Session {
+            local,
+            events,
+            life: Arc::new(Mutex::new(life)),
+            _place: place,
+        };
         self.lock().insert(id.clone(), Arc::new(session));
         Ok((id, transport))
     }
 
-    async fn initialize_session(&self, id: &SessionId, message: ClientJsonRpcMessage) -> Result<ServerJsonRpcMessage, Error> {
-        self.session(id)?.local.initialize_session(id, message).await
+    async fn initialize_session(
+        &self,
+        id: &SessionId,
+        message: ClientJsonRpcMessage,
+    ) -> Result<ServerJsonRpcMessage, Error> {
+        self.session(id)?
+            .local
+            .initialize_session(id, message)
+            .await
     }
 
     async fn has_session(&self, id: &SessionId) -> Result<bool, Error> {
@@ -204,7 +244,9 @@ impl SessionManager for Sessions {
     }
 
     async fn close_session(&self, id: &SessionId) -> Result<(), Error> {
-        let Some(session) = self.lock().remove(id) else { return Ok(()) };
+        let Some(session) = self.lock().remove(id) else {
+            return Ok(());
+        };
         session.events.close();
         session.local.close_session(id).await
     }
@@ -215,8 +257,7 @@ impl SessionManager for Sessions {
         message: ClientJsonRpcMessage,
     ) -> Result<impl Stream<Item = ServerSseMessage> + Send + Sync + 'static, Error> {
         let session = self.session(id)?;
-        let calls =
-            matches!(&message, JsonRpcMessage::Request(request) if matches!(request.request, ClientRequest::CallToolRequest(_)));
+        let calls = matches!(&message, JsonRpcMessage::Request(request) if matches!(request.request, ClientRequest::CallToolRequest(_)));
         {
             let mut life = session.life();
             life.heard = Instant::now();
@@ -227,7 +268,11 @@ impl SessionManager for Sessions {
         Ok(session.watched(stream, None))
     }
 
-    async fn accept_message(&self, id: &SessionId, message: ClientJsonRpcMessage) -> Result<(), Error> {
+    async fn accept_message(
+        &self,
+        id: &SessionId,
+        message: ClientJsonRpcMessage,
+    ) -> Result<(), Error> {
         let session = self.session(id)?;
         session.life().heard = Instant::now();
         session.local.accept_message(id, message).await
@@ -242,8 +287,13 @@ impl SessionManager for Sessions {
         let listening = session.listen();
         let stream = session.local.create_standalone_stream(id).await?;
         // What rmcp has said from here on comes in `stream` as well.
-        let missed = if is_alone { session.events.missed() } else { Vec::new() };
-        let known: Vec<Option<String>> = missed.iter().map(|event| event.event_id.clone()).collect();
+        let missed = if is_alone {
+            session.events.missed()
+        } else {
+            Vec::new()
+        };
+        let known: Vec<Option<String>> =
+            missed.iter().map(|event| event.event_id.clone()).collect();
         let stream = stream.filter(move |event| future::ready(!known.contains(&event.event_id)));
         Ok(session.watched(stream::iter(missed).chain(stream), Some(listening)))
     }
@@ -286,7 +336,8 @@ mod tests {
     /// The last of an answer to a call.
     const ANSWERED: &str = "AnswerEnds";
 
-    /// Answers `now` at once, and `slow` when the test lets it; `tell` tells the client, on no stream of a request.
+    /// Answers `now` at once, and `slow` when the test lets it; `tell` tells the client, on no
+    /// stream of a request.
     struct Slow(Arc<Semaphore>);
 
     impl ServerHandler for Slow {
@@ -313,7 +364,10 @@ mod tests {
 
     impl Server {
         async fn new(limit: usize) -> Self {
-            let (sessions, gate) = (Sessions::new(limit, Duration::from_secs(3_600)), Arc::new(Semaphore::new(0)));
+            let (sessions, gate) = (
+                Sessions::new(limit, Duration::from_secs(3_600)),
+                Arc::new(Semaphore::new(0)),
+            );
             let factory = {
                 let gate = gate.clone();
                 move || Slow(gate.clone())
@@ -321,8 +375,14 @@ mod tests {
             let service = serve(sessions.clone(), factory, 1 << 20, CancellationToken::new());
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
             let address = listener.local_addr().unwrap();
-            tokio::spawn(async move { axum::serve(listener, Router::new().route("/mcp", service)).await });
-            Self { address, sessions, gate }
+            tokio::spawn(async move {
+                axum::serve(listener, Router::new().route("/mcp", service)).await
+            });
+            Self {
+                address,
+                sessions,
+                gate,
+            }
         }
 
         /// A request as it goes over the wire. Of HTTP/1.0, so that the answer comes as it is.
@@ -346,10 +406,14 @@ mod tests {
 
         async fn open(&self) -> Client<'_> {
             let answer = self.initialize().await;
-            let (_, rest) = answer.split_once("mcp-session-id: ").unwrap_or_else(|| panic!("{answer}"));
+            let (_, rest) = answer
+                .split_once("mcp-session-id: ")
+                .unwrap_or_else(|| panic!("{answer}"));
             let id = rest.split_once("\r\n").unwrap().0.to_owned();
             let client = Client { server: self, id };
-            let answer = client.post(r#"{"jsonrpc":"2.0","method":"notifications/initialized"}"#).await;
+            let answer = client
+                .post(r#"{"jsonrpc":"2.0","method":"notifications/initialized"}"#)
+                .await;
             assert!(answer.contains(" 202 "), "{answer}");
             client
         }
@@ -376,7 +440,13 @@ mod tests {
 
     impl Client<'_> {
         async fn send(&self, method: &str, headers: &str, body: &str) -> TcpStream {
-            self.server.send(method, &format!("Mcp-Session-Id: {}\r\n{headers}", self.id), body).await
+            self.server
+                .send(
+                    method,
+                    &format!("Mcp-Session-Id: {}\r\n{headers}", self.id),
+                    body,
+                )
+                .await
         }
 
         async fn post(&self, body: &str) -> String {
@@ -385,15 +455,17 @@ mod tests {
 
         /// Posts a call, and waits for its first event.
         async fn call(&self, tool: &str) -> (TcpStream, String) {
-            let body =
-                format!(r#"{{"jsonrpc":"2.0","id":7,"method":"tools/call","params":{{"name":"{tool}","arguments":{{}}}}}}"#);
+            let body = format!(
+                r#"{{"jsonrpc":"2.0","id":7,"method":"tools/call","params":{{"name":"{tool}","arguments":{{}}}}}}"#
+            );
             let mut stream = self.send("POST", "", &body).await;
             let event = read(&mut stream, Some("\n\n")).await;
             (stream, id(&event))
         }
 
         async fn resume(&self, last: &str) -> TcpStream {
-            self.send("GET", &format!("Last-Event-ID: {last}\r\n"), "").await
+            self.send("GET", &format!("Last-Event-ID: {last}\r\n"), "")
+                .await
         }
     }
 
@@ -422,7 +494,14 @@ mod tests {
 
     /// The id of the last event.
     fn id(events: &str) -> String {
-        events.rsplit_once("id: ").unwrap_or_else(|| panic!("{events}")).1.lines().next().unwrap().to_owned()
+        events
+            .rsplit_once("id: ")
+            .unwrap_or_else(|| panic!("{events}"))
+            .1
+            .lines()
+            .next()
+            .unwrap()
+            .to_owned()
     }
 
     #[tokio::test]
@@ -435,14 +514,30 @@ mod tests {
         server.answered(0).await;
         assert!(client.post(PING).await.contains(r#""id":8"#));
         assert_eq!(server.kept(), 2, "the answer, and that to the ping");
-        assert!(!read(&mut other.resume(&primed).await, None).await.contains(ANSWERED), "the answer of somebody else");
+        assert!(
+            !read(&mut other.resume(&primed).await, None)
+                .await
+                .contains(ANSWERED),
+            "the answer of somebody else"
+        );
         let answer = read(&mut client.resume(&primed).await, None).await;
-        assert!(answer.contains(ANSWERED) && answer.contains(r#""id":7"#) && answer.len() > PICTURE, "{answer:.300}");
+        assert!(
+            answer.contains(ANSWERED) && answer.contains(r#""id":7"#) && answer.len() > PICTURE,
+            "{answer:.300}"
+        );
         assert_eq!(id(&answer), "2/1");
         // It may have been lost again, until the client goes on.
-        assert!(read(&mut client.resume(&primed).await, None).await.contains(ANSWERED));
+        assert!(
+            read(&mut client.resume(&primed).await, None)
+                .await
+                .contains(ANSWERED)
+        );
         client.post(PING).await;
-        assert!(!read(&mut client.resume(&primed).await, None).await.contains(ANSWERED));
+        assert!(
+            !read(&mut client.resume(&primed).await, None)
+                .await
+                .contains(ANSWERED)
+        );
         assert_eq!(server.kept(), 1, "the ping");
     }
 
@@ -456,12 +551,17 @@ mod tests {
         read(&mut resumed, Some("\r\n\r\n")).await;
         server.gate.add_permits(1);
         assert!(read(&mut resumed, None).await.contains(ANSWERED));
-        // Also on a connection that nobody knows to be cut: the client is never asked whether it has the answer.
+        // Also on a connection that nobody knows to be cut: the client is never asked whether it
+        // has the answer.
         let (stream, primed) = client.call("slow").await;
         server.gate.add_permits(1);
         server.answered(0).await;
         drop(stream);
-        assert!(read(&mut client.resume(&primed).await, None).await.contains(ANSWERED));
+        assert!(
+            read(&mut client.resume(&primed).await, None)
+                .await
+                .contains(ANSWERED)
+        );
     }
 
     #[tokio::test]
@@ -473,7 +573,11 @@ mod tests {
             assert!(answer.contains(ANSWERED));
             let mut listening = client.send("GET", "", "").await;
             let heard = read(&mut listening, Some("list_changed")).await;
-            assert_eq!((id(&heard), heard.matches("list_changed").count()), (round.to_string(), 1), "{heard}");
+            assert_eq!(
+                (id(&heard), heard.matches("list_changed").count()),
+                (round.to_string(), 1),
+                "{heard}"
+            );
             cut(listening).await;
         }
         let heard = read(&mut client.resume("1").await, Some("list_changed")).await;
@@ -490,7 +594,11 @@ mod tests {
         // Of clients that go on, no more than the last answer.
         for _ in 0..12 {
             for client in &clients {
-                assert!(read(&mut client.call("now").await.0, None).await.contains(ANSWERED));
+                assert!(
+                    read(&mut client.call("now").await.0, None)
+                        .await
+                        .contains(ANSWERED)
+                );
             }
             assert!(server.kept() <= clients.len(), "{}", server.kept());
         }
@@ -509,7 +617,10 @@ mod tests {
             client.post(PING).await;
         }
         let kept = server.sessions.events.kept();
-        assert!(kept.bytes > PICTURE && kept.bytes <= (2 << 20) + 3 * 100, "{kept:?}");
+        assert!(
+            kept.bytes > PICTURE && kept.bytes <= (2 << 20) + 3 * 100,
+            "{kept:?}"
+        );
         for client in &clients {
             read(&mut client.send("DELETE", "", "").await, None).await;
         }
@@ -521,8 +632,14 @@ mod tests {
         let server = Server::new(2).await;
         let (first, second) = (server.open().await, server.open().await);
         let refused = server.initialize().await;
-        assert!(refused.contains(" 503 ") && refused.ends_with("or come back later"), "{refused}");
-        assert!(second.post(PING).await.contains(r#""id":8"#), "the others go on");
+        assert!(
+            refused.contains(" 503 ") && refused.ends_with("or come back later"),
+            "{refused}"
+        );
+        assert!(
+            second.post(PING).await.contains(r#""id":8"#),
+            "the others go on"
+        );
         // What needs no session is answered as ever.
         let body = r#"{"jsonrpc":"2.0","id":3,"method":"tools/list","params":{"_meta":{
             "io.modelcontextprotocol/protocolVersion":"2026-07-28",
@@ -530,8 +647,15 @@ mod tests {
             "io.modelcontextprotocol/clientCapabilities":{}}}}"#;
         let headers = "MCP-Protocol-Version: 2026-07-28\r\nMcp-Method: tools/list\r\n";
         let answer = read(&mut server.send("POST", headers, body).await, None).await;
-        assert!(answer.contains(" 200 ") && answer.contains(r#""id":3"#), "{answer}");
-        assert!(read(&mut first.send("DELETE", "", "").await, None).await.contains(" 202 "));
+        assert!(
+            answer.contains(" 200 ") && answer.contains(r#""id":3"#),
+            "{answer}"
+        );
+        assert!(
+            read(&mut first.send("DELETE", "", "").await, None)
+                .await
+                .contains(" 202 ")
+        );
         let third = server.open().await;
         assert!(server.initialize().await.contains(" 503 "));
         assert!(third.post(PING).await.contains(r#""id":8"#));
@@ -541,12 +665,19 @@ mod tests {
     #[tokio::test]
     async fn sessions_that_do_nothing_end_soon() {
         let server = Server::new(9).await;
-        let (silent, calls, listens) = (server.open().await, server.open().await, server.open().await);
+        let (silent, calls, listens) = (
+            server.open().await,
+            server.open().await,
+            server.open().await,
+        );
         read(&mut calls.call("now").await.0, None).await;
         let mut listening = listens.send("GET", "", "").await;
         read(&mut listening, Some("\r\n\r\n")).await;
         server.sessions.tend(Instant::now()).await;
-        assert!(silent.post(PING).await.contains(r#""id":8"#), "it has only begun");
+        assert!(
+            silent.post(PING).await.contains(r#""id":8"#),
+            "it has only begun"
+        );
         server.sessions.tend(Instant::now() + SILENT_FOR).await;
         assert!(silent.post(PING).await.contains(" 404 "));
         for client in [&calls, &listens] {

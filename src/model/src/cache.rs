@@ -11,8 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{ModelError, reply::Answer};
 
-/// Replies by the digest of the request, which names model and parameters but neither address nor key: the folder gives the
-/// same replies wherever it lies. Models that differ under one name need folders of their own.
+/// Replies by the digest of the request, which names model and parameters but neither address nor
+/// key: the folder gives the same replies wherever it lies. Models that differ under one name need
+/// folders of their own.
 #[derive(Clone, Debug)]
 pub struct Cache {
     folder: PathBuf,
@@ -27,7 +28,11 @@ impl Cache {
         let folder = folder.into();
         match fs::create_dir_all(&folder) {
             Ok(()) => Ok(Self { folder }),
-            Err(source) => Err(ModelError::Write { action: "make the folder of kept replies", path: folder, source }),
+            Err(source) => Err(ModelError::Write {
+                action: "make the folder of kept replies",
+                path: folder,
+                source,
+            }),
         }
     }
 
@@ -36,7 +41,8 @@ impl Cache {
         self.folder.join(format!("{request}.json"))
     }
 
-    /// The kept answer with its latency. A file that is not as it was written is as good as none, and is written again.
+    /// The kept answer with its latency. A file that is not as it was written is as good as none,
+    /// and is written again.
     pub(crate) fn get(&self, request: &Digest) -> Option<Kept> {
         let file: File = serde_json::from_slice(&fs::read(self.path(request)).ok()?).ok()?;
         (file.digest == digest(request, &file.kept)).then_some(file.kept)
@@ -45,9 +51,16 @@ impl Cache {
     /// Keeps an answer: the file is there as a whole or not at all.
     pub(crate) fn put(&self, request: &Digest, kept: Kept) -> Result<(), ModelError> {
         let path = self.path(request);
-        let file = File { digest: digest(request, &kept), kept };
+        let file = File {
+            digest: digest(request, &kept),
+            kept,
+        };
         let text = serde_json::to_string_pretty(&file).expect("an answer is always JSON");
-        publish(&self.folder, &path, text.as_bytes()).map_err(|source| ModelError::Write { action: "keep a reply", path, source })
+        publish(&self.folder, &path, text.as_bytes()).map_err(|source| ModelError::Write {
+            action: "keep a reply",
+            path,
+            source,
+        })
     }
 }
 

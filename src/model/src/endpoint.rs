@@ -9,7 +9,8 @@ use crate::ModelError;
 /// Where a model is asked, and how.
 #[derive(Clone, Debug)]
 pub struct Endpoint {
-    /// Up to and without `/chat/completions`, mostly ending in `/v1`. Holds no secret: it is shown in errors.
+    /// Up to and without `/chat/completions`, mostly ending in `/v1`. Holds no secret: it is shown
+    /// in errors.
     pub base_url: String,
     /// The model's name at the endpoint.
     pub model: String,
@@ -23,10 +24,11 @@ pub struct Endpoint {
     pub temperature: f64,
     /// Most tokens that the model may write.
     pub max_tokens: u32,
-    /// Whether the log-probabilities of the tokens that the model writes are asked for; not every endpoint gives them.
+    /// Whether the log-probabilities of the tokens that the model writes are asked for; not every
+    /// endpoint gives them.
     pub logprobs: bool,
-    /// Further fields of every request, e.g. `seed`; they replace fields of the same name, and `null` takes one away (models
-    /// that want `max_completion_tokens` refuse `max_tokens`).
+    /// Further fields of every request, e.g. `seed`; they replace fields of the same name, and
+    /// `null` takes one away (models that want `max_completion_tokens` refuse `max_tokens`).
     pub extra: Map<String, Value>,
 }
 
@@ -49,7 +51,8 @@ impl Endpoint {
     /// The address that requests go to.
     ///
     /// # Errors
-    /// When the base is no http address, or one with parts that do not belong there: credentials would be shown in errors.
+    /// When the base is no http address, or one with parts that do not belong there: credentials
+    /// would be shown in errors.
     pub fn url(&self) -> Result<String, ModelError> {
         Ok(format!("{}/chat/completions", self.base()?))
     }
@@ -65,14 +68,19 @@ impl Endpoint {
     fn base(&self) -> Result<&str, ModelError> {
         let base = self.base_url.trim().trim_end_matches('/');
         let base = base.strip_suffix("/chat/completions").unwrap_or(base);
-        let host = base.strip_prefix("http://").or_else(|| base.strip_prefix("https://"));
+        let host = base
+            .strip_prefix("http://")
+            .or_else(|| base.strip_prefix("https://"));
         let wrong = match host {
             None => Some("it has to begin with http:// or https://"),
-            Some(host) if host.contains('@') => {
-                Some("it must hold no user name or password; the key goes into an environment variable")
-            }
+            Some(host) if host.contains('@') => Some(
+                "it must hold no user name or password; the key goes into an environment variable",
+            ),
             Some(host) if host.contains(['?', '#']) => Some("it must hold no query"),
-            Some(host) if host.is_empty() || host.contains(|c: char| c.is_whitespace() || c.is_control()) => {
+            Some(host)
+                if host.is_empty()
+                    || host.contains(|c: char| c.is_whitespace() || c.is_control()) =>
+            {
                 Some("it names no host")
             }
             Some(_) => None,
@@ -106,7 +114,9 @@ impl ApiKey {
     /// # Errors
     /// When there is none, or none that can be sent.
     pub fn from_env(variable: &str) -> Result<Self, ModelError> {
-        let secret = env::var(variable).map_err(|_| ModelError::NoKey { variable: variable.to_owned() })?;
+        let secret = env::var(variable).map_err(|_| ModelError::NoKey {
+            variable: variable.to_owned(),
+        })?;
         Self::new(&secret)
     }
 
@@ -134,13 +144,26 @@ mod tests {
     #[test]
     fn addresses() {
         let url = |base: &str| Endpoint::new(base, "m").url();
-        assert_eq!(url("http://localhost:8000/v1/").unwrap(), "http://localhost:8000/v1/chat/completions");
-        assert_eq!(url(" https://a.example/v1/chat/completions").unwrap(), "https://a.example/v1/chat/completions");
-        for wrong in
-            ["localhost:8000/v1", "https://", "https://me:secret@a.example/v1", "https://a.example/v1?key=secret", "http://a b"]
-        {
+        assert_eq!(
+            url("http://localhost:8000/v1/").unwrap(),
+            "http://localhost:8000/v1/chat/completions"
+        );
+        assert_eq!(
+            url(" https://a.example/v1/chat/completions").unwrap(),
+            "https://a.example/v1/chat/completions"
+        );
+        for wrong in [
+            "localhost:8000/v1",
+            "https://",
+            "https://me:secret@a.example/v1",
+            "https://a.example/v1?key=secret",
+            "http://a b",
+        ] {
             let message = url(wrong).unwrap_err().to_string();
-            assert!(message.contains("base url") && !message.contains("secret"), "{wrong}: {message}");
+            assert!(
+                message.contains("base url") && !message.contains("secret"),
+                "{wrong}: {message}"
+            );
         }
     }
 
@@ -148,10 +171,16 @@ mod tests {
     fn keys() {
         assert_eq!(ApiKey::new(" sk-1\n").unwrap().bearer(), "Bearer sk-1");
         for wrong in ["", "  ", "a b", "a\nb", "schlüssel"] {
-            assert!(matches!(ApiKey::new(wrong), Err(ModelError::BadKey)), "{wrong:?}");
+            assert!(
+                matches!(ApiKey::new(wrong), Err(ModelError::BadKey)),
+                "{wrong:?}"
+            );
         }
         let missing = ApiKey::from_env("REEL_TEST_NO_SUCH_VARIABLE").unwrap_err();
-        assert!(missing.to_string().contains("REEL_TEST_NO_SUCH_VARIABLE"), "{missing}");
+        assert!(
+            missing.to_string().contains("REEL_TEST_NO_SUCH_VARIABLE"),
+            "{missing}"
+        );
         assert_eq!(format!("{:?}", ApiKey::new("sk-1").unwrap()), "[key]");
     }
 }

@@ -6,7 +6,9 @@ use std::{io, path::PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
     /// The address cannot be one.
-    #[error("the base url of the endpoint is wrong: {what}; give it up to /v1, like http://localhost:8000/v1")]
+    #[error(
+        "the base url of the endpoint is wrong: {what}; give it up to /v1, like http://localhost:8000/v1"
+    )]
     BaseUrl {
         /// Why.
         what: &'static str,
@@ -18,7 +20,9 @@ pub enum ModelError {
         variable: String,
     },
     /// A key that cannot be sent.
-    #[error("the key is empty or holds characters that cannot be sent; check the environment variable it comes from")]
+    #[error(
+        "the key is empty or holds characters that cannot be sent; check the environment variable it comes from"
+    )]
     BadKey,
     /// Nobody answers at the address.
     #[error("cannot connect ({what}) after {tries}; is the endpoint running, and its address right? {url}", tries = tries(*attempts))]
@@ -41,7 +45,9 @@ pub enum ModelError {
         what: String,
     },
     /// No secure connection.
-    #[error("no secure connection ({what}); check the endpoint's certificate and this machine's root certificates: {url}")]
+    #[error(
+        "no secure connection ({what}); check the endpoint's certificate and this machine's root certificates: {url}"
+    )]
     Tls {
         /// The address.
         url: String,
@@ -71,7 +77,9 @@ pub enum ModelError {
         excerpt: String,
     },
     /// What came is no answer of a chat.
-    #[error("not the answer of a chat completion: {what}; does the address speak the OpenAI protocol? {url}: {excerpt}")]
+    #[error(
+        "not the answer of a chat completion: {what}; does the address speak the OpenAI protocol? {url}: {excerpt}"
+    )]
     Answer {
         /// The address.
         url: String,
@@ -101,7 +109,9 @@ impl ModelError {
     /// Whether another try may help.
     pub(crate) fn is_transient(&self) -> bool {
         match self {
-            ModelError::Connect { .. } | ModelError::Cut { .. } | ModelError::Timeout { .. } => true,
+            ModelError::Connect { .. } | ModelError::Cut { .. } | ModelError::Timeout { .. } => {
+                true
+            }
             ModelError::Status { status, .. } => matches!(status, 408 | 429 | 500..=599),
             _ => false,
         }
@@ -111,7 +121,11 @@ impl ModelError {
 /// The beginning of what an endpoint said, on one line.
 pub(crate) fn excerpt(text: &str) -> String {
     const CHARACTERS: usize = 300;
-    let mut words: String = text.chars().take(CHARACTERS).map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let mut words: String = text
+        .chars()
+        .take(CHARACTERS)
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect();
     if text.chars().nth(CHARACTERS).is_some() {
         words.push_str(" ...");
     }

@@ -51,8 +51,15 @@ impl CallLog {
     pub fn append(path: impl Into<PathBuf>) -> Result<Self, ModelError> {
         let path = path.into();
         match OpenOptions::new().create(true).append(true).open(&path) {
-            Ok(file) => Ok(Self { path, out: Mutex::new(Box::new(file)) }),
-            Err(source) => Err(ModelError::Write { action: "open the log of calls", path, source }),
+            Ok(file) => Ok(Self {
+                path,
+                out: Mutex::new(Box::new(file)),
+            }),
+            Err(source) => Err(ModelError::Write {
+                action: "open the log of calls",
+                path,
+                source,
+            }),
         }
     }
 
@@ -61,10 +68,11 @@ impl CallLog {
         let mut line = serde_json::to_string(call).expect("a call is always JSON");
         line.push('\n');
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
-        out.write_all(line.as_bytes()).map_err(|source| ModelError::Write {
-            action: "log a call",
-            path: self.path.clone(),
-            source,
-        })
+        out.write_all(line.as_bytes())
+            .map_err(|source| ModelError::Write {
+                action: "log a call",
+                path: self.path.clone(),
+                source,
+            })
     }
 }

@@ -10,7 +10,8 @@ use crate::Endpoint;
 pub struct Request {
     /// In their order.
     pub messages: Vec<Message>,
-    /// The functions that it may call, as a list of `{type: function, function: {...}}`; null where there are none.
+    /// The functions that it may call, as a list of `{type: function, function: {...}}`; null where
+    /// there are none.
     pub tools: Value,
 }
 
@@ -30,7 +31,12 @@ pub struct Message {
 impl Message {
     /// A message of texts and pictures.
     pub fn new(role: Role, parts: Vec<Part>) -> Self {
-        Self { role, parts, calls: Vec::new(), answers: None }
+        Self {
+            role,
+            parts,
+            calls: Vec::new(),
+            answers: None,
+        }
     }
 
     /// A message of one text.
@@ -40,7 +46,10 @@ impl Message {
 
     /// What came of a call.
     pub fn outcome(call: impl Into<String>, text: impl Into<String>) -> Self {
-        Self { answers: Some(call.into()), ..Self::text(Role::Tool, text) }
+        Self {
+            answers: Some(call.into()),
+            ..Self::text(Role::Tool, text)
+        }
     }
 }
 

@@ -1,8 +1,9 @@
-//! The automaton of a pattern: its steps written out as positions, and which position may follow which. Nothing here
-//! depends on the data; built once, when the pattern is parsed.
+//! The automaton of a pattern: its steps written out as positions, and which position may follow
+//! which. Nothing here depends on the data; built once, when the pattern is parsed.
 //!
-//! A Glushkov automaton with anchors. Sets of positions are bit sets of `words` words; two bits of every set are no
-//! positions but say that a match may end: [`ACCEPT`] here and now, [`ACCEPT_AT_END`] if the episode ends here.
+//! A Glushkov automaton with anchors. Sets of positions are bit sets of `words` words; two bits of
+//! every set are no positions but say that a match may end: [`ACCEPT`] here and now,
+//! [`ACCEPT_AT_END`] if the episode ends here.
 
 use crate::{MAX_POSITIONS, PatternError, parser::Node};
 
@@ -36,7 +37,9 @@ impl Automaton {
         if positions > MAX_POSITIONS {
             return Err(PatternError::TooLarge { positions });
         }
-        let mut graph = Graph { places: vec![Place::Accept] };
+        let mut graph = Graph {
+            places: vec![Place::Accept],
+        };
         let start = graph.add(node, 0);
         let steps: Vec<(usize, Option<usize>, usize)> = graph
             .places
@@ -59,14 +62,21 @@ impl Automaton {
             words,
             every,
             used: u64::MAX.checked_shr(64 - conditions as u32).unwrap_or(0),
-            asks: steps.iter().map(|(_, condition, _)| condition.map(|bit| 1 << bit)).collect(),
-            follow: steps.iter().flat_map(|(_, _, next)| closure(*next, false)).collect(),
+            asks: steps
+                .iter()
+                .map(|(_, condition, _)| condition.map(|bit| 1 << bit))
+                .collect(),
+            follow: steps
+                .iter()
+                .flat_map(|(_, _, next)| closure(*next, false))
+                .collect(),
             first: closure(start, true),
             later: closure(start, false),
         })
     }
 
-    /// Calls `with` the set that may follow, for every position of `set` whose condition `mask` fulfils.
+    /// Calls `with` the set that may follow, for every position of `set` whose condition `mask`
+    /// fulfils.
     pub fn step<'a>(&'a self, set: &[u64], mask: u64, mut with: impl FnMut(usize, &'a [u64])) {
         for bit in bits(set).filter(|bit| *bit >= MARKS) {
             let position = bit - MARKS;
@@ -85,7 +95,11 @@ impl Automaton {
 /// Whether the sets share a position. The marks are none.
 pub(crate) fn meet(one: &[u64], other: &[u64]) -> bool {
     let marks = ACCEPT | ACCEPT_AT_END;
-    one[0] & other[0] & !marks != 0 || one[1..].iter().zip(&other[1..]).any(|(one, other)| one & other != 0)
+    one[0] & other[0] & !marks != 0
+        || one[1..]
+            .iter()
+            .zip(&other[1..])
+            .any(|(one, other)| one & other != 0)
 }
 
 fn insert(set: &mut [u64], bit: usize) {
@@ -103,12 +117,17 @@ fn bits(set: &[u64]) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Steps and anchors once repetitions are written out. Every node counts at least one, so this bounds all work.
+/// Steps and anchors once repetitions are written out. Every node counts at least one, so this
+/// bounds all work.
 fn written_out(node: &Node) -> usize {
     match node {
         Node::Step(_) | Node::Begin | Node::End => 1,
-        Node::Sequence(nodes) | Node::Either(nodes) => nodes.iter().map(written_out).fold(0, usize::saturating_add),
-        Node::Repeat { node, min, max } => written_out(node).saturating_mul(max.unwrap_or(*min).max(1) as usize),
+        Node::Sequence(nodes) | Node::Either(nodes) => {
+            nodes.iter().map(written_out).fold(0, usize::saturating_add)
+        }
+        Node::Repeat { node, min, max } => {
+            written_out(node).saturating_mul(max.unwrap_or(*min).max(1) as usize)
+        }
     }
 }
 
@@ -132,19 +151,34 @@ impl Graph {
             Node::Step(condition) => self.push(Place::Step(*condition, next)),
             Node::Begin => self.push(Place::Begin(next)),
             Node::End => self.push(Place::End(next)),
-            Node::Sequence(nodes) => nodes.iter().rev().fold(next, |next, node| self.add(node, next)),
+            Node::Sequence(nodes) => nodes
+                .iter()
+                .rev()
+                .fold(next, |next, node| self.add(node, next)),
             Node::Either(nodes) => {
                 let ways = nodes.iter().map(|node| self.add(node, next)).collect();
                 self.push(Place::Fork(ways))
             }
-            Node::Repeat { node, min, max: None } => {
+            Node::Repeat {
+                node,
+                min,
+                max: None,
+            } => {
                 let fork = self.push(Place::Fork(Vec::new()));
                 let again = self.add(node, fork);
                 self.places[fork] = Place::Fork(vec![again, next]);
                 // of `min` times, the loop is the last; `*` may leave it out
-                if *min == 0 { fork } else { (1..*min).fold(again, |next, _| self.add(node, next)) }
+                if *min == 0 {
+                    fork
+                } else {
+                    (1..*min).fold(again, |next, _| self.add(node, next))
+                }
             }
-            Node::Repeat { node, min, max: Some(max) } => {
+            Node::Repeat {
+                node,
+                min,
+                max: Some(max),
+            } => {
                 let optional = (*min..*max).fold(next, |rest, _| {
                     let way = self.add(node, rest);
                     self.push(Place::Fork(vec![way, next]))
@@ -160,10 +194,19 @@ impl Graph {
     }
 
     /// The steps that may come next from `start`, and the marks if the match may end.
-    fn closure(&self, start: usize, at_begin: bool, words: usize, position_of: &[usize]) -> Vec<u64> {
+    fn closure(
+        &self,
+        start: usize,
+        at_begin: bool,
+        words: usize,
+        position_of: &[usize],
+    ) -> Vec<u64> {
         let mut set = vec![0; words];
         // by whether the episode has to end here, because a `$` was passed
-        let mut seen = [vec![false; self.places.len()], vec![false; self.places.len()]];
+        let mut seen = [
+            vec![false; self.places.len()],
+            vec![false; self.places.len()],
+        ];
         let mut open = vec![(start, false)];
         while let Some((index, at_end)) = open.pop() {
             if std::mem::replace(&mut seen[usize::from(at_end)][index], true) {

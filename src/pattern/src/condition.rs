@@ -1,11 +1,12 @@
-//! What a step can be asked: a typed tree that a columnar engine evaluates over whole columns, and its meaning on
-//! plain rows. Three-valued logic, as in SQL; never reads a table.
+//! What a step can be asked: a typed tree that a columnar engine evaluates over whole columns, and
+//! its meaning on plain rows. Three-valued logic, as in SQL; never reads a table.
 
 use std::{cmp::Ordering, fmt};
 
 use crate::{PatternError, parser};
 
-/// A predicate over one step and the few before it. A step fits where it is true (not where it is null).
+/// A predicate over one step and the few before it. A step fits where it is true (not where it is
+/// null).
 #[derive(Clone, PartialEq, Debug)]
 pub enum Condition {
     /// Always true: `_`.
@@ -28,7 +29,8 @@ pub enum Condition {
         /// What it may be.
         values: Vec<Literal>,
     },
-    /// `column like pattern`: `%` stands for any text, `_` for one character, `\` takes the next literally.
+    /// `column like pattern`: `%` stands for any text, `_` for one character, `\` takes the next
+    /// literally.
     Like {
         /// The column.
         column: StepColumn,
@@ -113,7 +115,8 @@ pub trait Row {
 }
 
 impl Condition {
-    /// Parses what one step of a pattern may be: `pick[ok]`, `!ask`, `[reward < 0]`, `(open|close)`.
+    /// Parses what one step of a pattern may be: `pick[ok]`, `!ask`, `[reward < 0]`,
+    /// `(open|close)`.
     ///
     /// # Errors
     /// As [`Pattern::parse`](crate::Pattern::parse).
@@ -126,13 +129,18 @@ impl Condition {
     /// # Panics
     /// If the episode has no step `at`.
     pub fn fits<R: Row>(&self, episode: &[R], at: usize) -> bool {
-        assert!(at < episode.len(), "step {at} of an episode of {}", episode.len());
+        assert!(
+            at < episode.len(),
+            "step {at} of an episode of {}",
+            episode.len()
+        );
         self.truth(episode, at) == Some(true)
     }
 
     fn truth<R: Row>(&self, episode: &[R], at: usize) -> Option<bool> {
         let value = |column: &StepColumn| -> Value<'_> {
-            at.checked_sub(column.back as usize).map_or(Value::Null, |step| episode[step].value(&column.name))
+            at.checked_sub(column.back as usize)
+                .map_or(Value::Null, |step| episode[step].value(&column.name))
         };
         match self {
             Self::Any => Some(true),
@@ -149,14 +157,19 @@ impl Condition {
             }
             Self::InList { column, values } => {
                 let value = value(column);
-                any(values.iter().map(|known| compare(value, known.value()).map(Ordering::is_eq)))
+                any(values
+                    .iter()
+                    .map(|known| compare(value, known.value()).map(Ordering::is_eq)))
             }
             Self::Like { column, pattern } => match value(column) {
                 Value::Text(text) => Some(like(text, pattern)),
                 _ => None,
             },
             Self::IsNull(column) => Some(value(column) == Value::Null),
-            Self::And(parts) => any(parts.iter().map(|part| part.truth(episode, at).map(|truth| !truth))).map(|truth| !truth),
+            Self::And(parts) => any(parts
+                .iter()
+                .map(|part| part.truth(episode, at).map(|truth| !truth)))
+            .map(|truth| !truth),
             Self::Or(parts) => any(parts.iter().map(|part| part.truth(episode, at))),
             Self::Not(part) => part.truth(episode, at).map(|truth| !truth),
             Self::IsTrue(part) => Some(part.truth(episode, at) == Some(true)),
@@ -201,13 +214,23 @@ impl fmt::Display for Condition {
         match self {
             Self::Any => f.write_str("any"),
             Self::Flag(column) => write!(f, "{column}"),
-            Self::Compare { left, op, right: Operand::Literal(right) } => write!(f, "{left} {op} {right}"),
-            Self::Compare { left, op, right: Operand::Column(right) } => write!(f, "{left} {op} {right}"),
+            Self::Compare {
+                left,
+                op,
+                right: Operand::Literal(right),
+            } => write!(f, "{left} {op} {right}"),
+            Self::Compare {
+                left,
+                op,
+                right: Operand::Column(right),
+            } => write!(f, "{left} {op} {right}"),
             Self::InList { column, values } => {
                 let values: Vec<_> = values.iter().map(ToString::to_string).collect();
                 write!(f, "{column} in ({})", values.join(", "))
             }
-            Self::Like { column, pattern } => write!(f, "{column} like {}", Literal::Text(pattern.clone())),
+            Self::Like { column, pattern } => {
+                write!(f, "{column} like {}", Literal::Text(pattern.clone()))
+            }
             Self::IsNull(column) => write!(f, "{column} is null"),
             Self::And(parts) => join(f, parts, " and "),
             Self::Or(parts) => join(f, parts, " or "),
@@ -272,7 +295,8 @@ fn compare(left: Value<'_>, right: Value<'_>) -> Option<Ordering> {
     }
 }
 
-/// SQL's LIKE: on a mismatch only the last `%` takes one more character, so at most length times length steps.
+/// SQL's LIKE: on a mismatch only the last `%` takes one more character, so at most length times
+/// length steps.
 fn like(text: &str, pattern: &str) -> bool {
     enum Piece {
         Many,
@@ -308,5 +332,7 @@ fn like(text: &str, pattern: &str) -> bool {
             (_, None) => return false,
         }
     }
-    pieces[piece..].iter().all(|piece| matches!(piece, Piece::Many))
+    pieces[piece..]
+        .iter()
+        .all(|piece| matches!(piece, Piece::Many))
 }

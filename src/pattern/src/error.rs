@@ -4,9 +4,13 @@ use std::fmt;
 
 use thiserror::Error;
 
-use crate::{MAX_CONDITIONS, MAX_LENGTH, MAX_LOOKBACK, MAX_NESTING, MAX_POSITIONS, MAX_REPEAT, pattern::ColumnKind};
+use crate::{
+    MAX_CONDITIONS, MAX_LENGTH, MAX_LOOKBACK, MAX_NESTING, MAX_POSITIONS, MAX_REPEAT,
+    pattern::ColumnKind,
+};
 
-/// A pattern or condition that cannot be used. The text ends with the line concerned and a mark below it.
+/// A pattern or condition that cannot be used. The text ends with the line concerned and a mark
+/// below it.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
 #[non_exhaustive]
 pub enum PatternError {
@@ -73,7 +77,9 @@ pub enum PatternError {
         place: Place,
     },
     /// A count that repeats nothing, or whose bounds are in the wrong order.
-    #[error("`{{{min},{max}}}` repeats nothing; the second number is at least 1 and not below the first {place}")]
+    #[error(
+        "`{{{min},{max}}}` repeats nothing; the second number is at least 1 and not below the first {place}"
+    )]
     EmptyRepeat {
         /// Lower bound.
         min: u32,
@@ -95,7 +101,9 @@ pub enum PatternError {
         place: Place,
     },
     /// Too many bytes.
-    #[error("the pattern has {length} bytes, {MAX_LENGTH} at most; match parts of it and combine them in SQL")]
+    #[error(
+        "the pattern has {length} bytes, {MAX_LENGTH} at most; match parts of it and combine them in SQL"
+    )]
     TooLong {
         /// Bytes of the pattern.
         length: usize,
@@ -107,13 +115,17 @@ pub enum PatternError {
         place: Place,
     },
     /// Too many different conditions.
-    #[error("more than {MAX_CONDITIONS} different conditions; match parts of the pattern and combine them in SQL {place}")]
+    #[error(
+        "more than {MAX_CONDITIONS} different conditions; match parts of the pattern and combine them in SQL {place}"
+    )]
     TooManyConditions {
         /// The first that is too many.
         place: Place,
     },
     /// Too large once the repetitions are written out.
-    #[error("the pattern has {positions} steps when its repetitions are written out, {MAX_POSITIONS} at most; use `*` or `+`")]
+    #[error(
+        "the pattern has {positions} steps when its repetitions are written out, {MAX_POSITIONS} at most; use `*` or `+`"
+    )]
     TooLarge {
         /// Steps and anchors, written out.
         positions: usize,
@@ -131,17 +143,32 @@ pub struct Place {
 }
 
 impl Place {
-    /// The place of `length` bytes from `byte` on; both are cut to whole characters inside the text.
+    /// The place of `length` bytes from `byte` on; both are cut to whole characters inside the
+    /// text.
     pub(crate) fn new(text: &str, byte: usize, length: usize) -> Self {
         let byte = text.floor_char_boundary(byte.min(text.len()));
         let start = text[..byte].rfind('\n').map_or(0, |newline| newline + 1);
-        let end = text[byte..].find('\n').map_or(text.len(), |newline| byte + newline);
+        let end = text[byte..]
+            .find('\n')
+            .map_or(text.len(), |newline| byte + newline);
         let marked = text.floor_char_boundary((byte + length).min(end)).max(byte);
         // a long line is shown around the mark only
-        let first = text[start..byte].char_indices().rev().nth(CONTEXT - 1).map_or(start, |(index, _)| start + index);
-        let line = text[first..end].chars().take(2 * CONTEXT).map(|c| if c.is_control() { ' ' } else { c }).collect();
+        let first = text[start..byte]
+            .char_indices()
+            .rev()
+            .nth(CONTEXT - 1)
+            .map_or(start, |(index, _)| start + index);
+        let line = text[first..end]
+            .chars()
+            .take(2 * CONTEXT)
+            .map(|c| if c.is_control() { ' ' } else { c })
+            .collect();
         let under = text[byte..marked].chars().count().clamp(1, CONTEXT);
-        Self { byte, line, mark: (text[first..byte].chars().count(), under) }
+        Self {
+            byte,
+            line,
+            mark: (text[first..byte].chars().count(), under),
+        }
     }
 }
 
@@ -151,7 +178,14 @@ impl fmt::Display for Place {
         if self.line.trim().is_empty() {
             return write!(f, "(byte {})", self.byte);
         }
-        write!(f, "(byte {})\n  {}\n  {}{}", self.byte, self.line, " ".repeat(before), "^".repeat(under))
+        write!(
+            f,
+            "(byte {})\n  {}\n  {}{}",
+            self.byte,
+            self.line,
+            " ".repeat(before),
+            "^".repeat(under)
+        )
     }
 }
 
@@ -159,5 +193,8 @@ impl fmt::Display for Place {
 const CONTEXT: usize = 60;
 
 fn hint(nearest: Option<&str>, otherwise: &str) -> String {
-    nearest.map_or_else(|| otherwise.to_owned(), |name| format!(", did you mean `{name}`?"))
+    nearest.map_or_else(
+        || otherwise.to_owned(),
+        |name| format!(", did you mean `{name}`?"),
+    )
 }

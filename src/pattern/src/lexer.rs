@@ -24,8 +24,8 @@ pub(crate) enum TokenKind {
 
 /// Longer ones first: the first that fits is taken.
 const SIGNS: &[&str] = &[
-    "...", "..", "<=", ">=", "<>", "!=", "@", "<", ">", "=", "!", "(", ")", "[", "]", "{", "}", "|", "*", "+", "?", "^", "$",
-    ",", "-",
+    "...", "..", "<=", ">=", "<>", "!=", "@", "<", ">", "=", "!", "(", ")", "[", "]", "{", "}",
+    "|", "*", "+", "?", "^", "$", ",", "-",
 ];
 
 /// All tokens, the last one [`TokenKind::End`].
@@ -38,10 +38,18 @@ pub(crate) fn tokens(text: &str) -> Result<Vec<Token>, PatternError> {
             continue;
         }
         let (kind, length) = token(text, at, first)?;
-        tokens.push(Token { kind, start: at, end: at + length });
+        tokens.push(Token {
+            kind,
+            start: at,
+            end: at + length,
+        });
         at += length;
     }
-    tokens.push(Token { kind: TokenKind::End, start: text.len(), end: text.len() });
+    tokens.push(Token {
+        kind: TokenKind::End,
+        start: text.len(),
+        end: text.len(),
+    });
     Ok(tokens)
 }
 
@@ -63,15 +71,25 @@ fn token(text: &str, at: usize, first: char) -> Result<(TokenKind, usize), Patte
     }
     match SIGNS.iter().find(|sign| rest.starts_with(**sign)) {
         Some(sign) => Ok((TokenKind::Sign(sign), sign.len())),
-        None => Err(PatternError::StrangeCharacter { character: first, place: Place::new(text, at, first.len_utf8()) }),
+        None => Err(PatternError::StrangeCharacter {
+            character: first,
+            place: Place::new(text, at, first.len_utf8()),
+        }),
     }
 }
 
 /// Length of digits, perhaps with a fraction. Not of `1..`: there the dots mean "later".
 fn number(rest: &str) -> usize {
-    let digits = |from: usize| rest[from..].find(|c: char| !c.is_ascii_digit()).map_or(rest.len(), |length| from + length);
+    let digits = |from: usize| {
+        rest[from..]
+            .find(|c: char| !c.is_ascii_digit())
+            .map_or(rest.len(), |length| from + length)
+    };
     let whole = digits(0);
-    let fraction = rest[whole..].starts_with('.').then(|| digits(whole + 1)).filter(|end| *end > whole + 1);
+    let fraction = rest[whole..]
+        .starts_with('.')
+        .then(|| digits(whole + 1))
+        .filter(|end| *end > whole + 1);
     fraction.unwrap_or(whole)
 }
 
@@ -87,5 +105,7 @@ fn quoted(text: &str, at: usize, quote: char) -> Result<(TokenKind, usize), Patt
             return Ok((TokenKind::Text(content), index + 2));
         }
     }
-    Err(PatternError::OpenQuote { place: Place::new(text, at, 1) })
+    Err(PatternError::OpenQuote {
+        place: Place::new(text, at, 1),
+    })
 }

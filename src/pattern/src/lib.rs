@@ -1,8 +1,9 @@
-//! A small regular language over the steps of an episode, matched in time linear in the number of steps.
+//! A small regular language over the steps of an episode, matched in time linear in the number of
+//! steps.
 //!
-//! Owns the language, its typed conditions, the automaton and the oscillation rule. Knows no table, no Arrow and no
-//! I/O: a columnar engine evaluates [`Pattern::conditions`] over whole columns and hands a [`Matcher`] one `u64` a
-//! step, whose bit `i` says whether the step fits condition `i`.
+//! Owns the language, its typed conditions, the automaton and the oscillation rule. Knows no table,
+//! no Arrow and no I/O: a columnar engine evaluates [`Pattern::conditions`] over whole columns and
+//! hands a [`Matcher`] one `u64` a step, whose bit `i` says whether the step fits condition `i`.
 //!
 //! # The language
 //!
@@ -19,30 +20,32 @@
 //! | `a*  a+  a?  a{2}  a{2,}  a{2,5}` | repetition, at most [`MAX_REPEAT`] |
 //! | `^`, `$` | the begin, the end of the episode |
 //!
-//! Tools: `nav_to walk_around show_object_by_category show_receptacles gaze_at pick place open close ask finish`, and
-//! `list_receptacles list_tasks finish_with_id`. A call of something that is no tool is found by its text:
-//! `_[tool = "teleport"]`.
+//! Tools: `nav_to walk_around show_object_by_category show_receptacles gaze_at pick place open
+//! close ask finish`, and `list_receptacles list_tasks finish_with_id`. A call of something that is
+//! no tool is found by its text: `_[tool = "teleport"]`.
 //!
 //! ## Conditions
 //!
-//! Inside a bracket stands what SQL writes in a WHERE, over the columns of a step:
-//! `error_code = 'door_closed'`, `tool in ('open', 'close')`, `argument like '%table%'`, `held is null`, `goal_object`,
-//! `not goal_receptacle`, `reward < 0 and (candidates >= 2 or visible = 0)`, `goal_object is not true`.
-//! `ok` is `error_code is null`, `failed` is `error_code is not null`, `error` is the column `error_code`.
-//! Text stands in single or double quotes; double ones need no doubling inside an SQL string.
-//! `column@-n` is the column `n` steps earlier (at most [`MAX_LOOKBACK`]) in the same episode, null before its begin:
-//! `argument = argument@-2`.
+//! Inside a bracket stands what SQL writes in a WHERE, over the columns of a step: `error_code =
+//! 'door_closed'`, `tool in ('open', 'close')`, `argument like '%table%'`, `held is null`,
+//! `goal_object`, `not goal_receptacle`, `reward < 0 and (candidates >= 2 or visible = 0)`,
+//! `goal_object is not true`. `ok` is `error_code is null`, `failed` is `error_code is not null`,
+//! `error` is the column `error_code`. Text stands in single or double quotes; double ones need no
+//! doubling inside an SQL string. `column@-n` is the column `n` steps earlier (at most
+//! [`MAX_LOOKBACK`]) in the same episode, null before its begin: `argument = argument@-2`.
 //!
-//! A step fits where the condition is *true*. As in SQL, a comparison with null is null, `not` of null is null, and
-//! null is not true: `place[not goal_receptacle]` needs a known receptacle. `!` is the exact complement instead:
-//! `!pick[goal_object]` also fits a pick of which nothing is known.
+//! A step fits where the condition is *true*. As in SQL, a comparison with null is null, `not` of
+//! null is null, and null is not true: `place[not goal_receptacle]` needs a known receptacle. `!`
+//! is the exact complement instead: `!pick[goal_object]` also fits a pick of which nothing is
+//! known.
 //!
 //! ## What a match is
 //!
-//! [`Matcher::find`] gives the leftmost match and, among those that begin there, the longest; it may be empty
-//! (`ask*` matches nothing at step 0 of any episode). It gives one exactly if [`Matcher::is_match`] is true.
-//! [`Matcher::count`] counts non-overlapping matches from left to right, each the leftmost and longest of what is
-//! left, and counts no empty ones. There are no lazy quantifiers, captures or backreferences.
+//! [`Matcher::find`] gives the leftmost match and, among those that begin there, the longest; it
+//! may be empty (`ask*` matches nothing at step 0 of any episode). It gives one exactly if
+//! [`Matcher::is_match`] is true. [`Matcher::count`] counts non-overlapping matches from left to
+//! right, each the leftmost and longest of what is left, and counts no empty ones. There are no
+//! lazy quantifiers, captures or backreferences.
 //!
 //! ```
 //! use reel_pattern::{Pattern, Row, Value};
@@ -82,10 +85,11 @@
 //!
 //! # Why nothing explodes
 //!
-//! A pattern becomes an automaton of at most [`MAX_POSITIONS`] positions when it is parsed. A [`Matcher`] makes it
-//! deterministic as far as the data ask for it, in a cache of bounded size: usually one table look-up a step, at worst
-//! one pass over the positions. `is_match` reads each step once; `find` and `count` read it at most three times, also
-//! for overlapping candidates, because a pass from the end first tells where a match can still be completed.
+//! A pattern becomes an automaton of at most [`MAX_POSITIONS`] positions when it is parsed. A
+//! [`Matcher`] makes it deterministic as far as the data ask for it, in a cache of bounded size:
+//! usually one table look-up a step, at worst one pass over the positions. `is_match` reads each
+//! step once; `find` and `count` read it at most three times, also for overlapping candidates,
+//! because a pass from the end first tells where a match can still be completed.
 
 mod automaton;
 mod condition;

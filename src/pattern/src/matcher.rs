@@ -1,11 +1,13 @@
-//! Runs an automaton over the truth vectors of episodes, and remembers what it worked out in a bounded cache.
+//! Runs an automaton over the truth vectors of episodes, and remembers what it worked out in a
+//! bounded cache.
 
 use std::{collections::HashMap, ops::Range, sync::Arc};
 
 use crate::automaton::{ACCEPT, ACCEPT_AT_END, Automaton, meet};
 
-/// Matches one pattern against any number of episodes. An episode is one mask a step, in order; bit `i` says whether
-/// the step fits the `i`-th of [`Pattern::conditions`](crate::Pattern::conditions), other bits are ignored.
+/// Matches one pattern against any number of episodes. An episode is one mask a step, in order; bit
+/// `i` says whether the step fits the `i`-th of
+/// [`Pattern::conditions`](crate::Pattern::conditions), other bits are ignored.
 ///
 /// Keeps at most a few megabytes, whatever the data.
 #[derive(Clone, Debug)]
@@ -45,7 +47,9 @@ impl Matcher {
             return true;
         }
         for (step, &mask) in episode.iter().enumerate() {
-            state = self.search.step(&self.automaton, &mut self.classes, state, mask);
+            state = self
+                .search
+                .step(&self.automaton, &mut self.classes, state, mask);
             if state & ACCEPTS != 0 || state == EMPTY {
                 self.work += step as u64 + 1;
                 return state != EMPTY;
@@ -55,7 +59,8 @@ impl Matcher {
         state & ACCEPTS_AT_END != 0
     }
 
-    /// The steps of the leftmost match, and among those that begin with it the longest. May be empty.
+    /// The steps of the leftmost match, and among those that begin with it the longest. May be
+    /// empty.
     pub fn find(&mut self, episode: &[u64]) -> Option<Range<usize>> {
         if !self.is_match(episode) {
             return None;
@@ -63,14 +68,16 @@ impl Matcher {
         self.look_back(episode);
         let begins = |step: usize| {
             let marks = self.start(step)[0];
-            marks & ACCEPT != 0 || (step == episode.len() && marks & ACCEPT_AT_END != 0) || self.can_begin(step)
+            marks & ACCEPT != 0
+                || (step == episode.len() && marks & ACCEPT_AT_END != 0)
+                || self.can_begin(step)
         };
         let begin = (0..=episode.len()).find(|step| begins(*step))?;
         Some(begin..self.longest(episode, begin))
     }
 
-    /// How many matches follow each other without overlap, each the leftmost and longest of the rest; empty ones do
-    /// not count.
+    /// How many matches follow each other without overlap, each the leftmost and longest of the
+    /// rest; empty ones do not count.
     pub fn count(&mut self, episode: &[u64]) -> usize {
         if !self.is_match(episode) {
             return 0;
@@ -88,14 +95,18 @@ impl Matcher {
         count
     }
 
-    /// Steps that the automaton made so far: per call at most one a step of the episode for `is_match`, three for
-    /// `find` and `count`.
+    /// Steps that the automaton made so far: per call at most one a step of the episode for
+    /// `is_match`, three for `find` and `count`.
     pub fn work(&self) -> u64 {
         self.work
     }
 
     fn start(&self, step: usize) -> &[u64] {
-        if step == 0 { &self.automaton.first } else { &self.automaton.later }
+        if step == 0 {
+            &self.automaton.first
+        } else {
+            &self.automaton.later
+        }
     }
 
     /// Whether a match of at least one step begins here. Needs the trail.
@@ -108,7 +119,8 @@ impl Matcher {
         &self.trail[step * words..][..words]
     }
 
-    /// Fills the trail from the end: at each step the positions from which a match can be completed.
+    /// Fills the trail from the end: at each step the positions from which a match can be
+    /// completed.
     fn look_back(&mut self, episode: &[u64]) {
         let words = self.automaton.words;
         self.trail.clear();
@@ -116,20 +128,29 @@ impl Matcher {
         self.trail[episode.len() * words] = ACCEPT | ACCEPT_AT_END;
         let mut state = self.alive.start(&self.trail[episode.len() * words..]);
         for (step, &mask) in episode.iter().enumerate().rev() {
-            state = self.alive.step(&self.automaton, &mut self.classes, state, mask);
+            state = self
+                .alive
+                .step(&self.automaton, &mut self.classes, state, mask);
             self.trail[step * words..][..words].copy_from_slice(self.alive.set(state));
         }
         self.work += episode.len() as u64;
     }
 
-    /// Where the longest match from `begin` on ends. Reads no step after that end: the trail says where it is.
+    /// Where the longest match from `begin` on ends. Reads no step after that end: the trail says
+    /// where it is.
     fn longest(&mut self, episode: &[u64], begin: usize) -> usize {
         let words = self.automaton.words;
-        let first = if begin == 0 { &self.automaton.first } else { &self.automaton.later };
+        let first = if begin == 0 {
+            &self.automaton.first
+        } else {
+            &self.automaton.later
+        };
         let mut state = self.run.start(first);
         let mut end = begin;
         while meet(self.run.set(state), &self.trail[end * words..][..words]) {
-            state = self.run.step(&self.automaton, &mut self.classes, state, episode[end]);
+            state = self
+                .run
+                .step(&self.automaton, &mut self.classes, state, episode[end]);
             end += 1;
         }
         self.work += (end - begin) as u64;
@@ -137,7 +158,8 @@ impl Matcher {
     }
 }
 
-/// A state: its number, and above it the flags of its set. [`EMPTY`] is the set from which nothing can come.
+/// A state: its number, and above it the flags of its set. [`EMPTY`] is the set from which nothing
+/// can come.
 type State = u32;
 const ACCEPTS: State = 1 << 31;
 const ACCEPTS_AT_END: State = 1 << 30;
@@ -176,7 +198,16 @@ struct Machine {
 impl Machine {
     fn new(direction: Direction, words: usize, classes: usize) -> Self {
         let (table, sets, states) = (Vec::new(), Vec::new(), HashMap::new());
-        let mut machine = Self { direction, words, classes, epoch: 0, table, sets, states, next: vec![0; words] };
+        let mut machine = Self {
+            direction,
+            words,
+            classes,
+            epoch: 0,
+            table,
+            sets,
+            states,
+            next: vec![0; words],
+        };
         machine.forget();
         machine
     }
@@ -194,7 +225,13 @@ impl Machine {
     }
 
     #[inline]
-    fn step(&mut self, automaton: &Automaton, classes: &mut Classes, state: State, mask: u64) -> State {
+    fn step(
+        &mut self,
+        automaton: &Automaton,
+        classes: &mut Classes,
+        state: State,
+        mask: u64,
+    ) -> State {
         let class = classes.known(mask & automaton.used);
         if class != NO_CLASS && self.epoch == classes.epoch {
             let next = self.table[(state & NUMBER) as usize * self.classes + class as usize];
@@ -206,7 +243,13 @@ impl Machine {
     }
 
     #[cold]
-    fn work_out(&mut self, automaton: &Automaton, classes: &mut Classes, state: State, mask: u64) -> State {
+    fn work_out(
+        &mut self,
+        automaton: &Automaton,
+        classes: &mut Classes,
+        state: State,
+        mask: u64,
+    ) -> State {
         let from: Vec<u64> = self.set(state).to_vec();
         let mut next = std::mem::take(&mut self.next);
         next.fill(0);
@@ -215,12 +258,20 @@ impl Machine {
                 if matches!(self.direction, Direction::Search) {
                     next.copy_from_slice(&automaton.later);
                 }
-                automaton.step(&from, mask, |_, follow| next.iter_mut().zip(follow).for_each(|(next, word)| *next |= word));
+                automaton.step(&from, mask, |_, follow| {
+                    next.iter_mut()
+                        .zip(follow)
+                        .for_each(|(next, word)| *next |= word)
+                });
             }
             Direction::Alive => {
                 next[0] = ACCEPT;
                 automaton.step(automaton.every(), mask, |bit, follow| {
-                    if from.iter().zip(follow).any(|(from, follow)| from & follow != 0) {
+                    if from
+                        .iter()
+                        .zip(follow)
+                        .any(|(from, follow)| from & follow != 0)
+                    {
                         next[bit / 64] |= 1 << (bit % 64);
                     }
                 });
@@ -278,8 +329,15 @@ const SLOTS: usize = 4 * MAX_CLASSES;
 
 impl Classes {
     fn new(used: u64) -> Self {
-        let limit = 1usize.checked_shl(used.count_ones()).map_or(MAX_CLASSES, |all| all.min(MAX_CLASSES));
-        Self { slots: vec![(0, NO_CLASS); SLOTS].into_boxed_slice(), met: 0, limit, epoch: 0 }
+        let limit = 1usize
+            .checked_shl(used.count_ones())
+            .map_or(MAX_CLASSES, |all| all.min(MAX_CLASSES));
+        Self {
+            slots: vec![(0, NO_CLASS); SLOTS].into_boxed_slice(),
+            met: 0,
+            limit,
+            epoch: 0,
+        }
     }
 
     /// The class of a mask, or [`NO_CLASS`].

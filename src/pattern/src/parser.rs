@@ -1,8 +1,9 @@
-//! Tokens into a tree of steps and their conditions, within the limits. Refuses with a place; never panics.
+//! Tokens into a tree of steps and their conditions, within the limits. Refuses with a place; never
+//! panics.
 
 use crate::{
-    Condition, Literal, MAX_CONDITIONS, MAX_LENGTH, MAX_LOOKBACK, MAX_NESTING, MAX_REPEAT, Op, Operand, PatternError, Place,
-    StepColumn,
+    Condition, Literal, MAX_CONDITIONS, MAX_LENGTH, MAX_LOOKBACK, MAX_NESTING, MAX_REPEAT, Op,
+    Operand, PatternError, Place, StepColumn,
     lexer::{Token, TokenKind, tokens},
     pattern::ColumnKind,
     tools::{is_tool, nearest_tool},
@@ -22,7 +23,11 @@ pub(crate) enum Node {
     /// One of them.
     Either(Vec<Node>),
     /// At least `min` times, at most `max` times (at least 1).
-    Repeat { node: Box<Node>, min: u32, max: Option<u32> },
+    Repeat {
+        node: Box<Node>,
+        min: u32,
+        max: Option<u32>,
+    },
 }
 
 /// A parsed pattern.
@@ -56,7 +61,11 @@ pub(crate) fn pattern(text: &str) -> Result<Parsed, PatternError> {
     let mut parser = Parser::new(text)?;
     let node = parser.either()?;
     parser.end("a step, `|`, a repetition or the end of the pattern")?;
-    Ok(Parsed { node, conditions: parser.conditions, uses: parser.uses })
+    Ok(Parsed {
+        node,
+        conditions: parser.conditions,
+        uses: parser.uses,
+    })
 }
 
 /// Parses what one step may be.
@@ -81,7 +90,14 @@ impl<'a> Parser<'a> {
         if text.len() > MAX_LENGTH {
             return Err(PatternError::TooLong { length: text.len() });
         }
-        Ok(Self { text, tokens: tokens(text)?, at: 0, depth: 0, conditions: Vec::new(), uses: Vec::new() })
+        Ok(Self {
+            text,
+            tokens: tokens(text)?,
+            at: 0,
+            depth: 0,
+            conditions: Vec::new(),
+            uses: Vec::new(),
+        })
     }
 
     // ---- steps in order ----
@@ -118,7 +134,11 @@ impl<'a> Parser<'a> {
             return Ok(Node::End);
         }
         if self.take("..") || self.take("...") {
-            return Ok(Node::Repeat { node: Box::new(Node::Step(None)), min: 0, max: None });
+            return Ok(Node::Repeat {
+                node: Box::new(Node::Step(None)),
+                min: 0,
+                max: None,
+            });
         }
         let node = if self.take("(") {
             self.deeper()?;
@@ -131,12 +151,20 @@ impl<'a> Parser<'a> {
             let condition = self.step_set()?;
             self.step(condition, start)?
         };
-        let Some((min, max)) = self.quantifier()? else { return Ok(node) };
+        let Some((min, max)) = self.quantifier()? else {
+            return Ok(node);
+        };
         let again = self.at;
         if self.quantifier()?.is_some() {
-            return Err(PatternError::DoubleRepeat { place: self.place_of(again) });
+            return Err(PatternError::DoubleRepeat {
+                place: self.place_of(again),
+            });
         }
-        Ok(Node::Repeat { node: Box::new(node), min, max })
+        Ok(Node::Repeat {
+            node: Box::new(node),
+            min,
+            max,
+        })
     }
 
     fn step(&mut self, condition: Condition, start: usize) -> Result<Node, PatternError> {
@@ -147,7 +175,9 @@ impl<'a> Parser<'a> {
         let index = known.unwrap_or(self.conditions.len());
         if index == self.conditions.len() {
             if index == MAX_CONDITIONS {
-                return Err(PatternError::TooManyConditions { place: self.place_of(start) });
+                return Err(PatternError::TooManyConditions {
+                    place: self.place_of(start),
+                });
             }
             self.conditions.push(condition);
         }
@@ -176,9 +206,11 @@ impl<'a> Parser<'a> {
         };
         self.expect("}", "`}`, as in `{2}`, `{2,}` or `{2,5}`")?;
         match max {
-            Some(max) if max == 0 || max < min => {
-                Err(PatternError::EmptyRepeat { min, max, place: self.place_between(start, self.at) })
-            }
+            Some(max) if max == 0 || max < min => Err(PatternError::EmptyRepeat {
+                min,
+                max,
+                place: self.place_between(start, self.at),
+            }),
             max => Ok(Some((min, max))),
         }
     }
@@ -186,7 +218,9 @@ impl<'a> Parser<'a> {
     fn count(&mut self) -> Result<u32, PatternError> {
         match *self.kind() {
             TokenKind::Number(number) if number > f64::from(MAX_REPEAT) => {
-                Err(PatternError::LongRepeat { place: self.place_of(self.at) })
+                Err(PatternError::LongRepeat {
+                    place: self.place_of(self.at),
+                })
             }
             TokenKind::Number(number) if number.fract() == 0.0 => {
                 self.at += 1;
@@ -230,17 +264,29 @@ impl<'a> Parser<'a> {
             self.at += 1;
             if name != "_" && name != "any" {
                 if !is_tool(&name) {
-                    return Err(PatternError::UnknownTool { nearest: nearest_tool(&name), name, place: self.place_of(place) });
+                    return Err(PatternError::UnknownTool {
+                        nearest: nearest_tool(&name),
+                        name,
+                        place: self.place_of(place),
+                    });
                 }
                 let left = self.used("tool", Expected::Kind(ColumnKind::Text), place, 0);
-                parts.push(Condition::Compare { left, op: Op::Eq, right: Operand::Literal(Literal::Text(name)) });
+                parts.push(Condition::Compare {
+                    left,
+                    op: Op::Eq,
+                    right: Operand::Literal(Literal::Text(name)),
+                });
             }
         }
         if self.take("[") {
             parts.push(self.or()?);
             self.expect("]", "`]`, `and` or `or`")?;
         }
-        Ok(if parts.is_empty() { Condition::Any } else { single(parts, Condition::And) })
+        Ok(if parts.is_empty() {
+            Condition::Any
+        } else {
+            single(parts, Condition::And)
+        })
     }
 
     fn or(&mut self) -> Result<Condition, PatternError> {
@@ -269,7 +315,8 @@ impl<'a> Parser<'a> {
         Ok(Condition::Not(Box::new(inner)))
     }
 
-    /// A condition in parentheses, a word, or a column with what is asked of it; then perhaps `is [not] true`.
+    /// A condition in parentheses, a word, or a column with what is asked of it; then perhaps `is
+    /// [not] true`.
     fn test(&mut self) -> Result<Condition, PatternError> {
         let mut condition = if self.take("(") {
             self.deeper()?;
@@ -283,7 +330,9 @@ impl<'a> Parser<'a> {
         if self.keyword("is") {
             let negated = self.keyword("not");
             if !self.keyword("true") {
-                return Err(self.unexpected("`true`, `not true`, or after a column `null`, `not null`"));
+                return Err(
+                    self.unexpected("`true`, `not true`, or after a column `null`, `not null`")
+                );
             }
             condition = not_if(negated, Condition::IsTrue(Box::new(condition)));
         }
@@ -293,8 +342,14 @@ impl<'a> Parser<'a> {
     fn word_test(&mut self) -> Result<Condition, PatternError> {
         let start = self.at;
         let name = match self.kind() {
-            TokenKind::Word(word) if !RESERVED.contains(&word.to_ascii_lowercase().as_str()) => word.clone(),
-            _ => return Err(self.unexpected("a condition: a column, `ok`, `failed`, `any`, `not` or `(`")),
+            TokenKind::Word(word) if !RESERVED.contains(&word.to_ascii_lowercase().as_str()) => {
+                word.clone()
+            }
+            _ => {
+                return Err(
+                    self.unexpected("a condition: a column, `ok`, `failed`, `any`, `not` or `(`")
+                );
+            }
         };
         self.at += 1;
         match name.as_str() {
@@ -313,17 +368,30 @@ impl<'a> Parser<'a> {
                 Operand::Literal(literal) => Expected::Kind(kind(literal)),
                 Operand::Column(other) => Expected::SameAs(other.name.clone()),
             };
-            return Ok(Condition::Compare { left: column(self, expected), op, right });
+            return Ok(Condition::Compare {
+                left: column(self, expected),
+                op,
+                right,
+            });
         }
         if self.at_keywords("is", "null") {
             let negated = self.take_until("null");
-            return Ok(not_if(negated, Condition::IsNull(column(self, Expected::Anything))));
+            return Ok(not_if(
+                negated,
+                Condition::IsNull(column(self, Expected::Anything)),
+            ));
         }
         let negated = self.keyword("not");
         if self.keyword("in") {
             let values = self.list()?;
             let expected = Expected::Kind(kind(&values[0]));
-            return Ok(not_if(negated, Condition::InList { column: column(self, expected), values }));
+            return Ok(not_if(
+                negated,
+                Condition::InList {
+                    column: column(self, expected),
+                    values,
+                },
+            ));
         }
         if self.keyword("like") {
             let TokenKind::Text(pattern) = self.kind().clone() else {
@@ -336,7 +404,10 @@ impl<'a> Parser<'a> {
         if negated {
             return Err(self.unexpected("`in` or `like`"));
         }
-        Ok(Condition::Flag(column(self, Expected::Kind(ColumnKind::Flag))))
+        Ok(Condition::Flag(column(
+            self,
+            Expected::Kind(ColumnKind::Flag),
+        )))
     }
 
     fn lookback(&mut self) -> Result<u32, PatternError> {
@@ -346,16 +417,24 @@ impl<'a> Parser<'a> {
         }
         let minus = self.take("-");
         match *self.kind() {
-            TokenKind::Number(back) if minus && back.fract() == 0.0 && (1.0..=f64::from(MAX_LOOKBACK)).contains(&back) => {
+            TokenKind::Number(back)
+                if minus
+                    && back.fract() == 0.0
+                    && (1.0..=f64::from(MAX_LOOKBACK)).contains(&back) =>
+            {
                 self.at += 1;
                 Ok(back as u32)
             }
-            _ => Err(PatternError::FarLookback { place: self.place_between(start, self.at + 1) }),
+            _ => Err(PatternError::FarLookback {
+                place: self.place_between(start, self.at + 1),
+            }),
         }
     }
 
     fn operator(&mut self) -> Option<Op> {
-        let TokenKind::Sign(sign) = self.kind() else { return None };
+        let TokenKind::Sign(sign) = self.kind() else {
+            return None;
+        };
         let op = match *sign {
             "=" => Op::Eq,
             "<>" | "!=" => Op::NotEq,
@@ -382,7 +461,12 @@ impl<'a> Parser<'a> {
         }
         self.at += 1;
         let back = self.lookback()?;
-        Ok(Operand::Column(self.used(&name, Expected::Anything, start, back)))
+        Ok(Operand::Column(self.used(
+            &name,
+            Expected::Anything,
+            start,
+            back,
+        )))
     }
 
     fn literal(&mut self) -> Option<Literal> {
@@ -391,8 +475,12 @@ impl<'a> Parser<'a> {
         let literal = match self.kind().clone() {
             TokenKind::Number(number) => Literal::Number(if minus { -number } else { number }),
             TokenKind::Text(text) if !minus => Literal::Text(text),
-            TokenKind::Word(word) if !minus && word.eq_ignore_ascii_case("true") => Literal::Flag(true),
-            TokenKind::Word(word) if !minus && word.eq_ignore_ascii_case("false") => Literal::Flag(false),
+            TokenKind::Word(word) if !minus && word.eq_ignore_ascii_case("true") => {
+                Literal::Flag(true)
+            }
+            TokenKind::Word(word) if !minus && word.eq_ignore_ascii_case("false") => {
+                Literal::Flag(false)
+            }
             _ => {
                 self.at = start;
                 return None;
@@ -409,7 +497,13 @@ impl<'a> Parser<'a> {
         loop {
             let start = self.at;
             match self.literal() {
-                Some(value) if values.first().is_none_or(|first| kind(first) == kind(&value)) => values.push(value),
+                Some(value)
+                    if values
+                        .first()
+                        .is_none_or(|first| kind(first) == kind(&value)) =>
+                {
+                    values.push(value)
+                }
                 _ => {
                     self.at = start;
                     return Err(self.unexpected(EXPECTED));
@@ -435,11 +529,19 @@ impl<'a> Parser<'a> {
     }
 
     fn expect(&mut self, sign: &'static str, expected: &'static str) -> Result<(), PatternError> {
-        if self.take(sign) { Ok(()) } else { Err(self.unexpected(expected)) }
+        if self.take(sign) {
+            Ok(())
+        } else {
+            Err(self.unexpected(expected))
+        }
     }
 
     fn end(&self, expected: &'static str) -> Result<(), PatternError> {
-        if *self.kind() == TokenKind::End { Ok(()) } else { Err(self.unexpected(expected)) }
+        if *self.kind() == TokenKind::End {
+            Ok(())
+        } else {
+            Err(self.unexpected(expected))
+        }
     }
 
     fn is_keyword(&self, at: usize, keyword: &str) -> bool {
@@ -471,14 +573,24 @@ impl<'a> Parser<'a> {
     fn used(&mut self, name: &str, expected: Expected, token: usize, back: u32) -> StepColumn {
         let name = if name == "error" { "error_code" } else { name };
         let Token { start, end, .. } = self.tokens[token];
-        self.uses.push(ColumnUse { name: name.to_owned(), expected, start, end });
-        StepColumn { name: name.to_owned(), back }
+        self.uses.push(ColumnUse {
+            name: name.to_owned(),
+            expected,
+            start,
+            end,
+        });
+        StepColumn {
+            name: name.to_owned(),
+            back,
+        }
     }
 
     fn deeper(&mut self) -> Result<(), PatternError> {
         self.depth += 1;
         if self.depth > MAX_NESTING {
-            return Err(PatternError::TooDeep { place: self.place_of(self.at - 1) });
+            return Err(PatternError::TooDeep {
+                place: self.place_of(self.at - 1),
+            });
         }
         Ok(())
     }
@@ -490,7 +602,11 @@ impl<'a> Parser<'a> {
             TokenKind::Text(_) => "a text".to_owned(),
             _ => format!("`{}`", &self.text[*start..*end]),
         };
-        PatternError::Unexpected { expected, found, place: self.place_of(self.at) }
+        PatternError::Unexpected {
+            expected,
+            found,
+            place: self.place_of(self.at),
+        }
     }
 
     fn place_of(&self, token: usize) -> Place {
@@ -506,14 +622,24 @@ impl<'a> Parser<'a> {
 }
 
 /// Words that are no column.
-const RESERVED: &[&str] = &["and", "or", "not", "in", "like", "is", "null", "true", "false"];
+const RESERVED: &[&str] = &[
+    "and", "or", "not", "in", "like", "is", "null", "true", "false",
+];
 
 fn single<T>(mut parts: Vec<T>, several: fn(Vec<T>) -> T) -> T {
-    if parts.len() == 1 { parts.swap_remove(0) } else { several(parts) }
+    if parts.len() == 1 {
+        parts.swap_remove(0)
+    } else {
+        several(parts)
+    }
 }
 
 fn not_if(negated: bool, condition: Condition) -> Condition {
-    if negated { Condition::Not(Box::new(condition)) } else { condition }
+    if negated {
+        Condition::Not(Box::new(condition))
+    } else {
+        condition
+    }
 }
 
 fn kind(literal: &Literal) -> ColumnKind {

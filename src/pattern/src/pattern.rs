@@ -1,5 +1,5 @@
-//! A parsed pattern: its conditions, the check against the columns there are, and its automaton. Never matches itself:
-//! that is [`Matcher`].
+//! A parsed pattern: its conditions, the check against the columns there are, and its automaton.
+//! Never matches itself: that is [`Matcher`].
 
 use std::{fmt, sync::Arc};
 
@@ -52,7 +52,12 @@ impl Pattern {
         let parsed = parser::pattern(text)?;
         let automaton = Arc::new(Automaton::new(&parsed.node, parsed.conditions.len())?);
         let (conditions, uses) = (parsed.conditions, parsed.uses);
-        Ok(Self(Arc::new(Inner { text: text.to_owned(), conditions, uses, automaton })))
+        Ok(Self(Arc::new(Inner {
+            text: text.to_owned(),
+            conditions,
+            uses,
+            automaton,
+        })))
     }
 
     /// Compares the columns that the pattern uses with those there are: `(name, what it holds)`.
@@ -63,8 +68,9 @@ impl Pattern {
         check(&self.0.text, &self.0.uses, columns)
     }
 
-    /// The different conditions of the pattern, at most [`MAX_CONDITIONS`](crate::MAX_CONDITIONS): bit `i` of a step's
-    /// mask says whether the step fits the `i`-th. None of them is [`Condition::Any`] by itself.
+    /// The different conditions of the pattern, at most [`MAX_CONDITIONS`](crate::MAX_CONDITIONS):
+    /// bit `i` of a step's mask says whether the step fits the `i`-th. None of them is
+    /// [`Condition::Any`] by itself.
     pub fn conditions(&self) -> &[Condition] {
         &self.0.conditions
     }
@@ -73,7 +79,9 @@ impl Pattern {
     pub fn masks<R: Row>(&self, episode: &[R]) -> Vec<u64> {
         let mask = |step| {
             let bits = self.conditions().iter().enumerate();
-            bits.fold(0, |mask, (bit, condition)| mask | u64::from(condition.fits(episode, step)) << bit)
+            bits.fold(0, |mask, (bit, condition)| {
+                mask | u64::from(condition.fits(episode, step)) << bit
+            })
         };
         (0..episode.len()).map(mask).collect()
     }
@@ -103,15 +111,34 @@ impl fmt::Display for Pattern {
     }
 }
 
-fn check(text: &str, uses: &[ColumnUse], columns: &[(&str, ColumnKind)]) -> Result<(), PatternError> {
-    let find = |name: &str| columns.iter().find(|(known, _)| *known == name).map(|(_, kind)| *kind);
+fn check(
+    text: &str,
+    uses: &[ColumnUse],
+    columns: &[(&str, ColumnKind)],
+) -> Result<(), PatternError> {
+    let find = |name: &str| {
+        columns
+            .iter()
+            .find(|(known, _)| *known == name)
+            .map(|(_, kind)| *kind)
+    };
     let mut sorted: Vec<_> = uses.iter().collect();
     sorted.sort_by_key(|column| column.start);
-    for ColumnUse { name, expected, start, end } in sorted {
+    for ColumnUse {
+        name,
+        expected,
+        start,
+        end,
+    } in sorted
+    {
         let place = || Place::new(text, *start, end - start);
         let Some(found) = find(name) else {
             let nearest = nearest(name, columns.iter().map(|(known, _)| *known)).map(str::to_owned);
-            return Err(PatternError::UnknownColumn { name: name.clone(), nearest, place: place() });
+            return Err(PatternError::UnknownColumn {
+                name: name.clone(),
+                nearest,
+                place: place(),
+            });
         };
         let expected = match expected {
             Expected::Anything => continue,
@@ -120,7 +147,12 @@ fn check(text: &str, uses: &[ColumnUse], columns: &[(&str, ColumnKind)]) -> Resu
             Expected::SameAs(other) => find(other).unwrap_or(found),
         };
         if expected != found {
-            return Err(PatternError::WrongKind { name: name.clone(), expected, found, place: place() });
+            return Err(PatternError::WrongKind {
+                name: name.clone(),
+                expected,
+                found,
+                place: place(),
+            });
         }
     }
     Ok(())

@@ -1,5 +1,6 @@
-//! The zero-shot baseline: one conversation an episode, the tools as functions of the endpoint's protocol. Outcomes come back as
-//! messages of role `tool`, pictures in a user's message behind them (few endpoints take pictures in the former).
+//! The zero-shot baseline: one conversation an episode, the tools as functions of the endpoint's
+//! protocol. Outcomes come back as messages of role `tool`, pictures in a user's message behind
+//! them (few endpoints take pictures in the former).
 
 use std::sync::Arc;
 
@@ -16,7 +17,8 @@ use serde_json::{Value, json};
 use crate::agent::{AgentStyle, image, info, no_call, output, picture, receptacles};
 
 /// What a call is answered that came with others.
-const ONE_AT_A_TIME: &str = "Not executed: call one tool at a time. Only the first call of an answer is carried out.";
+const ONE_AT_A_TIME: &str =
+    "Not executed: call one tool at a time. Only the first call of an answer is carried out.";
 
 /// A model in one conversation an episode.
 pub struct FunctionCalling {
@@ -33,7 +35,14 @@ impl FunctionCalling {
     /// An agent at the start of an episode.
     pub fn new(client: Arc<Client>, names: NameSet, seed: u64) -> Self {
         let system = Message::text(Role::System, SYSTEM_MULTI_TURN.trim_end());
-        Self { client, names, seed, messages: vec![system], pending: Vec::new(), begun: false }
+        Self {
+            client,
+            names,
+            seed,
+            messages: vec![system],
+            pending: Vec::new(),
+            begun: false,
+        }
     }
 
     /// Adds what it is told: at first the task, later what came of its last answer.
@@ -50,7 +59,8 @@ impl FunctionCalling {
             None if self.begun => text.push_str(&told),
             None => {}
         }
-        self.messages.extend(pending.map(|call| Message::outcome(call, ONE_AT_A_TIME)));
+        self.messages
+            .extend(pending.map(|call| Message::outcome(call, ONE_AT_A_TIME)));
         self.begun = true;
         let picture = picture(context);
         if picture.is_some() {
@@ -65,15 +75,27 @@ impl FunctionCalling {
 
     /// Takes a call into the conversation as the model's own.
     fn remember(&mut self, text: &str, calls: Vec<Value>) {
-        let parts = if text.is_empty() { Vec::new() } else { vec![Part::Text(text.to_owned())] };
+        let parts = if text.is_empty() {
+            Vec::new()
+        } else {
+            vec![Part::Text(text.to_owned())]
+        };
         self.pending = calls.iter().map(id_of).collect();
-        self.messages.push(Message { calls, ..Message::new(Role::Assistant, parts) });
+        self.messages.push(Message {
+            calls,
+            ..Message::new(Role::Assistant, parts)
+        });
     }
 }
 
 impl Policy for FunctionCalling {
     fn info(&self) -> PolicyInfo {
-        info(AgentStyle::Functions, &self.client, self.seed, Digest::of(SYSTEM_MULTI_TURN.as_bytes()))
+        info(
+            AgentStyle::Functions,
+            &self.client,
+            self.seed,
+            Digest::of(SYSTEM_MULTI_TURN.as_bytes()),
+        )
     }
 
     fn wants_truth(&self) -> bool {
@@ -82,11 +104,18 @@ impl Policy for FunctionCalling {
 
     fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
         self.learn(context);
-        let request = Request { messages: self.messages.clone(), tools: functions(self.names) };
+        let request = Request {
+            messages: self.messages.clone(),
+            tools: functions(self.names),
+        };
         let reply = self.client.complete(&request).map_err(NoAnswer::new)?;
         let answer = Answer::parse(&reply.text);
         // Models that were not taught functions write the call into their text.
-        let call = reply.calls.first().and_then(Call::of_value).or_else(|| answer.action.clone());
+        let call = reply
+            .calls
+            .first()
+            .and_then(Call::of_value)
+            .or_else(|| answer.action.clone());
         let call = call.map_or_else(no_call, |call| ToolCall::new(call.name, call.arguments));
         let calls = with_ids(reply.calls.clone(), context.step);
         self.remember(&reply.text, calls);
@@ -123,5 +152,8 @@ fn with_ids(mut calls: Vec<Value>, step: u32) -> Vec<Value> {
 }
 
 fn id_of(call: &Value) -> String {
-    call.get("id").and_then(Value::as_str).unwrap_or_default().to_owned()
+    call.get("id")
+        .and_then(Value::as_str)
+        .unwrap_or_default()
+        .to_owned()
 }

@@ -1,8 +1,9 @@
-//! Agents, users and matchers behind an OpenAI-compatible endpoint (paper, "Task Formulation" and "Simulated User Module"; SPEC
-//! sections 3 and 4).
+//! Agents, users and matchers behind an OpenAI-compatible endpoint (paper, "Task Formulation" and
+//! "Simulated User Module"; SPEC sections 3 and 4).
 //!
-//! Owns how a model is asked at every step and what is made of its answer. Never decides whether an answer is a good call: the
-//! tools do, and tell the model. Whatever a model says becomes an input of the trace, so that replay asks nobody.
+//! Owns how a model is asked at every step and what is made of its answer. Never decides whether an
+//! answer is a good call: the tools do, and tell the model. Whatever a model says becomes an input
+//! of the trace, so that replay asks nobody.
 
 mod agent;
 mod functions;

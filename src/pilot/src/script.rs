@@ -1,8 +1,10 @@
-//! A stand-in for a model: it gives the decisions of recorded episodes to whoever plays them again, in either style, and makes
-//! trouble on request. For tests, demos, and for trying an installation before there is a model.
+//! A stand-in for a model: it gives the decisions of recorded episodes to whoever plays them again,
+//! in either style, and makes trouble on request. For tests, demos, and for trying an installation
+//! before there is a model.
 //!
-//! It keeps no conversations: where one stands is read from the prompt, as a model would. A decision counts as done when its
-//! outcome is the recorded one; else it is given again, so that it gets over unreliable skills, too.
+//! It keeps no conversations: where one stands is read from the prompt, as a model would. A
+//! decision counts as done when its outcome is the recorded one; else it is given again, so that it
+//! gets over unreliable skills, too.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -75,15 +77,23 @@ impl Trouble {
     /// What is wrong, and what there is.
     pub fn parse(text: &str) -> Result<(Trouble, usize), String> {
         let kinds = || Self::ALL.map(|(_, name)| name).join(", ");
-        let (kind, call) = text.split_once('@').ok_or_else(|| format!("'{text}' is not KIND@CALL, as in gibberish@3"))?;
-        let call = call.parse().map_err(|_| format!("'{call}' is no number of a call (from 0)"))?;
+        let (kind, call) = text
+            .split_once('@')
+            .ok_or_else(|| format!("'{text}' is not KIND@CALL, as in gibberish@3"))?;
+        let call = call
+            .parse()
+            .map_err(|_| format!("'{call}' is no number of a call (from 0)"))?;
         let kind = Self::ALL.into_iter().find(|(_, name)| *name == kind);
-        kind.map(|(trouble, _)| (trouble, call)).ok_or_else(|| format!("no trouble is called so; there are {}", kinds()))
+        kind.map(|(trouble, _)| (trouble, call))
+            .ok_or_else(|| format!("no trouble is called so; there are {}", kinds()))
     }
 
     /// Whether the answer itself is right, and only its way is hard.
     fn is_on_the_way(self) -> bool {
-        matches!(self, Trouble::RateLimit | Trouble::Error | Trouble::Stall | Trouble::Cut)
+        matches!(
+            self,
+            Trouble::RateLimit | Trouble::Error | Trouble::Stall | Trouble::Cut
+        )
     }
 }
 
@@ -107,7 +117,12 @@ pub struct Script {
 
 impl fmt::Debug for Script {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Script({} instructions, {:?})", self.plans.len(), self.troubles)
+        write!(
+            f,
+            "Script({} instructions, {:?})",
+            self.plans.len(),
+            self.troubles
+        )
     }
 }
 
@@ -132,11 +147,20 @@ impl Script {
             let mut histories = HistoryLines::default();
             let lines = trace.steps.iter().map(|step| {
                 let said = step.input.policy.clone().unwrap_or_default();
-                let (schedule, subtask) = said.plan.rsplit_once("Current subtask: ").unwrap_or((&said.plan, ""));
-                let schedule = schedule.trim().trim_start_matches("New Schedule: ").to_owned();
+                let (schedule, subtask) = said
+                    .plan
+                    .rsplit_once("Current subtask: ")
+                    .unwrap_or((&said.plan, ""));
+                let schedule = schedule
+                    .trim()
+                    .trim_start_matches("New Schedule: ")
+                    .to_owned();
                 let history = histories.next(&said.history, Some(""));
                 let line = history.lines().next_back().unwrap_or_default();
-                let history = line.split_once(") ").map_or("", |(_, line)| line).to_owned();
+                let history = line
+                    .split_once(") ")
+                    .map_or("", |(_, line)| line)
+                    .to_owned();
                 Line {
                     call: step.input.call.clone(),
                     outcome: step.outcome.text.clone(),
@@ -147,9 +171,16 @@ impl Script {
                     reasoning: said.reasoning,
                 }
             });
-            plans.entry(trace.task.instruction.clone()).or_default().push(lines.collect());
+            plans
+                .entry(trace.task.instruction.clone())
+                .or_default()
+                .push(lines.collect());
         }
-        Self { plans, troubles, troubled: Mutex::default() }
+        Self {
+            plans,
+            troubles,
+            troubled: Mutex::default(),
+        }
     }
 
     /// How many instructions it knows.
@@ -162,19 +193,44 @@ impl Script {
     /// # Errors
     /// When the request is none, or of a task that was not recorded: in words for whoever asked.
     pub fn say(&self, request: &Value) -> Result<Said, String> {
-        let messages = request.get("messages").and_then(Value::as_array).ok_or("the request has no list `messages`")?;
-        let users = || messages.iter().filter(|message| message["role"] == "user").map(|message| words(&message["content"]));
+        let messages = request
+            .get("messages")
+            .and_then(Value::as_array)
+            .ok_or("the request has no list `messages`")?;
+        let users = || {
+            messages
+                .iter()
+                .filter(|message| message["role"] == "user")
+                .map(|message| words(&message["content"]))
+        };
         let last = users().next_back().ok_or("there is no message of a user")?;
         if last.contains("\nThe robot asks: ") {
-            return Ok(Said { body: completion(request, &text_message(&self.reply(&last)), "stop"), trouble: None });
+            return Ok(Said {
+                body: completion(request, &text_message(&self.reply(&last)), "stop"),
+                trouble: None,
+            });
         }
         let first = users().next().unwrap_or_default();
-        let named = self.plans.iter().filter(|(instruction, _)| first.contains(instruction.as_str()));
-        let (_, plans) = named.max_by_key(|(instruction, _)| instruction.len()).ok_or_else(|| {
-            format!("the prompt holds the task of no recorded episode; it begins {:?}", python::prefix(&first, BEGINNING))
-        })?;
+        let named = self
+            .plans
+            .iter()
+            .filter(|(instruction, _)| first.contains(instruction.as_str()));
+        let (_, plans) = named
+            .max_by_key(|(instruction, _)| instruction.len())
+            .ok_or_else(|| {
+                format!(
+                    "the prompt holds the task of no recorded episode; it begins {:?}",
+                    python::prefix(&first, BEGINNING)
+                )
+            })?;
         let functions = request.get("tools").is_some();
-        let reached = |plan: &[Line]| if functions { conversation(messages).reached(plan) } else { progress(&last, plan) };
+        let reached = |plan: &[Line]| {
+            if functions {
+                conversation(messages).reached(plan)
+            } else {
+                progress(&last, plan)
+            }
+        };
         let (plan, reached) = plans
             .iter()
             .map(|plan| (plan, reached(plan)))
@@ -186,12 +242,33 @@ impl Script {
             .iter()
             .filter(|(_, at)| *at == call)
             .map(|(trouble, _)| *trouble)
-            .find(|trouble| if trouble.is_on_the_way() { self.is_new(request, *trouble) } else { smooth });
+            .find(|trouble| {
+                if trouble.is_on_the_way() {
+                    self.is_new(request, *trouble)
+                } else {
+                    smooth
+                }
+            });
         let right = plan.get(call).cloned().unwrap_or_else(Line::finish);
-        let line = |(number, line): (usize, &Line)| format!("{number}) ({number}{OF}{}{CALLS_MADE} {}", plan.len(), line.history);
-        let history: Vec<String> = plan.iter().chain([&right]).take(call + 1).enumerate().map(line).collect();
+        let line = |(number, line): (usize, &Line)| {
+            format!(
+                "{number}) ({number}{OF}{}{CALLS_MADE} {}",
+                plan.len(),
+                line.history
+            )
+        };
+        let history: Vec<String> = plan
+            .iter()
+            .chain([&right])
+            .take(call + 1)
+            .enumerate()
+            .map(line)
+            .collect();
         let (message, reason) = right.message(functions, call, &history.join("\n"), trouble);
-        Ok(Said { body: completion(request, &message, reason), trouble: trouble.filter(|trouble| trouble.is_on_the_way()) })
+        Ok(Said {
+            body: completion(request, &message, reason),
+            trouble: trouble.filter(|trouble| trouble.is_on_the_way()),
+        })
     }
 
     /// The vectors of texts: which letters stand together in them, in the words of the vocabulary.
@@ -215,18 +292,34 @@ impl Script {
     /// Whether a request meets this trouble for the first time.
     fn is_new(&self, request: &Value, trouble: Trouble) -> bool {
         let digest = Digest::of(format!("{trouble:?} {request}").as_bytes());
-        self.troubled.lock().unwrap_or_else(PoisonError::into_inner).insert(digest)
+        self.troubled
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .insert(digest)
     }
 
     /// What a simulated user says: what was replied to the same question, else nothing of use.
     fn reply(&self, asked: &str) -> String {
-        let between =
-            |from: &str, to: &str| asked.rsplit_once(from).map(|(_, rest)| rest.split(to).next().unwrap_or(rest).trim());
+        let between = |from: &str, to: &str| {
+            asked
+                .rsplit_once(from)
+                .map(|(_, rest)| rest.split(to).next().unwrap_or(rest).trim())
+        };
         let question = between("\nThe robot asks: ", "\n").unwrap_or_default();
-        let instruction = asked.strip_prefix("What you told the robot: ").and_then(|rest| rest.split_once("\n\n"));
-        let plans = instruction.and_then(|(instruction, _)| self.plans.get(instruction)).into_iter().flatten().flatten();
-        let mut replies = plans.filter(|line| line.call.arguments["question"] == question).filter_map(|line| line.reply.clone());
-        replies.next().unwrap_or_else(|| "Please look around.".to_owned())
+        let instruction = asked
+            .strip_prefix("What you told the robot: ")
+            .and_then(|rest| rest.split_once("\n\n"));
+        let plans = instruction
+            .and_then(|(instruction, _)| self.plans.get(instruction))
+            .into_iter()
+            .flatten()
+            .flatten();
+        let mut replies = plans
+            .filter(|line| line.call.arguments["question"] == question)
+            .filter_map(|line| line.reply.clone());
+        replies
+            .next()
+            .unwrap_or_else(|| "Please look around.".to_owned())
     }
 }
 
@@ -244,11 +337,24 @@ impl Line {
     }
 
     /// The assistant's message, and why it ends. `number` is that of the call.
-    fn message(self, functions: bool, number: usize, history: &str, trouble: Option<Trouble>) -> (Value, &'static str) {
+    fn message(
+        self,
+        functions: bool,
+        number: usize,
+        history: &str,
+        trouble: Option<Trouble>,
+    ) -> (Value, &'static str) {
         let mut call = self.call.clone();
         match trouble {
-            Some(Trouble::Gibberish) => return (text_message("the {spoon sleeps furiously: under [the} verb"), "stop"),
-            Some(Trouble::UnknownTool) => call = ToolCall::new("teleport", json!({"to": "the target"})),
+            Some(Trouble::Gibberish) => {
+                return (
+                    text_message("the {spoon sleeps furiously: under [the} verb"),
+                    "stop",
+                );
+            }
+            Some(Trouble::UnknownTool) => {
+                call = ToolCall::new("teleport", json!({"to": "the target"}))
+            }
             _ => {}
         }
         if functions {
@@ -264,8 +370,15 @@ impl Line {
             if trouble == Some(Trouble::TwoCalls) {
                 calls.push(function(1, &ToolCall::new("finish", json!({})), false));
             }
-            let said = if self.reasoning.is_empty() { Value::Null } else { json!(self.reasoning) };
-            return (json!({"role": "assistant", "content": said, "tool_calls": calls}), "tool_calls");
+            let said = if self.reasoning.is_empty() {
+                Value::Null
+            } else {
+                json!(self.reasoning)
+            };
+            return (
+                json!({"role": "assistant", "content": said, "tool_calls": calls}),
+                "tool_calls",
+            );
         }
         let answer = Answer {
             reasoning: &self.reasoning,
@@ -278,11 +391,16 @@ impl Line {
         let mut text = answer.text();
         match trouble {
             Some(Trouble::Truncated) => {
-                let end = text.char_indices().nth(text.chars().count() / 2).map_or(0, |(at, _)| at);
+                let end = text
+                    .char_indices()
+                    .nth(text.chars().count() / 2)
+                    .map_or(0, |(at, _)| at);
                 text.truncate(end);
                 return (text_message(&text), "length");
             }
-            Some(Trouble::TwoCalls) => text.push_str("\n{\"next action\":{\"tool_name\":\"finish\",\"args\":{}}}"),
+            Some(Trouble::TwoCalls) => {
+                text.push_str("\n{\"next action\":{\"tool_name\":\"finish\",\"args\":{}}}")
+            }
             _ => {}
         }
         (text_message(&text), "stop")
@@ -301,8 +419,10 @@ impl Done {
         let mut next = 0;
         let mut smooth = true;
         for (call, outcome) in &self.calls {
-            let is_recorded =
-                |line: &Line| canonical(&line.call.name, &line.call.arguments) == *call && short(&line.outcome) == short(outcome);
+            let is_recorded = |line: &Line| {
+                canonical(&line.call.name, &line.call.arguments) == *call
+                    && short(&line.outcome) == short(outcome)
+            };
             smooth = plan.get(next).is_some_and(is_recorded);
             next += usize::from(smooth);
         }
@@ -312,66 +432,113 @@ impl Done {
 
 /// What a log keeps of an outcome.
 fn short(outcome: &str) -> String {
-    outcome.split_whitespace().collect::<Vec<_>>().join(" ").chars().take(LOGGED).collect()
+    outcome
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
+        .chars()
+        .take(LOGGED)
+        .collect()
 }
 
 /// The calls in a conversation with functions.
 fn conversation(messages: &[Value]) -> Done {
     let mut calls = Vec::new();
-    for (index, message) in messages.iter().enumerate().filter(|(_, message)| message["role"] == "assistant") {
-        let call = Call::of_value(&message["tool_calls"][0]).map_or_else(String::new, |it| canonical(&it.name, &it.arguments));
-        let told = messages.get(index + 1).map(|next| words(&next["content"])).unwrap_or_default();
+    for (index, message) in messages
+        .iter()
+        .enumerate()
+        .filter(|(_, message)| message["role"] == "assistant")
+    {
+        let call = Call::of_value(&message["tool_calls"][0])
+            .map_or_else(String::new, |it| canonical(&it.name, &it.arguments));
+        let told = messages
+            .get(index + 1)
+            .map(|next| words(&next["content"]))
+            .unwrap_or_default();
         calls.push((call, told));
     }
     Done { calls }
 }
 
-/// Which call of a plan comes next by a single turn, and whether the last one went as it should. Reads any template: each of
-/// our answers leaves a line in the memory that counts the calls before it, and the last action and its outcome follow.
+/// Which call of a plan comes next by a single turn, and whether the last one went as it should.
+/// Reads any template: each of our answers leaves a line in the memory that counts the calls before
+/// it, and the last action and its outcome follow.
 fn progress(prompt: &str, plan: &[Line]) -> (usize, bool) {
     let counted = prompt.rfind(CALLS_MADE).and_then(|at| {
-        let number = prompt[..at].rsplit('(').next()?.split_once(OF)?.0.parse::<usize>().ok()?;
+        let number = prompt[..at]
+            .rsplit('(')
+            .next()?
+            .split_once(OF)?
+            .0
+            .parse::<usize>()
+            .ok()?;
         Some((number, at))
     });
     let remembered = prompt.find(MEMORY_BEGIN);
-    let Some((answered, from)) = counted.map(|(number, at)| (Some(number), at)).or(remembered.map(|at| (None, at))) else {
+    let Some((answered, from)) = counted
+        .map(|(number, at)| (Some(number), at))
+        .or(remembered.map(|at| (None, at)))
+    else {
         return (0, true);
     };
     let watched = watched_calls(prompt);
     if answered.is_none() && !watched.is_empty() {
         return Done { calls: watched }.reached(plan);
     }
-    let end = prompt[from..].find(MEMORY_END).map_or(prompt.len(), |end| from + end);
+    let end = prompt[from..]
+        .find(MEMORY_END)
+        .map_or(prompt.len(), |end| from + end);
     let (lines, shown) = (&prompt[from..end], &prompt[end..]);
     let told = |line: &Line, text: &str| text.contains(python::strip(&line.outcome));
     match answered {
         Some(call) if !lines.contains('\n') => {
             let is_last = |line: &Line| {
-                let action = python::dumps(&action(&line.call.name, &line.call.arguments), Ascii::Escaped);
-                shown.find(&action).is_some_and(|at| told(line, &shown[at..]))
+                let action = python::dumps(
+                    &action(&line.call.name, &line.call.arguments),
+                    Ascii::Escaped,
+                );
+                shown
+                    .find(&action)
+                    .is_some_and(|at| told(line, &shown[at..]))
             };
             let smooth = plan.get(call).is_some_and(is_last);
             (call + usize::from(smooth), smooth)
         }
-        // The answer after the counted one could not be read whole, and so its call was not made, or was and went right.
+        // The answer after the counted one could not be read whole, and so its call was not made,
+        // or was and went right.
         _ => {
             let call = answered.map_or(0, |call| call + 1);
-            let made = plan.get(call).is_some_and(|line| !line.outcome.is_empty() && told(line, shown));
+            let made = plan
+                .get(call)
+                .is_some_and(|line| !line.outcome.is_empty() && told(line, shown));
             (call + usize::from(made), made)
         }
     }
 }
 
-/// The calls that somebody else made, as the memory tells of them: `0) {"tool_name": ..}: outcome`, one a line.
+/// The calls that somebody else made, as the memory tells of them: `0) {"tool_name": ..}: outcome`,
+/// one a line.
 fn watched_calls(prompt: &str) -> Vec<(String, String)> {
     let mut calls = Vec::new();
     for (at, _) in prompt.match_indices(") {\"tool_name\":") {
         let rest = &prompt[at + ") ".len()..];
         let mut values = Deserializer::from_str(rest).into_iter::<Value>();
-        let Some(call) = values.next().and_then(Result::ok).as_ref().and_then(Call::of_value) else { continue };
-        let told = rest[values.byte_offset()..].strip_prefix(": ").unwrap_or_default();
+        let Some(call) = values
+            .next()
+            .and_then(Result::ok)
+            .as_ref()
+            .and_then(Call::of_value)
+        else {
+            continue;
+        };
+        let told = rest[values.byte_offset()..]
+            .strip_prefix(": ")
+            .unwrap_or_default();
         let told = told.lines().next().unwrap_or_default();
-        calls.push((canonical(&call.name, &call.arguments), told.strip_suffix(MEMORY_END).unwrap_or(told).to_owned()));
+        calls.push((
+            canonical(&call.name, &call.arguments),
+            told.strip_suffix(MEMORY_END).unwrap_or(told).to_owned(),
+        ));
     }
     calls
 }
@@ -384,7 +551,10 @@ fn canonical(name: &str, arguments: &Value) -> String {
 fn words(content: &Value) -> String {
     match content {
         Value::String(text) => text.clone(),
-        Value::Array(parts) => parts.iter().filter_map(|part| part["text"].as_str()).collect(),
+        Value::Array(parts) => parts
+            .iter()
+            .filter_map(|part| part["text"].as_str())
+            .collect(),
         _ => String::new(),
     }
 }
@@ -396,7 +566,10 @@ fn text_message(text: &str) -> Value {
 /// The body of a chat completion. Four letters are a token, and pictures cost nothing.
 fn completion(request: &Value, message: &Value, reason: &str) -> Value {
     let messages = request["messages"].as_array().into_iter().flatten();
-    let read = messages.map(|message| words(&message["content"]).len()).sum::<usize>() / TOKEN;
+    let read = messages
+        .map(|message| words(&message["content"]).len())
+        .sum::<usize>()
+        / TOKEN;
     let written = message.to_string().len() / TOKEN;
     let mut choice = json!({"index": 0, "message": message, "finish_reason": reason});
     if request["logprobs"] == true {
@@ -410,8 +583,8 @@ fn completion(request: &Value, message: &Value, reason: &str) -> Value {
     })
 }
 
-/// Log-probabilities of a text, four letters a token. What a token gets depends on the text before it, and a little on the model
-/// that is asked for: two names stand in for two checkpoints.
+/// Log-probabilities of a text, four letters a token. What a token gets depends on the text before
+/// it, and a little on the model that is asked for: two names stand in for two checkpoints.
 fn logprobs(request: &Value, text: &str) -> Value {
     let share = |text: &str| f64::from(Digest::of(text.as_bytes()).0[0]) / 256.0;
     let letters: Vec<char> = text.chars().collect();
@@ -423,7 +596,11 @@ fn logprobs(request: &Value, text: &str) -> Value {
         json!({"token": token, "logprob": logprob, "bytes": token.as_bytes(), "top_logprobs": []})
     };
     let content: Vec<Value> = letters.chunks(TOKEN).enumerate().map(token).collect();
-    if content.is_empty() { Value::Null } else { json!({"content": content}) }
+    if content.is_empty() {
+        Value::Null
+    } else {
+        json!({"content": content})
+    }
 }
 
 fn vector(text: &str) -> Vec<f32> {
@@ -445,7 +622,11 @@ mod tests {
     #[test]
     fn trouble_by_name() {
         assert_eq!(Trouble::parse("two-calls@4"), Ok((Trouble::TwoCalls, 4)));
-        for (wrong, word) in [("gibberish", "KIND@CALL"), ("gibberish@x", "number"), ("sloth@1", "rate-limit")] {
+        for (wrong, word) in [
+            ("gibberish", "KIND@CALL"),
+            ("gibberish@x", "number"),
+            ("sloth@1", "rate-limit"),
+        ] {
             assert!(Trouble::parse(wrong).unwrap_err().contains(word), "{wrong}");
         }
     }
@@ -457,7 +638,11 @@ mod tests {
             ..Line::finish()
         };
         vec![
-            line("nav_to", json!({"receptacle_name": "table_1"}), "Arrived: {}}: there."),
+            line(
+                "nav_to",
+                json!({"receptacle_name": "table_1"}),
+                "Arrived: {}}: there.",
+            ),
             line("pick", json!({"marker_id": 1}), "Picked it up."),
         ]
     }
@@ -469,25 +654,53 @@ mod tests {
         let pick = r#"{"tool_name": "pick", "args": {"marker_id": "1"}}"#;
         let nav = r#"{"tool_name": "navigate_to", "args": {"receptacle_name": "table_1"}}"#;
         let first = "{'History': '0) (0 of 2 calls were made)'}";
-        let second = "{'History': '0) (0 of 2 calls were made)\n1) (1 of 2 calls were made) I went.'}";
+        let second =
+            "{'History': '0) (0 of 2 calls were made)\n1) (1 of 2 calls were made) I went.'}";
         assert_eq!(at("{}"), (0, true));
-        assert_eq!(at(&format!("{first} {nav} Arrived: {{}}}}: there.")), (1, true));
-        assert_eq!(at(&format!("{first} {nav} The way is blocked.")), (0, false));
+        assert_eq!(
+            at(&format!("{first} {nav} Arrived: {{}}}}: there.")),
+            (1, true)
+        );
+        assert_eq!(
+            at(&format!("{first} {nav} The way is blocked.")),
+            (0, false)
+        );
         assert_eq!(at(&format!("{second} {pick} Picked it up.")), (2, true));
-        assert_eq!(at(&format!("{second} {nav} Arrived: {{}}}}: there.")), (1, false));
+        assert_eq!(
+            at(&format!("{second} {nav} Arrived: {{}}}}: there.")),
+            (1, false)
+        );
         // An answer that could not be read, and one that was only not strict.
         let unread = "{'History': '0) (0 of 2 calls were made)\n1) Unread.'}";
-        assert_eq!(at(&format!("{unread} {{\"raw\": \"x\"}} no call")), (1, false));
-        assert_eq!(at(&format!("{unread} {{\"raw\": \"x\"}} Picked it up.")), (2, true));
-        assert_eq!(at("{'History': '0) Unread.'} {\"raw\": \"x\"} no call"), (0, false));
+        assert_eq!(
+            at(&format!("{unread} {{\"raw\": \"x\"}} no call")),
+            (1, false)
+        );
+        assert_eq!(
+            at(&format!("{unread} {{\"raw\": \"x\"}} Picked it up.")),
+            (2, true)
+        );
+        assert_eq!(
+            at("{'History': '0) Unread.'} {\"raw\": \"x\"} no call"),
+            (0, false)
+        );
     }
 
     #[test]
     fn a_log_is_read_as_it_was_written() {
-        let line = |outcome| reel_prompt::log_line("nav_to", &json!({"receptacle_name": "table_1"}), outcome);
-        let prompt = format!("{{'History': '0) {}\n1) {}'}}", line("Arrived: {}}: there."), line("Arrived again."));
+        let line = |outcome| {
+            reel_prompt::log_line("nav_to", &json!({"receptacle_name": "table_1"}), outcome)
+        };
+        let prompt = format!(
+            "{{'History': '0) {}\n1) {}'}}",
+            line("Arrived: {}}: there."),
+            line("Arrived again.")
+        );
         let call = "navigate_to({\"receptacle_name\":\"table_1\"})".to_owned();
-        let calls = [(call.clone(), "Arrived: {}}: there.".to_owned()), (call, "Arrived again.".to_owned())];
+        let calls = [
+            (call.clone(), "Arrived: {}}: there.".to_owned()),
+            (call, "Arrived again.".to_owned()),
+        ];
         assert_eq!(watched_calls(&prompt), calls);
         assert_eq!(progress(&prompt, &plan()), (1, false));
     }
@@ -495,19 +708,40 @@ mod tests {
     #[test]
     fn two_models_give_the_same_tokens_a_little_less_or_more() {
         let of = |model: &str| {
-            let said =
-                completion(&json!({"model": model, "logprobs": true, "messages": []}), &text_message("pick the mug"), "stop");
+            let said = completion(
+                &json!({"model": model, "logprobs": true, "messages": []}),
+                &text_message("pick the mug"),
+                "stop",
+            );
             let content = said["choices"][0]["logprobs"]["content"].clone();
-            let field = |name: &str| -> Vec<Value> { content.as_array().unwrap().iter().map(|it| it[name].clone()).collect() };
+            let field = |name: &str| -> Vec<Value> {
+                content
+                    .as_array()
+                    .unwrap()
+                    .iter()
+                    .map(|it| it[name].clone())
+                    .collect()
+            };
             (field("token"), field("logprob"))
         };
         let ((tokens, old), (others, new)) = (of("a"), of("b"));
-        assert_eq!((&tokens, &others), (&vec![json!("pick"), json!(" the"), json!(" mug")], &tokens));
+        assert_eq!(
+            (&tokens, &others),
+            (&vec![json!("pick"), json!(" the"), json!(" mug")], &tokens)
+        );
         assert_eq!(of("a").1, old, "it says the same every time");
-        let apart = |(old, new): (&Value, &Value)| (old.as_f64().unwrap() - new.as_f64().unwrap()).abs();
+        let apart =
+            |(old, new): (&Value, &Value)| (old.as_f64().unwrap() - new.as_f64().unwrap()).abs();
         let apart: Vec<f64> = old.iter().zip(&new).map(apart).collect();
-        assert!(apart.iter().any(|it| *it > 0.0) && apart.iter().all(|it| *it <= MODEL_SHARE), "{apart:?}");
-        let unasked = completion(&json!({"model": "a", "messages": []}), &text_message("pick"), "stop");
+        assert!(
+            apart.iter().any(|it| *it > 0.0) && apart.iter().all(|it| *it <= MODEL_SHARE),
+            "{apart:?}"
+        );
+        let unasked = completion(
+            &json!({"model": "a", "messages": []}),
+            &text_message("pick"),
+            "stop",
+        );
         assert!(unasked["choices"][0].get("logprobs").is_none());
     }
 
@@ -524,6 +758,9 @@ mod tests {
         }
         assert!(script.embed(&json!({"input": 3})).is_err());
         let vectors = script.embed(&json!({"input": ["mug", "mugs"]})).unwrap();
-        assert_eq!(vectors["data"][0]["embedding"], vectors["data"][1]["embedding"]);
+        assert_eq!(
+            vectors["data"][0]["embedding"],
+            vectors["data"][1]["embedding"]
+        );
     }
 }

@@ -1,15 +1,16 @@
-//! What a plan costs in tool calls. Never walks or searches: it counts what happens when all goes well.
+//! What a plan costs in tool calls. Never walks or searches: it counts what happens when all goes
+//! well.
 
 use crate::{Intent, Situation, plan};
 
-/// How many tool calls the plan from here takes if all goes well, `finish` included; none where the goal is
-/// out of reach.
+/// How many tool calls the plan from here takes if all goes well, `finish` included; none where the
+/// goal is out of reach.
 pub fn cost_to_go(situation: &Situation<'_>) -> Option<u32> {
     plan(situation).ok().map(|intents| calls(&intents))
 }
 
-/// How many tool calls these intents take if all goes well: the object is in view at once, and a receptacle
-/// whose number is still shown is not marked again for its door.
+/// How many tool calls these intents take if all goes well: the object is in view at once, and a
+/// receptacle whose number is still shown is not marked again for its door.
 pub fn calls(intents: &[Intent]) -> u32 {
     let mut marked = None;
     let mut total = 0;

@@ -1,8 +1,8 @@
-//! Symbolic planning over task and world graph: the published plan of a task as intents, a plan from any
-//! state to the goal, and its cost in tool calls.
+//! Symbolic planning over task and world graph: the published plan of a task as intents, a plan
+//! from any state to the goal, and its cost in tool calls.
 //!
-//! Pure functions. Never perception, geometry, randomness or the simulator: who turns an intent into calls
-//! is a policy.
+//! Pure functions. Never perception, geometry, randomness or the simulator: who turns an intent
+//! into calls is a policy.
 
 mod belief;
 mod cost;

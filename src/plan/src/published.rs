@@ -5,12 +5,12 @@ use serde_json::Value;
 
 use crate::Intent;
 
-/// The plan that came with the task, with `finish` at its end; none where the task has none or where it
-/// holds an action or argument that is not understood.
+/// The plan that came with the task, with `finish` at its end; none where the task has none or
+/// where it holds an action or argument that is not understood.
 ///
-/// A group of `find`, `gaze_at` and `pick` is about the task's target, whatever its category says, or about the `instance` that
-/// our own tasks name where several move. An `ask` is said as its `question` has it; without one, the words are left to the
-/// policy, which knows what it sees.
+/// A group of `find`, `gaze_at` and `pick` is about the task's target, whatever its category says,
+/// or about the `instance` that our own tasks name where several move. An `ask` is said as its
+/// `question` has it; without one, the words are left to the policy, which knows what it sees.
 pub fn published_plan(task: &Task) -> Option<Vec<Intent>> {
     let mut intents = Vec::new();
     for step in &task.plan {
@@ -27,7 +27,10 @@ pub fn published_plan(task: &Task) -> Option<Vec<Intent>> {
             }
             "ask" => {
                 let question = text(step, "question").map(str::to_owned);
-                intents.push(Intent::Ask { about: meant(task, step), question });
+                intents.push(Intent::Ask {
+                    about: meant(task, step),
+                    question,
+                });
             }
             "finish" => {}
             _ => return None,
@@ -42,10 +45,18 @@ pub fn published_plan(task: &Task) -> Option<Vec<Intent>> {
 
 /// One `Find` for a run of steps that look for the target, questions in between included.
 fn push_find(intents: &mut Vec<Intent>, task: &Task, step: &PlanStep) {
-    let before = intents.iter().rev().find(|intent| !matches!(intent, Intent::Ask { .. }));
+    let before = intents
+        .iter()
+        .rev()
+        .find(|intent| !matches!(intent, Intent::Ask { .. }));
     if !matches!(before, Some(Intent::Find { .. })) {
-        let category = text(step, "target_category").unwrap_or(&task.target_object().category).to_owned();
-        intents.push(Intent::Find { category, target: meant(task, step) });
+        let category = text(step, "target_category")
+            .unwrap_or(&task.target_object().category)
+            .to_owned();
+        intents.push(Intent::Find {
+            category,
+            target: meant(task, step),
+        });
     }
 }
 

@@ -2,12 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use reel_world::{DoorState, FLOOR, Family, InstanceId, PlanStep, ReceptacleId, Scene, Task, WorldGraph};
+use reel_world::{
+    DoorState, FLOOR, Family, InstanceId, PlanStep, ReceptacleId, Scene, Task, WorldGraph,
+};
 use serde_json::{Value, json};
 
 use crate::{Intent, Situation, calls, cost_to_go, plan, published_plan};
 
-/// A table, a desk, a fridge and a washer with doors, and a lid that holds nothing; two apples and a cup.
+/// A table, a desk, a fridge and a washer with doors, and a lid that holds nothing; two apples and
+/// a cup.
 fn flat() -> (Scene, Task) {
     let receptacle = |id: &str, door: bool, placeable: bool| {
         json!({"id": id, "room": "room", "category": id, "door": door, "placeable": placeable,
@@ -21,8 +24,11 @@ fn flat() -> (Scene, Task) {
         json!({"instance": instance, "asset": instance, "category": category, "size": [0.1, 0.1, 0.1],
                "position": [0.0, 0.0, 0.0], "receptacle": on})
     };
-    let objects =
-        json!([object("apple_a", "apple", "table_1"), object("apple_b", "apple", "table_1"), object("cup", "cup", "fridge_1")]);
+    let objects = json!([
+        object("apple_a", "apple", "table_1"),
+        object("apple_b", "apple", "table_1"),
+        object("cup", "cup", "fridge_1")
+    ]);
     let task = json!({"task_id": "t", "family": Family::FDP, "scene_id": "flat", "instruction": "", "precise_instruction": "",
         "objects": objects, "initial": {}, "goal": {}, "target": "apple_a", "src": "table_1", "dest": "desk_1"});
     let mut task: Task = serde_json::from_value(task).unwrap();
@@ -32,7 +38,10 @@ fn flat() -> (Scene, Task) {
 }
 
 fn shift(graph: &mut WorldGraph, object: &str, from: &str, to: &str) {
-    assert!(graph.remove(&from.into(), &object.into()), "{object} is not on {from}");
+    assert!(
+        graph.remove(&from.into(), &object.into()),
+        "{object} is not on {from}"
+    );
     graph.add(&to.into(), &object.into());
 }
 
@@ -41,7 +50,12 @@ fn set_door(graph: &mut WorldGraph, receptacle: &str, door: DoorState) {
 }
 
 /// Applies a plan under the simulator's rules; panics where it breaks one.
-fn run(intents: &[Intent], graph: &WorldGraph, held: Option<&InstanceId>, at: Option<&ReceptacleId>) -> WorldGraph {
+fn run(
+    intents: &[Intent],
+    graph: &WorldGraph,
+    held: Option<&InstanceId>,
+    at: Option<&ReceptacleId>,
+) -> WorldGraph {
     let (mut graph, mut held, mut at) = (graph.clone(), held.cloned(), at.cloned());
     let closed = |graph: &WorldGraph, id: &ReceptacleId| graph.door(id) == Some(DoorState::Closed);
     for intent in intents {
@@ -60,7 +74,11 @@ fn run(intents: &[Intent], graph: &WorldGraph, held: Option<&InstanceId>, at: Op
             }
             Intent::Open(id) | Intent::Close(id) => {
                 assert!(at.as_ref() == Some(id) && held.is_none());
-                let door = if matches!(intent, Intent::Open(_)) { DoorState::Open } else { DoorState::Closed };
+                let door = if matches!(intent, Intent::Open(_)) {
+                    DoorState::Open
+                } else {
+                    DoorState::Closed
+                };
                 assert_ne!(graph.door(id), Some(door));
                 graph.receptacles.get_mut(id).unwrap().door = Some(door);
             }
@@ -68,22 +86,41 @@ fn run(intents: &[Intent], graph: &WorldGraph, held: Option<&InstanceId>, at: Op
             Intent::Finish => {}
         }
     }
-    assert_eq!(intents.iter().filter(|intent| **intent == Intent::Finish).count(), 1);
+    assert_eq!(
+        intents
+            .iter()
+            .filter(|intent| **intent == Intent::Finish)
+            .count(),
+        1
+    );
     assert_eq!(intents.last(), Some(&Intent::Finish));
     graph
 }
 
 fn words(intents: &[Intent]) -> String {
-    intents.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+    intents
+        .iter()
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
 #[test]
 fn a_move_between_tables_reads_as_in_the_paper() {
     let (scene, mut task) = flat();
     shift(&mut task.goal, "apple_a", "table_1", "desk_1");
-    let situation = Situation { task: &task, scene: &scene, graph: &task.initial, held: None, at: None };
+    let situation = Situation {
+        task: &task,
+        scene: &scene,
+        graph: &task.initial,
+        held: None,
+        at: None,
+    };
     let intents = plan(&situation).unwrap();
-    assert_eq!(words(&intents), "go to table_1; find the apple; pick it up; go to desk_1; place it on desk_1; finish");
+    assert_eq!(
+        words(&intents),
+        "go to table_1; find the apple; pick it up; go to desk_1; place it on desk_1; finish"
+    );
     assert_eq!(cost_to_go(&situation), Some(8));
 }
 
@@ -91,7 +128,13 @@ fn a_move_between_tables_reads_as_in_the_paper() {
 fn doors_are_opened_with_a_free_hand_and_closed_at_the_end() {
     let (scene, mut task) = flat();
     shift(&mut task.goal, "apple_a", "table_1", "fridge_1");
-    let situation = Situation { task: &task, scene: &scene, graph: &task.initial, held: None, at: None };
+    let situation = Situation {
+        task: &task,
+        scene: &scene,
+        graph: &task.initial,
+        held: None,
+        at: None,
+    };
     let intents = plan(&situation).unwrap();
     let expected = "go to fridge_1; open fridge_1; go to table_1; find the apple; pick it up; go to fridge_1; \
                     place it on fridge_1; close fridge_1; finish";
@@ -107,8 +150,17 @@ fn a_full_hand_before_a_closed_door_puts_down_first() {
     let mut now = task.initial.clone();
     now.remove(&"table_1".into(), &held);
     let at: ReceptacleId = "desk_1".into();
-    let intents = plan(&Situation { task: &task, scene: &scene, graph: &now, held: Some(&held), at: Some(&at) }).unwrap();
-    assert!(words(&intents).starts_with("place it on desk_1; go to fridge_1; open fridge_1; go to desk_1; find the apple"));
+    let intents = plan(&Situation {
+        task: &task,
+        scene: &scene,
+        graph: &now,
+        held: Some(&held),
+        at: Some(&at),
+    })
+    .unwrap();
+    assert!(words(&intents).starts_with(
+        "place it on desk_1; go to fridge_1; open fridge_1; go to desk_1; find the apple"
+    ));
     assert_eq!(run(&intents, &now, Some(&held), Some(&at)), task.goal);
 }
 
@@ -119,7 +171,14 @@ fn something_outside_the_goal_goes_back_even_behind_a_door() {
     let held: InstanceId = "cup".into();
     let mut now = task.initial.clone();
     now.remove(&"fridge_1".into(), &held);
-    let intents = plan(&Situation { task: &task, scene: &scene, graph: &now, held: Some(&held), at: None }).unwrap();
+    let intents = plan(&Situation {
+        task: &task,
+        scene: &scene,
+        graph: &now,
+        held: Some(&held),
+        at: None,
+    })
+    .unwrap();
     assert_eq!(run(&intents, &now, Some(&held), None), task.goal);
 }
 
@@ -129,15 +188,33 @@ fn what_cannot_be_reached_is_named_with_the_reason() {
     shift(&mut task.goal, "apple_a", "table_1", "desk_1");
     let mut now = task.initial.clone();
     shift(&mut now, "apple_a", "table_1", FLOOR);
-    let situation = Situation { task: &task, scene: &scene, graph: &now, held: None, at: None };
+    let situation = Situation {
+        task: &task,
+        scene: &scene,
+        graph: &now,
+        held: None,
+        at: None,
+    };
     let error = plan(&situation).unwrap_err();
-    assert_eq!(error.to_string(), "apple_a cannot be brought to its goal: it lies on the floor, where the arm cannot reach");
+    assert_eq!(
+        error.to_string(),
+        "apple_a cannot be brought to its goal: it lies on the floor, where the arm cannot reach"
+    );
     assert_eq!(cost_to_go(&situation), None);
 
     let (scene, mut task) = flat();
     shift(&mut task.goal, "apple_a", "table_1", "lid_1");
-    let situation = Situation { task: &task, scene: &scene, graph: &task.initial, held: None, at: None };
-    assert_eq!(plan(&situation).unwrap_err().reason, "nothing can be placed on lid_1");
+    let situation = Situation {
+        task: &task,
+        scene: &scene,
+        graph: &task.initial,
+        held: None,
+        at: None,
+    };
+    assert_eq!(
+        plan(&situation).unwrap_err().reason,
+        "nothing can be placed on lid_1"
+    );
 }
 
 #[test]
@@ -146,7 +223,14 @@ fn bystanders_on_the_floor_do_not_matter() {
     shift(&mut task.goal, "apple_a", "table_1", "desk_1");
     let mut now = task.initial.clone();
     shift(&mut now, "apple_b", "table_1", FLOOR);
-    let intents = plan(&Situation { task: &task, scene: &scene, graph: &now, held: None, at: None }).unwrap();
+    let intents = plan(&Situation {
+        task: &task,
+        scene: &scene,
+        graph: &now,
+        held: None,
+        at: None,
+    })
+    .unwrap();
     assert_eq!(calls(&intents), 8);
 }
 
@@ -168,7 +252,15 @@ fn every_state_leads_to_every_goal() {
             code /= 4;
         }
         for door in ["fridge_1", "washer_1"] {
-            set_door(&mut graph, door, if usize::is_multiple_of(code, 2) { DoorState::Closed } else { DoorState::Open });
+            set_door(
+                &mut graph,
+                door,
+                if usize::is_multiple_of(code, 2) {
+                    DoorState::Closed
+                } else {
+                    DoorState::Open
+                },
+            );
             code /= 2;
         }
         graph
@@ -184,9 +276,20 @@ fn every_state_leads_to_every_goal() {
                 let held: Option<InstanceId> = hand.map(|index: usize| objects[index].into());
                 let now = arrangement(start, hand);
                 let at: ReceptacleId = places[(start + goal) % 4].into();
-                let situation = Situation { task: &task, scene: &scene, graph: &now, held: held.as_ref(), at: Some(&at) };
+                let situation = Situation {
+                    task: &task,
+                    scene: &scene,
+                    graph: &now,
+                    held: held.as_ref(),
+                    at: Some(&at),
+                };
                 let intents = plan(&situation).unwrap();
-                assert_eq!(run(&intents, &now, held.as_ref(), Some(&at)), task.goal, "{}", words(&intents));
+                assert_eq!(
+                    run(&intents, &now, held.as_ref(), Some(&at)),
+                    task.goal,
+                    "{}",
+                    words(&intents)
+                );
                 checked += 1;
             }
         }
@@ -228,10 +331,20 @@ fn questions_of_a_plan_are_kept_and_search_for_nothing_twice() {
     let (_, mut task) = flat();
     let step = |action: &str, args: &[(&str, &str)]| PlanStep {
         action: action.into(),
-        args: args.iter().map(|(key, value)| ((*key).to_owned(), Value::from(*value))).collect(),
+        args: args
+            .iter()
+            .map(|(key, value)| ((*key).to_owned(), Value::from(*value)))
+            .collect(),
     };
     task.plan = vec![
-        step("ask", &[("strategy", "B"), ("about", "destination"), ("question", "Which desk?")]),
+        step(
+            "ask",
+            &[
+                ("strategy", "B"),
+                ("about", "destination"),
+                ("question", "Which desk?"),
+            ],
+        ),
         step("nav_to", &[("receptacle_name", "table_1")]),
         step("find", &[("target_category", "apple")]),
         step("ask", &[("strategy", "A"), ("about", "object")]),
@@ -243,10 +356,19 @@ fn questions_of_a_plan_are_kept_and_search_for_nothing_twice() {
     let about = task.target.clone();
     let intents = published_plan(&task).unwrap();
     let expected = [
-        Intent::Ask { about: about.clone(), question: Some("Which desk?".into()) },
+        Intent::Ask {
+            about: about.clone(),
+            question: Some("Which desk?".into()),
+        },
         Intent::NavTo("table_1".into()),
-        Intent::Find { category: "apple".into(), target: about.clone() },
-        Intent::Ask { about: about.clone(), question: None },
+        Intent::Find {
+            category: "apple".into(),
+            target: about.clone(),
+        },
+        Intent::Ask {
+            about: about.clone(),
+            question: None,
+        },
         Intent::Pick(about),
         Intent::NavTo("desk_1".into()),
         Intent::Place("desk_1".into()),

@@ -1,5 +1,6 @@
-//! The one form of an answer that all of REAL's published parsers read: `<think>...</think>` and a bare JSON object with the
-//! keys `summary` and `next action`, nothing after it. And the History in it, as the lines that the trainer's memory takes.
+//! The one form of an answer that all of REAL's published parsers read: `<think>...</think>` and a
+//! bare JSON object with the keys `summary` and `next action`, nothing after it. And the History in
+//! it, as the lines that the trainer's memory takes.
 
 use serde_json::{Value, json};
 
@@ -29,7 +30,8 @@ pub struct Answer<'a> {
 }
 
 impl Answer<'_> {
-    /// The text. The tool goes by its published name and marker ids are strings, whatever the call said.
+    /// The text. The tool goes by its published name and marker ids are strings, whatever the call
+    /// said.
     pub fn text(&self) -> String {
         let object = json!({
             "summary": { "History": self.history, "New Schedule": self.schedule, "Current subtask": self.subtask },
@@ -48,11 +50,16 @@ pub fn action(tool_name: &str, arguments: &Value) -> Value {
 /// A call and what came of it in one line, where nobody wrote a History.
 pub fn log_line(tool_name: &str, arguments: &Value, outcome: &str) -> String {
     let outcome = one_line(outcome);
-    format!("{}: {}", action(tool_name, arguments), python::prefix(&outcome, OUTCOME_CHARS_MAX))
+    format!(
+        "{}: {}",
+        action(tool_name, arguments),
+        python::prefix(&outcome, OUTCOME_CHARS_MAX)
+    )
 }
 
-/// The Histories of an episode as numbered lines, one more at every decision. Annotators and models tell what was done in
-/// prose that grows; REAL's trainer remembers the last line of each answer and drops the rest.
+/// The Histories of an episode as numbered lines, one more at every decision. Annotators and models
+/// tell what was done in prose that grows; REAL's trainer remembers the last line of each answer
+/// and drops the rest.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct HistoryLines {
     lines: Vec<String>,
@@ -60,17 +67,23 @@ pub struct HistoryLines {
 }
 
 impl HistoryLines {
-    /// The History of the next decision. `told` is its whole History in prose, which may be empty; `log` is the
-    /// [`log_line`] of the call before it, `None` at the first decision. A History that is numbered already stays as it is.
+    /// The History of the next decision. `told` is its whole History in prose, which may be empty;
+    /// `log` is the [`log_line`] of the call before it, `None` at the first decision. A History
+    /// that is numbered already stays as it is.
     pub fn next(&mut self, told: &str, log: Option<&str>) -> String {
         if let Some(lines) = numbered(told) {
             self.lines = lines;
             self.before.clear();
             return told.to_owned();
         }
-        let new = one_line(told[shared_sentences(&self.before, told)..].trim_start_matches(is_break));
+        let new =
+            one_line(told[shared_sentences(&self.before, told)..].trim_start_matches(is_break));
         self.before = told.to_owned();
-        let line = if new.is_empty() { log.unwrap_or(NOTHING_YET).to_owned() } else { new };
+        let line = if new.is_empty() {
+            log.unwrap_or(NOTHING_YET).to_owned()
+        } else {
+            new
+        };
         self.lines.push(format!("{}) {line}", self.lines.len()));
         self.lines.join("\n")
     }
@@ -80,9 +93,16 @@ impl HistoryLines {
 fn numbered(history: &str) -> Option<Vec<String>> {
     let is_numbered = |line: &str| {
         let rest = line.trim_start_matches(|c: char| c.is_ascii_digit());
-        rest.len() < line.len() && rest.strip_prefix(')').is_some_and(|rest| !rest.trim().is_empty())
+        rest.len() < line.len()
+            && rest
+                .strip_prefix(')')
+                .is_some_and(|rest| !rest.trim().is_empty())
     };
-    let lines: Vec<String> = history.trim().lines().map(|line| line.trim().to_owned()).collect();
+    let lines: Vec<String> = history
+        .trim()
+        .lines()
+        .map(|line| line.trim().to_owned())
+        .collect();
     (!lines.is_empty() && lines.iter().all(|line| is_numbered(line))).then_some(lines)
 }
 
@@ -93,13 +113,27 @@ fn is_break(c: char) -> bool {
 
 /// Where the sentences and clauses end with which both texts begin, in bytes.
 fn shared_sentences(one: &str, other: &str) -> usize {
-    let common = one.bytes().zip(other.bytes()).take_while(|(one, other)| one == other).count();
-    if common == one.len() && other.as_bytes().get(common).is_none_or(|byte| is_break(char::from(*byte))) {
+    let common = one
+        .bytes()
+        .zip(other.bytes())
+        .take_while(|(one, other)| one == other)
+        .count();
+    if common == one.len()
+        && other
+            .as_bytes()
+            .get(common)
+            .is_none_or(|byte| is_break(char::from(*byte)))
+    {
         return common;
     }
     let end = |(at, c): (usize, char)| matches!(c, '.' | '!' | '?' | ';').then_some(at + 1);
-    let ends = other.char_indices().filter_map(end).take_while(|end| *end < common);
-    ends.filter(|end| other.as_bytes()[*end].is_ascii_whitespace()).last().unwrap_or(0)
+    let ends = other
+        .char_indices()
+        .filter_map(end)
+        .take_while(|end| *end < common);
+    ends.filter(|end| other.as_bytes()[*end].is_ascii_whitespace())
+        .last()
+        .unwrap_or(0)
 }
 
 fn one_line(text: &str) -> String {
@@ -125,28 +159,52 @@ mod tests {
         let text = answer.text();
         let action = json!({ "tool_name": "focus_on", "args": { "marker_id": "2" } });
         let agent = agent_answer(&text).unwrap();
-        assert_eq!((agent.tool_name.as_str(), agent.summary["History"].as_str()), ("focus_on", Some(answer.history)));
+        assert_eq!(
+            (agent.tool_name.as_str(), agent.summary["History"].as_str()),
+            ("focus_on", Some(answer.history))
+        );
         assert_eq!(Value::from(agent.arguments), action["args"]);
         assert_eq!(trainer_action(&text).unwrap().tool_name, "focus_on");
         let gym = gym_answer(&text);
         assert_eq!(
-            (gym.last_action.as_ref(), &gym.task_progress.unwrap()["Current subtask"]),
+            (
+                gym.last_action.as_ref(),
+                &gym.task_progress.unwrap()["Current subtask"]
+            ),
             (Some(&action), &json!("pick it"))
         );
-        assert_eq!(scheduler_action(&text), Some((Some(answer.history.to_owned()), Some(action))));
+        assert_eq!(
+            scheduler_action(&text),
+            Some((Some(answer.history.to_owned()), Some(action)))
+        );
     }
 
     #[test]
     fn a_history_in_prose_becomes_lines() {
         let mut lines = HistoryLines::default();
-        assert_eq!(lines.next("Nothing was done.", None), "0) Nothing was done.");
-        assert_eq!(lines.next("I went to table_1.", Some("log")), "0) Nothing was done.\n1) I went to table_1.");
-        let next = lines.next("I went to table_1. I saw 2 cups: red\nand blue.", Some("log"));
+        assert_eq!(
+            lines.next("Nothing was done.", None),
+            "0) Nothing was done."
+        );
+        assert_eq!(
+            lines.next("I went to table_1.", Some("log")),
+            "0) Nothing was done.\n1) I went to table_1."
+        );
+        let next = lines.next(
+            "I went to table_1. I saw 2 cups: red\nand blue.",
+            Some("log"),
+        );
         assert_eq!(next.lines().last(), Some("2) I saw 2 cups: red and blue."));
         // A sentence was taken back, one is new; then nothing is.
         let next = lines.next("I went to table_1. I picked one.", Some("log"));
         assert_eq!(next.lines().last(), Some("3) I picked one."));
-        assert_eq!(lines.next("I went to table_1. I picked one.", Some("log")).lines().last(), Some("4) log"));
+        assert_eq!(
+            lines
+                .next("I went to table_1. I picked one.", Some("log"))
+                .lines()
+                .last(),
+            Some("4) log")
+        );
         assert_eq!(lines.next("", Some("log")).lines().last(), Some("5) log"));
     }
 
@@ -158,7 +216,13 @@ mod tests {
         assert_eq!(next.lines().last(), Some("1) took one; went on"));
         let next = lines.next("saw 2 mugs; took one; put it down", Some("log"));
         assert_eq!(next.lines().last(), Some("2) put it down"));
-        assert_eq!(lines.next("saw 2 mugs; took one; put it down", Some("log")).lines().last(), Some("3) log"));
+        assert_eq!(
+            lines
+                .next("saw 2 mugs; took one; put it down", Some("log"))
+                .lines()
+                .last(),
+            Some("3) log")
+        );
     }
 
     #[test]
@@ -166,6 +230,9 @@ mod tests {
         let mut lines = HistoryLines::default();
         assert_eq!(lines.next("0) a\n1) b", None), "0) a\n1) b");
         assert_eq!(lines.next("", Some("log")), "0) a\n1) b\n2) log");
-        assert_eq!(HistoryLines::default().next("", None), "0) I have not done anything yet.");
+        assert_eq!(
+            HistoryLines::default().next("", None),
+            "0) I have not done anything yet."
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! A conversation with native tool calls: what the model is told at its start. For trainers and agents other than REAL's.
+//! A conversation with native tool calls: what the model is told at its start. For trainers and
+//! agents other than REAL's.
 
 use std::fmt::Write as _;
 
@@ -13,11 +14,17 @@ pub const VIEW: &str = "\nCurrent view: ";
 
 /// The tools as native tool calling names them: a list of `{type: function, function: {...}}`.
 pub fn functions(names: NameSet) -> Value {
-    ToolSpec::POLICY.iter().map(|spec| json!({ "type": "function", "function": function(spec, names) })).collect()
+    ToolSpec::POLICY
+        .iter()
+        .map(|spec| json!({ "type": "function", "function": function(spec, names) }))
+        .collect()
 }
 
 /// The first user message, before the image. `receptacles` are ids with category and room.
-pub fn briefing<'a>(instruction: &str, receptacles: impl IntoIterator<Item = (&'a str, &'a str, &'a str)>) -> String {
+pub fn briefing<'a>(
+    instruction: &str,
+    receptacles: impl IntoIterator<Item = (&'a str, &'a str, &'a str)>,
+) -> String {
     let mut text = format!("Task: {instruction}\n\nReceptacles:\n");
     for (id, category, room) in receptacles {
         let _ = writeln!(text, "- {id} ({category}, {room})");
@@ -27,17 +34,28 @@ pub fn briefing<'a>(instruction: &str, receptacles: impl IntoIterator<Item = (&'
 
 /// `<think>...</think>` and a line's end; empty without reasoning.
 pub fn thought(reasoning: &str) -> String {
-    if reasoning.is_empty() { String::new() } else { format!("<think>{reasoning}</think>\n") }
+    if reasoning.is_empty() {
+        String::new()
+    } else {
+        format!("<think>{reasoning}</think>\n")
+    }
 }
 
 /// The arguments of a call as a JSON object.
 pub fn arguments(arguments: &Value) -> String {
-    if arguments.is_null() { "{}".to_owned() } else { arguments.to_string() }
+    if arguments.is_null() {
+        "{}".to_owned()
+    } else {
+        arguments.to_string()
+    }
 }
 
 fn function(spec: &ToolSpec, names: NameSet) -> Value {
     let (properties, required) = match spec.argument {
-        Some(argument) => (json!({ argument.name: { "type": argument.json_type } }), json!([argument.name])),
+        Some(argument) => (
+            json!({ argument.name: { "type": argument.json_type } }),
+            json!([argument.name]),
+        ),
         None => (json!({}), json!([])),
     };
     json!({

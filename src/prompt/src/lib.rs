@@ -1,6 +1,7 @@
-//! The texts in which a decision is put to a model, and the answer that is wanted: one wording for training sets and for the
-//! agents that are driven by a model, so that a model is asked as it was taught. The single-turn form is that of REAL's
-//! published trainer, with its template file or ours; [`published`] holds what its clients read, remember and show.
+//! The texts in which a decision is put to a model, and the answer that is wanted: one wording for
+//! training sets and for the agents that are driven by a model, so that a model is asked as it was
+//! taught. The single-turn form is that of REAL's published trainer, with its template file or
+//! ours; [`published`] holds what its clients read, remember and show.
 //!
 //! Knows no file, no endpoint and no format of a trainer.
 

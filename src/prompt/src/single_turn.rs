@@ -1,4 +1,5 @@
-//! One user turn a decision, as REAL's trainer puts it: the template, filled in with what its memory holds.
+//! One user turn a decision, as REAL's trainer puts it: the template, filled in with what its
+//! memory holds.
 
 use std::sync::{Arc, LazyLock};
 
@@ -8,7 +9,10 @@ use serde_json::Value;
 use crate::{
     SYSTEM_MULTI_TURN, Slots, Template, TemplateError, Wording,
     answer::{action, log_line},
-    published::{Hand, Item, MAX_TURNS, Observation, SchedulerMemory, ask_limit, canonical_tool, trainer_scene},
+    published::{
+        Hand, Item, MAX_TURNS, Observation, SchedulerMemory, ask_limit, canonical_tool,
+        trainer_scene,
+    },
 };
 
 /// The template that comes along.
@@ -40,9 +44,18 @@ impl Prompt {
     ///
     /// # Errors
     /// Fails if the text is no usable template.
-    pub fn new(name: impl Into<String>, template: &str, wording: Wording) -> Result<Self, TemplateError> {
+    pub fn new(
+        name: impl Into<String>,
+        template: &str,
+        wording: Wording,
+    ) -> Result<Self, TemplateError> {
         let template_digest = Digest::of(template.as_bytes());
-        Ok(Self { name: name.into(), template_digest, template: Template::parse(template)?, wording })
+        Ok(Self {
+            name: name.into(),
+            template_digest,
+            template: Template::parse(template)?,
+            wording,
+        })
     }
 
     /// Its name: `reel`, or the file's.
@@ -60,10 +73,19 @@ impl Prompt {
         &self.wording
     }
 
-    /// Names every text that a model is asked with, in each row and trace: template, sentences, system message.
+    /// Names every text that a model is asked with, in each row and trace: template, sentences,
+    /// system message.
     pub fn digest(&self) -> Digest {
         let wording = serde_json::to_string(&self.wording).unwrap_or_default();
-        Digest::of([self.template_digest.to_string().as_str(), &wording, SYSTEM_MULTI_TURN].concat().as_bytes())
+        Digest::of(
+            [
+                self.template_digest.to_string().as_str(),
+                &wording,
+                SYSTEM_MULTI_TURN,
+            ]
+            .concat()
+            .as_bytes(),
+        )
     }
 }
 
@@ -77,7 +99,11 @@ pub struct EpisodePrompt {
 
 impl EpisodePrompt {
     /// `receptacles` are ids with their rooms, in the scene's order.
-    pub fn new<'a>(prompt: Arc<Prompt>, task: &str, receptacles: impl IntoIterator<Item = (&'a str, &'a str)>) -> Self {
+    pub fn new<'a>(
+        prompt: Arc<Prompt>,
+        task: &str,
+        receptacles: impl IntoIterator<Item = (&'a str, &'a str)>,
+    ) -> Self {
         let mut rooms: Vec<(&str, Vec<&str>)> = Vec::new();
         for (id, room) in receptacles {
             match rooms.iter_mut().find(|(name, _)| *name == room) {
@@ -86,7 +112,11 @@ impl EpisodePrompt {
             }
         }
         let scene = trainer_scene(rooms, &prompt.wording);
-        Self { prompt, scene, task: task.to_owned() }
+        Self {
+            prompt,
+            scene,
+            task: task.to_owned(),
+        }
     }
 
     /// The beginning that all prompts of the episode share.
@@ -95,7 +125,12 @@ impl EpisodePrompt {
     }
 
     fn slots(&self) -> Slots<'_> {
-        Slots { scene: &self.scene, task: &self.task, max_ask_limit: ask_limit(MAX_TURNS), ..Slots::default() }
+        Slots {
+            scene: &self.scene,
+            task: &self.task,
+            max_ask_limit: ask_limit(MAX_TURNS),
+            ..Slots::default()
+        }
     }
 }
 
@@ -127,7 +162,14 @@ impl SingleTurn {
     /// Before the first decision: nothing is remembered and nothing shown.
     pub fn new(episode: Arc<EpisodePrompt>) -> Self {
         let (memory, hand) = (SchedulerMemory::default(), Hand::default());
-        Self { episode, memory, observation: String::new(), ask_count: 0, hand, held: None }
+        Self {
+            episode,
+            memory,
+            observation: String::new(),
+            ask_count: 0,
+            hand,
+            held: None,
+        }
     }
 
     /// The part of the next prompt that follows [`EpisodePrompt::shared`].
@@ -158,8 +200,10 @@ impl SingleTurn {
 
     /// Takes in a call that no answer made, as its line of the log.
     pub fn watch(&mut self, call: &ToolCall, outcome: &Outcome<'_>) {
-        self.memory.note(&log_line(&call.name, &call.arguments, outcome.text));
-        self.memory.set_last_action(action(&call.name, &call.arguments));
+        self.memory
+            .note(&log_line(&call.name, &call.arguments, outcome.text));
+        self.memory
+            .set_last_action(action(&call.name, &call.arguments));
         self.observe(outcome);
     }
 
@@ -173,8 +217,11 @@ impl SingleTurn {
         let (tool, _) = crate::published::published_call(outcome.tool, &Value::Null);
         let text = (!outcome.text.is_empty()).then_some(Item::Text(outcome.text));
         // The last content of a published result is its debug information, which nobody is shown.
-        let contents: Vec<Item<'_>> =
-            text.into_iter().chain(std::iter::repeat_n(Item::Image, outcome.images)).chain([Item::Text("")]).collect();
+        let contents: Vec<Item<'_>> = text
+            .into_iter()
+            .chain(std::iter::repeat_n(Item::Image, outcome.images))
+            .chain([Item::Text("")])
+            .collect();
         let observation = Observation::of_result(&tool, &contents, wording);
         self.ask_count += u32::from(canonical_tool(&tool) == "ask");
         self.hand.update(&tool, &observation.text);

@@ -1,5 +1,5 @@
-//! A prompt template as REAL's trainer reads it: a text with `{PLACEHOLDER}`s, `{{` and `}}` for braces. Checks what the
-//! trainer checks, and that nothing is left that it could not fill in.
+//! A prompt template as REAL's trainer reads it: a text with `{PLACEHOLDER}`s, `{{` and `}}` for
+//! braces. Checks what the trainer checks, and that nothing is left that it could not fill in.
 
 use std::collections::BTreeSet;
 
@@ -15,7 +15,9 @@ pub enum TemplateError {
     #[error("the template is empty")]
     Empty,
     /// A brace that opens or closes nothing.
-    #[error("line {line}: a single '{brace}'; write {brace}{brace} for a brace of the text, or a placeholder such as {{TASK}}")]
+    #[error(
+        "line {line}: a single '{brace}'; write {brace}{brace} for a brace of the text, or a placeholder such as {{TASK}}"
+    )]
     SingleBrace {
         /// Line of the template, counted from 1.
         line: usize,
@@ -23,7 +25,10 @@ pub enum TemplateError {
         brace: char,
     },
     /// A placeholder is missing.
-    #[error("the template lacks {}: REAL's trainer refuses it without", placeholders(names))]
+    #[error(
+        "the template lacks {}: REAL's trainer refuses it without",
+        placeholders(names)
+    )]
     MissingPlaceholders {
         /// The placeholders that the template lacks, in alphabetical order.
         names: Vec<&'static str>,
@@ -129,7 +134,10 @@ impl Template {
             pieces.push(match piece {
                 Raw::Literal(text) => Piece::Literal(text),
                 Raw::Field { name, line } => {
-                    let field = FIELDS.iter().find(|(known, _)| *known == name).map(|(_, field)| Piece::Field(*field));
+                    let field = FIELDS
+                        .iter()
+                        .find(|(known, _)| *known == name)
+                        .map(|(_, field)| Piece::Field(*field));
                     field.ok_or(TemplateError::UnknownPlaceholder { line, name })?
                 }
             });
@@ -158,7 +166,8 @@ impl Template {
     }
 }
 
-/// Checks a template as REAL's trainer does when it starts. An unknown placeholder passes, as it does there.
+/// Checks a template as REAL's trainer does when it starts. An unknown placeholder passes, as it
+/// does there.
 ///
 /// # Errors
 /// Fails if the trainer would refuse the text.
@@ -168,21 +177,40 @@ pub fn check(text: &str) -> Result<(), TemplateError> {
     }
     let fields: BTreeSet<String> = split(text)?
         .into_iter()
-        .filter_map(|piece| if let Raw::Field { name, .. } = piece { Some(name) } else { None })
+        .filter_map(|piece| {
+            if let Raw::Field { name, .. } = piece {
+                Some(name)
+            } else {
+                None
+            }
+        })
         .collect();
-    let mut names: Vec<&str> = FIELDS.iter().map(|(name, _)| *name).filter(|name| !fields.contains(*name)).collect();
+    let mut names: Vec<&str> = FIELDS
+        .iter()
+        .map(|(name, _)| *name)
+        .filter(|name| !fields.contains(*name))
+        .collect();
     if !names.is_empty() {
         names.sort_unstable();
         return Err(TemplateError::MissingPlaceholders { names });
     }
-    let tools = ToolSpec::POLICY.iter().map(|spec| spec.name(NameSet::RealRepo)).chain(["list_receptacles"]);
-    let names: Vec<&str> = tools.filter(|name| !text.contains(&format!("\"name\": \"{name}\""))).collect();
+    let tools = ToolSpec::POLICY
+        .iter()
+        .map(|spec| spec.name(NameSet::RealRepo))
+        .chain(["list_receptacles"]);
+    let names: Vec<&str> = tools
+        .filter(|name| !text.contains(&format!("\"name\": \"{name}\"")))
+        .collect();
     if !names.is_empty() {
         return Err(TemplateError::MissingTools { names });
     }
     for (legacy, canonical) in &LEGACY_TOOLS[..REFUSED_LEGACY] {
         if let Some(at) = text.find(&format!("\"{legacy}\"")) {
-            return Err(TemplateError::LegacyTool { line: line_of(text, at), legacy, canonical });
+            return Err(TemplateError::LegacyTool {
+                line: line_of(text, at),
+                legacy,
+                canonical,
+            });
         }
     }
     Ok(())
@@ -193,8 +221,8 @@ enum Raw {
     Field { name: String, line: usize },
 }
 
-/// Splits a text as Python's `string.Formatter().parse` does. A conversion or format of a field (`{TASK!r}`) stays in its
-/// name, so that it is unknown: the published prompts have none.
+/// Splits a text as Python's `string.Formatter().parse` does. A conversion or format of a field
+/// (`{TASK!r}`) stays in its name, so that it is unknown: the published prompts have none.
 fn split(text: &str) -> Result<Vec<Raw>, TemplateError> {
     let mut pieces = Vec::new();
     let mut literal = String::new();
@@ -203,19 +231,32 @@ fn split(text: &str) -> Result<Vec<Raw>, TemplateError> {
         let brace_at = at + found;
         literal.push_str(&text[at..brace_at]);
         let brace = char::from(text.as_bytes()[brace_at]);
-        let single = || TemplateError::SingleBrace { line: line_of(text, brace_at), brace };
+        let single = || TemplateError::SingleBrace {
+            line: line_of(text, brace_at),
+            brace,
+        };
         at = brace_at + 1;
         if text[at..].starts_with(brace) {
             literal.push(brace);
             at += 1;
             continue;
         }
-        let end = if brace == '{' { text[at..].find(['{', '}']) } else { None };
-        let end = end.map(|end| at + end).filter(|end| text[*end..].starts_with('}')).ok_or_else(single)?;
+        let end = if brace == '{' {
+            text[at..].find(['{', '}'])
+        } else {
+            None
+        };
+        let end = end
+            .map(|end| at + end)
+            .filter(|end| text[*end..].starts_with('}'))
+            .ok_or_else(single)?;
         if !literal.is_empty() {
             pieces.push(Raw::Literal(std::mem::take(&mut literal)));
         }
-        pieces.push(Raw::Field { name: text[at..end].to_owned(), line: line_of(text, brace_at) });
+        pieces.push(Raw::Field {
+            name: text[at..end].to_owned(),
+            line: line_of(text, brace_at),
+        });
         at = end + 1;
     }
     literal.push_str(&text[at..]);
@@ -250,7 +291,11 @@ fn line_of(text: &str, at: usize) -> usize {
 }
 
 fn placeholders(names: &[&str]) -> String {
-    names.iter().map(|name| format!("{{{name}}}")).collect::<Vec<_>>().join(" ")
+    names
+        .iter()
+        .map(|name| format!("{{{name}}}"))
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 #[cfg(test)]
@@ -272,12 +317,24 @@ mod tests {
         };
         let template = Template::parse(TEMPLATE).unwrap();
         let prompt = template.render(&slots);
-        for value in [slots.scene, slots.task, slots.task_progress, slots.last_action, slots.last_observation, slots.hand] {
+        for value in [
+            slots.scene,
+            slots.task,
+            slots.task_progress,
+            slots.last_action,
+            slots.last_observation,
+            slots.hand,
+        ] {
             assert_eq!(prompt.matches(value).count(), 1, "{value}");
         }
-        assert!(prompt.contains("3 of 8") && prompt.contains(r#"{"name": "pick""#), "{prompt}");
+        assert!(
+            prompt.contains("3 of 8") && prompt.contains(r#"{"name": "pick""#),
+            "{prompt}"
+        );
         let shared = template.render_shared(&slots);
-        assert!(prompt.starts_with(&shared) && shared.contains("<scene>") && !shared.contains("<hand>"));
+        assert!(
+            prompt.starts_with(&shared) && shared.contains("<scene>") && !shared.contains("<hand>")
+        );
     }
 
     #[test]
@@ -286,14 +343,19 @@ mod tests {
         assert_eq!(error(" \n"), "the template is empty");
         let first = TEMPLATE.lines().count();
         assert!(
-            error(&format!("{}\n{{OTHER}}", TEMPLATE.trim_end()))
-                .starts_with(&format!("line {}: unknown placeholder {{OTHER}}", first + 1))
+            error(&format!("{}\n{{OTHER}}", TEMPLATE.trim_end())).starts_with(&format!(
+                "line {}: unknown placeholder {{OTHER}}",
+                first + 1
+            ))
         );
         assert!(error(&format!("{{TASK\n{TEMPLATE}")).starts_with("line 1: a single '{'"));
         assert!(error(&format!("a\n}} {TEMPLATE}")).starts_with("line 2: a single '}'"));
         let missing = error(&TEMPLATE.replace("{TASK}", "").replace("{LAST_OBS}", ""));
         assert!(missing.contains("{LAST_OBS} {TASK}"), "{missing}");
         assert!(error(&TEMPLATE.replace("\"name\": \"pick\"", "pick")).contains("the tools pick:"));
-        assert_eq!(error(&format!("\"gaze_at\"\n{TEMPLATE}")), "line 1: \"gaze_at\" is a former tool name; write \"focus_on\"");
+        assert_eq!(
+            error(&format!("\"gaze_at\"\n{TEMPLATE}")),
+            "line 1: \"gaze_at\" is a former tool name; write \"focus_on\""
+        );
     }
 }

@@ -1,5 +1,6 @@
-//! The fixed sentences that the published clients put around the values of a prompt, in our words. REAL's own are not part of
-//! this project: whoever has a checkout writes them into a TOML file with these keys.
+//! The fixed sentences that the published clients put around the values of a prompt, in our words.
+//! REAL's own are not part of this project: whoever has a checkout writes them into a TOML file
+//! with these keys.
 
 use serde::{Deserialize, Serialize};
 
@@ -29,8 +30,8 @@ pub struct Wording {
     pub text_graph: String,
     /// After an observation that was cut.
     pub cut: String,
-    /// A shortened prompt, with `{task}`, `{latest_progress_step}`, `{last_action}`, `{last_obs}`, `{ask_count}` and
-    /// `{hand_state_description}`.
+    /// A shortened prompt, with `{task}`, `{latest_progress_step}`, `{last_action}`, `{last_obs}`,
+    /// `{ask_count}` and `{hand_state_description}`.
     pub shortened_prompt: String,
     /// Gym: an observation that is an image alone.
     pub gym_image: String,
@@ -75,8 +76,10 @@ impl Default for Wording {
             hand_holding: own("holding: {}"),
             text_graph: own("Objects by receptacle: "),
             cut: own(" (cut)"),
-            shortened_prompt: own("Task: {task}\nProgress: {latest_progress_step}\nLast action: {last_action}\n\
-                 Last observation: {last_obs}\nQuestions asked: {ask_count}\nHand: {hand_state_description}"),
+            shortened_prompt: own(
+                "Task: {task}\nProgress: {latest_progress_step}\nLast action: {last_action}\n\
+                 Last observation: {last_obs}\nQuestions asked: {ask_count}\nHand: {hand_state_description}",
+            ),
             gym_image: own("View: <image>"),
             gym_text: own("Result: "),
             gym_and_image: own("\nView: <image>"),
@@ -84,7 +87,9 @@ impl Default for Wording {
             no_tools: own("There are no tools."),
             agent_no_observation: own("none yet"),
             agent_nothing: own("The tool returned neither text nor image."),
-            vlm_system: own("You are a household robot. Carry out the task with one tool call at a time."),
+            vlm_system: own(
+                "You are a household robot. Carry out the task with one tool call at a time.",
+            ),
             vlm_scene_heading: own("\n\nRooms and their receptacles:\n"),
             vlm_task: own("Task: "),
             vlm_call_a_tool: own("Call one of the tools."),

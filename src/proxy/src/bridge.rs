@@ -1,8 +1,10 @@
-//! A server that speaks over standard input and output, offered over Streamable HTTP: one process a session, each on its own. Only
-//! the recorder calls it, from this machine, so that what goes by is read and recorded in one place.
+//! A server that speaks over standard input and output, offered over Streamable HTTP: one process a
+//! session, each on its own. Only the recorder calls it, from this machine, so that what goes by is
+//! read and recorded in one place.
 //!
-//! A line of the server's that answers a request ends the stream of that request; any other goes to the session's own stream
-//! (`GET`), else to the request that waits longest, else waits for the next of them.
+//! A line of the server's that answers a request ends the stream of that request; any other goes to
+//! the session's own stream (`GET`), else to the request that waits longest, else waits for the
+//! next of them.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -45,8 +47,8 @@ const SERVER_ERROR: i64 = -32000;
 /// Servers of sessions, by the id of the session.
 pub struct Bridge {
     command: Vec<String>,
-    /// As the recorder's requests name it in `Host`. A page that reaches this port past the recorder names another
-    /// (DNS rebinding).
+    /// As the recorder's requests name it in `Host`. A page that reaches this port past the
+    /// recorder names another (DNS rebinding).
     authority: String,
     links: Mutex<BTreeMap<String, Arc<Link>>>,
 }
@@ -56,17 +58,34 @@ impl Bridge {
     ///
     /// # Errors
     /// When there is no command, or the system refuses.
-    pub fn start(command: &[String], message_max: usize, idle: Duration) -> Result<(Arc<Self>, String), ProxyError> {
+    pub fn start(
+        command: &[String],
+        message_max: usize,
+        idle: Duration,
+    ) -> Result<(Arc<Self>, String), ProxyError> {
         if command.is_empty() {
-            return Err(ProxyError::Spawn { command: String::new(), source: io::ErrorKind::InvalidInput.into() });
+            return Err(ProxyError::Spawn {
+                command: String::new(),
+                source: io::ErrorKind::InvalidInput.into(),
+            });
         }
         let listener = TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, 0)))?;
         let address = listener.local_addr()?;
         listener.set_nonblocking(true)?;
-        let bridge = Arc::new(Self { command: command.to_owned(), authority: address.to_string(), links: Mutex::default() });
+        let bridge = Arc::new(Self {
+            command: command.to_owned(),
+            authority: address.to_string(),
+            links: Mutex::default(),
+        });
         let methods = routing::post(post).get(listen).delete(end);
-        let routes = Router::new().route(PATH, methods).layer(DefaultBodyLimit::max(message_max)).with_state(bridge.clone());
-        let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+        let routes = Router::new()
+            .route(PATH, methods)
+            .layer(DefaultBodyLimit::max(message_max))
+            .with_state(bridge.clone());
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(1)
+            .enable_all()
+            .build()?;
         thread::spawn(move || {
             runtime.block_on(async {
                 let listener = tokio::net::TcpListener::from_std(listener)?;
@@ -90,7 +109,11 @@ impl Bridge {
 
     fn end_where(&self, which: impl Fn(&Link) -> bool) {
         let mut links = lock(&self.links);
-        let ended: Vec<String> = links.iter().filter(|(_, link)| which(link)).map(|(id, _)| id.clone()).collect();
+        let ended: Vec<String> = links
+            .iter()
+            .filter(|(_, link)| which(link))
+            .map(|(id, _)| id.clone())
+            .collect();
         let ended: Vec<Arc<Link>> = ended.iter().filter_map(|id| links.remove(id)).collect();
         drop(links);
         for link in ended {
@@ -98,14 +121,26 @@ impl Bridge {
         }
     }
 
-    /// Only the recorder gets through, and no page that posts a form: its content type would be another.
+    /// Only the recorder gets through, and no page that posts a form: its content type would be
+    /// another.
     fn admit(&self, headers: &HeaderMap, with_body: bool) -> Result<(), Refusal> {
         let is = |name: HeaderName, wanted: &str| {
-            let value = headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or_default();
-            value.split(';').next().unwrap_or_default().trim().eq_ignore_ascii_case(wanted)
+            let value = headers
+                .get(name)
+                .and_then(|value| value.to_str().ok())
+                .unwrap_or_default();
+            value
+                .split(';')
+                .next()
+                .unwrap_or_default()
+                .trim()
+                .eq_ignore_ascii_case(wanted)
         };
         if !is(header::HOST, &self.authority) {
-            return Err(Refusal::new(StatusCode::FORBIDDEN, "only reel record speaks to this port"));
+            return Err(Refusal::new(
+                StatusCode::FORBIDDEN,
+                "only reel record speaks to this port",
+            ));
         }
         if with_body && !is(header::CONTENT_TYPE, "application/json") {
             return Err(Refusal::new(
@@ -120,9 +155,19 @@ impl Bridge {
     fn link(&self, headers: &HeaderMap) -> Result<Arc<Link>, Refusal> {
         self.admit(headers, false)?;
         let id = headers.get(SESSION).and_then(|id| id.to_str().ok());
-        let id = id.ok_or_else(|| Refusal::new(StatusCode::BAD_REQUEST, "a session begins with initialize"))?;
-        let link = lock(&self.links).get(id).filter(|link| !link.is_over()).cloned();
-        link.ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, "the session is over: initialize again"))
+        let id = id.ok_or_else(|| {
+            Refusal::new(StatusCode::BAD_REQUEST, "a session begins with initialize")
+        })?;
+        let link = lock(&self.links)
+            .get(id)
+            .filter(|link| !link.is_over())
+            .cloned();
+        link.ok_or_else(|| {
+            Refusal::new(
+                StatusCode::NOT_FOUND,
+                "the session is over: initialize again",
+            )
+        })
     }
 
     /// Starts the server of a new session.
@@ -161,15 +206,32 @@ struct Ears {
 
 impl Link {
     fn spawn(command: &[String]) -> io::Result<Arc<Self>> {
-        let mut child = Command::new(&command[0]).args(&command[1..]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?;
+        let mut child = Command::new(&command[0])
+            .args(&command[1..])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()?;
         let (to_server, from_server) = (child.stdin.take(), child.stdout.take());
-        let state = Ears { requests: Vec::new(), stream: None, unheard: VecDeque::new(), heard: Instant::now(), over: false };
-        let link = Arc::new(Self { child: Mutex::new(child), state: Mutex::new(state), to_server: Mutex::new(to_server) });
+        let state = Ears {
+            requests: Vec::new(),
+            stream: None,
+            unheard: VecDeque::new(),
+            heard: Instant::now(),
+            over: false,
+        };
+        let link = Arc::new(Self {
+            child: Mutex::new(child),
+            state: Mutex::new(state),
+            to_server: Mutex::new(to_server),
+        });
         let reading = link.clone();
         thread::spawn(move || {
-            let lines = from_server.into_iter().flat_map(|output| BufReader::new(output).split(b'\n'));
+            let lines = from_server
+                .into_iter()
+                .flat_map(|output| BufReader::new(output).split(b'\n'));
             for line in lines.map_while(Result::ok) {
-                // A carriage return is white space between tokens here, and the end of a line in an event.
+                // A carriage return is white space between tokens here, and the end of a line in an
+                // event.
                 let line = String::from_utf8_lossy(&line).replace('\r', " ");
                 if !line.trim().is_empty() {
                     lock(&reading.state).hears(line);
@@ -181,7 +243,11 @@ impl Link {
     }
 
     /// Passes a message on as a line. What comes back for a request comes through the channel.
-    fn say(&self, message: &[u8], request: Option<&Value>) -> io::Result<Option<UnboundedReceiver<String>>> {
+    fn say(
+        &self,
+        message: &[u8],
+        request: Option<&Value>,
+    ) -> io::Result<Option<UnboundedReceiver<String>>> {
         let mut state = lock(&self.state);
         if state.over {
             // Whoever comes after the end would wait in vain.
@@ -190,17 +256,31 @@ impl Link {
         state.heard = Instant::now();
         let heard = request.map(|id| {
             let (tell, told) = unbounded_channel();
-            state.unheard.drain(..).for_each(|line| drop(tell.send(line)));
+            state
+                .unheard
+                .drain(..)
+                .for_each(|line| drop(tell.send(line)));
             state.requests.push((id.to_string(), tell));
             told
         });
         drop(state);
         // Line ends stand between tokens alone: inside of strings JSON has them escaped.
-        let mut line: Vec<u8> = message.iter().map(|byte| if matches!(byte, b'\n' | b'\r') { b' ' } else { *byte }).collect();
+        let mut line: Vec<u8> = message
+            .iter()
+            .map(|byte| {
+                if matches!(byte, b'\n' | b'\r') {
+                    b' '
+                } else {
+                    *byte
+                }
+            })
+            .collect();
         line.push(b'\n');
         let mut to_server = lock(&self.to_server);
         let to_server = to_server.as_mut().ok_or(io::ErrorKind::BrokenPipe)?;
-        to_server.write_all(&line).and_then(|()| to_server.flush())?;
+        to_server
+            .write_all(&line)
+            .and_then(|()| to_server.flush())?;
         Ok(heard)
     }
 
@@ -246,13 +326,23 @@ impl Ears {
     fn hears(&mut self, line: String) {
         self.heard = Instant::now();
         let message: Value = serde_json::from_str(&line).unwrap_or(Value::Null);
-        let answers = message.get("id").filter(|_| message.get("method").is_none()).map(Value::to_string);
-        if let Some(place) = self.requests.iter().position(|(id, _)| Some(id) == answers.as_ref()) {
+        let answers = message
+            .get("id")
+            .filter(|_| message.get("method").is_none())
+            .map(Value::to_string);
+        if let Some(place) = self
+            .requests
+            .iter()
+            .position(|(id, _)| Some(id) == answers.as_ref())
+        {
             // The end of the channel is the end of the request's stream.
             let _ = self.requests.remove(place).1.send(line);
             return;
         }
-        let listeners = self.stream.iter().chain(self.requests.iter().map(|(_, tell)| tell));
+        let listeners = self
+            .stream
+            .iter()
+            .chain(self.requests.iter().map(|(_, tell)| tell));
         let mut unheard = Some(line);
         for listener in listeners {
             let Some(line) = unheard.take() else { break };
@@ -265,54 +355,96 @@ impl Ears {
     }
 }
 
-async fn post(State(bridge): State<Arc<Bridge>>, headers: HeaderMap, body: Bytes) -> Result<Response, Refusal> {
+async fn post(
+    State(bridge): State<Arc<Bridge>>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Result<Response, Refusal> {
     bridge.admit(&headers, true)?;
     // A server that does not read holds its writer up.
     let passed = tokio::task::spawn_blocking(move || pass(&bridge, &headers, &body)).await;
-    passed.unwrap_or_else(|_| Err(Refusal::new(StatusCode::INTERNAL_SERVER_ERROR, "the recorder failed")))
+    passed.unwrap_or_else(|_| {
+        Err(Refusal::new(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "the recorder failed",
+        ))
+    })
 }
 
 fn pass(bridge: &Bridge, headers: &HeaderMap, body: &[u8]) -> Result<Response, Refusal> {
     let message: Value = match serde_json::from_slice(body) {
         Ok(message @ Value::Object(_)) => message,
-        Ok(_) => return Err(Refusal::new(StatusCode::BAD_REQUEST, "a message is one JSON object")),
-        Err(error) => return Err(Refusal::new(StatusCode::BAD_REQUEST, format!("the message is no JSON: {error}"))),
+        Ok(_) => {
+            return Err(Refusal::new(
+                StatusCode::BAD_REQUEST,
+                "a message is one JSON object",
+            ));
+        }
+        Err(error) => {
+            return Err(Refusal::new(
+                StatusCode::BAD_REQUEST,
+                format!("the message is no JSON: {error}"),
+            ));
+        }
     };
     let method = message.get("method").and_then(Value::as_str);
     let request = message.get("id").filter(|_| method.is_some());
-    let failed = |what: String| Refusal { status: StatusCode::BAD_GATEWAY, id: request.cloned(), what };
+    let failed = |what: String| Refusal {
+        status: StatusCode::BAD_GATEWAY,
+        id: request.cloned(),
+        what,
+    };
     let (begun, link) = if method == Some("initialize") && !headers.contains_key(SESSION) {
         let (session, link) = bridge.begin().map_err(|error| {
             let command = bridge.command.join(" ");
-            failed(format!("cannot start the server: {error}; check the words behind --stdio: {command}"))
+            failed(format!(
+                "cannot start the server: {error}; check the words behind --stdio: {command}"
+            ))
         })?;
         (Some([(SESSION, session)]), link)
     } else {
         (None, bridge.link(headers)?)
     };
-    let told = link.say(body, request).map_err(|error| failed(format!("the server takes nothing more: {error}")))?;
-    Ok((begun, told.map_or_else(|| StatusCode::ACCEPTED.into_response(), stream)).into_response())
+    let told = link
+        .say(body, request)
+        .map_err(|error| failed(format!("the server takes nothing more: {error}")))?;
+    Ok((
+        begun,
+        told.map_or_else(|| StatusCode::ACCEPTED.into_response(), stream),
+    )
+        .into_response())
 }
 
 /// The session's own stream; a newer one takes the place of an older.
-async fn listen(State(bridge): State<Arc<Bridge>>, headers: HeaderMap) -> Result<Response, Refusal> {
+async fn listen(
+    State(bridge): State<Arc<Bridge>>,
+    headers: HeaderMap,
+) -> Result<Response, Refusal> {
     let link = bridge.link(&headers)?;
     let (tell, told) = unbounded_channel();
     let mut state = lock(&link.state);
-    state.unheard.drain(..).for_each(|line| drop(tell.send(line)));
+    state
+        .unheard
+        .drain(..)
+        .for_each(|line| drop(tell.send(line)));
     state.stream = Some(tell);
     Ok(stream(told))
 }
 
 async fn end(State(bridge): State<Arc<Bridge>>, headers: HeaderMap) -> Result<StatusCode, Refusal> {
     let ended = bridge.link(&headers)?;
-    tokio::task::spawn_blocking(move || bridge.end_where(|link| std::ptr::eq(link, Arc::as_ptr(&ended))));
+    tokio::task::spawn_blocking(move || {
+        bridge.end_where(|link| std::ptr::eq(link, Arc::as_ptr(&ended)))
+    });
     Ok(StatusCode::NO_CONTENT)
 }
 
 fn stream(told: UnboundedReceiver<String>) -> Response {
-    let events = UnboundedReceiverStream::new(told).map(|line| Ok::<_, Infallible>(Event::default().event("message").data(line)));
-    Sse::new(events).keep_alive(KeepAlive::default()).into_response()
+    let events = UnboundedReceiverStream::new(told)
+        .map(|line| Ok::<_, Infallible>(Event::default().event("message").data(line)));
+    Sse::new(events)
+        .keep_alive(KeepAlive::default())
+        .into_response()
 }
 
 /// Why a request goes no further; an error of JSON-RPC.
@@ -324,13 +456,21 @@ struct Refusal {
 
 impl Refusal {
     fn new(status: StatusCode, what: impl Into<String>) -> Self {
-        Self { status, id: None, what: what.into() }
+        Self {
+            status,
+            id: None,
+            what: what.into(),
+        }
     }
 }
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
-        (self.status, axum::Json(error(&self.id.unwrap_or(Value::Null), &self.what))).into_response()
+        (
+            self.status,
+            axum::Json(error(&self.id.unwrap_or(Value::Null), &self.what)),
+        )
+            .into_response()
     }
 }
 

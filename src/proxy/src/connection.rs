@@ -1,5 +1,6 @@
-//! One connection of an agent and the one to the server that belongs to it: requests one way, responses the other. A message that
-//! may be a call is held until it is recorded, one that may be its result too; everything else passes as it comes.
+//! One connection of an agent and the one to the server that belongs to it: requests one way,
+//! responses the other. A message that may be a call is held until it is recorded, one that may be
+//! its result too; everything else passes as it comes.
 
 use std::{
     collections::{HashMap, VecDeque},
@@ -24,7 +25,8 @@ use crate::{
     wire::{Body, Head, Start, Unreadable},
 };
 
-/// Open streams of HTTP+SSE, by the target for messages: what is refused there is said on the stream.
+/// Open streams of HTTP+SSE, by the target for messages: what is refused there is said on the
+/// stream.
 pub(crate) type Streams = Mutex<HashMap<String, Arc<Connection>>>;
 
 /// Bytes read at a time.
@@ -67,9 +69,18 @@ pub(crate) struct Outlet {
 }
 
 impl Connection {
-    pub(crate) fn new(shared: &Arc<Shared>, agent: &TcpStream, server: &TcpStream) -> io::Result<Arc<Self>> {
+    pub(crate) fn new(
+        shared: &Arc<Shared>,
+        agent: &TcpStream,
+        server: &TcpStream,
+    ) -> io::Result<Arc<Self>> {
         let _ = server.peer_addr()?;
-        let outlet = Outlet { stream: agent.try_clone()?, chunked: false, between: false, waiting: Vec::new() };
+        let outlet = Outlet {
+            stream: agent.try_clone()?,
+            chunked: false,
+            between: false,
+            waiting: Vec::new(),
+        };
         Ok(Arc::new(Self {
             shared: shared.clone(),
             client: agent.peer_addr()?.ip().to_string(),
@@ -81,8 +92,12 @@ impl Connection {
 
     /// Passes on until one side is gone.
     pub(crate) fn run(self: Arc<Self>, agent: &TcpStream, server: &TcpStream) {
-        let (back, Ok(from_server)) = (self.clone(), server.try_clone()) else { return };
-        let (Ok(agent_too), Ok(server_too)) = (agent.try_clone(), server.try_clone()) else { return };
+        let (back, Ok(from_server)) = (self.clone(), server.try_clone()) else {
+            return;
+        };
+        let (Ok(agent_too), Ok(server_too)) = (agent.try_clone(), server.try_clone()) else {
+            return;
+        };
         let backward = thread::spawn(move || {
             let _both = Ends([agent_too, server_too]);
             drop(back.responses(from_server));
@@ -112,13 +127,21 @@ impl Connection {
                     return server.write_all(&buffer);
                 }
             };
-            let Ok(mut body) = head.body(false) else { return self.go_blind(&buffer, agent, server) };
+            let Ok(mut body) = head.body(false) else {
+                return self.go_blind(&buffer, agent, server);
+            };
             buffer.drain(..head.bytes.len());
             if let Some(why) = self.shared.stranger(&head) {
                 return answer(agent, "403 Forbidden", "text/plain", &why);
             }
-            let Start::Request { method, target } = &head.start else { return Ok(()) };
-            let mut exchange = Exchange { to_head: method == "HEAD", target: target.clone(), ..Exchange::default() };
+            let Start::Request { method, target } = &head.start else {
+                return Ok(());
+            };
+            let mut exchange = Exchange {
+                to_head: method == "HEAD",
+                target: target.clone(),
+                ..Exchange::default()
+            };
             let key = self.key(&head, target);
             let (mut wire, mut message) = (self.shared.for_the_server(&head), Vec::new());
             if method == "POST" {
@@ -126,7 +149,9 @@ impl Connection {
                     agent.write_all(b"HTTP/1.1 100 Continue\r\n\r\n")?;
                 }
                 let limit = self.shared.setup.message_max;
-                while take(&mut body, &mut buffer, &mut wire, &mut message)? && message.len() <= limit {
+                while take(&mut body, &mut buffer, &mut wire, &mut message)?
+                    && message.len() <= limit
+                {
                     if !fill(agent, &mut buffer)? {
                         return server.write_all(&wire);
                     }
@@ -153,7 +178,9 @@ impl Connection {
             server.write_all(&wire)?;
             while !body.is_whole() {
                 let mut rest = Vec::new();
-                if take(&mut body, &mut buffer, &mut rest, &mut Vec::new())? && !fill(agent, &mut buffer)? {
+                if take(&mut body, &mut buffer, &mut rest, &mut Vec::new())?
+                    && !fill(agent, &mut buffer)?
+                {
                     return server.write_all(&rest);
                 }
                 server.write_all(&rest)?;
@@ -170,14 +197,24 @@ impl Connection {
         self.shared.sessions.find(&messages).map(|_| messages)
     }
 
-    /// The session of a message; one that says hello begins a new one, and others without a session belong to their client.
-    fn session(&self, key: Option<&Key>, head: &Head, message: &[u8], exchange: &mut Exchange) -> Arc<Session> {
+    /// The session of a message; one that says hello begins a new one, and others without a session
+    /// belong to their client.
+    fn session(
+        &self,
+        key: Option<&Key>,
+        head: &Head,
+        message: &[u8],
+        exchange: &mut Exchange,
+    ) -> Arc<Session> {
         let session = match key {
             Some(key) => self.shared.sessions.find_or_begin(key.clone()),
             None => {
                 let who = tap::client_of(message).unwrap_or_default();
                 let authorization = head.value("authorization").unwrap_or_default();
-                let client = Key::Client(format!("{} {} {authorization} {who}", self.client, exchange.target));
+                let client = Key::Client(format!(
+                    "{} {} {authorization} {who}",
+                    self.client, exchange.target
+                ));
                 if tap::is_hello(message) {
                     exchange.keep_as = Some(client);
                     self.shared.sessions.begin()
@@ -190,12 +227,15 @@ impl Connection {
         session
     }
 
-    /// Says that a call is not passed on: in the place of the response, or on the stream where results are awaited.
+    /// Says that a call is not passed on: in the place of the response, or on the stream where
+    /// results are awaited.
     fn refuse(&self, key: Option<&Key>, refusal: &Refusal, agent: &TcpStream) -> io::Result<()> {
         let error = refusal.json(None).unwrap_or_default();
         if !lock(&self.exchanges).is_empty() {
             // Responses before it are still to come; there is no place for this one.
-            return Err(io::Error::other("refused between requests that are not answered"));
+            return Err(io::Error::other(
+                "refused between requests that are not answered",
+            ));
         }
         let stream = match key {
             Some(Key::Messages(target)) => lock(&self.shared.streams).get(target).cloned(),
@@ -216,7 +256,9 @@ impl Connection {
         loop {
             let head = loop {
                 match Head::response(&buffer) {
-                    _ if self.blind.load(Ordering::Acquire) => return self.copy(&mut buffer, &server),
+                    _ if self.blind.load(Ordering::Acquire) => {
+                        return self.copy(&mut buffer, &server);
+                    }
                     Ok(Some(head)) => break head,
                     Ok(None) => {}
                     Err(Unreadable) => return self.copy(&mut buffer, &server),
@@ -225,39 +267,61 @@ impl Connection {
                     return lock(&self.agent).pass(&buffer);
                 }
             };
-            let Start::Response { status } = head.start else { return Ok(()) };
+            let Start::Response { status } = head.start else {
+                return Ok(());
+            };
             if (100..200).contains(&status) && status != 101 {
                 lock(&self.agent).pass(&head.bytes)?;
                 buffer.drain(..head.bytes.len());
                 continue;
             }
             let exchange = lock(&self.exchanges).pop_front();
-            let (Some(exchange), true) = (exchange, status != 101) else { return self.copy(&mut buffer, &server) };
-            let Ok(body) = head.body(exchange.to_head) else { return self.copy(&mut buffer, &server) };
+            let (Some(exchange), true) = (exchange, status != 101) else {
+                return self.copy(&mut buffer, &server);
+            };
+            let Ok(body) = head.body(exchange.to_head) else {
+                return self.copy(&mut buffer, &server);
+            };
             buffer.drain(..head.bytes.len());
             if let (Some(session), Some(client)) = (&exchange.session, exchange.keep_as.clone()) {
-                let key = head.value("mcp-session-id").map_or(client, |id| Key::Id(id.to_owned()));
+                let key = head
+                    .value("mcp-session-id")
+                    .map_or(client, |id| Key::Id(id.to_owned()));
                 self.shared.sessions.keep(key, session);
             }
-            let readable = head.value("content-encoding").is_none_or(|coding| coding.eq_ignore_ascii_case("identity"));
+            let readable = head
+                .value("content-encoding")
+                .is_none_or(|coding| coding.eq_ignore_ascii_case("identity"));
             let kind = head.content_type();
             let passed = match kind.as_str() {
-                "text/event-stream" if readable => Events::new(self, &exchange, body, head.says("transfer-encoding", "chunked"))
-                    .pass(&head.bytes, &mut buffer, &server),
-                "application/json" if readable => self.json(&exchange, &head, status, body, &mut buffer, &server),
+                "text/event-stream" if readable => Events::new(
+                    self,
+                    &exchange,
+                    body,
+                    head.says("transfer-encoding", "chunked"),
+                )
+                .pass(&head.bytes, &mut buffer, &server),
+                "application/json" if readable => {
+                    self.json(&exchange, &head, status, body, &mut buffer, &server)
+                }
                 _ => self.plain(&exchange, &head, status, body, &mut buffer, &server),
             };
             exchange.adrift();
             if !passed? {
                 return Ok(());
             }
-            if let Some(key) = exchange.ends.as_ref().filter(|_| status < 300 || status == 404) {
+            if let Some(key) = exchange
+                .ends
+                .as_ref()
+                .filter(|_| status < 300 || status == 404)
+            {
                 self.shared.sessions.end(key, "the agent ended the session");
             }
         }
     }
 
-    /// Passes a body of JSON on as soon as it is whole and recorded. Gives whether the connection goes on.
+    /// Passes a body of JSON on as soon as it is whole and recorded. Gives whether the connection
+    /// goes on.
     fn json(
         &self,
         exchange: &Exchange,
@@ -282,13 +346,18 @@ impl Connection {
         }
         if let Some(session) = &exchange.session {
             if let Err(refusal) = session.server_says(&message) {
-                let error = refusal.json(Some(message.len())).ok_or_else(|| io::Error::other("no room for an error"))?;
+                let error = refusal
+                    .json(Some(message.len()))
+                    .ok_or_else(|| io::Error::other("no room for an error"))?;
                 // White space behind JSON means nothing, and so the length stays.
                 let padded = error.bytes().chain(std::iter::repeat(b' '));
                 overwrite(&mut wire, &places, padded);
             }
             if status >= 400 {
-                session.unanswered(exchange.call.as_ref(), &format!("the server answered with HTTP {status}"));
+                session.unanswered(
+                    exchange.call.as_ref(),
+                    &format!("the server answered with HTTP {status}"),
+                );
             }
         }
         lock(&self.agent).pass(&wire)?;
@@ -305,12 +374,22 @@ impl Connection {
         buffer: &mut Vec<u8>,
         server: &TcpStream,
     ) -> io::Result<bool> {
-        if let Some(session) = exchange.session.as_ref().filter(|_| exchange.call.is_some()) {
+        if let Some(session) = exchange
+            .session
+            .as_ref()
+            .filter(|_| exchange.call.is_some())
+        {
             let kind = head.content_type();
             if status >= 400 {
-                session.unanswered(exchange.call.as_ref(), &format!("the server answered with HTTP {status}"));
+                session.unanswered(
+                    exchange.call.as_ref(),
+                    &format!("the server answered with HTTP {status}"),
+                );
             } else if !body.is_whole() && status != 202 {
-                session.unanswered(exchange.call.as_ref(), &format!("the server answered with {kind:?}, which is not read"));
+                session.unanswered(
+                    exchange.call.as_ref(),
+                    &format!("the server answered with {kind:?}, which is not read"),
+                );
             }
         }
         lock(&self.agent).pass(&head.bytes)?;
@@ -333,7 +412,12 @@ impl Connection {
     }
 
     /// From here on bytes pass as they come, both ways.
-    fn go_blind(&self, buffer: &[u8], mut agent: &TcpStream, mut server: &TcpStream) -> io::Result<()> {
+    fn go_blind(
+        &self,
+        buffer: &[u8],
+        mut agent: &TcpStream,
+        mut server: &TcpStream,
+    ) -> io::Result<()> {
         if !self.blind.swap(true, Ordering::AcqRel) {
             self.shared.setup.report.count(|counts| counts.blind += 1);
         }
@@ -401,13 +485,21 @@ impl Outlet {
             return Ok(());
         }
         let event = format!("event: message\ndata: {json}\n\n");
-        let bytes = if self.chunked { format!("{:x}\r\n{event}\r\n", event.len()) } else { event };
+        let bytes = if self.chunked {
+            format!("{:x}\r\n{event}\r\n", event.len())
+        } else {
+            event
+        };
         self.stream.write_all(bytes.as_bytes())
     }
 }
 
 /// Puts other bytes, at least as many, where an event or a message stands.
-pub(crate) fn overwrite(wire: &mut [u8], places: &[Range<usize>], mut bytes: impl Iterator<Item = u8>) {
+pub(crate) fn overwrite(
+    wire: &mut [u8],
+    places: &[Range<usize>],
+    mut bytes: impl Iterator<Item = u8>,
+) {
     for byte in places.iter().flat_map(|place| place.clone()) {
         if let Some(other) = bytes.next() {
             wire[byte] = other;
@@ -430,7 +522,12 @@ pub(crate) fn fill(mut from: &TcpStream, buffer: &mut Vec<u8>) -> io::Result<boo
 }
 
 /// Takes what belongs to a body; true where more of it is to come.
-fn take(body: &mut Body, buffer: &mut Vec<u8>, wire: &mut Vec<u8>, message: &mut Vec<u8>) -> io::Result<bool> {
+fn take(
+    body: &mut Body,
+    buffer: &mut Vec<u8>,
+    wire: &mut Vec<u8>,
+    message: &mut Vec<u8>,
+) -> io::Result<bool> {
     take_places(body, buffer, wire, message, &mut Vec::new()).map(|whole| !whole)
 }
 
@@ -442,7 +539,9 @@ fn take_places(
     message: &mut Vec<u8>,
     places: &mut Vec<Range<usize>>,
 ) -> io::Result<bool> {
-    let (used, content) = body.take(buffer).map_err(|_| io::Error::other("the body is not HTTP/1.1"))?;
+    let (used, content) = body
+        .take(buffer)
+        .map_err(|_| io::Error::other("the body is not HTTP/1.1"))?;
     let before = wire.len();
     for range in content {
         message.extend_from_slice(&buffer[range.clone()]);
@@ -457,7 +556,13 @@ pub(crate) fn answer(agent: &TcpStream, status: &str, kind: &str, text: &str) ->
     respond(agent, status, kind, text, false)
 }
 
-fn respond(mut agent: &TcpStream, status: &str, kind: &str, text: &str, stays: bool) -> io::Result<()> {
+fn respond(
+    mut agent: &TcpStream,
+    status: &str,
+    kind: &str,
+    text: &str,
+    stays: bool,
+) -> io::Result<()> {
     let connection = if stays { "keep-alive" } else { "close" };
     let length = text.len();
     let response = format!(

@@ -1,5 +1,5 @@
-//! The episodes of one session as records: when one begins and ends, what a call and its result become, and the trace that is
-//! written meanwhile. Knows no transport.
+//! The episodes of one session as records: when one begins and ends, what a call and its result
+//! become, and the trace that is written meanwhile. Knows no transport.
 
 use std::{collections::BTreeMap, path::PathBuf, sync::Arc};
 
@@ -8,8 +8,12 @@ use reel_import::{Begun, Setting, Shown, State, both, unknown_task};
 use reel_reward::{Rewarder, metrics};
 use reel_trace::{Recorder, Timing, TraceError, robot::CameraImage};
 use reel_world::{
-    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene, Task, Tool, ToolCall, chain,
-    record::{EndReason, EndRecord, EpisodeHeader, Metrics, PolicyInfo, PolicyOutput, StartRecord, StepInput, StepRecord},
+    Digest, ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame, FrameDigests, Lifecycle, Outcome, Scene,
+    Task, Tool, ToolCall, chain,
+    record::{
+        EndReason, EndRecord, EpisodeHeader, Metrics, PolicyInfo, PolicyOutput, StartRecord,
+        StepInput, StepRecord,
+    },
 };
 use serde_json::{Map, Value, json};
 
@@ -74,13 +78,24 @@ impl From<TraceError> for Trouble {
 impl Episodes {
     pub(crate) fn new(setup: Arc<Setup>, session: String) -> Self {
         let policy = setup.policy.clone().unwrap_or_else(|| "agent".to_owned());
-        Self { setup, session, policy, begun: 0, unrecorded: 0, now: Now::Nothing }
+        Self {
+            setup,
+            session,
+            policy,
+            begun: 0,
+            unrecorded: 0,
+            now: Now::Nothing,
+        }
     }
 
     /// Who plays from the next episode on, where the command does not say it.
     pub(crate) fn set_policy(&mut self, name: &str) {
         if self.setup.policy.is_none() {
-            self.policy = name.chars().filter(|letter| !letter.is_control()).take(64).collect();
+            self.policy = name
+                .chars()
+                .filter(|letter| !letter.is_control())
+                .take(64)
+                .collect();
         }
     }
 
@@ -89,14 +104,28 @@ impl Episodes {
         self.unrecorded += 1;
     }
 
-    /// Takes a call, before it is passed on: writes it down where it is a decision. `thought_ns` is how long the agent took.
-    pub(crate) fn called(&mut self, call: &ToolCall, thought_ns: Option<u64>) -> Result<Kind, Trouble> {
-        let ours = self.setup.mapping.as_ref().and_then(|mapping| mapping.call(call));
+    /// Takes a call, before it is passed on: writes it down where it is a decision. `thought_ns` is
+    /// how long the agent took.
+    pub(crate) fn called(
+        &mut self,
+        call: &ToolCall,
+        thought_ns: Option<u64>,
+    ) -> Result<Kind, Trouble> {
+        let ours = self
+            .setup
+            .mapping
+            .as_ref()
+            .and_then(|mapping| mapping.call(call));
         // The call as it came is kept where another stands for it.
-        let raw = ours.as_ref().map(|_| json!({"name": call.name, "arguments": call.arguments}).to_string()).unwrap_or_default();
+        let raw = ours
+            .as_ref()
+            .map(|_| json!({"name": call.name, "arguments": call.arguments}).to_string())
+            .unwrap_or_default();
         let call = ours.unwrap_or_else(|| call.clone());
         let begins = match Tool::parse(&call) {
-            Ok(Tool::Lifecycle(Lifecycle::FinishWithId { .. } | Lifecycle::ListReceptacles | Lifecycle::ListTasks)) => true,
+            Ok(Tool::Lifecycle(
+                Lifecycle::FinishWithId { .. } | Lifecycle::ListReceptacles | Lifecycle::ListTasks,
+            )) => true,
             Ok(Tool::Finish) => !matches!(self.now, Now::Playing(_)),
             _ => false,
         };
@@ -109,12 +138,22 @@ impl Episodes {
         if matches!(self.now, Now::Nothing) {
             let begun = self.generic();
             // Nothing has happened yet: the next call may try again.
-            self.begin(begun, None).inspect_err(|_| self.now = Now::Nothing)?;
+            self.begin(begun, None)
+                .inspect_err(|_| self.now = Now::Nothing)?;
         }
-        let policy = PolicyOutput { raw, latency_ns: thought_ns, ..PolicyOutput::default() };
+        let policy = PolicyOutput {
+            raw,
+            latency_ns: thought_ns,
+            ..PolicyOutput::default()
+        };
         let policy = Some(policy).filter(|policy| *policy != PolicyOutput::default());
-        let input = StepInput { policy, ..StepInput::bare(call) };
-        let Now::Playing(playing) = &mut self.now else { return Err(Trouble("no episode runs".to_owned())) };
+        let input = StepInput {
+            policy,
+            ..StepInput::bare(call)
+        };
+        let Now::Playing(playing) = &mut self.now else {
+            return Err(Trouble("no episode runs".to_owned()));
+        };
         let step = playing.next();
         if let Err(error) = playing.recorder.input(step, &input) {
             return Err(self.broke(error));
@@ -123,12 +162,21 @@ impl Episodes {
         Ok(Kind::Step)
     }
 
-    /// Takes a result, before it is passed on: writes down what the call came to, ends the episode where it was a `finish`, and
-    /// begins one where the result tells a task.
-    pub(crate) fn answered(&mut self, kind: &Kind, answer: Answer, timing: Timing) -> Result<(), Trouble> {
+    /// Takes a result, before it is passed on: writes down what the call came to, ends the episode
+    /// where it was a `finish`, and begins one where the result tells a task.
+    pub(crate) fn answered(
+        &mut self,
+        kind: &Kind,
+        answer: Answer,
+        timing: Timing,
+    ) -> Result<(), Trouble> {
         let mut answer = answer;
         let payload = answer.payload();
-        let debug_info = answer.texts.iter_mut().filter_map(reel_import::cut_debug_info).last();
+        let debug_info = answer
+            .texts
+            .iter_mut()
+            .filter_map(reel_import::cut_debug_info)
+            .last();
         let picture = self.picture(&mut answer);
         let mut ends = None;
         if *kind == Kind::Step {
@@ -140,20 +188,34 @@ impl Episodes {
             // Whatever ran is over: the server plays something else now.
             self.end(ends.unwrap_or(EndReason::Aborted));
         }
-        let Some(payload) = payload else { return Ok(()) };
+        let Some(payload) = payload else {
+            return Ok(());
+        };
         let begun = self.told(&payload, &debug_info.unwrap_or_default());
         self.begin(begun, picture.as_ref())
     }
 
-    /// Ends the episode that runs, if one does. Every step of it is on disk; making its trace of that takes longer than anybody
-    /// should wait.
+    /// Ends the episode that runs, if one does. Every step of it is on disk; making its trace of
+    /// that takes longer than anybody should wait.
     pub(crate) fn end(&mut self, reason: EndReason) {
-        let Now::Playing(playing) = std::mem::replace(&mut self.now, Now::Nothing) else { return };
+        let Now::Playing(playing) = std::mem::replace(&mut self.now, Now::Nothing) else {
+            return;
+        };
         let (setup, session) = (self.setup.clone(), self.session.clone());
-        self.setup.endings.add(move || match playing.end(&setup, reason) {
-            Ok((path, metrics)) => setup.tell(Seen::Ended { session: &session, path: &path, reason, metrics: &metrics }),
-            Err(Trouble(why)) => setup.tell(Seen::Trouble { session: &session, what: &why }),
-        });
+        self.setup
+            .endings
+            .add(move || match playing.end(&setup, reason) {
+                Ok((path, metrics)) => setup.tell(Seen::Ended {
+                    session: &session,
+                    path: &path,
+                    reason,
+                    metrics: &metrics,
+                }),
+                Err(Trouble(why)) => setup.tell(Seen::Trouble {
+                    session: &session,
+                    what: &why,
+                }),
+            });
     }
 
     /// Gives the recording up; what is written stays in the unfinished recording.
@@ -173,10 +235,17 @@ impl Episodes {
         timing: Timing,
     ) -> Result<Option<EndReason>, Trouble> {
         let mapping = self.setup.mapping.as_ref();
-        let Now::Playing(playing) = &mut self.now else { return Ok(None) };
-        let Some(input) = playing.under_way.take() else { return Ok(None) };
-        let mapped = mapping.map(|mapping| mapping.state(answer.structured.as_ref(), &answer.texts)).unwrap_or_default();
-        let told = mapping.and_then(|mapping| mapping.error(answer.structured.as_ref(), &answer.texts));
+        let Now::Playing(playing) = &mut self.now else {
+            return Ok(None);
+        };
+        let Some(input) = playing.under_way.take() else {
+            return Ok(None);
+        };
+        let mapped = mapping
+            .map(|mapping| mapping.state(answer.structured.as_ref(), &answer.texts))
+            .unwrap_or_default();
+        let told =
+            mapping.and_then(|mapping| mapping.error(answer.structured.as_ref(), &answer.texts));
         // What a `finish` that tells the next task shows is not of this episode any more.
         let shown = match debug_info {
             _ if tells_another => Map::new(),
@@ -184,30 +253,45 @@ impl Episodes {
             None => mapped,
         };
         let after = playing.state.after(&shown);
-        let marked = after.markers.as_ref().map(Vec::len).filter(|_| shown.contains_key("CURRENT_MARKER_MAP"));
+        let marked = after
+            .markers
+            .as_ref()
+            .map(Vec::len)
+            .filter(|_| shown.contains_key("CURRENT_MARKER_MAP"));
         let outcome = match told {
             _ if tells_another => Outcome::ok(""),
             Some(error) => failed(&error, answer),
             None => outcome(&input.call, answer, debug_info.is_some(), marked),
         };
         let reply = reel_import::reply(&input.call, &outcome);
-        let shown = Shown { input, outcome, reply, frame: picture.and_then(Picture::digests) };
+        let shown = Shown {
+            input,
+            outcome,
+            reply,
+            frame: picture.and_then(Picture::digests),
+        };
         let mut record = reel_import::record(playing.next(), shown, &playing.state, &after);
         record.reward = playing.rewarder.step(&record);
         record.digests.chain = chain::step_link(&playing.link, &record);
         let recorder = &mut playing.recorder;
-        let written = recorder.timing(record.step, &timing).and_then(|()| match picture {
-            Some(Picture::AsItCame(png)) => recorder.step_with_base64(&record, png),
-            Some(Picture::Fitted(original, frame)) => {
-                recorder.original(Some(record.step), original)?;
-                recorder.step(&record, Some(frame))
-            }
-            None => recorder.step(&record, None),
-        });
+        let written = recorder
+            .timing(record.step, &timing)
+            .and_then(|()| match picture {
+                Some(Picture::AsItCame(png)) => recorder.step_with_base64(&record, png),
+                Some(Picture::Fitted(original, frame)) => {
+                    recorder.original(Some(record.step), original)?;
+                    recorder.step(&record, Some(frame))
+                }
+                None => recorder.step(&record, None),
+            });
         if let Err(error) = written {
             return Err(self.broke(error));
         }
-        self.setup.tell(Seen::Step { session: &self.session, record: &record, timing });
+        self.setup.tell(Seen::Step {
+            session: &self.session,
+            record: &record,
+            timing,
+        });
         let finished = record.tool.as_deref() == Some("finish");
         playing.link = record.digests.chain;
         playing.state = after;
@@ -217,7 +301,16 @@ impl Episodes {
 
     /// Opens the recording of an episode.
     fn begin(&mut self, begun: Begun, picture: Option<&Picture>) -> Result<(), Trouble> {
-        let Begun { setting: Setting { task, scene, settings }, state, notes } = begun;
+        let Begun {
+            setting:
+                Setting {
+                    task,
+                    scene,
+                    settings,
+                },
+            state,
+            notes,
+        } = begun;
         let (path, before) = self.path(&task);
         let setup = &self.setup;
         let mut parameters: BTreeMap<String, Value> = settings;
@@ -232,7 +325,11 @@ impl Episodes {
             run_id: setup.run.clone(),
             profile: setup.profile,
             reward_preset: setup.preset.name().to_owned(),
-            policy: PolicyInfo { name: self.policy.clone(), checkpoint: None, parameters },
+            policy: PolicyInfo {
+                name: self.policy.clone(),
+                checkpoint: None,
+                parameters,
+            },
             backend: setup.backend,
             ..reel_import::header(&task, &scene)
         };
@@ -247,50 +344,82 @@ impl Episodes {
         start.digests.chain = chain::start_link(&header, &start);
         let mut rewarder = setup.preset.rewarder(&task, &scene);
         rewarder.start(&start);
-        let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(|mut recorder| {
-            let started = match picture {
-                Some(Picture::AsItCame(png)) => recorder.start_with_base64(&start, png),
-                Some(Picture::Fitted(original, frame)) => {
-                    recorder.original(None, original)?;
-                    recorder.start(&start, Some(frame))
-                }
-                None => recorder.start(&start, None),
-            };
-            started.map(|()| recorder)
-        });
+        let written = Recorder::create(&path, &header, &task, &scene, setup.options).and_then(
+            |mut recorder| {
+                let started = match picture {
+                    Some(Picture::AsItCame(png)) => recorder.start_with_base64(&start, png),
+                    Some(Picture::Fitted(original, frame)) => {
+                        recorder.original(None, original)?;
+                        recorder.start(&start, Some(frame))
+                    }
+                    None => recorder.start(&start, None),
+                };
+                started.map(|()| recorder)
+            },
+        );
         let recorder = match written {
             Ok(recorder) => recorder,
             Err(error) => return Err(self.broke(error)),
         };
-        setup.tell(Seen::Began { session: &self.session, task: &task, path: &path, notes: &notes });
+        setup.tell(Seen::Began {
+            session: &self.session,
+            task: &task,
+            path: &path,
+            notes: &notes,
+        });
         self.begun += 1;
         self.unrecorded = 0;
         let (link, steps) = (start.digests.chain, Vec::new());
-        let playing = Playing { recorder, path, task, start, rewarder, state, link, steps, under_way: None };
+        let playing = Playing {
+            recorder,
+            path,
+            task,
+            start,
+            rewarder,
+            state,
+            link,
+            steps,
+            under_way: None,
+        };
         self.now = Now::Playing(Box::new(playing));
         Ok(())
     }
 
-    /// Where the episode is recorded, under a name that no trace and no recording has; and how many of its name there were before.
+    /// Where the episode is recorded, under a name that no trace and no recording has; and how many
+    /// of its name there were before.
     fn path(&self, task: &Task) -> (PathBuf, u32) {
         let safe = |letter: char| !letter.is_ascii_alphanumeric() && !"-_.".contains(letter);
         let task: String = task.task_id.replace(safe, "_").chars().take(80).collect();
-        let name = format!("{}--{}--{:04}--{task}", self.setup.run, self.session, self.begun);
+        let name = format!(
+            "{}--{}--{:04}--{task}",
+            self.setup.run, self.session, self.begun
+        );
         let path = |before: u32| match before {
             0 => self.setup.out.join(format!("{name}.mcap")),
             _ => self.setup.out.join(format!("{name}--{before}.mcap")),
         };
         let taken = |path: &PathBuf| path.exists() || path.with_added_extension("part").exists();
         let mut names = (0..).map(|before| (path(before), before));
-        names.find(|(path, _)| !taken(path)).expect("there is always a further number")
+        names
+            .find(|(path, _)| !taken(path))
+            .expect("there is always a further number")
     }
 
     /// The episode that the published server's payload begins.
     fn told(&self, payload: &Map<String, Value>, debug_info: &Map<String, Value>) -> Begun {
-        let options =
-            reel_import::Options { run_id: &self.setup.run, tasks: &self.setup.tasks, scenes: Some(&self.setup.scenes) };
+        let options = reel_import::Options {
+            run_id: &self.setup.run,
+            tasks: &self.setup.tasks,
+            scenes: Some(&self.setup.scenes),
+        };
         reel_import::begun(payload, debug_info, &options).unwrap_or_else(|error| {
-            let of = |key: &str| payload.get(key).and_then(Value::as_str).unwrap_or(UNKNOWN).to_owned();
+            let of = |key: &str| {
+                payload
+                    .get(key)
+                    .and_then(Value::as_str)
+                    .unwrap_or(UNKNOWN)
+                    .to_owned()
+            };
             let state = State::default().after(debug_info);
             let mut begun = unknown(of("task_id"), of("task_description"), of("scene_id"), state);
             begun.notes.push(error.to_string());
@@ -298,7 +427,8 @@ impl Episodes {
         })
     }
 
-    /// The episode of a server that tells no task: the only one that was given, or one of which nothing is known.
+    /// The episode of a server that tells no task: the only one that was given, or one of which
+    /// nothing is known.
     fn generic(&self) -> Begun {
         let single = match &self.setup.tasks[..] {
             [task] => self.setup.scenes.of(task).map(|scene| (task, scene)),
@@ -306,11 +436,23 @@ impl Episodes {
         };
         match single {
             Some((task, scene)) => Begun {
-                state: State { graph: Some(task.initial.clone()), ..State::default() },
-                setting: Setting { task: Task::clone(task), scene: Scene::clone(scene), settings: BTreeMap::new() },
+                state: State {
+                    graph: Some(task.initial.clone()),
+                    ..State::default()
+                },
+                setting: Setting {
+                    task: Task::clone(task),
+                    scene: Scene::clone(scene),
+                    settings: BTreeMap::new(),
+                },
                 notes: Vec::new(),
             },
-            _ => unknown(UNKNOWN.to_owned(), String::new(), UNKNOWN.to_owned(), State::default()),
+            _ => unknown(
+                UNKNOWN.to_owned(),
+                String::new(),
+                UNKNOWN.to_owned(),
+                State::default(),
+            ),
         }
     }
 
@@ -320,12 +462,17 @@ impl Episodes {
         if png_size(&data) == Some((FRAME_WIDTH, FRAME_HEIGHT)) {
             return Some(Picture::AsItCame(data));
         }
-        let file = STANDARD.decode(&data).map_err(|error| format!("it is no Base64 ({error})"));
+        let file = STANDARD
+            .decode(&data)
+            .map_err(|error| format!("it is no Base64 ({error})"));
         match file.and_then(reel_import::robot::camera_picture) {
             Ok((original, frame)) => Some(Picture::Fitted(original, Box::new(frame))),
             Err(why) => {
                 let why = format!("{why}; the server calls it {kind:?}");
-                self.setup.tell(Seen::PictureLeftOut { session: &self.session, why: &why });
+                self.setup.tell(Seen::PictureLeftOut {
+                    session: &self.session,
+                    why: &why,
+                });
                 None
             }
         }
@@ -334,7 +481,8 @@ impl Episodes {
 
 /// A picture on its way into a trace.
 enum Picture {
-    /// A PNG file of the size that traces hold, in Base64. It is decoded when the episode ends: nobody waits for that.
+    /// A PNG file of the size that traces hold, in Base64. It is decoded when the episode ends:
+    /// nobody waits for that.
     AsItCame(String),
     /// Of another kind or size: the file, and what a trace holds of it.
     Fitted(CameraImage, Box<Frame>),
@@ -353,7 +501,9 @@ impl Picture {
 fn png_size(text: &str) -> Option<(usize, usize)> {
     let head = STANDARD.decode(text.get(..32)?).ok()?;
     let side = |from: usize| Some(u32::from_be_bytes(*head.get(from..)?.first_chunk()?) as usize);
-    head.starts_with(b"\x89PNG\r\n\x1a\n").then(|| Some((side(16)?, side(20)?))).flatten()
+    head.starts_with(b"\x89PNG\r\n\x1a\n")
+        .then(|| Some((side(16)?, side(20)?)))
+        .flatten()
 }
 
 impl Playing {
@@ -365,34 +515,71 @@ impl Playing {
         let graphs = self.state.graph.as_ref().map(both).unwrap_or_default();
         let metrics = metrics(&setup.preset, &self.task, &self.start, &self.steps, &graphs);
         let steps = self.next();
-        self.recorder.end(&EndRecord { reason, graphs, metrics: metrics.clone(), chain: self.link, steps })?;
+        self.recorder.end(&EndRecord {
+            reason,
+            graphs,
+            metrics: metrics.clone(),
+            chain: self.link,
+            steps,
+        })?;
         Ok((self.path, metrics))
     }
 }
 
-/// What a call came to. The published server says success with a picture alone, so that words of its tools are failures; others
-/// say with `isError` what is one.
+/// What a call came to. The published server says success with a picture alone, so that words of
+/// its tools are failures; others say with `isError` what is one.
 fn outcome(call: &ToolCall, answer: &Answer, published: bool, marked: Option<usize>) -> Outcome {
-    let texts: Vec<&str> = answer.texts.iter().map(String::as_str).filter(|text| !text.is_empty()).collect();
+    let texts: Vec<&str> = answer
+        .texts
+        .iter()
+        .map(String::as_str)
+        .filter(|text| !text.is_empty())
+        .collect();
     let text = texts.join("\n");
     if published || text.starts_with(STUMBLED) {
-        return reel_import::outcome(call, Some(text.as_str()).filter(|text| !text.is_empty()), marked);
+        return reel_import::outcome(
+            call,
+            Some(text.as_str()).filter(|text| !text.is_empty()),
+            marked,
+        );
     }
     if answer.failed {
         return failed(&text, answer);
     }
     let unknown = Tool::parse(call).is_err();
-    Outcome { error: if unknown { None } else { ErrorCode::told_by(&text) }, text }
+    Outcome {
+        error: if unknown {
+            None
+        } else {
+            ErrorCode::told_by(&text)
+        },
+        text,
+    }
 }
 
 fn failed(why: &str, answer: &Answer) -> Outcome {
-    let text = if answer.texts.is_empty() { why.to_owned() } else { answer.texts.join("\n") };
-    let code = ErrorCode::parse(why).or_else(|| ErrorCode::told_by(&text)).unwrap_or(ErrorCode::BackendError);
+    let text = if answer.texts.is_empty() {
+        why.to_owned()
+    } else {
+        answer.texts.join("\n")
+    };
+    let code = ErrorCode::parse(why)
+        .or_else(|| ErrorCode::told_by(&text))
+        .unwrap_or(ErrorCode::BackendError);
     Outcome::error(code, text)
 }
 
 /// The episode of which nothing is known but, perhaps, its words.
 fn unknown(task_id: String, instruction: String, scene_id: String, state: State) -> Begun {
-    let setting = unknown_task(task_id, instruction, scene_id, state.graph.clone().unwrap_or_default());
-    Begun { setting, state, notes: vec!["the task is not known".to_owned()] }
+    let setting = unknown_task(
+        task_id,
+        instruction,
+        scene_id,
+        state.graph.clone().unwrap_or_default(),
+    );
+    Begun {
+        setting,
+        state,
+        notes: vec!["the task is not known".to_owned()],
+    }
 }

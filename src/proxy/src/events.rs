@@ -1,5 +1,6 @@
-//! A response of server-sent events: each is held until it is whole and, where it is a result, recorded. What has to be said in an
-//! event's place is as long as the event, so that the framing around it stays as it came.
+//! A response of server-sent events: each is held until it is whole and, where it is a result,
+//! recorded. What has to be said in an event's place is as long as the event, so that the framing
+//! around it stays as it came.
 
 use std::{io, mem, net::TcpStream, ops::Range, sync::Arc};
 
@@ -31,7 +32,12 @@ pub(crate) struct Events<'a> {
 }
 
 impl<'a> Events<'a> {
-    pub(crate) fn new(connection: &'a Arc<Connection>, exchange: &'a Exchange, body: Body, chunked: bool) -> Self {
+    pub(crate) fn new(
+        connection: &'a Arc<Connection>,
+        exchange: &'a Exchange,
+        body: Body,
+        chunked: bool,
+    ) -> Self {
         Self {
             connection,
             exchange,
@@ -46,8 +52,14 @@ impl<'a> Events<'a> {
         }
     }
 
-    /// Passes everything on, each event as soon as it is whole and recorded. Gives whether the connection goes on.
-    pub(crate) fn pass(mut self, head: &[u8], buffer: &mut Vec<u8>, server: &TcpStream) -> io::Result<bool> {
+    /// Passes everything on, each event as soon as it is whole and recorded. Gives whether the
+    /// connection goes on.
+    pub(crate) fn pass(
+        mut self,
+        head: &[u8],
+        buffer: &mut Vec<u8>,
+        server: &TcpStream,
+    ) -> io::Result<bool> {
         {
             let mut agent = lock(&self.connection.agent);
             agent.chunked = self.chunked;
@@ -57,20 +69,28 @@ impl<'a> Events<'a> {
         lock(&self.connection.agent).between = false;
         if let Some((_, target)) = &self.stream {
             lock(&self.connection.shared.streams).remove(target);
-            self.connection.shared.sessions.end(&Key::Messages(target.clone()), "its stream was closed");
+            self.connection
+                .shared
+                .sessions
+                .end(&Key::Messages(target.clone()), "its stream was closed");
         }
         passed
     }
 
     fn pass_body(&mut self, buffer: &mut Vec<u8>, server: &TcpStream) -> io::Result<bool> {
         loop {
-            let (used, content) = self.body.take(buffer).map_err(|_| io::Error::other("the stream is not HTTP/1.1"))?;
+            let (used, content) = self
+                .body
+                .take(buffer)
+                .map_err(|_| io::Error::other("the stream is not HTTP/1.1"))?;
             let before = self.held.len();
             self.held.extend(buffer.drain(..used));
             // Up to where it may be passed on: nothing of an event that is not whole.
             let mut end = 0;
             for range in content {
-                end = self.look(range.start + before..range.end + before).unwrap_or(end);
+                end = self
+                    .look(range.start + before..range.end + before)
+                    .unwrap_or(end);
             }
             if self.event.is_empty() || self.too_large {
                 end = self.held.len();
@@ -79,7 +99,9 @@ impl<'a> Events<'a> {
                 let between = self.event.is_empty() && !self.too_large && self.body.is_between();
                 let held: Vec<u8> = self.held.drain(..end).collect();
                 lock(&self.connection.agent).pass_events(&held, between)?;
-                self.places.iter_mut().for_each(|place| *place = place.start - end..place.end - end);
+                self.places
+                    .iter_mut()
+                    .for_each(|place| *place = place.start - end..place.end - end);
             }
             if self.body.is_whole() {
                 return Ok(true);
@@ -138,7 +160,10 @@ impl<'a> Events<'a> {
     }
 
     fn session(&self) -> Option<Arc<Session>> {
-        self.stream.as_ref().map(|(session, _)| session.clone()).or_else(|| self.exchange.session.clone())
+        self.stream
+            .as_ref()
+            .map(|(session, _)| session.clone())
+            .or_else(|| self.exchange.session.clone())
     }
 
     /// Takes an event that is whole, before it is passed on.
@@ -158,13 +183,19 @@ impl<'a> Events<'a> {
             }
             return;
         }
-        let Some(session) = self.session().filter(|_| !data.is_empty()) else { return };
+        let Some(session) = self.session().filter(|_| !data.is_empty()) else {
+            return;
+        };
         if let Err(refusal) = session.server_says(&data) {
             // The stream goes on, and so its framing has to: what is said instead is as long.
-            let fits = |most: usize| sse::fitted("message", &refusal.json(Some(most))?, bytes.len());
-            let event = [bytes.len(), bytes.len().saturating_sub(32)].into_iter().find_map(fits);
-            let event =
-                event.unwrap_or_else(|| sse::fitted("message", "", bytes.len()).unwrap_or_else(|| vec![b'\n'; bytes.len()]));
+            let fits =
+                |most: usize| sse::fitted("message", &refusal.json(Some(most))?, bytes.len());
+            let event = [bytes.len(), bytes.len().saturating_sub(32)]
+                .into_iter()
+                .find_map(fits);
+            let event = event.unwrap_or_else(|| {
+                sse::fitted("message", "", bytes.len()).unwrap_or_else(|| vec![b'\n'; bytes.len()])
+            });
             overwrite(&mut self.held, &places, event.into_iter());
         }
     }
@@ -175,7 +206,9 @@ impl<'a> Events<'a> {
         let target = sse::resolve(&self.exchange.target, reference);
         let session = shared.sessions.begin();
         session.set_stream();
-        shared.sessions.keep(Key::Messages(target.clone()), &session);
+        shared
+            .sessions
+            .keep(Key::Messages(target.clone()), &session);
         lock(&shared.streams).insert(target.clone(), self.connection.clone());
         self.stream = Some((session, target));
     }

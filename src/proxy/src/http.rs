@@ -1,5 +1,6 @@
-//! Agents and a server over HTTP/1.1: each connection of an agent has one of its own to the server, and what is said on one is
-//! said on the other, byte for byte, but for two headers of requests (`Host`, `Accept-Encoding`). Both ways are threads.
+//! Agents and a server over HTTP/1.1: each connection of an agent has one of its own to the server,
+//! and what is said on one is said on the other, byte for byte, but for two headers of requests
+//! (`Host`, `Accept-Encoding`). Both ways are threads.
 
 use std::{
     io,
@@ -43,23 +44,40 @@ impl Upstream {
     /// # Errors
     /// What is wrong with it.
     pub fn parse(url: &str) -> Result<Self, ProxyError> {
-        let wrong = |what| ProxyError::Url { url: url.to_owned(), what };
+        let wrong = |what| ProxyError::Url {
+            url: url.to_owned(),
+            what,
+        };
         if url.starts_with("https://") {
-            return Err(wrong("only plain http is spoken to the server; put a forwarder that ends TLS between (stunnel, socat)"));
+            return Err(wrong(
+                "only plain http is spoken to the server; put a forwarder that ends TLS between (stunnel, socat)",
+            ));
         }
-        let rest = url.strip_prefix("http://").ok_or_else(|| wrong("the address of the server begins with http://"))?;
+        let rest = url
+            .strip_prefix("http://")
+            .ok_or_else(|| wrong("the address of the server begins with http://"))?;
         let (authority, path) = rest.split_at(rest.find(['/', '?']).unwrap_or(rest.len()));
         if authority.is_empty() || authority.contains('@') {
             return Err(wrong("the address of the server names a host, and no user"));
         }
         let (host, port) = match authority.rsplit_once(':') {
-            Some((host, port)) if !port.ends_with(']') => {
-                (host, port.parse().map_err(|_| wrong("the port is no number up to 65535"))?)
-            }
+            Some((host, port)) if !port.ends_with(']') => (
+                host,
+                port.parse()
+                    .map_err(|_| wrong("the port is no number up to 65535"))?,
+            ),
             _ => (authority, 80),
         };
-        let host = host.trim_start_matches('[').trim_end_matches(']').to_owned();
-        Ok(Self { host, port, authority: authority.to_owned(), path: path.to_owned() })
+        let host = host
+            .trim_start_matches('[')
+            .trim_end_matches(']')
+            .to_owned();
+        Ok(Self {
+            host,
+            port,
+            authority: authority.to_owned(),
+            path: path.to_owned(),
+        })
     }
 
     /// What agents call behind this recorder's address: the path that was given.
@@ -68,7 +86,10 @@ impl Upstream {
     }
 
     fn connect(&self) -> io::Result<TcpStream> {
-        let mut last = io::Error::new(io::ErrorKind::NotFound, "the name of the server leads to no address");
+        let mut last = io::Error::new(
+            io::ErrorKind::NotFound,
+            "the name of the server leads to no address",
+        );
         for address in (self.host.as_str(), self.port).to_socket_addrs()? {
             match TcpStream::connect_timeout(&address, CONNECT_PATIENCE) {
                 Ok(stream) => return Ok(stream),
@@ -90,13 +111,18 @@ pub(crate) struct Shared {
 }
 
 impl Shared {
-    /// The bytes of a request's head as the server gets them. What is compressed could not be read here.
+    /// The bytes of a request's head as the server gets them. What is compressed could not be read
+    /// here.
     pub(crate) fn for_the_server(&self, head: &Head) -> Vec<u8> {
-        head.with_values(&[("host", self.upstream.authority.as_str()), ("accept-encoding", "identity")])
+        head.with_values(&[
+            ("host", self.upstream.authority.as_str()),
+            ("accept-encoding", "identity"),
+        ])
     }
 
-    /// What is wrong with the name by which a request calls us. A page of the web that has its own name lead to this machine
-    /// (DNS rebinding) still sends that name; and the server, which gets another `Host` from us, could not tell.
+    /// What is wrong with the name by which a request calls us. A page of the web that has its own
+    /// name lead to this machine (DNS rebinding) still sends that name; and the server, which gets
+    /// another `Host` from us, could not tell.
     pub(crate) fn stranger(&self, head: &Head) -> Option<String> {
         let host = head.value("host")?;
         let name = match host.rsplit_once(':') {
@@ -107,7 +133,11 @@ impl Shared {
         let known = name.eq_ignore_ascii_case("localhost")
             || name.parse::<IpAddr>().is_ok()
             || name.eq_ignore_ascii_case(&self.upstream.host)
-            || self.setup.hosts.iter().any(|host| host.eq_ignore_ascii_case(name));
+            || self
+                .setup
+                .hosts
+                .iter()
+                .any(|host| host.eq_ignore_ascii_case(name));
         (!known).then(|| {
             format!("reel record is not called {name:?} here: reach it by its address, or start it with --host {name}\n")
         })
@@ -125,11 +155,25 @@ impl Proxy {
     ///
     /// # Errors
     /// When the address cannot be had.
-    pub fn bind(setup: Arc<Setup>, upstream: Upstream, address: SocketAddr) -> Result<Self, ProxyError> {
-        let listener = TcpListener::bind(address).map_err(|source| ProxyError::Listen { address, source })?;
+    pub fn bind(
+        setup: Arc<Setup>,
+        upstream: Upstream,
+        address: SocketAddr,
+    ) -> Result<Self, ProxyError> {
+        let listener =
+            TcpListener::bind(address).map_err(|source| ProxyError::Listen { address, source })?;
         let sessions = Sessions::new(setup.clone());
-        let shared = Shared { setup, upstream, sessions, streams: Streams::default(), connections: AtomicUsize::new(0) };
-        Ok(Self { listener, shared: Arc::new(shared) })
+        let shared = Shared {
+            setup,
+            upstream,
+            sessions,
+            streams: Streams::default(),
+            connections: AtomicUsize::new(0),
+        };
+        Ok(Self {
+            listener,
+            shared: Arc::new(shared),
+        })
     }
 
     /// Where it listens.
@@ -140,7 +184,8 @@ impl Proxy {
         self.listener.local_addr()
     }
 
-    /// Passes on and records until the process shall end; then every episode is ended and its trace whole.
+    /// Passes on and records until the process shall end; then every episode is ended and its trace
+    /// whole.
     ///
     /// # Errors
     /// When the system does not say when that is.
@@ -184,12 +229,17 @@ fn serve(agent: &TcpStream, shared: &Arc<Shared>) {
     let server = match shared.upstream.connect() {
         Ok(server) => server,
         Err(error) => {
-            let why = format!("reel record cannot reach the server {}: {error}\n", shared.upstream.authority);
+            let why = format!(
+                "reel record cannot reach the server {}: {error}\n",
+                shared.upstream.authority
+            );
             drop(answer(agent, "502 Bad Gateway", "text/plain", &why));
             return;
         }
     };
-    let _ = agent.set_nodelay(true).and_then(|()| server.set_nodelay(true));
+    let _ = agent
+        .set_nodelay(true)
+        .and_then(|()| server.set_nodelay(true));
     // Both are over as soon as one breaks off.
     drop(Connection::new(shared, agent, &server).map(|connection| connection.run(agent, &server)));
 }
@@ -200,11 +250,24 @@ mod tests {
 
     #[test]
     fn addresses_of_servers() {
-        let parse = |url: &str| Upstream::parse(url).map(|it| (it.host, it.port, it.path)).map_err(|error| error.to_string());
-        assert_eq!(parse("http://robot:8000/sse"), Ok(("robot".into(), 8000, "/sse".into())));
-        assert_eq!(parse("http://[::1]:80"), Ok(("::1".into(), 80, String::new())));
+        let parse = |url: &str| {
+            Upstream::parse(url)
+                .map(|it| (it.host, it.port, it.path))
+                .map_err(|error| error.to_string())
+        };
+        assert_eq!(
+            parse("http://robot:8000/sse"),
+            Ok(("robot".into(), 8000, "/sse".into()))
+        );
+        assert_eq!(
+            parse("http://[::1]:80"),
+            Ok(("::1".into(), 80, String::new()))
+        );
         assert_eq!(parse("http://[::1]/x"), Ok(("::1".into(), 80, "/x".into())));
-        assert_eq!(parse("http://robot"), Ok(("robot".into(), 80, String::new())));
+        assert_eq!(
+            parse("http://robot"),
+            Ok(("robot".into(), 80, String::new()))
+        );
         assert!(parse("https://robot").unwrap_err().contains("TLS"));
         for bad in ["robot:1", "http://", "http://a@b", "http://robot:99999"] {
             assert!(parse(bad).is_err(), "{bad}");

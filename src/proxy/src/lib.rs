@@ -1,14 +1,15 @@
-//! A recorder between any MCP agent and any MCP tool server: passes everything through byte for byte, and writes the episodes
-//! that go by as traces.
+//! A recorder between any MCP agent and any MCP tool server: passes everything through byte for
+//! byte, and writes the episodes that go by as traces.
 //!
-//! `http`, `connection`, `events` and `stdio` pass bytes; `wire` and `sse` say where on the wire a message begins and ends; `tap`
-//! reads calls and results in JSON-RPC; `session` decides what is recorded before it is passed on, and what happens when that
-//! fails; `bridge` offers a server of standard input and output over HTTP; `episode` makes records of it, with what
-//! `reel-import` knows of the published server. Never simulates, never answers in a server's place but to refuse, and never
-//! makes a value up: what nobody said is zero or absent.
+//! `http`, `connection`, `events` and `stdio` pass bytes; `wire` and `sse` say where on the wire a
+//! message begins and ends; `tap` reads calls and results in JSON-RPC; `session` decides what is
+//! recorded before it is passed on, and what happens when that fails; `bridge` offers a server of
+//! standard input and output over HTTP; `episode` makes records of it, with what `reel-import`
+//! knows of the published server. Never simulates, never answers in a server's place but to refuse,
+//! and never makes a value up: what nobody said is zero or absent.
 //!
-//! Threads, not tasks: a connection is two copies that wait for each other's bytes, and a recording is written where its call is
-//! read.
+//! Threads, not tasks: a connection is two copies that wait for each other's bytes, and a recording
+//! is written where its call is read.
 
 mod bridge;
 mod connection;
@@ -123,7 +124,8 @@ pub struct Setup {
     pub profile: Profile,
     /// Reward preset whose terms the steps hold.
     pub preset: Preset,
-    /// Known tasks; the one that a server names is taken instead of what it says, the only one for a server that names none.
+    /// Known tasks; the one that a server names is taken instead of what it says, the only one for
+    /// a server that names none.
     pub tasks: Vec<Arc<Task>>,
     /// The scenes in which the known tasks play.
     pub scenes: Scenes,

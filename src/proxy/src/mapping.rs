@@ -1,5 +1,5 @@
-//! Mapping files: which tools of another server are which of the eleven, and where its results say how the world is. Never opens a
-//! file: texts come. `docs/proxy.md` explains the format.
+//! Mapping files: which tools of another server are which of the eleven, and where its results say
+//! how the world is. Never opens a file: texts come. `docs/proxy.md` explains the format.
 
 use std::borrow::Cow;
 
@@ -44,7 +44,12 @@ impl Mapping {
                         mapping.point(&file, key, pointer)?;
                     }
                 }
-                other => return Err(file.error(Some(key.span()), format!("unknown key '{other}'; there are: tools, state"))),
+                other => {
+                    return Err(file.error(
+                        Some(key.span()),
+                        format!("unknown key '{other}'; there are: tools, state"),
+                    ));
+                }
             }
         }
         Ok(mapping)
@@ -62,8 +67,16 @@ impl Mapping {
             Some((_, debug_info)) => self.state.push((debug_info, pointer)),
             None if name == ERROR => self.error = Some(pointer),
             None => {
-                let known = STATE.iter().map(|(ours, _)| *ours).chain([ERROR]).collect::<Vec<_>>().join(", ");
-                return Err(file.error(Some(key.span()), format!("unknown key '{name}' in [state]; there are: {known}")));
+                let known = STATE
+                    .iter()
+                    .map(|(ours, _)| *ours)
+                    .chain([ERROR])
+                    .collect::<Vec<_>>()
+                    .join(", ");
+                return Err(file.error(
+                    Some(key.span()),
+                    format!("unknown key '{name}' in [state]; there are: {known}"),
+                ));
             }
         }
         Ok(())
@@ -74,12 +87,18 @@ impl Mapping {
         self.tools.call(call)
     }
 
-    /// What a result says of the world, under the keys of the published server's debug information: the structured content, else
-    /// the first text in which a pointer finds something.
+    /// What a result says of the world, under the keys of the published server's debug information:
+    /// the structured content, else the first text in which a pointer finds something.
     pub(crate) fn state(&self, structured: Option<&Value>, texts: &[String]) -> Map<String, Value> {
         let sources = sources(structured, texts);
         let find = |(key, pointer): &(&'static str, String)| {
-            Some(((*key).to_owned(), sources.iter().find_map(|source| source.pointer(pointer))?.clone()))
+            Some((
+                (*key).to_owned(),
+                sources
+                    .iter()
+                    .find_map(|source| source.pointer(pointer))?
+                    .clone(),
+            ))
         };
         self.state.iter().filter_map(find).collect()
     }
@@ -97,10 +116,15 @@ impl Mapping {
     }
 }
 
-/// Where pointers look: the structured content, then every text from its first brace on that is a JSON object.
+/// Where pointers look: the structured content, then every text from its first brace on that is a
+/// JSON object.
 fn sources(structured: Option<&Value>, texts: &[String]) -> Vec<Value> {
     let object = |text: &String| serde_json::from_str::<Value>(&text[text.find('{')?..]).ok();
-    structured.cloned().into_iter().chain(texts.iter().filter_map(object)).collect()
+    structured
+        .cloned()
+        .into_iter()
+        .chain(texts.iter().filter_map(object))
+        .collect()
 }
 
 #[cfg(test)]
@@ -127,29 +151,56 @@ error = "/error"
     #[test]
     fn tools_and_state_of_another_server() {
         let mapping = Mapping::parse(FILE).unwrap();
-        let call = mapping.call(&ToolCall::new("drive_to", json!({"place": "table_1", "speed": 2}))).unwrap();
+        let call = mapping
+            .call(&ToolCall::new(
+                "drive_to",
+                json!({"place": "table_1", "speed": 2}),
+            ))
+            .unwrap();
         assert_eq!(call.name, "nav_to");
-        assert_eq!(call.arguments, json!({"speed": 2, "receptacle_name": "table_1"}));
+        assert_eq!(
+            call.arguments,
+            json!({"speed": 2, "receptacle_name": "table_1"})
+        );
         assert_eq!(mapping.call(&ToolCall::new("drive_by", json!({}))), None);
         let structured = json!({"robot": {"holds": "cup"}, "error": ""});
-        let texts = ["done".to_owned(), "State: {\"world\": {\"table_1\": [\"cup\"]}}".to_owned()];
+        let texts = [
+            "done".to_owned(),
+            "State: {\"world\": {\"table_1\": [\"cup\"]}}".to_owned(),
+        ];
         let state = mapping.state(Some(&structured), &texts);
-        assert_eq!(Value::Object(state), json!({"world_graph": {"table_1": ["cup"]}, "CURRENT_INV": "cup"}));
+        assert_eq!(
+            Value::Object(state),
+            json!({"world_graph": {"table_1": ["cup"]}, "CURRENT_INV": "cup"})
+        );
         assert_eq!(mapping.error(Some(&structured), &texts), None);
-        assert_eq!(mapping.error(Some(&json!({"error": "stuck"})), &[]), Some("stuck".into()));
+        assert_eq!(
+            mapping.error(Some(&json!({"error": "stuck"})), &[]),
+            Some("stuck".into())
+        );
     }
 
     #[test]
     fn mistakes_have_lines() {
         let error = |text: &str| Mapping::parse(text).unwrap_err().to_string();
-        assert_eq!(error("[tools.a]\nis = \"fly\"\n").split(':').next(), Some("line 2, column 6"));
+        assert_eq!(
+            error("[tools.a]\nis = \"fly\"\n").split(':').next(),
+            Some("line 2, column 6")
+        );
         assert!(
-            error("[tools.a]\nis = \"pick\"\narguments.place = \"x\"\n")
-                .starts_with("line 3, column 11: pick takes no argument 'place'; it takes marker_id")
+            error("[tools.a]\nis = \"pick\"\narguments.place = \"x\"\n").starts_with(
+                "line 3, column 11: pick takes no argument 'place'; it takes marker_id"
+            )
         );
         assert!(error("[tools.a]\narguments.place = \"x\"\n").contains("needs 'is'"));
-        assert!(error("[state]\ngraph = \"world\"\n").starts_with("line 2, column 9: 'world' is no JSON pointer"));
-        assert!(error("[state]\npose = \"/x\"\n").contains("there are: graph, held, landmark, markers, position, error"));
+        assert!(
+            error("[state]\ngraph = \"world\"\n")
+                .starts_with("line 2, column 9: 'world' is no JSON pointer")
+        );
+        assert!(
+            error("[state]\npose = \"/x\"\n")
+                .contains("there are: graph, held, landmark, markers, position, error")
+        );
         assert!(error("[state\n").starts_with("line 1"));
         assert!(error("state = 3\n").contains("state must be a table"));
         assert!(error("[stat]\n").contains("unknown key 'stat'"));

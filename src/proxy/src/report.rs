@@ -16,7 +16,8 @@ pub struct Counts {
     pub episodes: u64,
     /// Calls that were recorded as decisions.
     pub calls: u64,
-    /// Calls around episodes (`finish` without one, `finish_with_id`, `list_tasks`, `list_receptacles`): passed on, no decisions.
+    /// Calls around episodes (`finish` without one, `finish_with_id`, `list_tasks`,
+    /// `list_receptacles`): passed on, no decisions.
     pub session_calls: u64,
     /// Calls whose results never came, or could not be read: recorded as failed.
     pub unanswered: u64,
@@ -63,6 +64,9 @@ impl Report {
 
     /// The numbers so far.
     pub fn counts(&self) -> Counts {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 }

@@ -1,5 +1,5 @@
-//! One session between an agent and a server: which messages are recorded before they are passed on, one call after another, and
-//! what happens when that is not possible.
+//! One session between an agent and a server: which messages are recorded before they are passed
+//! on, one call after another, and what happens when that is not possible.
 
 use std::{
     sync::{
@@ -68,8 +68,19 @@ impl Session {
     pub(crate) fn new(setup: Arc<Setup>, number: u32) -> Arc<Self> {
         let (name, now) = (format!("s{number:04}"), Instant::now());
         let episodes = Episodes::new(setup.clone(), name.clone());
-        let inner = Inner { episodes, open: None, agent_has_it: now, last_seen: now };
-        Arc::new(Self { setup, name, inner: Mutex::new(inner), answered: Condvar::new(), has_stream: AtomicBool::new(false) })
+        let inner = Inner {
+            episodes,
+            open: None,
+            agent_has_it: now,
+            last_seen: now,
+        };
+        Arc::new(Self {
+            setup,
+            name,
+            inner: Mutex::new(inner),
+            answered: Condvar::new(),
+            has_stream: AtomicBool::new(false),
+        })
     }
 
     /// Notes that results come on a stream of their own.
@@ -81,8 +92,8 @@ impl Session {
         self.has_stream.load(Ordering::Acquire)
     }
 
-    /// Takes a message of the agent before it is passed on; gives the id of the call in it whose result is awaited now. A refusal
-    /// instead: nothing may be passed on.
+    /// Takes a message of the agent before it is passed on; gives the id of the call in it whose
+    /// result is awaited now. A refusal instead: nothing may be passed on.
     pub(crate) fn agent_says(&self, message: &[u8]) -> Result<Option<Value>, Refusal> {
         let came = Instant::now();
         let mut calls = match tap::from_agent(message) {
@@ -109,11 +120,23 @@ impl Session {
         let mut inner = self.wait_for_turn();
         inner.last_seen = came;
         let Some(call) = calls.pop().filter(|_| calls.is_empty()) else {
-            let id = calls.first().map(|call| call.id.clone()).unwrap_or_default();
-            let trouble = Trouble("a batch of several calls cannot be recorded one by one; send them one at a time".to_owned());
-            return self.unrecorded(&mut inner, id, "several calls at once", &trouble).map(|()| None);
+            let id = calls
+                .first()
+                .map(|call| call.id.clone())
+                .unwrap_or_default();
+            let trouble = Trouble(
+                "a batch of several calls cannot be recorded one by one; send them one at a time"
+                    .to_owned(),
+            );
+            return self
+                .unrecorded(&mut inner, id, "several calls at once", &trouble)
+                .map(|()| None);
         };
-        let thought_ns = u64::try_from(came.saturating_duration_since(inner.agent_has_it).as_nanos()).unwrap_or(u64::MAX);
+        let thought_ns = u64::try_from(
+            came.saturating_duration_since(inner.agent_has_it)
+                .as_nanos(),
+        )
+        .unwrap_or(u64::MAX);
         match inner.episodes.called(&call.call, Some(thought_ns)) {
             Ok(kind) => {
                 self.setup.report.count(|counts| match kind {
@@ -121,19 +144,34 @@ impl Session {
                     Kind::Session => counts.session_calls += 1,
                 });
                 let (called_unix_ns, passed_on) = (unix_ns(), Instant::now());
-                inner.open = Some(Open { id: call.id.clone(), kind, called_unix_ns, passed_on, adrift: false });
+                inner.open = Some(Open {
+                    id: call.id.clone(),
+                    kind,
+                    called_unix_ns,
+                    passed_on,
+                    adrift: false,
+                });
                 Ok(Some(call.id))
             }
-            Err(trouble) => self.unrecorded(&mut inner, call.id, &call.call.name, &trouble).map(|()| None),
+            Err(trouble) => self
+                .unrecorded(&mut inner, call.id, &call.call.name, &trouble)
+                .map(|()| None),
         }
     }
 
-    /// Takes a message of the server before it is passed on. An error instead: it has to be passed on in its place.
+    /// Takes a message of the server before it is passed on. An error instead: it has to be passed
+    /// on in its place.
     pub(crate) fn server_says(&self, message: &[u8]) -> Result<(), Refusal> {
         let came = Instant::now();
         let mut inner = self.lock();
         inner.last_seen = came;
-        let Some(answer) = inner.open.as_ref().and_then(|open| tap::answer_to(&open.id, message)) else { return Ok(()) };
+        let Some(answer) = inner
+            .open
+            .as_ref()
+            .and_then(|open| tap::answer_to(&open.id, message))
+        else {
+            return Ok(());
+        };
         self.close(&mut inner, answer, came)
     }
 
@@ -146,10 +184,15 @@ impl Session {
         }
     }
 
-    /// Notes that a call (none: whichever is open) failed on its way, or that its result cannot be read.
+    /// Notes that a call (none: whichever is open) failed on its way, or that its result cannot be
+    /// read.
     pub(crate) fn unanswered(&self, call: Option<&Value>, why: &str) {
         let mut inner = self.lock();
-        if inner.open.as_ref().is_some_and(|open| call.is_none_or(|call| open.id == *call)) {
+        if inner
+            .open
+            .as_ref()
+            .is_some_and(|open| call.is_none_or(|call| open.id == *call))
+        {
             self.give_up(&mut inner, why);
         }
     }
@@ -157,8 +200,14 @@ impl Session {
     /// Counts what was too large to be looked into.
     pub(crate) fn too_large(&self, what: &str) {
         self.setup.report.count(|counts| counts.too_large += 1);
-        let why = format!("{what} is larger than {} bytes, and passes unrecorded", self.setup.message_max);
-        self.setup.tell(Seen::Trouble { session: &self.name, what: &why });
+        let why = format!(
+            "{what} is larger than {} bytes, and passes unrecorded",
+            self.setup.message_max
+        );
+        self.setup.tell(Seen::Trouble {
+            session: &self.name,
+            what: &why,
+        });
     }
 
     /// Ends the episode that runs.
@@ -182,7 +231,11 @@ impl Session {
             if left.is_zero() {
                 break;
             }
-            inner = self.answered.wait_timeout(inner, left).unwrap_or_else(PoisonError::into_inner).0;
+            inner = self
+                .answered
+                .wait_timeout(inner, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
         self.give_up(&mut inner, "no result had come when the next call was made");
         inner
@@ -193,14 +246,24 @@ impl Session {
         if inner.open.is_some() {
             self.setup.report.count(|counts| counts.unanswered += 1);
             // Nobody waits for it, so nobody can be refused.
-            let _ = self.close(inner, Answer::none(&format!("no result: {why}")), Instant::now());
+            let _ = self.close(
+                inner,
+                Answer::none(&format!("no result: {why}")),
+                Instant::now(),
+            );
         }
     }
 
     fn close(&self, inner: &mut Inner, answer: Answer, came: Instant) -> Result<(), Refusal> {
-        let Some(open) = inner.open.take() else { return Ok(()) };
-        let took_ns = u64::try_from(came.saturating_duration_since(open.passed_on).as_nanos()).unwrap_or(u64::MAX);
-        let timing = Timing { called_unix_ns: open.called_unix_ns, took_ns };
+        let Some(open) = inner.open.take() else {
+            return Ok(());
+        };
+        let took_ns = u64::try_from(came.saturating_duration_since(open.passed_on).as_nanos())
+            .unwrap_or(u64::MAX);
+        let timing = Timing {
+            called_unix_ns: open.called_unix_ns,
+            took_ns,
+        };
         let recorded = inner.episodes.answered(&open.kind, answer, timing);
         inner.agent_has_it = Instant::now();
         self.answered.notify_all();
@@ -211,12 +274,22 @@ impl Session {
     }
 
     /// What the policy for write trouble says.
-    fn unrecorded(&self, inner: &mut Inner, id: Value, what: &str, trouble: &Trouble) -> Result<(), Refusal> {
+    fn unrecorded(
+        &self,
+        inner: &mut Inner,
+        id: Value,
+        what: &str,
+        trouble: &Trouble,
+    ) -> Result<(), Refusal> {
         let Trouble(why) = trouble;
         let (outcome, then) = match self.setup.on_full {
-            OnFull::Stop => {
-                ("is refused", Err(Refusal { id, why: format!("reel record cannot record this, so it stops here: {why}") }))
-            }
+            OnFull::Stop => (
+                "is refused",
+                Err(Refusal {
+                    id,
+                    why: format!("reel record cannot record this, so it stops here: {why}"),
+                }),
+            ),
             OnFull::Continue => ("goes on UNRECORDED", Ok(())),
         };
         self.setup.report.count(|counts| match self.setup.on_full {
@@ -224,7 +297,10 @@ impl Session {
             OnFull::Continue => counts.unrecorded += 1,
         });
         inner.episodes.missed();
-        self.setup.tell(Seen::Trouble { session: &self.name, what: &format!("{what} {outcome}: {why}") });
+        self.setup.tell(Seen::Trouble {
+            session: &self.name,
+            what: &format!("{what} {outcome}: {why}"),
+        });
         then
     }
 
@@ -234,7 +310,9 @@ impl Session {
 }
 
 fn unix_ns() -> u64 {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let now = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
     u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)
 }
 
@@ -273,18 +351,38 @@ mod tests {
         (setup.clone(), Session::new(setup, 1))
     }
 
-    fn call(session: &Session, id: u32, name: &str, arguments: &Value) -> Result<Option<Value>, Refusal> {
+    fn call(
+        session: &Session,
+        id: u32,
+        name: &str,
+        arguments: &Value,
+    ) -> Result<Option<Value>, Refusal> {
         let params = json!({"name": name, "arguments": arguments});
-        session.agent_says(json!({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params}).to_string().as_bytes())
+        session.agent_says(
+            json!({"jsonrpc": "2.0", "id": id, "method": "tools/call", "params": params})
+                .to_string()
+                .as_bytes(),
+        )
     }
 
     fn says(session: &Session, id: u32, texts: &[String]) -> Result<(), Refusal> {
-        let content: Vec<Value> = texts.iter().map(|text| json!({"type": "text", "text": text})).collect();
-        session.server_says(json!({"jsonrpc": "2.0", "id": id, "result": {"content": content}}).to_string().as_bytes())
+        let content: Vec<Value> = texts
+            .iter()
+            .map(|text| json!({"type": "text", "text": text}))
+            .collect();
+        session.server_says(
+            json!({"jsonrpc": "2.0", "id": id, "result": {"content": content}})
+                .to_string()
+                .as_bytes(),
+        )
     }
 
     fn debug_info(held: Option<&str>) -> String {
-        let table: &[&str] = if held.is_some() { &[] } else { &["cup_on_table_1_at_t"] };
+        let table: &[&str] = if held.is_some() {
+            &[]
+        } else {
+            &["cup_on_table_1_at_t"]
+        };
         let graph = json!({"table_1": {"content": table}, "shelf_2": {"content": []}});
         format!(
             "Debug Info:\n{}",
@@ -305,9 +403,15 @@ mod tests {
 
     fn traces(setup: &Setup) -> Vec<Trace> {
         setup.endings.wait();
-        let mut paths: Vec<_> = std::fs::read_dir(&setup.out).unwrap().map(|entry| entry.unwrap().path()).collect();
+        let mut paths: Vec<_> = std::fs::read_dir(&setup.out)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .collect();
         paths.sort();
-        paths.iter().map(|path| Trace::read(path).unwrap()).collect()
+        paths
+            .iter()
+            .map(|path| Trace::read(path).unwrap())
+            .collect()
     }
 
     #[test]
@@ -323,8 +427,16 @@ mod tests {
         call(&session, 4, "finish", &json!({})).unwrap();
         says(&session, 4, &[payload("FDP/b"), debug_info(None)]).unwrap();
         session.end("the test is over");
-        let [first, second] = &traces(&setup)[..] else { panic!("two episodes") };
-        assert_eq!((first.header.task_id.as_str(), second.header.task_id.as_str()), ("FDP/a", "FDP/b"));
+        let [first, second] = &traces(&setup)[..] else {
+            panic!("two episodes")
+        };
+        assert_eq!(
+            (
+                first.header.task_id.as_str(),
+                second.header.task_id.as_str()
+            ),
+            ("FDP/a", "FDP/b")
+        );
         let tools: Vec<&str> = first.steps.iter().map(|step| step.tool_name()).collect();
         assert_eq!(tools, ["pick", "finish"]);
         assert_eq!(first.steps[0].held, Some("cup_on_table_1_at_t".into()));
@@ -332,7 +444,10 @@ mod tests {
         // What the last result shows is of the next episode.
         assert_eq!(first.steps[1].held, Some("cup_on_table_1_at_t".into()));
         assert_eq!(first.end.as_ref().unwrap().reason, EndReason::Finished);
-        assert_eq!((second.steps.len(), second.end.as_ref().unwrap().reason), (0, EndReason::Aborted));
+        assert_eq!(
+            (second.steps.len(), second.end.as_ref().unwrap().reason),
+            (0, EndReason::Aborted)
+        );
         assert_eq!(first.timings.len(), 2);
     }
 
@@ -340,10 +455,17 @@ mod tests {
     fn calls_without_results_and_servers_without_tasks() {
         let folder = tempfile::tempdir().unwrap();
         let (setup, session) = session(folder.path(), OnFull::Stop);
-        assert_eq!(call(&session, 1, "drive", &json!({"to": "there"})), Ok(Some(json!(1))));
+        assert_eq!(
+            call(&session, 1, "drive", &json!({"to": "there"})),
+            Ok(Some(json!(1)))
+        );
         session.adrift(&json!(1));
         call(&session, 2, "drive", &json!({})).unwrap();
-        session.agent_says(br#"{"jsonrpc":"2.0","method":"notifications/cancelled","params":{"requestId":2}}"#).unwrap();
+        session
+            .agent_says(
+                br#"{"jsonrpc":"2.0","method":"notifications/cancelled","params":{"requestId":2}}"#,
+            )
+            .unwrap();
         call(&session, 3, "drive", &json!({})).unwrap();
         session
             .server_says(br#"{"jsonrpc":"2.0","id":3,"result":{"content":[{"type":"text","text":"stuck"}],"isError":true}}"#)
@@ -351,8 +473,11 @@ mod tests {
         call(&session, 4, "drive", &json!({})).unwrap();
         says(&session, 4, &["there".to_owned()]).unwrap();
         session.end("the test is over");
-        let [trace] = &traces(&setup)[..] else { panic!("one episode") };
-        let errors: Vec<Option<ErrorCode>> = trace.steps.iter().map(|step| step.outcome.error).collect();
+        let [trace] = &traces(&setup)[..] else {
+            panic!("one episode")
+        };
+        let errors: Vec<Option<ErrorCode>> =
+            trace.steps.iter().map(|step| step.outcome.error).collect();
         let failed = Some(ErrorCode::BackendError);
         assert_eq!(errors, [failed, failed, failed, None]);
         assert!(!trace.end.as_ref().unwrap().metrics.success, "nobody knows");
@@ -366,7 +491,10 @@ mod tests {
         let refusal = call(&stops, 1, "drive", &json!({})).unwrap_err();
         assert!(refusal.json(None).unwrap().contains("cannot record this"));
         call(&stops, 2, "finish", &json!({})).unwrap();
-        assert!(says(&stops, 2, &[payload("FDP/a"), debug_info(None)]).is_err(), "an episode that is not recorded was begun");
+        assert!(
+            says(&stops, 2, &[payload("FDP/a"), debug_info(None)]).is_err(),
+            "an episode that is not recorded was begun"
+        );
         let (setup, goes_on) = session(&gone, OnFull::Continue);
         assert_eq!(call(&goes_on, 1, "drive", &json!({})), Ok(None));
         says(&goes_on, 1, &["there".to_owned()]).unwrap();

@@ -10,7 +10,8 @@ use std::{
 
 use crate::{Setup, session::Session};
 
-/// What tells a session from all others. Its values are secrets of their owners, and are written nowhere.
+/// What tells a session from all others. Its values are secrets of their owners, and are written
+/// nowhere.
 #[derive(Clone, PartialEq, Eq, Hash, Debug)]
 pub(crate) enum Key {
     /// `Mcp-Session-Id` of Streamable HTTP.
@@ -30,13 +31,20 @@ pub(crate) struct Sessions {
 
 impl Sessions {
     pub(crate) fn new(setup: Arc<Setup>) -> Self {
-        Self { setup, open: Mutex::default(), begun: AtomicU32::new(0) }
+        Self {
+            setup,
+            open: Mutex::default(),
+            begun: AtomicU32::new(0),
+        }
     }
 
     /// A session that nothing leads to yet.
     pub(crate) fn begin(&self) -> Arc<Session> {
         self.setup.report.count(|counts| counts.sessions += 1);
-        Session::new(self.setup.clone(), self.begun.fetch_add(1, Ordering::Relaxed) + 1)
+        Session::new(
+            self.setup.clone(),
+            self.begun.fetch_add(1, Ordering::Relaxed) + 1,
+        )
     }
 
     /// Makes a key lead to a session.
@@ -70,17 +78,20 @@ impl Sessions {
             let silent = |(key, session): (&Key, &Arc<Session>)| {
                 // A stream says itself when it ends.
                 let ends_itself = matches!(key, Key::Messages(_));
-                (!ends_itself && session.idle().is_some_and(|silence| silence > idle)).then(|| key.clone())
+                (!ends_itself && session.idle().is_some_and(|silence| silence > idle))
+                    .then(|| key.clone())
             };
             let keys: Vec<Key> = open.iter().filter_map(silent).collect();
             keys.iter().filter_map(|key| open.remove(key)).collect()
         });
-        over.iter().for_each(|session| session.end("the session was silent for too long"));
+        over.iter()
+            .for_each(|session| session.end("the session was silent for too long"));
     }
 
     /// Ends all of them.
     pub(crate) fn end_all(&self, why: &str) {
-        let all: Vec<Arc<Session>> = self.with(|open| open.drain().map(|(_, session)| session).collect());
+        let all: Vec<Arc<Session>> =
+            self.with(|open| open.drain().map(|(_, session)| session).collect());
         all.iter().for_each(|session| session.end(why));
     }
 

@@ -1,5 +1,5 @@
-//! Server-sent events as they are on the wire: where one ends, what it says, and another in its place that is as long, so that
-//! nothing around it has to change. Sans-IO.
+//! Server-sent events as they are on the wire: where one ends, what it says, and another in its
+//! place that is as long, so that nothing around it has to change. Sans-IO.
 
 /// Finds the ends of events.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
@@ -61,14 +61,20 @@ pub(crate) struct Event {
 impl Event {
     /// Reads the bytes of one event; a comment alone is an event without data.
     pub(crate) fn read(bytes: &[u8]) -> Event {
-        let mut event = Event { name: "message".to_owned(), data: Vec::new() };
+        let mut event = Event {
+            name: "message".to_owned(),
+            data: Vec::new(),
+        };
         let (mut first, mut rest) = (true, bytes);
         while !rest.is_empty() {
             let end = memchr::memchr2(b'\n', b'\r', rest).unwrap_or(rest.len());
             let line = &rest[..end];
             rest = rest.get(end + 1..).unwrap_or_default();
             let (field, value) = match line.iter().position(|byte| *byte == b':') {
-                Some(at) => (&line[..at], line[at + 1..].strip_prefix(b" ").unwrap_or(&line[at + 1..])),
+                Some(at) => (
+                    &line[..at],
+                    line[at + 1..].strip_prefix(b" ").unwrap_or(&line[at + 1..]),
+                ),
                 None => (line, &line[line.len()..]),
             };
             match field {
@@ -104,7 +110,8 @@ pub(crate) fn fitted(name: &str, data: &str, length: usize) -> Option<Vec<u8>> {
 pub(crate) fn behind_the_server(address: &str) -> Option<&str> {
     let rest = ["http://", "https://"].iter().find_map(|scheme| {
         let head = address.get(..scheme.len())?;
-        head.eq_ignore_ascii_case(scheme).then(|| &address[scheme.len()..])
+        head.eq_ignore_ascii_case(scheme)
+            .then(|| &address[scheme.len()..])
     })?;
     let path = rest.find(['/', '?']).map_or("", |at| &rest[at..]);
     Some(if path.is_empty() { "/" } else { path })
@@ -120,7 +127,11 @@ pub(crate) fn resolve(base: &str, reference: &str) -> String {
     }
     let path = base.split('?').next().unwrap_or_default();
     let folder = path.rfind('/').map_or("/", |at| &path[..=at]);
-    if reference.starts_with('?') { format!("{path}{reference}") } else { format!("{folder}{reference}") }
+    if reference.starts_with('?') {
+        format!("{path}{reference}")
+    } else {
+        format!("{folder}{reference}")
+    }
 }
 
 #[cfg(test)]
@@ -159,10 +170,19 @@ mod tests {
     #[test]
     fn events_end_with_an_empty_line_of_any_kind() {
         for end in ["\n", "\r\n", "\r"] {
-            let stream = ": ping|event: endpoint|data: /messages/?a=1||data:one|data: two||".replace('|', end);
-            let [hello, message] = &events(stream.as_bytes())[..] else { panic!("{end:?}") };
-            assert_eq!((hello.name.as_str(), hello.data.as_slice()), ("endpoint", b"/messages/?a=1".as_slice()));
-            assert_eq!((message.name.as_str(), message.data.as_slice()), ("message", b"one\ntwo".as_slice()));
+            let stream = ": ping|event: endpoint|data: /messages/?a=1||data:one|data: two||"
+                .replace('|', end);
+            let [hello, message] = &events(stream.as_bytes())[..] else {
+                panic!("{end:?}")
+            };
+            assert_eq!(
+                (hello.name.as_str(), hello.data.as_slice()),
+                ("endpoint", b"/messages/?a=1".as_slice())
+            );
+            assert_eq!(
+                (message.name.as_str(), message.data.as_slice()),
+                ("message", b"one\ntwo".as_slice())
+            );
         }
     }
 
@@ -179,7 +199,10 @@ mod tests {
 
     #[test]
     fn addresses() {
-        assert_eq!(behind_the_server("HTTP://robot:8000/messages/?session_id=1"), Some("/messages/?session_id=1"));
+        assert_eq!(
+            behind_the_server("HTTP://robot:8000/messages/?session_id=1"),
+            Some("/messages/?session_id=1")
+        );
         assert_eq!(behind_the_server("http://robot"), Some("/"));
         assert_eq!(behind_the_server("/messages"), None);
         assert_eq!(resolve("/w/a/sse?x", "messages?y"), "/w/a/messages?y");

@@ -1,4 +1,5 @@
-//! An agent on our standard input and output, and a server as a child process: lines of JSON both ways, as they came.
+//! An agent on our standard input and output, and a server as a child process: lines of JSON both
+//! ways, as they came.
 
 use std::{
     io::{self, Read, Write},
@@ -9,15 +10,25 @@ use std::{
 
 use crate::{ProxyError, Setup, session::Session, sessions::Sessions, stop};
 
-/// Starts the server and passes lines until one side is gone or the process shall end; gives the server's exit code, where it
-/// ended by itself.
+/// Starts the server and passes lines until one side is gone or the process shall end; gives the
+/// server's exit code, where it ended by itself.
 ///
 /// # Errors
 /// When the server cannot be started.
 pub fn run_stdio(setup: Arc<Setup>, command: &[String]) -> Result<Option<i32>, ProxyError> {
-    let failed = |source| ProxyError::Spawn { command: command.join(" "), source };
-    let (program, arguments) = command.split_first().ok_or_else(|| failed(io::ErrorKind::InvalidInput.into()))?;
-    let mut child = Command::new(program).args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().map_err(failed)?;
+    let failed = |source| ProxyError::Spawn {
+        command: command.join(" "),
+        source,
+    };
+    let (program, arguments) = command
+        .split_first()
+        .ok_or_else(|| failed(io::ErrorKind::InvalidInput.into()))?;
+    let mut child = Command::new(program)
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(failed)?;
     let (to_server, from_server) = (child.stdin.take(), child.stdout.take());
     let session = Sessions::new(setup.clone()).begin();
     let to_agent = Arc::new(Mutex::new(io::stdout()));
@@ -27,24 +38,40 @@ pub fn run_stdio(setup: Arc<Setup>, command: &[String]) -> Result<Option<i32>, P
     thread::spawn(move || {
         let Some(to_server) = to_server else { return };
         // When this thread ends, the server's standard input is closed.
-        drop(pass(io::stdin(), limit, &at_agent, to_server, |line| match at_agent.agent_says(line) {
-            Ok(_) => Some(line.to_vec()),
-            Err(refusal) => {
-                if let (Some(error), Ok(mut agent)) = (refusal.json(None), say.lock()) {
-                    let _ = agent.write_all(format!("{error}\n").as_bytes()).and_then(|()| agent.flush());
+        drop(pass(
+            io::stdin(),
+            limit,
+            &at_agent,
+            to_server,
+            |line| match at_agent.agent_says(line) {
+                Ok(_) => Some(line.to_vec()),
+                Err(refusal) => {
+                    if let (Some(error), Ok(mut agent)) = (refusal.json(None), say.lock()) {
+                        let _ = agent
+                            .write_all(format!("{error}\n").as_bytes())
+                            .and_then(|()| agent.flush());
+                    }
+                    None
                 }
-                None
-            }
-        }));
+            },
+        ));
     });
     let at_server = session.clone();
     let server_gone = gone.clone();
     thread::spawn(move || {
         if let Some(from_server) = from_server {
-            drop(pass(from_server, limit, &at_server, Shared(to_agent), |line| match at_server.server_says(line) {
-                Ok(()) => Some(line.to_vec()),
-                Err(refusal) => refusal.json(None).map(|error| format!("{error}\n").into_bytes()),
-            }));
+            drop(pass(
+                from_server,
+                limit,
+                &at_server,
+                Shared(to_agent),
+                |line| match at_server.server_says(line) {
+                    Ok(()) => Some(line.to_vec()),
+                    Err(refusal) => refusal
+                        .json(None)
+                        .map(|error| format!("{error}\n").into_bytes()),
+                },
+            ));
         }
         let _ = server_gone.send(End::Server);
     });
@@ -86,18 +113,25 @@ struct Shared(Arc<Mutex<io::Stdout>>);
 
 impl Write for Shared {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let mut out = self.0.lock().map_err(|_| io::Error::other("the output broke down"))?;
+        let mut out = self
+            .0
+            .lock()
+            .map_err(|_| io::Error::other("the output broke down"))?;
         // A line at once: refusals come from another thread.
         out.write_all(bytes)?;
         Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.0.lock().map_err(|_| io::Error::other("the output broke down"))?.flush()
+        self.0
+            .lock()
+            .map_err(|_| io::Error::other("the output broke down"))?
+            .flush()
     }
 }
 
-/// Passes lines on until one side is gone. `look` gives what is passed on in a line's place. Lines over the limit pass as they are.
+/// Passes lines on until one side is gone. `look` gives what is passed on in a line's place. Lines
+/// over the limit pass as they are.
 fn pass(
     mut from: impl Read,
     limit: usize,

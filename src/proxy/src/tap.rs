@@ -1,5 +1,5 @@
-//! What passes by, as far as it matters here: calls of tools and their results in JSON-RPC. Whatever else it is, it is not looked
-//! into.
+//! What passes by, as far as it matters here: calls of tools and their results in JSON-RPC.
+//! Whatever else it is, it is not looked into.
 
 use reel_world::ToolCall;
 use serde::{Deserialize, de::IgnoredAny};
@@ -37,7 +37,11 @@ pub(crate) fn from_agent(message: &[u8]) -> FromAgent {
     match serde_json::from_slice::<Value>(message) {
         Ok(Value::Array(messages)) => {
             let calls: Vec<Call> = messages.iter().filter_map(call).collect();
-            if calls.is_empty() { FromAgent::Other } else { FromAgent::Calls(calls) }
+            if calls.is_empty() {
+                FromAgent::Other
+            } else {
+                FromAgent::Calls(calls)
+            }
         }
         Ok(message @ Value::Object(_)) => match message.get("method").and_then(Value::as_str) {
             Some("initialize") => FromAgent::Hello(name_in(message.pointer("/params/clientInfo"))),
@@ -45,7 +49,9 @@ pub(crate) fn from_agent(message: &[u8]) -> FromAgent {
                 Some(id) => FromAgent::Cancelled(id.clone()),
                 None => FromAgent::Other,
             },
-            Some("tools/call") => call(&message).map_or(FromAgent::Other, |call| FromAgent::Calls(vec![call])),
+            Some("tools/call") => {
+                call(&message).map_or(FromAgent::Other, |call| FromAgent::Calls(vec![call]))
+            }
             Some(_) => FromAgent::Other,
             None if message.get("result").or(message.get("error")).is_some() => FromAgent::Other,
             None => FromAgent::Strange,
@@ -67,7 +73,11 @@ pub(crate) fn client_of(message: &[u8]) -> Option<String> {
 }
 
 fn name_in(client: Option<&Value>) -> Option<String> {
-    client?.get("name")?.as_str().filter(|name| !name.is_empty()).map(str::to_owned)
+    client?
+        .get("name")?
+        .as_str()
+        .filter(|name| !name.is_empty())
+        .map(str::to_owned)
 }
 
 fn call(message: &Value) -> Option<Call> {
@@ -77,7 +87,16 @@ fn call(message: &Value) -> Option<Call> {
     let id = message.get("id").filter(|id| !id.is_null())?.clone();
     let params = message.get("params")?;
     let name = params.get("name")?.as_str()?;
-    Some(Call { id, call: ToolCall::new(name, params.get("arguments").cloned().unwrap_or_else(|| json!({}))) })
+    Some(Call {
+        id,
+        call: ToolCall::new(
+            name,
+            params
+                .get("arguments")
+                .cloned()
+                .unwrap_or_else(|| json!({})),
+        ),
+    })
 }
 
 /// The content of a result.
@@ -96,19 +115,31 @@ pub(crate) struct Answer {
 impl Answer {
     /// An answer that never came, and why.
     pub(crate) fn none(why: &str) -> Self {
-        Self { texts: vec![why.to_owned()], failed: true, ..Self::default() }
+        Self {
+            texts: vec![why.to_owned()],
+            failed: true,
+            ..Self::default()
+        }
     }
 
-    /// The task that the answer tells, if it begins an episode: the first text as JSON, in the words of the published server, or
-    /// what Reel's own server says in profile `paper`.
+    /// The task that the answer tells, if it begins an episode: the first text as JSON, in the
+    /// words of the published server, or what Reel's own server says in profile `paper`.
     pub(crate) fn payload(&self) -> Option<Map<String, Value>> {
-        if let Some(episode) = self.structured.as_ref().and_then(|structured| structured.get("episode")) {
+        if let Some(episode) = self
+            .structured
+            .as_ref()
+            .and_then(|structured| structured.get("episode"))
+        {
             let keys = [("task_id", "task_id"), ("instruction", "task_description")];
-            return keys.iter().map(|(said, key)| Some(((*key).to_owned(), episode.get(said)?.clone()))).collect();
+            return keys
+                .iter()
+                .map(|(said, key)| Some(((*key).to_owned(), episode.get(said)?.clone())))
+                .collect();
         }
         let text = self.texts.first().filter(|text| text.starts_with('{'))?;
         let payload: Map<String, Value> = serde_json::from_str(text).ok()?;
-        (payload.contains_key("task_id") && payload.contains_key("task_description")).then_some(payload)
+        (payload.contains_key("task_id") && payload.contains_key("task_description"))
+            .then_some(payload)
     }
 }
 
@@ -140,25 +171,41 @@ fn answer(id: &Value, message: Message) -> Option<Answer> {
         return None;
     }
     if let Some(error) = message.error {
-        let text = error.get("message").and_then(Value::as_str).map_or_else(|| error.to_string(), str::to_owned);
+        let text = error
+            .get("message")
+            .and_then(Value::as_str)
+            .map_or_else(|| error.to_string(), str::to_owned);
         return Some(Answer::none(&text));
     }
     let mut result = message.result?;
     let mut answer = Answer {
-        failed: result.get("isError").and_then(Value::as_bool).unwrap_or(false),
-        structured: result.get("structuredContent").filter(|value| !value.is_null()).cloned(),
+        failed: result
+            .get("isError")
+            .and_then(Value::as_bool)
+            .unwrap_or(false),
+        structured: result
+            .get("structuredContent")
+            .filter(|value| !value.is_null())
+            .cloned(),
         ..Answer::default()
     };
     let text = |item: &mut Value, key: &str| match item.get_mut(key).map(Value::take) {
         Some(Value::String(text)) => Some(text),
         _ => None,
     };
-    for item in result.get_mut("content").and_then(Value::as_array_mut).into_iter().flatten() {
+    for item in result
+        .get_mut("content")
+        .and_then(Value::as_array_mut)
+        .into_iter()
+        .flatten()
+    {
         match item.get("type").and_then(Value::as_str) {
             Some("text") => answer.texts.extend(text(item, "text")),
             Some("image") => {
                 let kind = text(item, "mimeType").unwrap_or_default();
-                answer.pictures.extend(text(item, "data").map(|data| (kind, data)));
+                answer
+                    .pictures
+                    .extend(text(item, "data").map(|data| (kind, data)));
             }
             _ => {}
         }
@@ -166,11 +213,18 @@ fn answer(id: &Value, message: Message) -> Option<Answer> {
     Some(answer)
 }
 
-/// An error in the place of an answer; not longer than `most`, none where that is too short for any.
+/// An error in the place of an answer; not longer than `most`, none where that is too short for
+/// any.
 pub(crate) fn refusal(id: &Value, why: &str, most: Option<usize>) -> Option<String> {
-    let error = |why: &str| json!({"jsonrpc": "2.0", "id": id, "error": {"code": INTERNAL_ERROR, "message": why}}).to_string();
+    let error = |why: &str| {
+        json!({"jsonrpc": "2.0", "id": id, "error": {"code": INTERNAL_ERROR, "message": why}})
+            .to_string()
+    };
     let texts = [why, "reel record: not recorded, see its log"];
-    texts.into_iter().map(error).find(|text| most.is_none_or(|most| text.len() <= most))
+    texts
+        .into_iter()
+        .map(error)
+        .find(|text| most.is_none_or(|most| text.len() <= most))
 }
 
 #[cfg(test)]
@@ -189,24 +243,29 @@ mod tests {
     #[test]
     fn messages_of_agents() {
         let read = |text: &str| from_agent(text.as_bytes());
-        let FromAgent::Calls(calls) =
-            read(r#"{"jsonrpc":"2.0","id":7,"method":"tools/call","params":{"name":"pick","arguments":{"marker_id":1}}}"#)
-        else {
+        let FromAgent::Calls(calls) = read(
+            r#"{"jsonrpc":"2.0","id":7,"method":"tools/call","params":{"name":"pick","arguments":{"marker_id":1}}}"#,
+        ) else {
             panic!("no call");
         };
-        assert_eq!((calls[0].id.clone(), calls[0].call.to_string()), (json!(7), "pick(marker_id=1)".to_owned()));
+        assert_eq!(
+            (calls[0].id.clone(), calls[0].call.to_string()),
+            (json!(7), "pick(marker_id=1)".to_owned())
+        );
         assert_eq!(
             read(r#"{"id":1,"method":"initialize","params":{"clientInfo":{"name":"gym"}}}"#),
             FromAgent::Hello(Some("gym".into()))
         );
-        assert_eq!(read(r#"{"method":"notifications/cancelled","params":{"requestId":"a"}}"#), FromAgent::Cancelled(json!("a")));
+        assert_eq!(
+            read(r#"{"method":"notifications/cancelled","params":{"requestId":"a"}}"#),
+            FromAgent::Cancelled(json!("a"))
+        );
         assert_eq!(read(r#"{"id":1,"method":"tools/list"}"#), FromAgent::Other);
         assert_eq!(read(r#"{"id":1,"result":{}}"#), FromAgent::Other);
         assert_eq!(read(r#"{"id":1,"method":"tools/call"}"#), FromAgent::Other);
         assert_eq!(read(r#"{"a":1}"#), FromAgent::Strange);
         assert_eq!(read("\u{1}\u{2}"), FromAgent::Strange);
-        let batch =
-            r#"[{"id":1,"method":"tools/call","params":{"name":"a"}},{"id":2,"method":"tools/call","params":{"name":"b"}}]"#;
+        let batch = r#"[{"id":1,"method":"tools/call","params":{"name":"a"}},{"id":2,"method":"tools/call","params":{"name":"b"}}]"#;
         assert!(matches!(read(batch), FromAgent::Calls(calls) if calls.len() == 2));
         let newest = br#"{"id":1,"method":"tools/call","params":{"name":"a","_meta":{"io.modelcontextprotocol/clientInfo":{"name":"n"}}}}"#;
         assert_eq!(client_of(newest), Some("n".into()));
@@ -216,10 +275,20 @@ mod tests {
     fn answers() {
         let result = br#"{"jsonrpc":"2.0","id":7,"result":{"content":[{"type":"text","text":"a"},{"type":"image","data":"QQ==","mimeType":"image/png"}],"isError":false}}"#;
         let answer = answer_to(&json!(7), result).unwrap();
-        assert_eq!((answer.texts, answer.pictures.len(), answer.failed), (vec!["a".to_owned()], 1, false));
+        assert_eq!(
+            (answer.texts, answer.pictures.len(), answer.failed),
+            (vec!["a".to_owned()], 1, false)
+        );
         assert_eq!(answer_to(&json!(8), result), None);
-        assert_eq!(answer_to(&json!(7), br#"{"id":7,"method":"elicitation/create"}"#), None);
-        let error = answer_to(&json!("x"), br#"{"id":"x","error":{"code":1,"message":"no"}}"#).unwrap();
+        assert_eq!(
+            answer_to(&json!(7), br#"{"id":7,"method":"elicitation/create"}"#),
+            None
+        );
+        let error = answer_to(
+            &json!("x"),
+            br#"{"id":"x","error":{"code":1,"message":"no"}}"#,
+        )
+        .unwrap();
         assert_eq!((error.texts, error.failed), (vec!["no".to_owned()], true));
         let batch = br#" [{"id":1,"result":{"content":[]}},{"id":7,"result":{"isError":true,"content":[]}}]"#;
         assert!(answer_to(&json!(7), batch).unwrap().failed);
@@ -227,13 +296,29 @@ mod tests {
 
     #[test]
     fn what_begins_an_episode() {
-        let text = |text: &str| Answer { texts: vec![text.to_owned()], ..Answer::default() };
-        assert!(text(r#"{"task_id": "a", "task_description": "b", "scene_id": "c"}"#).payload().is_some_and(|it| it.len() == 3));
+        let text = |text: &str| Answer {
+            texts: vec![text.to_owned()],
+            ..Answer::default()
+        };
+        assert!(
+            text(r#"{"task_id": "a", "task_description": "b", "scene_id": "c"}"#)
+                .payload()
+                .is_some_and(|it| it.len() == 3)
+        );
         assert_eq!(text(r#"{"task_id": "a"}"#).payload(), None);
         assert_eq!(text("All evaluation episodes completed.").payload(), None);
-        let structured = Some(json!({"ok": true, "episode": {"task_id": "a", "instruction": "b", "receptacles": []}}));
-        let payload = Answer { structured, ..text("Task: b") }.payload();
-        assert_eq!(payload.map(Value::Object), Some(json!({"task_id": "a", "task_description": "b"})));
+        let structured = Some(
+            json!({"ok": true, "episode": {"task_id": "a", "instruction": "b", "receptacles": []}}),
+        );
+        let payload = Answer {
+            structured,
+            ..text("Task: b")
+        }
+        .payload();
+        assert_eq!(
+            payload.map(Value::Object),
+            Some(json!({"task_id": "a", "task_description": "b"}))
+        );
     }
 
     #[test]

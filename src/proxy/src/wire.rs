@@ -1,5 +1,5 @@
-//! HTTP/1.1 as it is on the wire: where a head ends, what it says, where a body ends. Sans-IO; changes no byte by itself, and
-//! believes nothing: what it cannot read, it says so.
+//! HTTP/1.1 as it is on the wire: where a head ends, what it says, where a body ends. Sans-IO;
+//! changes no byte by itself, and believes nothing: what it cannot read, it says so.
 
 use std::ops::Range;
 
@@ -37,8 +37,16 @@ impl Head {
             Ok(httparse::Status::Partial) => return partial(buffer),
             Err(_) => return Err(Unreadable),
         };
-        let (method, target) = (request.method.unwrap_or_default().to_owned(), request.path.unwrap_or_default().to_owned());
-        Ok(Some(Self::new(Start::Request { method, target }, buffer, length, request.headers)))
+        let (method, target) = (
+            request.method.unwrap_or_default().to_owned(),
+            request.path.unwrap_or_default().to_owned(),
+        );
+        Ok(Some(Self::new(
+            Start::Request { method, target },
+            buffer,
+            length,
+            request.headers,
+        )))
     }
 
     /// The head of a response at the beginning of a buffer, if it is whole.
@@ -50,7 +58,14 @@ impl Head {
             Ok(httparse::Status::Partial) => return partial(buffer),
             Err(_) => return Err(Unreadable),
         };
-        Ok(Some(Self::new(Start::Response { status: response.code.unwrap_or_default() }, buffer, length, response.headers)))
+        Ok(Some(Self::new(
+            Start::Response {
+                status: response.code.unwrap_or_default(),
+            },
+            buffer,
+            length,
+            response.headers,
+        )))
     }
 
     fn new(start: Start, buffer: &[u8], length: usize, headers: &[httparse::Header<'_>]) -> Head {
@@ -58,24 +73,41 @@ impl Head {
             let from = (value.as_ptr() as usize).saturating_sub(buffer.as_ptr() as usize);
             from..from + value.len()
         };
-        let headers = headers.iter().map(|header| (header.name.to_ascii_lowercase(), place(header.value))).collect();
-        Head { start, bytes: buffer[..length].to_vec(), headers }
+        let headers = headers
+            .iter()
+            .map(|header| (header.name.to_ascii_lowercase(), place(header.value)))
+            .collect();
+        Head {
+            start,
+            bytes: buffer[..length].to_vec(),
+            headers,
+        }
     }
 
     /// The first value under a name in lower case, if it is text.
     pub(crate) fn value(&self, name: &str) -> Option<&str> {
         let (_, place) = self.headers.iter().find(|(found, _)| found == name)?;
-        std::str::from_utf8(self.bytes.get(place.clone())?).ok().map(str::trim)
+        std::str::from_utf8(self.bytes.get(place.clone())?)
+            .ok()
+            .map(str::trim)
     }
 
     /// Whether a header's list of words holds one.
     pub(crate) fn says(&self, name: &str, word: &str) -> bool {
-        self.value(name).is_some_and(|value| value.split(',').any(|part| part.trim().eq_ignore_ascii_case(word)))
+        self.value(name).is_some_and(|value| {
+            value
+                .split(',')
+                .any(|part| part.trim().eq_ignore_ascii_case(word))
+        })
     }
 
     /// The type of the body, without parameters and in lower case.
     pub(crate) fn content_type(&self) -> String {
-        self.value("content-type").and_then(|value| value.split(';').next()).unwrap_or_default().trim().to_ascii_lowercase()
+        self.value("content-type")
+            .and_then(|value| value.split(';').next())
+            .unwrap_or_default()
+            .trim()
+            .to_ascii_lowercase()
     }
 
     /// The bytes with other values under some names; everything else is as it came.
@@ -124,12 +156,22 @@ impl Head {
 
     fn all(&self, name: &str) -> Vec<&str> {
         let found = self.headers.iter().filter(|(found, _)| found == name);
-        found.map(|(_, place)| std::str::from_utf8(&self.bytes[place.clone()]).unwrap_or_default().trim()).collect()
+        found
+            .map(|(_, place)| {
+                std::str::from_utf8(&self.bytes[place.clone()])
+                    .unwrap_or_default()
+                    .trim()
+            })
+            .collect()
     }
 }
 
 fn partial(buffer: &[u8]) -> Result<Option<Head>, Unreadable> {
-    if buffer.len() > HEAD_MAX { Err(Unreadable) } else { Ok(None) }
+    if buffer.len() > HEAD_MAX {
+        Err(Unreadable)
+    } else {
+        Ok(None)
+    }
 }
 
 /// A body that is being followed.
@@ -142,27 +184,48 @@ pub(crate) enum Body {
 }
 
 impl Body {
-    /// Takes what came next: how many of these bytes belong to the body, and where in them its content stands.
+    /// Takes what came next: how many of these bytes belong to the body, and where in them its
+    /// content stands.
     pub(crate) fn take(&mut self, wire: &[u8]) -> Result<(usize, Vec<Range<usize>>), Unreadable> {
         match self {
             Body::Length(left) => {
                 let taken = usize::try_from(*left).unwrap_or(usize::MAX).min(wire.len());
                 *left -= taken as u64;
-                Ok((taken, std::iter::once(0..taken).filter(|range| !range.is_empty()).collect()))
+                Ok((
+                    taken,
+                    std::iter::once(0..taken)
+                        .filter(|range| !range.is_empty())
+                        .collect(),
+                ))
             }
-            Body::UntilClose => Ok((wire.len(), std::iter::once(0..wire.len()).filter(|range| !range.is_empty()).collect())),
+            Body::UntilClose => Ok((
+                wire.len(),
+                std::iter::once(0..wire.len())
+                    .filter(|range| !range.is_empty())
+                    .collect(),
+            )),
             Body::Chunked(chunks) => chunks.take(wire),
         }
     }
 
     /// Whether all of it came.
     pub(crate) fn is_whole(&self) -> bool {
-        matches!(self, Body::Length(0) | Body::Chunked(Chunks { at: At::End, .. }))
+        matches!(
+            self,
+            Body::Length(0) | Body::Chunked(Chunks { at: At::End, .. })
+        )
     }
 
     /// Whether something of another kind could stand here: nothing of a chunk is half on its way.
     pub(crate) fn is_between(&self) -> bool {
-        matches!(self, Body::UntilClose | Body::Chunked(Chunks { at: At::Size { digits: 0 }, .. }))
+        matches!(
+            self,
+            Body::UntilClose
+                | Body::Chunked(Chunks {
+                    at: At::Size { digits: 0 },
+                    ..
+                })
+        )
     }
 }
 
@@ -200,7 +263,9 @@ impl Chunks {
         let (mut position, mut content) = (0, Vec::new());
         while position < wire.len() && self.at != At::End {
             if let At::Content(left) = &mut self.at {
-                let here = usize::try_from(*left).unwrap_or(usize::MAX).min(wire.len() - position);
+                let here = usize::try_from(*left)
+                    .unwrap_or(usize::MAX)
+                    .min(wire.len() - position);
                 *left -= here as u64;
                 content.push(position..position + here);
                 position += here;
@@ -259,42 +324,91 @@ mod tests {
         let bytes = b"POST /mcp?a=b HTTP/1.1\r\nHost: localhost:1\r\nX-Odd:  kept \r\nContent-Length: 3\r\n\r\nabc";
         assert_eq!(Head::request(&bytes[..30]), Ok(None));
         let head = Head::request(bytes).unwrap().unwrap();
-        assert_eq!(head.start, Start::Request { method: "POST".into(), target: "/mcp?a=b".into() });
+        assert_eq!(
+            head.start,
+            Start::Request {
+                method: "POST".into(),
+                target: "/mcp?a=b".into()
+            }
+        );
         assert_eq!(
             (head.value("host"), head.value("x-odd"), head.body(false)),
             (Some("localhost:1"), Some("kept"), Ok(Body::Length(3)))
         );
-        let other = String::from_utf8(head.with_values(&[("host", "robot:8000"), ("absent", "x")])).unwrap();
-        assert_eq!(other, "POST /mcp?a=b HTTP/1.1\r\nHost: robot:8000\r\nX-Odd:  kept \r\nContent-Length: 3\r\n\r\n");
-        assert_eq!(Head::request(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"), Err(Unreadable));
+        let other = String::from_utf8(head.with_values(&[("host", "robot:8000"), ("absent", "x")]))
+            .unwrap();
+        assert_eq!(
+            other,
+            "POST /mcp?a=b HTTP/1.1\r\nHost: robot:8000\r\nX-Odd:  kept \r\nContent-Length: 3\r\n\r\n"
+        );
+        assert_eq!(
+            Head::request(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"),
+            Err(Unreadable)
+        );
     }
 
     #[test]
     fn which_bodies_responses_have() {
-        let body = |text: &str, to_head| Head::response(text.as_bytes()).unwrap().unwrap().body(to_head);
+        let body = |text: &str, to_head| {
+            Head::response(text.as_bytes())
+                .unwrap()
+                .unwrap()
+                .body(to_head)
+        };
         assert_eq!(body("HTTP/1.1 200 OK\r\n\r\n", false), Ok(Body::UntilClose));
-        assert_eq!(body("HTTP/1.1 204 No Content\r\n\r\n", false), Ok(Body::Length(0)));
-        assert_eq!(body("HTTP/1.1 200 OK\r\nContent-Length: 7\r\n\r\n", true), Ok(Body::Length(0)));
-        assert_eq!(body("HTTP/1.1 200 OK\r\nContent-Length: 7\r\nTransfer-Encoding: chunked\r\n\r\n", false), Err(Unreadable));
-        assert_eq!(body("HTTP/1.1 200 OK\r\nContent-Length: 7\r\nContent-Length: 8\r\n\r\n", false), Err(Unreadable));
+        assert_eq!(
+            body("HTTP/1.1 204 No Content\r\n\r\n", false),
+            Ok(Body::Length(0))
+        );
+        assert_eq!(
+            body("HTTP/1.1 200 OK\r\nContent-Length: 7\r\n\r\n", true),
+            Ok(Body::Length(0))
+        );
+        assert_eq!(
+            body(
+                "HTTP/1.1 200 OK\r\nContent-Length: 7\r\nTransfer-Encoding: chunked\r\n\r\n",
+                false
+            ),
+            Err(Unreadable)
+        );
+        assert_eq!(
+            body(
+                "HTTP/1.1 200 OK\r\nContent-Length: 7\r\nContent-Length: 8\r\n\r\n",
+                false
+            ),
+            Err(Unreadable)
+        );
     }
 
     #[test]
     fn chunks_in_any_pieces() {
         let wire = b"4;x=y\r\nWiki\r\n5\r\npedia\r\n0\r\nTrailer: t\r\n\r\nnext";
         for size in 1..wire.len() {
-            let (mut body, mut content, mut taken) = (Body::Chunked(Chunks::default()), Vec::new(), 0);
+            let (mut body, mut content, mut taken) =
+                (Body::Chunked(Chunks::default()), Vec::new(), 0);
             for piece in wire.chunks(size) {
                 let (used, ranges) = body.take(piece).unwrap();
-                ranges.into_iter().for_each(|range| content.extend_from_slice(&piece[range]));
+                ranges
+                    .into_iter()
+                    .for_each(|range| content.extend_from_slice(&piece[range]));
                 taken += used;
                 if body.is_whole() {
                     break;
                 }
             }
-            assert_eq!((content.as_slice(), &wire[taken..]), (b"Wikipedia".as_slice(), b"next".as_slice()), "pieces of {size}");
+            assert_eq!(
+                (content.as_slice(), &wire[taken..]),
+                (b"Wikipedia".as_slice(), b"next".as_slice()),
+                "pieces of {size}"
+            );
         }
-        assert_eq!(Body::Chunked(Chunks::default()).take(b"zz"), Err(Unreadable));
-        assert_eq!(Body::Chunked(Chunks::default()).take(b"11112222333344445"), Err(Unreadable));
+        assert_eq!(
+            Body::Chunked(Chunks::default()).take(b"zz"),
+            Err(Unreadable)
+        );
+        assert_eq!(
+            Body::Chunked(Chunks::default()).take(b"11112222333344445"),
+            Err(Unreadable)
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! What steers a running query from outside: stopping it, and hearing how far its slow functions are.
+//! What steers a running query from outside: stopping it, and hearing how far its slow functions
+//! are.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -22,19 +23,25 @@ pub enum Stopped {
     #[error("stopped; nothing was changed")]
     Cancelled,
     /// It took too long.
-    #[error("stopped after {seconds} s, the limit on time; narrow the question down or raise --timeout")]
+    #[error(
+        "stopped after {seconds} s, the limit on time; narrow the question down or raise --timeout"
+    )]
     Time {
         /// The limit.
         seconds: u64,
     },
     /// It took too much memory.
-    #[error("stopped at {bytes} bytes, the limit on memory; narrow the question down or raise --memory")]
+    #[error(
+        "stopped at {bytes} bytes, the limit on memory; narrow the question down or raise --memory"
+    )]
     Memory {
         /// The limit.
         bytes: usize,
     },
     /// Its answer is too long.
-    #[error("stopped at {rows} rows, the limit on answers; add a LIMIT, aggregate, or raise --max-rows")]
+    #[error(
+        "stopped at {rows} rows, the limit on answers; add a LIMIT, aggregate, or raise --max-rows"
+    )]
     Rows {
         /// The limit.
         rows: usize,
@@ -69,13 +76,17 @@ impl Opens {
             Opens::Nothing => false,
             Opens::These(traces) => traces.contains(&*trace.to_string_lossy()),
             Opens::Below(folders) if is_remote(trace) => {
-                let (name, inside) = (trace.to_string_lossy(), |folder: &PathBuf| trace.starts_with(folder) && is_remote(folder));
+                let (name, inside) = (trace.to_string_lossy(), |folder: &PathBuf| {
+                    trace.starts_with(folder) && is_remote(folder)
+                });
                 name.split('/').all(|part| part != "..") && folders.iter().any(inside)
             }
             Opens::Below(folders) => {
                 let real = |path: &Path| path.canonicalize().ok();
                 real(trace).is_some_and(|trace| {
-                    folders.iter().any(|folder| real(folder).is_some_and(|folder| trace.starts_with(folder)))
+                    folders
+                        .iter()
+                        .any(|folder| real(folder).is_some_and(|folder| trace.starts_with(folder)))
                 })
             }
         }
@@ -115,7 +126,11 @@ impl Control {
     }
 
     pub(crate) fn check(&self) -> Result<(), DataFusionError> {
-        if self.is_cancelled() { Err(DataFusionError::External(Box::new(Stopped::Cancelled))) } else { Ok(()) }
+        if self.is_cancelled() {
+            Err(DataFusionError::External(Box::new(Stopped::Cancelled)))
+        } else {
+            Ok(())
+        }
     }
 
     pub(crate) fn count_simulated(&self) {
@@ -149,7 +164,10 @@ mod tests {
         }
         std::os::unix::fs::symlink(&outside, inside.join("out")).unwrap();
         let opens = Opens::Below(vec![inside.clone(), "s3://lab/traces".into()]);
-        assert!(opens.allows(&inside.join("a.mcap")) && opens.allows(Path::new("s3://lab/traces/one/a.mcap")));
+        assert!(
+            opens.allows(&inside.join("a.mcap"))
+                && opens.allows(Path::new("s3://lab/traces/one/a.mcap"))
+        );
         let refused = [
             outside.join("a.mcap"),
             inside.join("../secrets/a.mcap"),

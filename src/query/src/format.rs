@@ -1,4 +1,5 @@
-//! Results as text (an aligned table for people, CSV and JSON for programs) and as files (Arrow IPC, Parquet).
+//! Results as text (an aligned table for people, CSV and JSON for programs) and as files (Arrow
+//! IPC, Parquet).
 
 use std::fmt::Write as _;
 
@@ -48,7 +49,9 @@ pub fn format(batches: &[RecordBatch], format: Format) -> Result<String, ArrowEr
 /// # Errors
 /// When Arrow cannot write a column.
 pub fn arrow_file(batches: &[RecordBatch]) -> Result<Vec<u8>, ArrowError> {
-    let Some(first) = batches.first() else { return Ok(Vec::new()) };
+    let Some(first) = batches.first() else {
+        return Ok(Vec::new());
+    };
     let mut writer = FileWriter::try_new(Vec::new(), &first.schema())?;
     batches.iter().try_for_each(|batch| writer.write(batch))?;
     writer.into_inner()
@@ -59,29 +62,61 @@ pub fn arrow_file(batches: &[RecordBatch]) -> Result<Vec<u8>, ArrowError> {
 /// # Errors
 /// When Parquet cannot write a column.
 pub fn parquet_file(batches: &[RecordBatch]) -> Result<Vec<u8>, ArrowError> {
-    let Some(first) = batches.first() else { return Ok(Vec::new()) };
-    let properties = WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build();
+    let Some(first) = batches.first() else {
+        return Ok(Vec::new());
+    };
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::ZSTD(ZstdLevel::default()))
+        .build();
     let mut writer = ArrowWriter::try_new(Vec::new(), first.schema(), Some(properties))?;
     batches.iter().try_for_each(|batch| writer.write(batch))?;
     Ok(writer.into_inner()?)
 }
 
 fn table(batches: &[RecordBatch]) -> Result<String, ArrowError> {
-    let Some(first) = batches.first() else { return Ok(String::new()) };
+    let Some(first) = batches.first() else {
+        return Ok(String::new());
+    };
     let schema = first.schema();
-    let numeric: Vec<bool> = schema.fields().iter().map(|field| field.data_type().is_numeric()).collect();
-    let mut rows: Vec<Vec<String>> = vec![schema.fields().iter().map(|field| field.name().clone()).collect()];
+    let numeric: Vec<bool> = schema
+        .fields()
+        .iter()
+        .map(|field| field.data_type().is_numeric())
+        .collect();
+    let mut rows: Vec<Vec<String>> = vec![
+        schema
+            .fields()
+            .iter()
+            .map(|field| field.name().clone())
+            .collect(),
+    ];
     for batch in batches {
-        let columns = batch.columns().iter().map(|column| cells(column, true)).collect::<Result<Vec<_>, _>>()?;
-        rows.extend((0..batch.num_rows()).map(|row| columns.iter().map(|column| cut(&column[row])).collect()));
+        let columns = batch
+            .columns()
+            .iter()
+            .map(|column| cells(column, true))
+            .collect::<Result<Vec<_>, _>>()?;
+        rows.extend(
+            (0..batch.num_rows())
+                .map(|row| columns.iter().map(|column| cut(&column[row])).collect()),
+        );
     }
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+    let width = |column: usize| {
+        rows.iter()
+            .map(|row| row[column].chars().count())
+            .max()
+            .unwrap_or(0)
+    };
     let widths: Vec<usize> = (0..numeric.len()).map(width).collect();
     let mut text = String::new();
     for (index, row) in rows.iter().enumerate() {
         let cell = |column: usize| {
             let (cell, width) = (&row[column], widths[column]);
-            if numeric[column] { format!("{cell:>width$}") } else { format!("{cell:<width$}") }
+            if numeric[column] {
+                format!("{cell:>width$}")
+            } else {
+                format!("{cell:<width$}")
+            }
         };
         let line: Vec<String> = (0..row.len()).map(cell).collect();
         text.push_str(line.join("  ").trim_end());
@@ -99,16 +134,29 @@ fn table(batches: &[RecordBatch]) -> Result<String, ArrowError> {
 }
 
 fn csv(batches: &[RecordBatch]) -> Result<String, ArrowError> {
-    let Some(first) = batches.first() else { return Ok(String::new()) };
+    let Some(first) = batches.first() else {
+        return Ok(String::new());
+    };
     let mut text = String::new();
     let mut line = |cells: Vec<&str>| {
         let quoted: Vec<String> = cells.into_iter().map(quote).collect();
         text.push_str(&quoted.join(","));
         text.push('\n');
     };
-    line(first.schema().fields().iter().map(|field| field.name().as_str()).collect());
+    line(
+        first
+            .schema()
+            .fields()
+            .iter()
+            .map(|field| field.name().as_str())
+            .collect(),
+    );
     for batch in batches {
-        let columns = batch.columns().iter().map(|column| cells(column, false)).collect::<Result<Vec<_>, _>>()?;
+        let columns = batch
+            .columns()
+            .iter()
+            .map(|column| cells(column, false))
+            .collect::<Result<Vec<_>, _>>()?;
         for row in 0..batch.num_rows() {
             line(columns.iter().map(|column| column[row].as_str()).collect());
         }
@@ -117,15 +165,22 @@ fn csv(batches: &[RecordBatch]) -> Result<String, ArrowError> {
 }
 
 fn quote(cell: &str) -> String {
-    if cell.contains([',', '"', '\n', '\r']) { format!("\"{}\"", cell.replace('"', "\"\"")) } else { cell.to_owned() }
+    if cell.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", cell.replace('"', "\"\""))
+    } else {
+        cell.to_owned()
+    }
 }
 
 fn json(batches: &[RecordBatch]) -> Result<String, ArrowError> {
     let mut bytes = Vec::new();
-    let mut writer = WriterBuilder::new().with_explicit_nulls(true).build::<_, JsonArray>(&mut bytes);
+    let mut writer = WriterBuilder::new()
+        .with_explicit_nulls(true)
+        .build::<_, JsonArray>(&mut bytes);
     writer.write_batches(&batches.iter().collect::<Vec<_>>())?;
     writer.finish()?;
-    let mut text = String::from_utf8(bytes).map_err(|error| ArrowError::JsonError(error.to_string()))?;
+    let mut text =
+        String::from_utf8(bytes).map_err(|error| ArrowError::JsonError(error.to_string()))?;
     if text.is_empty() {
         text.push_str("[]");
     }
@@ -138,17 +193,24 @@ fn cells(column: &ArrayRef, short_floats: bool) -> Result<Vec<String>, ArrowErro
     let rows = 0..column.len();
     let float = |value: Option<f64>| value.map(|value| format!("{value:.3}")).unwrap_or_default();
     Ok(match column.data_type() {
-        DataType::Float64 if short_floats => column.as_primitive::<Float64Type>().iter().map(float).collect(),
-        DataType::Float32 if short_floats => {
-            column.as_primitive::<Float32Type>().iter().map(|value| float(value.map(f64::from))).collect()
-        }
+        DataType::Float64 if short_floats => column
+            .as_primitive::<Float64Type>()
+            .iter()
+            .map(float)
+            .collect(),
+        DataType::Float32 if short_floats => column
+            .as_primitive::<Float32Type>()
+            .iter()
+            .map(|value| float(value.map(f64::from)))
+            .collect(),
         _ => {
             let options = FormatOptions::default();
             let formatter = ArrayFormatter::try_new(column, &options)?;
             let mut cells = Vec::with_capacity(column.len());
             for row in rows {
                 let mut cell = String::new();
-                write!(cell, "{}", formatter.value(row)).map_err(|error| ArrowError::ComputeError(error.to_string()))?;
+                write!(cell, "{}", formatter.value(row))
+                    .map_err(|error| ArrowError::ComputeError(error.to_string()))?;
                 cells.push(cell);
             }
             cells
@@ -160,7 +222,11 @@ fn cells(column: &ArrayRef, short_floats: bool) -> Result<Vec<String>, ArrowErro
 fn cut(cell: &str) -> String {
     let line = cell.replace(['\n', '\r', '\t'], " ");
     match line.char_indices().nth(CELL_WIDTH_MAX) {
-        Some(_) => line.chars().take(CELL_WIDTH_MAX - 3).chain("...".chars()).collect(),
+        Some(_) => line
+            .chars()
+            .take(CELL_WIDTH_MAX - 3)
+            .chain("...".chars())
+            .collect(),
         None => line,
     }
 }
@@ -176,10 +242,26 @@ mod tests {
     fn batch() -> RecordBatch {
         let long = "x".repeat(120);
         RecordBatch::try_from_iter([
-            ("policy", Arc::new(StringArray::from(vec![Some("oracle"), Some("a \"b\", c"), None])) as ArrayRef),
-            ("n", Arc::new(Int32Array::from(vec![Some(1), None, Some(300)]))),
-            ("sr", Arc::new(Float64Array::from(vec![Some(0.123_456), Some(1.0), None]))),
-            ("text", Arc::new(StringArray::from(vec!["one\ntwo", long.as_str(), ""]))),
+            (
+                "policy",
+                Arc::new(StringArray::from(vec![
+                    Some("oracle"),
+                    Some("a \"b\", c"),
+                    None,
+                ])) as ArrayRef,
+            ),
+            (
+                "n",
+                Arc::new(Int32Array::from(vec![Some(1), None, Some(300)])),
+            ),
+            (
+                "sr",
+                Arc::new(Float64Array::from(vec![Some(0.123_456), Some(1.0), None])),
+            ),
+            (
+                "text",
+                Arc::new(StringArray::from(vec!["one\ntwo", long.as_str(), ""])),
+            ),
         ])
         .unwrap()
     }
@@ -190,7 +272,10 @@ mod tests {
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], "policy      n     sr  text");
         assert_eq!(lines[2], "oracle      1  0.123  one two");
-        assert_eq!(lines[3], format!("a \"b\", c       1.000  {}...", "x".repeat(97)));
+        assert_eq!(
+            lines[3],
+            format!("a \"b\", c       1.000  {}...", "x".repeat(97))
+        );
         assert_eq!(lines[4], "          300");
     }
 
@@ -199,20 +284,37 @@ mod tests {
         let text = format(&[batch()], Format::Csv).unwrap();
         assert_eq!(
             text,
-            format!("policy,n,sr,text\noracle,1,0.123456,\"one\ntwo\"\n\"a \"\"b\"\", c\",,1.0,{}\n,300,,\n", "x".repeat(120))
+            format!(
+                "policy,n,sr,text\noracle,1,0.123456,\"one\ntwo\"\n\"a \"\"b\"\", c\",,1.0,{}\n,300,,\n",
+                "x".repeat(120)
+            )
         );
     }
 
     #[test]
     fn json_names_every_column() {
         let text = format(&[batch().slice(0, 1)], Format::Json).unwrap();
-        assert_eq!(text, "[{\"policy\":\"oracle\",\"n\":1,\"sr\":0.123456,\"text\":\"one\\ntwo\"}]\n");
-        assert_eq!(format(&[batch().slice(0, 0)], Format::Json).unwrap(), "[]\n");
-        assert!(format(&[batch().slice(2, 1)], Format::Json).unwrap().contains("\"policy\":null"));
+        assert_eq!(
+            text,
+            "[{\"policy\":\"oracle\",\"n\":1,\"sr\":0.123456,\"text\":\"one\\ntwo\"}]\n"
+        );
+        assert_eq!(
+            format(&[batch().slice(0, 0)], Format::Json).unwrap(),
+            "[]\n"
+        );
+        assert!(
+            format(&[batch().slice(2, 1)], Format::Json)
+                .unwrap()
+                .contains("\"policy\":null")
+        );
     }
 
     #[test]
     fn no_rows_still_show_the_columns() {
-        assert!(format(&[batch().slice(0, 0)], Format::Table).unwrap().starts_with("policy"));
+        assert!(
+            format(&[batch().slice(0, 0)], Format::Table)
+                .unwrap()
+                .starts_with("policy")
+        );
     }
 }

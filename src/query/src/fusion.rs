@@ -1,5 +1,5 @@
-//! Many questions about single episodes as one: `SELECT value FROM episodes WHERE condition`, asked in one pass over the
-//! table. Plans nothing and runs nothing.
+//! Many questions about single episodes as one: `SELECT value FROM episodes WHERE condition`, asked
+//! in one pass over the table. Plans nothing and runs nothing.
 
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
@@ -18,8 +18,8 @@ pub struct RowQuestion {
 }
 
 impl RowQuestion {
-    /// Reads `SELECT <expression> AS found FROM episodes [WHERE <condition>]`. Nothing else may be in it, so that it sees the
-    /// one row of its episode and nothing beside it.
+    /// Reads `SELECT <expression> AS found FROM episodes [WHERE <condition>]`. Nothing else may be
+    /// in it, so that it sees the one row of its episode and nothing beside it.
     ///
     /// # Errors
     /// What it is instead.
@@ -28,16 +28,26 @@ impl RowQuestion {
         let [Statement::Statement(statement)] = statements.iter().collect::<Vec<_>>()[..] else {
             return Err("it has to be one SELECT".into());
         };
-        let ast::Statement::Query(query) = statement.as_ref() else { return Err("it has to be a SELECT".into()) };
-        let SetExpr::Select(select) = query.body.as_ref() else { return Err("it has to be a single SELECT".into()) };
-        let plain = query.with.is_none() && query.order_by.is_none() && query.limit_clause.is_none() && query.fetch.is_none();
-        let [from] = &select.from[..] else { return Err("it has to read from `episodes` and nothing else".into()) };
+        let ast::Statement::Query(query) = statement.as_ref() else {
+            return Err("it has to be a SELECT".into());
+        };
+        let SetExpr::Select(select) = query.body.as_ref() else {
+            return Err("it has to be a single SELECT".into());
+        };
+        let plain = query.with.is_none()
+            && query.order_by.is_none()
+            && query.limit_clause.is_none()
+            && query.fetch.is_none();
+        let [from] = &select.from[..] else {
+            return Err("it has to read from `episodes` and nothing else".into());
+        };
         let is_episodes = from.joins.is_empty()
             && matches!(&from.relation, TableFactor::Table { name, alias: None, args: None, .. } if name.to_string() == "episodes");
         if !is_episodes {
             return Err("it has to read from `episodes` and nothing else".into());
         }
-        let grouped = !matches!(&select.group_by, ast::GroupByExpr::Expressions(by, _) if by.is_empty());
+        let grouped =
+            !matches!(&select.group_by, ast::GroupByExpr::Expressions(by, _) if by.is_empty());
         if !plain || grouped || select.distinct.is_some() || select.having.is_some() {
             return Err("it has to be SELECT ... FROM episodes WHERE ..., without WITH, GROUP BY, ORDER BY or LIMIT".into());
         }
@@ -45,7 +55,10 @@ impl RowQuestion {
             return Err("it has to select one expression, AS found".into());
         };
         if alias.value != "found" {
-            return Err(format!("its expression has to be called `found`, not `{}`", alias.value));
+            return Err(format!(
+                "its expression has to be called `found`, not `{}`",
+                alias.value
+            ));
         }
         let mut columns = BTreeSet::new();
         let looked = ast::visit_expressions(statement.as_ref(), |expression| match expression {
@@ -53,13 +66,19 @@ impl RowQuestion {
                 columns.insert(name.value.clone());
                 ControlFlow::Continue(())
             }
-            Expr::Subquery(_) | Expr::Exists { .. } | Expr::InSubquery { .. } => ControlFlow::Break(()),
+            Expr::Subquery(_) | Expr::Exists { .. } | Expr::InSubquery { .. } => {
+                ControlFlow::Break(())
+            }
             _ => ControlFlow::Continue(()),
         });
         if looked.is_break() {
             return Err("it must not hold another SELECT".into());
         }
-        Ok(Self { value: expr.to_string(), condition: select.selection.as_ref().map(ToString::to_string), columns })
+        Ok(Self {
+            value: expr.to_string(),
+            condition: select.selection.as_ref().map(ToString::to_string),
+            columns,
+        })
     }
 
     /// Columns of `episodes` that it names.
@@ -68,8 +87,9 @@ impl RowQuestion {
     }
 }
 
-/// One query that answers all of them for the episodes that fulfil `filter`: the columns `keep`, and for each question the
-/// value (`found_0`, `found_1`, ...) and whether its condition holds (`holds_0`, ...; false where that is null).
+/// One query that answers all of them for the episodes that fulfil `filter`: the columns `keep`,
+/// and for each question the value (`found_0`, `found_1`, ...) and whether its condition holds
+/// (`holds_0`, ...; false where that is null).
 pub fn fuse(keep: &[&str], questions: &[&RowQuestion], filter: &str) -> String {
     let mut columns: Vec<String> = keep.iter().map(|column| (*column).to_owned()).collect();
     for (index, question) in questions.iter().enumerate() {
@@ -89,7 +109,10 @@ mod tests {
         let one =
             RowQuestion::parse("-- what\nSELECT oscillation(steps) AS found FROM episodes WHERE end_reason = 'horizon'").unwrap();
         let two = RowQuestion::parse("SELECT length AS found FROM episodes").unwrap();
-        assert_eq!(one.columns().iter().collect::<Vec<_>>(), ["end_reason", "steps"]);
+        assert_eq!(
+            one.columns().iter().collect::<Vec<_>>(),
+            ["end_reason", "steps"]
+        );
         assert_eq!(
             fuse(&["episode_id"], &[&one, &two], "NOT success"),
             "SELECT episode_id, (oscillation(steps)) AS found_0, (end_reason = 'horizon') IS TRUE AS holds_0, \
@@ -101,15 +124,36 @@ mod tests {
     fn what_sees_more_than_its_row_is_refused() {
         for (sql, complaint) in [
             ("SELECT class AS found FROM labels", "from `episodes`"),
-            ("SELECT 1 AS found FROM episodes JOIN labels ON true", "from `episodes`"),
+            (
+                "SELECT 1 AS found FROM episodes JOIN labels ON true",
+                "from `episodes`",
+            ),
             ("SELECT 1 AS found FROM episodes, labels", "from `episodes`"),
-            ("SELECT (SELECT max(step) FROM labels) AS found FROM episodes", "another SELECT"),
-            ("SELECT 1 AS found FROM episodes WHERE episode_id IN (SELECT episode_id FROM labels)", "another SELECT"),
-            ("SELECT 1 AS found FROM episodes WHERE EXISTS (SELECT 1 FROM labels)", "another SELECT"),
-            ("SELECT max(length) AS found FROM episodes GROUP BY policy", "without WITH"),
-            ("WITH x AS (SELECT 1) SELECT 1 AS found FROM episodes", "without WITH"),
+            (
+                "SELECT (SELECT max(step) FROM labels) AS found FROM episodes",
+                "another SELECT",
+            ),
+            (
+                "SELECT 1 AS found FROM episodes WHERE episode_id IN (SELECT episode_id FROM labels)",
+                "another SELECT",
+            ),
+            (
+                "SELECT 1 AS found FROM episodes WHERE EXISTS (SELECT 1 FROM labels)",
+                "another SELECT",
+            ),
+            (
+                "SELECT max(length) AS found FROM episodes GROUP BY policy",
+                "without WITH",
+            ),
+            (
+                "WITH x AS (SELECT 1) SELECT 1 AS found FROM episodes",
+                "without WITH",
+            ),
             ("SELECT 1 AS step FROM episodes", "called `found`"),
-            ("SELECT 1 AS found, 2 AS more FROM episodes", "one expression"),
+            (
+                "SELECT 1 AS found, 2 AS more FROM episodes",
+                "one expression",
+            ),
             ("DELETE FROM episodes", "SELECT"),
             ("SELECT 1 AS found FROM episodes; SELECT 2", "one SELECT"),
             ("SELECT", "xpected"),

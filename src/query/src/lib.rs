@@ -1,8 +1,8 @@
-//! SQL over the tables of a store, read-only: the tables, their flat views, every named query as a view, and functions of
-//! our own over sequences, statistics and the simulator.
+//! SQL over the tables of a store, read-only: the tables, their flat views, every named query as a
+//! view, and functions of our own over sequences, statistics and the simulator.
 //!
-//! DataFusion stays in here: batches of Arrow go out. Never writes, never reads a file that is not the store's or, by the
-//! functions that take one, a trace that the store names.
+//! DataFusion stays in here: batches of Arrow go out. Never writes, never reads a file that is not
+//! the store's or, by the functions that take one, a trace that the store names.
 
 mod control;
 mod dealing;

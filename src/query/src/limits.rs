@@ -1,4 +1,5 @@
-//! What a question may cost: memory, time, rows, and the size of single values. Counts and refuses; runs nothing.
+//! What a question may cost: memory, time, rows, and the size of single values. Counts and refuses;
+//! runs nothing.
 
 use std::{sync::Arc, time::Duration};
 
@@ -10,7 +11,9 @@ use arrow::{
 use datafusion::{
     error::{DataFusionError, Result},
     execution::FunctionRegistry as _,
-    logical_expr::{ColumnarValue, ReturnFieldArgs, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl, Signature},
+    logical_expr::{
+        ColumnarValue, ReturnFieldArgs, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl, Signature,
+    },
     prelude::SessionContext,
     sql::sqlparser::{
         dialect::GenericDialect,
@@ -27,14 +30,15 @@ pub const SQL_BYTES_MAX: usize = 1 << 20;
 /// Most operators of a SQL text: a chain of them is a tree as deep as it is long.
 pub const OPERATORS_MAX: usize = 2_000;
 
-/// Largest value that a function may make of a small one, in bytes: a batch may hold it 8,192 times.
+/// Largest value that a function may make of a small one, in bytes: a batch may hold it 8,192
+/// times.
 const VALUE_BYTES_MAX: u128 = 128 << 10;
 
 /// What a question may cost.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Limits {
-    /// Memory that sorts, joins and aggregations may take before they spill to disk, and that the process may grow by
-    /// (four times it), in bytes.
+    /// Memory that sorts, joins and aggregations may take before they spill to disk, and that the
+    /// process may grow by (four times it), in bytes.
     pub memory_bytes: usize,
     /// Wall-clock time.
     pub time: Duration,
@@ -44,7 +48,11 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { memory_bytes: 1 << 30, time: Duration::from_secs(600), rows: 10_000_000 }
+        Self {
+            memory_bytes: 1 << 30,
+            time: Duration::from_secs(600),
+            rows: 10_000_000,
+        }
     }
 }
 
@@ -52,7 +60,10 @@ impl Default for Limits {
 pub(crate) fn guard(context: &SessionContext) {
     for (name, size) in GUARDED {
         if let Ok(function) = context.udf(name) {
-            context.register_udf(ScalarUDF::from(Guarded { inner: function, size: *size }));
+            context.register_udf(ScalarUDF::from(Guarded {
+                inner: function,
+                size: *size,
+            }));
         }
     }
 }
@@ -118,7 +129,11 @@ impl ScalarUDFImpl for Guarded {
 impl Guarded {
     fn check(&self, arguments: &ScalarFunctionArgs) -> Result<()> {
         let number = |index: usize, row: usize| -> Option<f64> {
-            let array = arguments.args.get(index)?.to_array(arguments.number_rows).ok()?;
+            let array = arguments
+                .args
+                .get(index)?
+                .to_array(arguments.number_rows)
+                .ok()?;
             let array = cast(&array, &DataType::Float64).ok()?;
             let array = array.as_primitive::<Float64Type>();
             let row = row.min(array.len().checked_sub(1)?);
@@ -128,25 +143,49 @@ impl Guarded {
         let column = |index: usize| -> Vec<f64> {
             let all = matches!(arguments.args.get(index), Some(ColumnarValue::Array(_)));
             let rows = if all { arguments.number_rows } else { 1 };
-            let Some(value) = arguments.args.get(index) else { return Vec::new() };
-            let Ok(array) = value.to_array(rows) else { return Vec::new() };
-            let Ok(array) = cast(&array, &DataType::Float64) else { return Vec::new() };
-            array.as_primitive::<Float64Type>().iter().map(|value| value.unwrap_or(0.0)).collect()
+            let Some(value) = arguments.args.get(index) else {
+                return Vec::new();
+            };
+            let Ok(array) = value.to_array(rows) else {
+                return Vec::new();
+            };
+            let Ok(array) = cast(&array, &DataType::Float64) else {
+                return Vec::new();
+            };
+            array
+                .as_primitive::<Float64Type>()
+                .iter()
+                .map(|value| value.unwrap_or(0.0))
+                .collect()
         };
         let largest = |values: Vec<f64>| values.into_iter().fold(0.0, f64::max);
         let bytes = match self.size {
             Size::Pad => largest(column(1)),
             Size::Repeat => {
-                let (text, count) = if self.name() == "repeat" { (0, 1) } else { (usize::MAX, 1) };
-                let width = arguments.args.get(text).map_or(8.0, |value| longest(value, arguments.number_rows));
+                let (text, count) = if self.name() == "repeat" {
+                    (0, 1)
+                } else {
+                    (usize::MAX, 1)
+                };
+                let width = arguments
+                    .args
+                    .get(text)
+                    .map_or(8.0, |value| longest(value, arguments.number_rows));
                 width * largest(column(count))
             }
             Size::Range => {
                 let one = arguments.args.len() == 1;
-                let (from, to) = if one { (vec![0.0], column(0)) } else { (column(0), column(1)) };
+                let (from, to) = if one {
+                    (vec![0.0], column(0))
+                } else {
+                    (column(0), column(1))
+                };
                 let step = number(2, 0).map_or(1.0, f64::abs).max(f64::MIN_POSITIVE);
                 let (low, high) = (
-                    from.iter().chain(&to).copied().fold(f64::INFINITY, f64::min),
+                    from.iter()
+                        .chain(&to)
+                        .copied()
+                        .fold(f64::INFINITY, f64::min),
                     largest(from.into_iter().chain(to).collect()),
                 );
                 (high - low).max(0.0) / step * 8.0
@@ -154,7 +193,11 @@ impl Guarded {
         };
         let bytes = bytes.clamp(0.0, 1e30) as u128;
         if bytes > VALUE_BYTES_MAX {
-            let stopped = Stopped::Value { function: self.name().to_owned(), bytes, limit: VALUE_BYTES_MAX };
+            let stopped = Stopped::Value {
+                function: self.name().to_owned(),
+                bytes,
+                limit: VALUE_BYTES_MAX,
+            };
             return Err(DataFusionError::External(Box::new(stopped)));
         }
         Ok(())
@@ -163,14 +206,30 @@ impl Guarded {
 
 /// Length of the longest text of an argument, in bytes.
 fn longest(value: &ColumnarValue, rows: usize) -> f64 {
-    let rows = if matches!(value, ColumnarValue::Array(_)) { rows } else { 1 };
-    let texts = value.to_array(rows).and_then(|array| Ok(cast(&array, &DataType::Utf8)?));
-    texts.map_or(8.0, |texts| texts.as_string::<i32>().iter().flatten().map(str::len).max().unwrap_or(0) as f64)
+    let rows = if matches!(value, ColumnarValue::Array(_)) {
+        rows
+    } else {
+        1
+    };
+    let texts = value
+        .to_array(rows)
+        .and_then(|array| Ok(cast(&array, &DataType::Utf8)?));
+    texts.map_or(8.0, |texts| {
+        texts
+            .as_string::<i32>()
+            .iter()
+            .flatten()
+            .map(str::len)
+            .max()
+            .unwrap_or(0) as f64
+    })
 }
 
 /// Operators of a text, set operations and joins included; 0 where it is no SQL.
 pub(crate) fn operators(sql: &str) -> usize {
-    let tokens = Tokenizer::new(&GenericDialect {}, sql).tokenize().unwrap_or_default();
+    let tokens = Tokenizer::new(&GenericDialect {}, sql)
+        .tokenize()
+        .unwrap_or_default();
     let deepens = |token: &Token| match token {
         Token::Word(word) => matches!(
             word.keyword,

@@ -1,5 +1,5 @@
-//! The named queries of `queries/`, built into the binary. Each file documents itself in its header comment; each query is
-//! a view as well, so that others can build upon it.
+//! The named queries of `queries/`, built into the binary. Each file documents itself in its header
+//! comment; each query is a view as well, so that others can build upon it.
 
 /// A query with a name.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -67,17 +67,25 @@ pub fn by_name(name: &str) -> Option<&'static NamedQuery> {
 }
 
 impl NamedQuery {
-    /// The header comment, without the comment marks and the name: what it tells, its columns, an example.
+    /// The header comment, without the comment marks and the name: what it tells, its columns, an
+    /// example.
     pub fn help(&self) -> String {
         let header = self.sql.lines().map_while(|line| line.strip_prefix("--"));
-        let lines: Vec<&str> = header.skip(2).map(|line| line.strip_prefix(' ').unwrap_or(line)).collect();
+        let lines: Vec<&str> = header
+            .skip(2)
+            .map(|line| line.strip_prefix(' ').unwrap_or(line))
+            .collect();
         lines.join("\n")
     }
 
-    /// Parameters with their defaults, from the lines `$name = default` under `Parameters:` of the header.
+    /// Parameters with their defaults, from the lines `$name = default` under `Parameters:` of the
+    /// header.
     pub fn parameters(&self) -> Vec<(String, String)> {
         let help = self.help();
-        let lines = help.lines().skip_while(|line| *line != "Parameters:").skip(1);
+        let lines = help
+            .lines()
+            .skip_while(|line| *line != "Parameters:")
+            .skip(1);
         let parameter = |line: &str| {
             let (name, rest) = line.strip_prefix("  $")?.split_once(" = ")?;
             let default = rest.split_once("  ").map_or(rest, |(default, _)| default);
@@ -90,8 +98,10 @@ impl NamedQuery {
     pub fn with_defaults(&self) -> String {
         let mut sql = self.sql.to_owned();
         for (name, default) in self.parameters() {
-            let quoted =
-                default.parse::<f64>().map_or_else(|_| format!("'{}'", default.replace('\'', "''")), |_| default.clone());
+            let quoted = default.parse::<f64>().map_or_else(
+                |_| format!("'{}'", default.replace('\'', "''")),
+                |_| default.clone(),
+            );
             sql = sql.replace(&format!("${name}"), &quoted);
         }
         sql
@@ -100,6 +110,10 @@ impl NamedQuery {
     /// The first sentence of the header.
     pub fn summary(&self) -> String {
         let help = self.help().replace('\n', " ");
-        help.split_inclusive([':', '.']).next().unwrap_or_default().trim_end_matches([':', '.']).to_owned()
+        help.split_inclusive([':', '.'])
+            .next()
+            .unwrap_or_default()
+            .trim_end_matches([':', '.'])
+            .to_owned()
     }
 }

@@ -1,5 +1,6 @@
-//! A read-only SQL session over one version of a store: plans a question, holds it to its limits, collects the answer.
-//! Never writes, and reads no file but the store's and, by functions, its traces.
+//! A read-only SQL session over one version of a store: plans a question, holds it to its limits,
+//! collects the answer. Never writes, and reads no file but the store's and, by functions, its
+//! traces.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -60,7 +61,8 @@ pub type Parameters = BTreeMap<String, String>;
 /// Makes of a session's state one whose plans run elsewhere.
 pub type Engine = dyn Fn(SessionState) -> Result<SessionState, DataFusionError> + Send + Sync;
 
-/// A session over one store, for one question at a time. Sees the store as it was when the session was made.
+/// A session over one store, for one question at a time. Sees the store as it was when the session
+/// was made.
 pub struct Session(Arc<Inner>);
 
 struct Inner {
@@ -84,7 +86,8 @@ enum Part {
 pub enum Lasting {
     /// As long as nobody writes to the store: the question asks its tables alone.
     WithTheStore,
-    /// For the moment: the question asks the clock, chance, or the traces, or nobody waited for the end.
+    /// For the moment: the question asks the clock, chance, or the traces, or nobody waited for the
+    /// end.
     Now,
 }
 
@@ -92,7 +95,9 @@ pub enum Lasting {
 #[derive(Debug, thiserror::Error)]
 pub enum QueryError {
     /// Not a question.
-    #[error("only questions are allowed here (SELECT, WITH, EXPLAIN, DESCRIBE, SHOW), one at a time: {reason}")]
+    #[error(
+        "only questions are allowed here (SELECT, WITH, EXPLAIN, DESCRIBE, SHOW), one at a time: {reason}"
+    )]
     ReadOnly {
         /// What it was instead.
         reason: String,
@@ -104,7 +109,9 @@ pub enum QueryError {
         bytes: usize,
     },
     /// The text nests too deep.
-    #[error("the query has {operators} operators; the limit is {OPERATORS_MAX}: for long lists use IN (...)")]
+    #[error(
+        "the query has {operators} operators; the limit is {OPERATORS_MAX}: for long lists use IN (...)"
+    )]
     TooDeep {
         /// How many operators it has.
         operators: usize,
@@ -154,16 +161,25 @@ impl Session {
         Self::on(store, limits, None)
     }
 
-    /// A session whose plans run on another engine, which has our functions ([`crate::every_function`]) and reads the store's files
-    /// where they lie. The limits on memory and time are those of this process then.
+    /// A session whose plans run on another engine, which has our functions
+    /// ([`crate::every_function`]) and reads the store's files where they lie. The limits on memory
+    /// and time are those of this process then.
     ///
     /// # Errors
     /// When the engine cannot be set up.
-    pub fn elsewhere(store: Store, limits: Limits, engine: Box<Engine>) -> Result<Self, QueryError> {
+    pub fn elsewhere(
+        store: Store,
+        limits: Limits,
+        engine: Box<Engine>,
+    ) -> Result<Self, QueryError> {
         Self::on(store, limits, Some(engine))
     }
 
-    fn on(store: Store, limits: Limits, elsewhere: Option<Box<Engine>>) -> Result<Self, QueryError> {
+    fn on(
+        store: Store,
+        limits: Limits,
+        elsewhere: Option<Box<Engine>>,
+    ) -> Result<Self, QueryError> {
         let runtime = store.runtime();
         let environment = RuntimeEnvBuilder::new()
             .with_memory_limit(limits.memory_bytes, 1.0)
@@ -173,7 +189,15 @@ impl Session {
         environment.register_object_store(&root, objects);
         let views = all_views(&StepFields::All);
         store.check_files()?;
-        Ok(Self(Arc::new(Inner { store, limits, control: Arc::default(), environment, runtime, views, elsewhere })))
+        Ok(Self(Arc::new(Inner {
+            store,
+            limits,
+            control: Arc::default(),
+            environment,
+            runtime,
+            views,
+            elsewhere,
+        })))
     }
 
     /// Stops the session's queries, and tells how far its simulator functions are.
@@ -208,7 +232,11 @@ impl Session {
     ///
     /// # Errors
     /// As [`Session::run`], and when a parameter is missing.
-    pub fn run_with(&self, sql: &str, parameters: &Parameters) -> Result<Vec<RecordBatch>, QueryError> {
+    pub fn run_with(
+        &self,
+        sql: &str,
+        parameters: &Parameters,
+    ) -> Result<Vec<RecordBatch>, QueryError> {
         let mut batches = Vec::new();
         self.run_each(sql, parameters, |batch| {
             batches.push(batch);
@@ -217,8 +245,8 @@ impl Session {
         Ok(batches)
     }
 
-    /// Runs one query, handing each batch of the answer on as it comes, until `take` wants no more. It may wait: the query
-    /// waits with it. Says how long the answer holds.
+    /// Runs one query, handing each batch of the answer on as it comes, until `take` wants no more.
+    /// It may wait: the query waits with it. Says how long the answer holds.
     ///
     /// # Errors
     /// As [`Session::run_with`]; some batches may have been handed on then.
@@ -239,10 +267,14 @@ impl Session {
         let (sender, answer) = mpsc::sync_channel(AHEAD);
         let (inner, sql, parameters) = (self.0.clone(), sql.to_owned(), parameters.clone());
         // a long chain of operators is a deep tree, and planning walks down it
-        let thread = std::thread::Builder::new().stack_size(reel_tables::STACK_BYTES).spawn(move || {
-            let end = inner.runtime.block_on(inner.answer(&sql, &parameters, sender.clone()));
-            let _ = sender.send(Part::End(end));
-        });
+        let thread = std::thread::Builder::new()
+            .stack_size(reel_tables::STACK_BYTES)
+            .spawn(move || {
+                let end = inner
+                    .runtime
+                    .block_on(inner.answer(&sql, &parameters, sender.clone()));
+                let _ = sender.send(Part::End(end));
+            });
         thread.map_err(|error| QueryError::Engine(error.into()))?;
         self.0.watch(&answer, take)
     }
@@ -253,11 +285,17 @@ impl Session {
     /// As [`Session::run`].
     pub fn step_fields(&self, sql: &str) -> Result<Option<BTreeSet<String>>, QueryError> {
         self.0.runtime.block_on(async {
-            let (context, plan) = self.0.planned(sql, &Parameters::new(), &StepFields::All).await?;
+            let (context, plan) = self
+                .0
+                .planned(sql, &Parameters::new(), &StepFields::All)
+                .await?;
             Ok(match step_fields(&context.state().optimize(&plan)?)? {
                 StepFields::All => None,
                 StepFields::Some(fields) => {
-                    let planned = self.0.planned(sql, &Parameters::new(), &StepFields::Some(fields.clone())).await;
+                    let planned = self
+                        .0
+                        .planned(sql, &Parameters::new(), &StepFields::Some(fields.clone()))
+                        .await;
                     planned.is_ok().then(|| fields.into_keys().collect())
                 }
             })
@@ -266,8 +304,13 @@ impl Session {
 }
 
 impl Inner {
-    /// Hands the answer on, for no longer and with no more memory than is allowed. What does not listen is left alone.
-    fn watch(&self, answer: &mpsc::Receiver<Part>, mut take: impl FnMut(RecordBatch) -> bool) -> Result<Lasting, QueryError> {
+    /// Hands the answer on, for no longer and with no more memory than is allowed. What does not
+    /// listen is left alone.
+    fn watch(
+        &self,
+        answer: &mpsc::Receiver<Part>,
+        mut take: impl FnMut(RecordBatch) -> bool,
+    ) -> Result<Lasting, QueryError> {
         let (begun, resident_before) = (Instant::now(), limits::resident_bytes().unwrap_or(0));
         let memory = self.limits.memory_bytes.saturating_mul(4);
         let mut looked = begun;
@@ -284,7 +327,9 @@ impl Inner {
                 }
                 Ok(Part::End(end)) => return end,
                 Err(mpsc::RecvTimeoutError::Disconnected) => {
-                    return Err(QueryError::Engine(DataFusionError::Execution("the query engine panicked".into())));
+                    return Err(QueryError::Engine(DataFusionError::Execution(
+                        "the query engine panicked".into(),
+                    )));
                 }
                 Err(mpsc::RecvTimeoutError::Timeout) => {}
             }
@@ -293,40 +338,68 @@ impl Inner {
                 break Stopped::Cancelled;
             }
             if begun.elapsed() > self.limits.time {
-                break Stopped::Time { seconds: self.limits.time.as_secs() };
+                break Stopped::Time {
+                    seconds: self.limits.time.as_secs(),
+                };
             }
-            if limits::resident_bytes().unwrap_or(0).saturating_sub(resident_before) > memory {
+            if limits::resident_bytes()
+                .unwrap_or(0)
+                .saturating_sub(resident_before)
+                > memory
+            {
                 self.control.cancel();
                 return Err(QueryError::Stopped(Stopped::Memory { bytes: memory }));
             }
         };
         self.control.cancel();
         let patience = Instant::now() + GRACE;
-        while let Ok(Part::Batch(_)) = answer.recv_timeout(patience.saturating_duration_since(Instant::now())) {}
+        while let Ok(Part::Batch(_)) =
+            answer.recv_timeout(patience.saturating_duration_since(Instant::now()))
+        {}
         Err(QueryError::Stopped(stopped))
     }
 
-    async fn answer(&self, sql: &str, parameters: &Parameters, to: mpsc::SyncSender<Part>) -> Result<Lasting, QueryError> {
+    async fn answer(
+        &self,
+        sql: &str,
+        parameters: &Parameters,
+        to: mpsc::SyncSender<Part>,
+    ) -> Result<Lasting, QueryError> {
         let (context, plan) = self.plan(sql, parameters).await?;
         let lasting = lasting(&plan)?;
-        let plan = if self.elsewhere.is_some() && opens_traces(&plan)? { dealt(plan)? } else { plan };
+        let plan = if self.elsewhere.is_some() && opens_traces(&plan)? {
+            dealt(plan)?
+        } else {
+            plan
+        };
         self.hand_on(&context, plan, to).await?;
         Ok(lasting)
     }
 
-    async fn plan(&self, sql: &str, parameters: &Parameters) -> Result<(SessionContext, LogicalPlan), QueryError> {
+    async fn plan(
+        &self,
+        sql: &str,
+        parameters: &Parameters,
+    ) -> Result<(SessionContext, LogicalPlan), QueryError> {
         let statements = DFParser::parse_sql(sql)?;
         if statements.len() != 1 {
-            return Err(QueryError::ReadOnly { reason: format!("found {} statements", statements.len()) });
+            return Err(QueryError::ReadOnly {
+                reason: format!("found {} statements", statements.len()),
+            });
         }
         let (context, plan) = self.planned(sql, parameters, &StepFields::All).await?;
         // the columns of the tables are those of the store, not those that are read
-        if matches!(plan, LogicalPlan::DescribeTable(_)) || sql.to_ascii_lowercase().contains("information_schema") {
+        if matches!(plan, LogicalPlan::DescribeTable(_))
+            || sql.to_ascii_lowercase().contains("information_schema")
+        {
             return Ok((context, plan));
         }
         match step_fields(&context.state().optimize(&plan)?)? {
             StepFields::All => Ok((context, plan)),
-            fields => Ok(self.planned(sql, parameters, &fields).await.unwrap_or((context, plan))),
+            fields => Ok(self
+                .planned(sql, parameters, &fields)
+                .await
+                .unwrap_or((context, plan))),
         }
     }
 
@@ -338,8 +411,15 @@ impl Inner {
     ) -> Result<(SessionContext, LogicalPlan), QueryError> {
         let context = self.context(sql, fields).await?;
         let plan = plan_of(&context, sql).await?;
-        let questions = SQLOptions::new().with_allow_ddl(false).with_allow_dml(false).with_allow_statements(false);
-        questions.verify_plan(&plan).map_err(|error| QueryError::ReadOnly { reason: message(&error) })?;
+        let questions = SQLOptions::new()
+            .with_allow_ddl(false)
+            .with_allow_dml(false)
+            .with_allow_statements(false);
+        questions
+            .verify_plan(&plan)
+            .map_err(|error| QueryError::ReadOnly {
+                reason: message(&error),
+            })?;
         let plan = bind(plan, parameters)?;
         if opens_traces(&plan)? {
             self.allow_traces(&context).await?;
@@ -349,7 +429,9 @@ impl Inner {
 
     /// A context with the tables and views that a text names, and those that they name.
     async fn context(&self, sql: &str, fields: &StepFields) -> Result<SessionContext, QueryError> {
-        let config = SessionConfig::new().with_information_schema(true).with_target_partitions(threads());
+        let config = SessionConfig::new()
+            .with_information_schema(true)
+            .with_target_partitions(threads());
         let context = SessionContext::new_with_config_rt(config, self.environment.clone());
         let context = match &self.elsewhere {
             Some(engine) => SessionContext::new_with_state(engine(context.state())?),
@@ -364,16 +446,27 @@ impl Inner {
                 context.register_table(table.name(), self.provider(table, fields)?)?;
             }
         }
-        for view in all_views(fields).iter().filter(|view| named.contains(view.name)) {
+        for view in all_views(fields)
+            .iter()
+            .filter(|view| named.contains(view.name))
+        {
             let plan = plan_of(&context, &view.sql).await?;
             context.register_table(view.name, DataFrame::new(context.state(), plan).into_view())?;
         }
         Ok(context)
     }
 
-    fn provider(&self, table: Table, fields: &StepFields) -> Result<Arc<dyn TableProvider>, QueryError> {
+    fn provider(
+        &self,
+        table: Table,
+        fields: &StepFields,
+    ) -> Result<Arc<dyn TableProvider>, QueryError> {
         // other engines know no table that reads codes
-        let fields = if self.elsewhere.is_some() { &fields.as_values() } else { fields };
+        let fields = if self.elsewhere.is_some() {
+            &fields.as_values()
+        } else {
+            fields
+        };
         Ok(provider(&self.store, table, fields)?)
     }
 
@@ -385,15 +478,27 @@ impl Inner {
         while let Some(sql) = open.pop() {
             let dialect = state.config().options().sql_parser.dialect;
             let statement = state.sql_to_statement(&sql, &dialect)?;
-            let references: BTreeSet<String> =
-                state.resolve_table_references(&statement)?.iter().map(|reference| reference.table().to_owned()).collect();
+            let references: BTreeSet<String> = state
+                .resolve_table_references(&statement)?
+                .iter()
+                .map(|reference| reference.table().to_owned())
+                .collect();
             // who lists the tables wants to see them all
-            let all = references.iter().any(|name| !self.knows(name)) || sql.to_ascii_lowercase().contains("show ");
-            let wanted: Vec<String> =
-                if all { self.names().map(str::to_owned).collect() } else { references.into_iter().collect() };
+            let all = references.iter().any(|name| !self.knows(name))
+                || sql.to_ascii_lowercase().contains("show ");
+            let wanted: Vec<String> = if all {
+                self.names().map(str::to_owned).collect()
+            } else {
+                references.into_iter().collect()
+            };
             for name in wanted {
                 if named.insert(name.clone()) {
-                    open.extend(self.views.iter().filter(|view| view.name == name).map(|view| view.sql.clone()));
+                    open.extend(
+                        self.views
+                            .iter()
+                            .filter(|view| view.name == name)
+                            .map(|view| view.sql.clone()),
+                    );
                 }
             }
         }
@@ -401,7 +506,10 @@ impl Inner {
     }
 
     fn names(&self) -> impl Iterator<Item = &'static str> {
-        Table::ALL.into_iter().map(Table::name).chain(self.views.iter().map(|view| view.name))
+        Table::ALL
+            .into_iter()
+            .map(Table::name)
+            .chain(self.views.iter().map(|view| view.name))
     }
 
     fn knows(&self, name: &str) -> bool {
@@ -415,17 +523,32 @@ impl Inner {
             return Ok(());
         }
         let table = self.provider(Table::Episodes, &StepFields::Some(BTreeMap::new()))?;
-        let batches = context.read_table(table)?.select_columns(&[TRACE])?.collect().await?;
+        let batches = context
+            .read_table(table)?
+            .select_columns(&[TRACE])?
+            .collect()
+            .await?;
         let mut traces = BTreeSet::new();
         for batch in &batches {
             let column = cast(batch.column(0), &DataType::Utf8)?;
-            traces.extend(column.as_string::<i32>().iter().flatten().map(str::to_owned));
+            traces.extend(
+                column
+                    .as_string::<i32>()
+                    .iter()
+                    .flatten()
+                    .map(str::to_owned),
+            );
         }
         self.control.allow(Opens::These(traces));
         Ok(())
     }
 
-    async fn hand_on(&self, context: &SessionContext, plan: LogicalPlan, to: mpsc::SyncSender<Part>) -> Result<(), QueryError> {
+    async fn hand_on(
+        &self,
+        context: &SessionContext,
+        plan: LogicalPlan,
+        to: mpsc::SyncSender<Part>,
+    ) -> Result<(), QueryError> {
         let rows_max = self.limits.rows;
         let frame = context.execute_logical_plan(plan).await?;
         let columns = Arc::new(frame.schema().as_arrow().clone());
@@ -436,7 +559,9 @@ impl Inner {
                 let batch = in_plain_types(&batch?)?;
                 rows += batch.num_rows();
                 if rows > rows_max {
-                    return Err(DataFusionError::External(Box::new(Stopped::Rows { rows: rows_max })));
+                    return Err(DataFusionError::External(Box::new(Stopped::Rows {
+                        rows: rows_max,
+                    })));
                 }
                 empty = false;
                 if to.send(Part::Batch(batch)).is_err() {
@@ -444,7 +569,9 @@ impl Inner {
                 }
             }
             if empty {
-                let _ = to.send(Part::Batch(in_plain_types(&RecordBatch::new_empty(columns))?));
+                let _ = to.send(Part::Batch(in_plain_types(&RecordBatch::new_empty(
+                    columns,
+                ))?));
             }
             Ok::<_, DataFusionError>(())
         });
@@ -472,18 +599,30 @@ fn opens_traces(plan: &LogicalPlan) -> Result<bool, DataFusionError> {
 
 fn lasting(plan: &LogicalPlan) -> Result<Lasting, DataFusionError> {
     let moves = |call: &ScalarFunction| call.func.signature().volatility != Volatility::Immutable;
-    Ok(if opens_traces(plan)? || calls(plan, moves)? { Lasting::Now } else { Lasting::WithTheStore })
+    Ok(if opens_traces(plan)? || calls(plan, moves)? {
+        Lasting::Now
+    } else {
+        Lasting::WithTheStore
+    })
 }
 
 /// Whether a plan calls such a function.
-fn calls(plan: &LogicalPlan, such: impl Fn(&ScalarFunction) -> bool) -> Result<bool, DataFusionError> {
-    let call = |expression: &Expr| Ok(matches!(expression, Expr::ScalarFunction(call) if such(call)));
+fn calls(
+    plan: &LogicalPlan,
+    such: impl Fn(&ScalarFunction) -> bool,
+) -> Result<bool, DataFusionError> {
+    let call =
+        |expression: &Expr| Ok(matches!(expression, Expr::ScalarFunction(call) if such(call)));
     let mut found = false;
     plan.apply_with_subqueries(|node| {
         for expression in node.expressions() {
             found = found || expression.exists(&call)?;
         }
-        Ok(if found { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
+        Ok(if found {
+            TreeNodeRecursion::Stop
+        } else {
+            TreeNodeRecursion::Continue
+        })
     })?;
     Ok(found)
 }
@@ -491,23 +630,42 @@ fn calls(plan: &LogicalPlan, such: impl Fn(&ScalarFunction) -> bool) -> Result<b
 /// An answer in the types of the tables, however they were read.
 fn in_plain_types(batch: &RecordBatch) -> Result<RecordBatch, ArrowError> {
     let schema = batch.schema();
-    let fields: Vec<Field> =
-        schema.fields().iter().map(|field| field.as_ref().clone().with_data_type(plain(field.data_type()))).collect();
-    let columns: Result<_, _> =
-        batch.columns().iter().zip(&fields).map(|(column, field)| cast(column, field.data_type())).collect();
+    let fields: Vec<Field> = schema
+        .fields()
+        .iter()
+        .map(|field| {
+            field
+                .as_ref()
+                .clone()
+                .with_data_type(plain(field.data_type()))
+        })
+        .collect();
+    let columns: Result<_, _> = batch
+        .columns()
+        .iter()
+        .zip(&fields)
+        .map(|(column, field)| cast(column, field.data_type()))
+        .collect();
     let rows = RecordBatchOptions::new().with_row_count(Some(batch.num_rows()));
     RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), columns?, &rows)
 }
 
 impl std::fmt::Debug for Session {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Session").field("store", &self.0.store).field("limits", &self.0.limits).finish_non_exhaustive()
+        f.debug_struct("Session")
+            .field("store", &self.0.store)
+            .field("limits", &self.0.limits)
+            .finish_non_exhaustive()
     }
 }
 
-/// The state of an engine that has every function a session has, for who runs the plans of sessions that are
-/// [elsewhere](Session::elsewhere).
-pub fn every_function(config: SessionConfig, environment: Arc<RuntimeEnv>, opens: Opens) -> SessionState {
+/// The state of an engine that has every function a session has, for who runs the plans of sessions
+/// that are [elsewhere](Session::elsewhere).
+pub fn every_function(
+    config: SessionConfig,
+    environment: Arc<RuntimeEnv>,
+    opens: Opens,
+) -> SessionState {
     let context = SessionContext::new_with_config_rt(config, environment);
     let control = Arc::new(Control::default());
     control.allow(opens);
@@ -518,21 +676,30 @@ pub fn every_function(config: SessionConfig, environment: Arc<RuntimeEnv>, opens
 /// Our functions, and a guard before those that make much of little.
 pub(crate) fn equip(context: &SessionContext, control: &Arc<Control>) {
     limits::guard(context);
-    functions::all(control).into_iter().for_each(|function| context.register_udf(function));
+    functions::all(control)
+        .into_iter()
+        .for_each(|function| context.register_udf(function));
 }
 
 /// The flat views and the named queries as views.
 fn all_views(fields: &StepFields) -> Vec<View> {
-    let named = |query: &named::NamedQuery| View { name: query.name, meaning: "", sql: query.with_defaults() };
+    let named = |query: &named::NamedQuery| View {
+        name: query.name,
+        meaning: "",
+        sql: query.with_defaults(),
+    };
     let flat = views(|field| fields.has(field));
-    flat.into_iter().chain(named::ALL.iter().map(named)).collect()
+    flat.into_iter()
+        .chain(named::ALL.iter().map(named))
+        .collect()
 }
 
 fn threads() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Plans one statement. Fields are taken with a dot from anything, not from columns alone: `replay(trace).verdict`.
+/// Plans one statement. Fields are taken with a dot from anything, not from columns alone:
+/// `replay(trace).verdict`.
 async fn plan_of(context: &SessionContext, sql: &str) -> Result<LogicalPlan, DataFusionError> {
     let state = context.state();
     let dialect = state.config().options().sql_parser.dialect;
@@ -557,7 +724,8 @@ fn fields_by_dot(statement: &mut Statement) {
     }
 }
 
-/// `a.steps[1]`: the names before the first bracket are one name, of a column of a table or of a field of a column.
+/// `a.steps[1]`: the names before the first bracket are one name, of a column of a table or of a
+/// field of a column.
 fn join_names(root: &mut ast::Expr, chain: &mut Vec<ast::AccessExpr>) {
     let mut names = match root {
         ast::Expr::Identifier(name) => vec![name.clone()],
@@ -582,41 +750,76 @@ fn dot_to_subscript(access: &mut ast::AccessExpr) {
 
 /// Puts values in the place of `$parameters`, of the types that the query asks for.
 fn bind(plan: LogicalPlan, parameters: &Parameters) -> Result<LogicalPlan, QueryError> {
-    let wanted: BTreeSet<String> =
-        plan.get_parameter_names()?.iter().map(|name| name.trim_start_matches('$').to_owned()).collect();
-    let listed = |names: &BTreeSet<String>| names.iter().map(|name| format!("${name}")).collect::<Vec<_>>().join(", ");
-    let missing: BTreeSet<String> = wanted.iter().filter(|name| !parameters.contains_key(*name)).cloned().collect();
+    let wanted: BTreeSet<String> = plan
+        .get_parameter_names()?
+        .iter()
+        .map(|name| name.trim_start_matches('$').to_owned())
+        .collect();
+    let listed = |names: &BTreeSet<String>| {
+        names
+            .iter()
+            .map(|name| format!("${name}"))
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let missing: BTreeSet<String> = wanted
+        .iter()
+        .filter(|name| !parameters.contains_key(*name))
+        .cloned()
+        .collect();
     if !missing.is_empty() {
-        return Err(QueryError::Parameter(format!("the query needs values for {}: --param NAME=VALUE", listed(&missing))));
+        return Err(QueryError::Parameter(format!(
+            "the query needs values for {}: --param NAME=VALUE",
+            listed(&missing)
+        )));
     }
     if let Some(unknown) = parameters.keys().find(|name| !wanted.contains(*name)) {
-        let known = if wanted.is_empty() { "it has none".to_owned() } else { format!("it has {}", listed(&wanted)) };
-        return Err(QueryError::Parameter(format!("the query has no parameter ${unknown}; {known}")));
+        let known = if wanted.is_empty() {
+            "it has none".to_owned()
+        } else {
+            format!("it has {}", listed(&wanted))
+        };
+        return Err(QueryError::Parameter(format!(
+            "the query has no parameter ${unknown}; {known}"
+        )));
     }
     if wanted.is_empty() {
         return Ok(plan);
     }
     let types = plan.get_parameter_types()?;
-    let value = |name: &String, text: &String| match types.get(&format!("${name}")).cloned().flatten() {
-        Some(DataType::Utf8 | DataType::Utf8View | DataType::LargeUtf8) => Ok(ScalarValue::from(text.as_str())),
-        Some(data_type) => ScalarValue::try_from_string(text.clone(), &data_type)
-            .map_err(|_| QueryError::Parameter(format!("${name} must be of type {data_type}, found '{text}'"))),
-        // nothing says what it must be: a number where it looks exactly like one
-        None => Ok(match text.parse::<i64>() {
-            Ok(number) if number.to_string() == *text => ScalarValue::from(number),
-            _ => text
-                .parse::<f64>()
-                .ok()
-                .filter(|number| number.to_string() == *text)
-                .map_or_else(|| ScalarValue::from(text.as_str()), ScalarValue::from),
-        }),
-    };
-    let values = parameters.iter().map(|(name, text)| Ok((name.clone(), value(name, text)?)));
+    let value =
+        |name: &String, text: &String| match types.get(&format!("${name}")).cloned().flatten() {
+            Some(DataType::Utf8 | DataType::Utf8View | DataType::LargeUtf8) => {
+                Ok(ScalarValue::from(text.as_str()))
+            }
+            Some(data_type) => {
+                ScalarValue::try_from_string(text.clone(), &data_type).map_err(|_| {
+                    QueryError::Parameter(format!(
+                        "${name} must be of type {data_type}, found '{text}'"
+                    ))
+                })
+            }
+            // nothing says what it must be: a number where it looks exactly like one
+            None => Ok(match text.parse::<i64>() {
+                Ok(number) if number.to_string() == *text => ScalarValue::from(number),
+                _ => text
+                    .parse::<f64>()
+                    .ok()
+                    .filter(|number| number.to_string() == *text)
+                    .map_or_else(|| ScalarValue::from(text.as_str()), ScalarValue::from),
+            }),
+        };
+    let values = parameters
+        .iter()
+        .map(|(name, text)| Ok((name.clone(), value(name, text)?)));
     let values: Vec<(String, ScalarValue)> = values.collect::<Result<_, QueryError>>()?;
     Ok(plan.with_param_values(ParamValues::from(values))?)
 }
 
 /// The engine's own words, without its wrappers and its names for where the tables are.
 fn message(error: &DataFusionError) -> String {
-    error.find_root().strip_backtrace().replace("datafusion.public.", "")
+    error
+        .find_root()
+        .strip_backtrace()
+        .replace("datafusion.public.", "")
 }

@@ -1,9 +1,10 @@
-//! The store's tables and views in a DataFusion session: only those that a question names, and of the nested steps only
-//! the fields that it reads. Runs nothing.
+//! The store's tables and views in a DataFusion session: only those that a question names, and of
+//! the nested steps only the fields that it reads. Runs nothing.
 //!
-//! A question is planned twice: once over all fields, to see which fields of `episodes.steps` it reads, and again over a
-//! table that has no others, so that Parquet decodes no others. Where a use is not understood, all are read. Texts that only
-//! our own functions on sequences look at are read as the codes that Parquet keeps them in, and never made texts.
+//! A question is planned twice: once over all fields, to see which fields of `episodes.steps` it
+//! reads, and again over a table that has no others, so that Parquet decodes no others. Where a use
+//! is not understood, all are read. Texts that only our own functions on sequences look at are read
+//! as the codes that Parquet keeps them in, and never made texts.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -61,7 +62,9 @@ impl StepFields {
     pub(crate) fn has(&self, field: &str) -> bool {
         match self {
             StepFields::All => true,
-            StepFields::Some(names) => names.contains_key(field) || (names.is_empty() && field == NUMBER),
+            StepFields::Some(names) => {
+                names.contains_key(field) || (names.is_empty() && field == NUMBER)
+            }
         }
     }
 
@@ -81,15 +84,23 @@ impl StepFields {
     pub(crate) fn as_values(&self) -> StepFields {
         match self {
             StepFields::All => StepFields::All,
-            StepFields::Some(names) => StepFields::Some(names.keys().map(|name| (name.clone(), ReadAs::Values)).collect()),
+            StepFields::Some(names) => StepFields::Some(
+                names
+                    .keys()
+                    .map(|name| (name.clone(), ReadAs::Values))
+                    .collect(),
+            ),
         }
     }
 
     /// A field in the form in which it is read.
     fn form(&self, field: &Arc<Field>) -> Arc<Field> {
         match (self, field.data_type()) {
-            (StepFields::Some(names), DataType::Utf8) if names.get(field.name()) == Some(&ReadAs::Codes) => {
-                let codes = DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8));
+            (StepFields::Some(names), DataType::Utf8)
+                if names.get(field.name()) == Some(&ReadAs::Codes) =>
+            {
+                let codes =
+                    DataType::Dictionary(Box::new(DataType::Int32), Box::new(DataType::Utf8));
                 Arc::new(field.as_ref().clone().with_data_type(codes))
             }
             _ => field.clone(),
@@ -98,7 +109,11 @@ impl StepFields {
 }
 
 /// A table of the store, its steps narrowed.
-pub(crate) fn provider(store: &Store, table: Table, fields: &StepFields) -> Result<Arc<dyn TableProvider>> {
+pub(crate) fn provider(
+    store: &Store,
+    table: Table,
+    fields: &StepFields,
+) -> Result<Arc<dyn TableProvider>> {
     let schema = match table {
         Table::Episodes => narrowed(&table.schema(), fields),
         _ => table.schema(),
@@ -107,11 +122,19 @@ pub(crate) fn provider(store: &Store, table: Table, fields: &StepFields) -> Resu
     if files.is_empty() {
         return Ok(Arc::new(EmptyTable::new(schema)));
     }
-    let urls = files.iter().map(ListingTableUrl::parse).collect::<Result<Vec<_>>>()?;
-    let options = ListingOptions::new(Arc::new(ParquetFormat::default())).with_file_extension(".parquet");
-    let config = ListingTableConfig::new_with_multi_paths(urls).with_listing_options(options).with_schema(schema);
+    let urls = files
+        .iter()
+        .map(ListingTableUrl::parse)
+        .collect::<Result<Vec<_>>>()?;
+    let options =
+        ListingOptions::new(Arc::new(ParquetFormat::default())).with_file_extension(".parquet");
+    let config = ListingTableConfig::new_with_multi_paths(urls)
+        .with_listing_options(options)
+        .with_schema(schema);
     let listing = ListingTable::try_new(config)?;
-    let in_files = with_steps(&table.schema(), |all| all.iter().map(|field| fields.form(field)).collect());
+    let in_files = with_steps(&table.schema(), |all| {
+        all.iter().map(|field| fields.form(field)).collect()
+    });
     if in_files == table.schema() {
         return Ok(Arc::new(listing));
     }
@@ -135,7 +158,10 @@ impl TableProvider for Coded {
         self.listing.table_type()
     }
 
-    fn supports_filters_pushdown(&self, filters: &[&Expr]) -> Result<Vec<TableProviderFilterPushDown>> {
+    fn supports_filters_pushdown(
+        &self,
+        filters: &[&Expr],
+    ) -> Result<Vec<TableProviderFilterPushDown>> {
         self.listing.supports_filters_pushdown(filters)
     }
 
@@ -148,12 +174,17 @@ impl TableProvider for Coded {
     ) -> Result<Arc<dyn ExecutionPlan>> {
         let plan = self.listing.scan(state, projection, filters, limit).await?;
         let told = plan.transform_up(|node| {
-            let config =
-                node.downcast_ref::<DataSourceExec>().and_then(|scan| scan.data_source().downcast_ref::<FileScanConfig>());
-            let Some(config) = config else { return Ok(Transformed::no(node)) };
+            let config = node
+                .downcast_ref::<DataSourceExec>()
+                .and_then(|scan| scan.data_source().downcast_ref::<FileScanConfig>());
+            let Some(config) = config else {
+                return Ok(Transformed::no(node));
+            };
             let mut config = config.clone();
             for group in &mut config.file_groups {
-                let files = group.iter().map(|file| file.clone().with_arrow_schema(self.in_files.clone()));
+                let files = group
+                    .iter()
+                    .map(|file| file.clone().with_arrow_schema(self.in_files.clone()));
                 *group = FileGroup::new(files.collect());
             }
             let scan: Arc<dyn ExecutionPlan> = DataSourceExec::from_data_source(config);
@@ -163,23 +194,41 @@ impl TableProvider for Coded {
     }
 }
 
-/// What a question sees of `episodes`: the steps' fields that it reads, and its other texts as views, which group and
-/// compare without being copied.
+/// What a question sees of `episodes`: the steps' fields that it reads, and its other texts as
+/// views, which group and compare without being copied.
 fn narrowed(schema: &SchemaRef, fields: &StepFields) -> SchemaRef {
     if *fields == StepFields::All {
         return schema.clone();
     }
-    let steps = |all: &Fields| all.iter().filter(|field| fields.has(field.name())).map(|field| fields.form(field)).collect();
+    let steps = |all: &Fields| {
+        all.iter()
+            .filter(|field| fields.has(field.name()))
+            .map(|field| fields.form(field))
+            .collect()
+    };
     let viewed = |field: &Arc<Field>| match field.data_type() {
         DataType::Utf8 => Arc::new(field.as_ref().clone().with_data_type(DataType::Utf8View)),
         _ => field.clone(),
     };
-    Arc::new(Schema::new(with_steps(schema, steps).fields().iter().map(viewed).collect::<Fields>()))
+    Arc::new(Schema::new(
+        with_steps(schema, steps)
+            .fields()
+            .iter()
+            .map(viewed)
+            .collect::<Fields>(),
+    ))
 }
 
 /// A type as the tables have it: no views, no codes.
 pub(crate) fn plain(data_type: &DataType) -> DataType {
-    let field = |field: &Arc<Field>| Arc::new(field.as_ref().clone().with_data_type(plain(field.data_type())));
+    let field = |field: &Arc<Field>| {
+        Arc::new(
+            field
+                .as_ref()
+                .clone()
+                .with_data_type(plain(field.data_type())),
+        )
+    };
     match data_type {
         DataType::Utf8View => DataType::Utf8,
         DataType::BinaryView => DataType::Binary,
@@ -193,17 +242,23 @@ pub(crate) fn plain(data_type: &DataType) -> DataType {
 /// A schema with other fields of the steps.
 fn with_steps(schema: &SchemaRef, of: impl Fn(&Fields) -> Fields) -> SchemaRef {
     let change = |field: &Arc<Field>| match step_struct(field.data_type()) {
-        Some(all) if field.name() == STEPS => {
-            Arc::new(Field::new(STEPS, list_like(field.data_type(), of(all)), field.is_nullable()))
-        }
+        Some(all) if field.name() == STEPS => Arc::new(Field::new(
+            STEPS,
+            list_like(field.data_type(), of(all)),
+            field.is_nullable(),
+        )),
         _ => field.clone(),
     };
-    Arc::new(Schema::new(schema.fields().iter().map(change).collect::<Fields>()))
+    Arc::new(Schema::new(
+        schema.fields().iter().map(change).collect::<Fields>(),
+    ))
 }
 
 fn list_like(list: &DataType, kept: Fields) -> DataType {
     match list {
-        DataType::List(item) => DataType::List(Arc::new(item.as_ref().clone().with_data_type(DataType::Struct(kept)))),
+        DataType::List(item) => DataType::List(Arc::new(
+            item.as_ref().clone().with_data_type(DataType::Struct(kept)),
+        )),
         other => other.clone(),
     }
 }
@@ -222,17 +277,31 @@ fn step_struct(data_type: &DataType) -> Option<&Fields> {
 pub(crate) fn step_fields(plan: &LogicalPlan) -> Result<StepFields> {
     let schema = Table::Episodes.schema();
     let list = schema.field_with_name(STEPS)?.data_type().clone();
-    let Some(fields) = step_struct(&list) else { return Ok(StepFields::All) };
-    let mut reader = Reader { step: DataType::Struct(fields.clone()), list, names: BTreeMap::new() };
+    let Some(fields) = step_struct(&list) else {
+        return Ok(StepFields::All);
+    };
+    let mut reader = Reader {
+        step: DataType::Struct(fields.clone()),
+        list,
+        names: BTreeMap::new(),
+    };
     if reader.holds_steps(plan.schema()) {
         return Ok(StepFields::All);
     }
     let mut all = false;
     plan.apply_with_subqueries(|node| {
         all = all || reader.node(node)?.is_break();
-        Ok(if all { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
+        Ok(if all {
+            TreeNodeRecursion::Stop
+        } else {
+            TreeNodeRecursion::Continue
+        })
     })?;
-    Ok(if all { StepFields::All } else { StepFields::Some(reader.names) })
+    Ok(if all {
+        StepFields::All
+    } else {
+        StepFields::Some(reader.names)
+    })
 }
 
 struct Reader {
@@ -273,11 +342,17 @@ impl Reader {
         }
         if let LogicalPlan::TableScan(scan) = node {
             schema = scan.projected_schema.as_ref().clone();
-            let full = DFSchema::try_from_qualified_schema(scan.table_name.clone(), &scan.source.schema())?;
+            let full = DFSchema::try_from_qualified_schema(
+                scan.table_name.clone(),
+                &scan.source.schema(),
+            )?;
             schema.merge(&full);
         }
         // a projection hands columns on; elsewhere the steps themselves are no key and no condition
-        let hands_on = matches!(node, LogicalPlan::Projection(_) | LogicalPlan::Unnest(_) | LogicalPlan::TableScan(_));
+        let hands_on = matches!(
+            node,
+            LogicalPlan::Projection(_) | LogicalPlan::Unnest(_) | LogicalPlan::TableScan(_)
+        );
         for expression in node.expressions() {
             if self.expression(&expression, &schema, hands_on)?.is_break() {
                 return Ok(Understood::Break(()));
@@ -287,21 +362,35 @@ impl Reader {
     }
 
     /// `hands_on`: whether the value itself may be steps.
-    fn expression(&mut self, expression: &Expr, schema: &DFSchema, hands_on: bool) -> Result<Understood> {
+    fn expression(
+        &mut self,
+        expression: &Expr,
+        schema: &DFSchema,
+        hands_on: bool,
+    ) -> Result<Understood> {
         let is_steps = self.is_steps(expression, schema);
         match expression {
             Expr::Column(_) => {
-                return Ok(if is_steps && !hands_on { Understood::Break(()) } else { Understood::Continue(()) });
+                return Ok(if is_steps && !hands_on {
+                    Understood::Break(())
+                } else {
+                    Understood::Continue(())
+                });
             }
             Expr::Alias(alias) => return self.expression(&alias.expr, schema, hands_on),
             Expr::ScalarFunction(call) => {
-                let taken = call.args.first().is_some_and(|first| self.is_steps(first, schema));
+                let taken = call
+                    .args
+                    .first()
+                    .is_some_and(|first| self.is_steps(first, schema));
                 if taken {
                     // a step or some steps themselves are no key and no condition
                     if is_steps && !hands_on {
                         return Ok(Understood::Break(()));
                     }
-                    let Some((names, form)) = self.taken(call.name(), &call.args) else { return Ok(Understood::Break(())) };
+                    let Some((names, form)) = self.taken(call.name(), &call.args) else {
+                        return Ok(Understood::Break(()));
+                    };
                     for name in names {
                         let known = self.names.entry(name).or_insert(form);
                         *known = form.max(*known);
@@ -326,31 +415,43 @@ impl Reader {
         let mut understood = Understood::Continue(());
         expression.apply_children(|child| {
             understood = self.expression(child, schema, matches!(expression, Expr::Unnest(_)))?;
-            Ok(if understood.is_break() { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
+            Ok(if understood.is_break() {
+                TreeNodeRecursion::Stop
+            } else {
+                TreeNodeRecursion::Continue
+            })
         })?;
         Ok(understood)
     }
 
-    /// Fields that a function reads whose first argument are steps or a step, and in what form it can take them.
+    /// Fields that a function reads whose first argument are steps or a step, and in what form it
+    /// can take them.
     fn taken(&self, name: &str, arguments: &[Expr]) -> Option<(BTreeSet<String>, ReadAs)> {
         match name {
             "get_field" => match arguments.get(1)? {
-                Expr::Literal(value, _) => Some((BTreeSet::from([value.try_as_str().flatten()?.to_owned()]), ReadAs::Values)),
+                Expr::Literal(value, _) => Some((
+                    BTreeSet::from([value.try_as_str().flatten()?.to_owned()]),
+                    ReadAs::Values,
+                )),
                 _ => None,
             },
-            "array_length" | "cardinality" | "array_element" | "array_slice" | "array_pop_front" | "array_pop_back" => {
-                Some((BTreeSet::new(), ReadAs::Values))
-            }
+            "array_length" | "cardinality" | "array_element" | "array_slice"
+            | "array_pop_front" | "array_pop_back" => Some((BTreeSet::new(), ReadAs::Values)),
             _ => Some((sequence::needs(name, arguments)?, ReadAs::Codes)),
         }
     }
 
     fn is_steps(&self, expression: &Expr, schema: &DFSchema) -> bool {
-        expression.get_type(schema).is_ok_and(|found| found == self.list || found == self.step)
+        expression
+            .get_type(schema)
+            .is_ok_and(|found| found == self.list || found == self.step)
     }
 
     fn holds_steps(&self, schema: &DFSchema) -> bool {
-        schema.fields().iter().any(|field| self.within(field.data_type()))
+        schema
+            .fields()
+            .iter()
+            .any(|field| self.within(field.data_type()))
     }
 
     fn within(&self, data_type: &DataType) -> bool {
@@ -358,7 +459,9 @@ impl Reader {
             || *data_type == self.step
             || match data_type {
                 DataType::List(item) => self.within(item.data_type()),
-                DataType::Struct(fields) => fields.iter().any(|field| self.within(field.data_type())),
+                DataType::Struct(fields) => {
+                    fields.iter().any(|field| self.within(field.data_type()))
+                }
                 _ => false,
             }
     }

@@ -1,5 +1,6 @@
-//! What a policy would notice of another simulator: a trace's inputs executed to the end although things differ, and
-//! the outcomes that are not as recorded. Never a verdict on bits; that is [`verify`](crate::verify)'s.
+//! What a policy would notice of another simulator: a trace's inputs executed to the end although
+//! things differ, and the outcomes that are not as recorded. Never a verdict on bits; that is
+//! [`verify`](crate::verify)'s.
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
@@ -109,8 +110,8 @@ pub fn changes(trace: &Trace) -> Result<Changes, Verdict> {
     Ok(Executed::again(trace)?.compare(trace))
 }
 
-/// Replays many trace files on so many threads, and says what changed in those that are not exact; in the order of the
-/// paths.
+/// Replays many trace files on so many threads, and says what changed in those that are not exact;
+/// in the order of the paths.
 pub fn judge_all<P: AsRef<Path> + Sync>(
     paths: &[P],
     assets: &dyn Assets,
@@ -119,11 +120,12 @@ pub fn judge_all<P: AsRef<Path> + Sync>(
 ) -> Vec<Judgement> {
     on_workers(paths, workers, |path| {
         let path = path.as_ref();
-        let judgement = catch_unwind(AssertUnwindSafe(|| judge(path, assets))).unwrap_or_else(|_| Judgement {
-            trace: path.to_owned(),
-            verdict: Verdict::panicked(path),
-            outcomes: None,
-        });
+        let judgement =
+            catch_unwind(AssertUnwindSafe(|| judge(path, assets))).unwrap_or_else(|_| Judgement {
+                trace: path.to_owned(),
+                verdict: Verdict::panicked(path),
+                outcomes: None,
+            });
         on_done(path, &judgement.verdict);
         judgement
     })
@@ -136,7 +138,11 @@ fn judge(path: &Path, assets: &dyn Assets) -> Judgement {
         Verdict::Exact { .. } => Some(Changes::none(&trace)),
         _ => changes(&trace.with_meshes(assets)).ok(),
     });
-    Judgement { trace: path.to_owned(), verdict, outcomes }
+    Judgement {
+        trace: path.to_owned(),
+        verdict,
+        outcomes,
+    }
 }
 
 /// An episode executed again from its inputs, whatever was recorded of its outputs.
@@ -152,9 +158,22 @@ impl Executed {
     pub fn again(trace: &Trace) -> Result<Self, Verdict> {
         let config = player::config_of_any_version(trace)?;
         let (mut episode, start, _) =
-            Episode::start_with(config, Detail::Picture).map_err(|error| Verdict::NotReplayable { reason: error.to_string() })?;
-        let steps = trace.steps.iter().map(|step| episode.step(step.input.clone()).record).collect();
-        Ok(Self { header: episode.header().clone(), start, steps, end: episode.end() })
+            Episode::start_with(config, Detail::Picture).map_err(|error| {
+                Verdict::NotReplayable {
+                    reason: error.to_string(),
+                }
+            })?;
+        let steps = trace
+            .steps
+            .iter()
+            .map(|step| episode.step(step.input.clone()).record)
+            .collect();
+        Ok(Self {
+            header: episode.header().clone(),
+            start,
+            steps,
+            end: episode.end(),
+        })
     }
 
     /// What is not as recorded.
@@ -165,7 +184,12 @@ impl Executed {
             changes.compare_digests(&old.digests, &new.digests);
             if old.outcome != new.outcome {
                 let (recorded, replayed) = (old.outcome.clone(), new.outcome.clone());
-                changes.outcomes.push(ChangedOutcome { call: old.step, what: old.input.call.to_string(), recorded, replayed });
+                changes.outcomes.push(ChangedOutcome {
+                    call: old.step,
+                    what: old.input.call.to_string(),
+                    recorded,
+                    replayed,
+                });
             }
         }
         changes.end = trace.end.as_ref().and_then(|end| {
@@ -199,10 +223,22 @@ impl Ending {
 
 impl std::fmt::Display for Ending {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let success = if self.success { "success" } else { "no success" };
-        let Self { completion, total_reward, steps, .. } = self;
+        let success = if self.success {
+            "success"
+        } else {
+            "no success"
+        };
+        let Self {
+            completion,
+            total_reward,
+            steps,
+            ..
+        } = self;
         let reason = format!("{:?}", self.reason).to_lowercase();
-        write!(f, "{reason} after {steps} calls, {success}, completion {completion:.2}, total reward {total_reward:.3}")
+        write!(
+            f,
+            "{reason} after {steps} calls, {success}, completion {completion:.2}, total reward {total_reward:.3}"
+        )
     }
 }
 
@@ -210,14 +246,24 @@ impl std::fmt::Display for Changes {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let mut parts = Vec::new();
         if self.recorded_sim_version != self.sim_version {
-            parts.push(format!("recorded by simulator {}", self.recorded_sim_version));
+            parts.push(format!(
+                "recorded by simulator {}",
+                self.recorded_sim_version
+            ));
         }
         if !self.outcomes.is_empty() {
-            let calls: Vec<String> = self.outcomes.iter().map(|outcome| outcome.call.to_string()).collect();
+            let calls: Vec<String> = self
+                .outcomes
+                .iter()
+                .map(|outcome| outcome.call.to_string())
+                .collect();
             parts.push(format!("other outcomes at calls {}", calls.join(", ")));
         }
         if let Some(end) = &self.end {
-            parts.push(format!("ended: {}; ends now: {}", end.recorded, end.replayed));
+            parts.push(format!(
+                "ended: {}; ends now: {}",
+                end.recorded, end.replayed
+            ));
         }
         match (self.state_differs, self.pictures_differ) {
             (true, true) => parts.push("other motion and pictures".to_owned()),

@@ -2,7 +2,9 @@
 
 use std::fmt;
 
-use reel_world::record::{BodyState, EndRecord, EpisodeHeader, StartRecord, StateDigests, StepRecord};
+use reel_world::record::{
+    BodyState, EndRecord, EpisodeHeader, StartRecord, StateDigests, StepRecord,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -43,7 +45,15 @@ impl Divergence {
     /// A difference of two texts.
     pub fn text(moment: Moment, field: &str, recorded: &str, replayed: &str) -> Self {
         let (recorded, replayed) = (recorded.to_owned(), replayed.to_owned());
-        Self { moment, call: None, physics_step: None, body: None, field: field.to_owned(), recorded, replayed }
+        Self {
+            moment,
+            call: None,
+            physics_step: None,
+            body: None,
+            field: field.to_owned(),
+            recorded,
+            replayed,
+        }
     }
 }
 
@@ -64,7 +74,11 @@ impl fmt::Display for Divergence {
         if let Some(body) = &self.body {
             write!(f, ", body {body}")?;
         }
-        write!(f, ", field {}: recorded {}, replayed {}", self.field, self.recorded, self.replayed)
+        write!(
+            f,
+            ", field {}: recorded {}, replayed {}",
+            self.field, self.recorded, self.replayed
+        )
     }
 }
 
@@ -72,8 +86,15 @@ type Found = Result<(), Box<Divergence>>;
 
 /// Compares headers: the inputs themselves.
 pub fn header(recorded: &EpisodeHeader, replayed: &EpisodeHeader) -> Found {
-    let replayed = EpisodeHeader { build: recorded.build.clone(), ..replayed.clone() };
-    if *recorded == replayed { Ok(()) } else { fields(Moment::Header, None, None, recorded, &replayed) }
+    let replayed = EpisodeHeader {
+        build: recorded.build.clone(),
+        ..replayed.clone()
+    };
+    if *recorded == replayed {
+        Ok(())
+    } else {
+        fields(Moment::Header, None, None, recorded, &replayed)
+    }
 }
 
 /// Compares the state before the first call.
@@ -81,7 +102,12 @@ pub fn start(recorded: &StartRecord, replayed: &StartRecord) -> Found {
     if recorded == replayed {
         return Ok(());
     }
-    moving(Moment::Start, None, (&recorded.digests, &recorded.bodies), (&replayed.digests, &replayed.bodies))?;
+    moving(
+        Moment::Start,
+        None,
+        (&recorded.digests, &recorded.bodies),
+        (&replayed.digests, &replayed.bodies),
+    )?;
     fields(Moment::Start, None, None, recorded, replayed)
 }
 
@@ -92,13 +118,22 @@ pub fn step(recorded: &StepRecord, replayed: &StepRecord) -> Found {
     }
     let moment = Moment::Call(recorded.step);
     let call = Some(recorded.input.call.to_string());
-    moving(moment, call.clone(), (&recorded.digests, &recorded.bodies), (&replayed.digests, &replayed.bodies))?;
+    moving(
+        moment,
+        call.clone(),
+        (&recorded.digests, &recorded.bodies),
+        (&replayed.digests, &replayed.bodies),
+    )?;
     fields(moment, call, None, recorded, replayed)
 }
 
 /// Compares final graphs and metrics.
 pub fn end(recorded: &EndRecord, replayed: &EndRecord) -> Found {
-    if recorded == replayed { Ok(()) } else { fields(Moment::End, None, None, recorded, replayed) }
+    if recorded == replayed {
+        Ok(())
+    } else {
+        fields(Moment::End, None, None, recorded, replayed)
+    }
 }
 
 /// Compares motion: the first physics step, and the first body and field at the end of the call.
@@ -109,19 +144,42 @@ fn moving(
     replayed: (&StateDigests, &[BodyState]),
 ) -> Found {
     let (old, new) = (&recorded.0.physics_steps, &replayed.0.physics_steps);
-    let physics_step =
-        old.iter().zip(new).position(|(a, b)| a != b).or_else(|| (old.len() != new.len()).then(|| old.len().min(new.len())));
+    let physics_step = old
+        .iter()
+        .zip(new)
+        .position(|(a, b)| a != b)
+        .or_else(|| (old.len() != new.len()).then(|| old.len().min(new.len())));
     for (a, b) in recorded.1.iter().zip(replayed.1) {
         if let Some((field, recorded, replayed)) = body_field(a, b) {
             let body = Some(a.body.clone());
-            return Err(Box::new(Divergence { moment, call, physics_step, body, field, recorded, replayed }));
+            return Err(Box::new(Divergence {
+                moment,
+                call,
+                physics_step,
+                body,
+                field,
+                recorded,
+                replayed,
+            }));
         }
     }
     if let Some(step) = physics_step {
-        let value = |digests: &[u32]| digests.get(step).map_or_else(|| "none".to_owned(), |digest| format!("{digest:08x}"));
+        let value = |digests: &[u32]| {
+            digests
+                .get(step)
+                .map_or_else(|| "none".to_owned(), |digest| format!("{digest:08x}"))
+        };
         let (recorded, replayed) = (value(old), value(new));
         let field = "state digest of the physics step".to_owned();
-        return Err(Box::new(Divergence { moment, call, physics_step, body: None, field, recorded, replayed }));
+        return Err(Box::new(Divergence {
+            moment,
+            call,
+            physics_step,
+            body: None,
+            field,
+            recorded,
+            replayed,
+        }));
     }
     Ok(())
 }
@@ -148,13 +206,31 @@ fn body_field(a: &BodyState, b: &BodyState) -> Option<(String, String, String)> 
 }
 
 /// Compares two records field by field in the order of their declaration.
-fn fields<T: Serialize>(moment: Moment, call: Option<String>, physics_step: Option<usize>, recorded: &T, replayed: &T) -> Found {
+fn fields<T: Serialize>(
+    moment: Moment,
+    call: Option<String>,
+    physics_step: Option<usize>,
+    recorded: &T,
+    replayed: &T,
+) -> Found {
     let json = |record: &T| serde_json::to_value(record).expect("a record is always JSON");
     let mut path = String::new();
     let (recorded, replayed) = first_difference(&json(recorded), &json(replayed), &mut path)
         .unwrap_or_else(|| ("a value that JSON cannot hold".into(), "another one".into()));
-    let field = if path.is_empty() { "record".to_owned() } else { path };
-    Err(Box::new(Divergence { moment, call, physics_step, body: None, field, recorded, replayed }))
+    let field = if path.is_empty() {
+        "record".to_owned()
+    } else {
+        path
+    };
+    Err(Box::new(Divergence {
+        moment,
+        call,
+        physics_step,
+        body: None,
+        field,
+        recorded,
+        replayed,
+    }))
 }
 
 fn first_difference(a: &Value, b: &Value, path: &mut String) -> Option<(String, String)> {
@@ -162,12 +238,18 @@ fn first_difference(a: &Value, b: &Value, path: &mut String) -> Option<(String, 
     match (a, b) {
         _ if a == b => None,
         (Value::Object(old), Value::Object(new)) => {
-            let keys = old.keys().chain(new.keys().filter(|key| !old.contains_key(*key)));
+            let keys = old
+                .keys()
+                .chain(new.keys().filter(|key| !old.contains_key(*key)));
             for key in keys {
                 path.push_str(if length == 0 { "" } else { "." });
                 path.push_str(key);
                 let missing = Value::Null;
-                let found = first_difference(old.get(key).unwrap_or(&missing), new.get(key).unwrap_or(&missing), path);
+                let found = first_difference(
+                    old.get(key).unwrap_or(&missing),
+                    new.get(key).unwrap_or(&missing),
+                    path,
+                );
                 if found.is_some() {
                     return found;
                 }

@@ -1,6 +1,6 @@
-//! Why a replay differs: everything that differs at the first differing moment, with the distance of numbers in ULPs,
-//! the pictures side by side and the texts word by word, and the motion states after any physics step. Never decides
-//! whether a trace is exact.
+//! Why a replay differs: everything that differs at the first differing moment, with the distance
+//! of numbers in ULPs, the pictures side by side and the texts word by word, and the motion states
+//! after any physics step. Never decides whether a trace is exact.
 
 use reel_sim::{Simulator, Stage, render::Detail};
 use reel_trace::Trace;
@@ -28,8 +28,8 @@ pub struct Explanation {
     pub text: Option<String>,
     /// The picture, where it differs.
     pub picture: Option<PictureChange>,
-    /// Motion states here after the first differing physics step. A trace holds only digests of the steps within a call:
-    /// the other side's values come from the build that recorded it.
+    /// Motion states here after the first differing physics step. A trace holds only digests of the
+    /// steps within a call: the other side's values come from the build that recorded it.
     pub bodies: Option<Vec<BodyState>>,
 }
 
@@ -69,10 +69,18 @@ pub struct PictureChange {
 
 /// Replays a trace and explains the first difference.
 pub fn explain(trace: &Trace) -> Explanation {
-    let plain = |verdict| Explanation { verdict, fields: Vec::new(), text: None, picture: None, bodies: None };
+    let plain = |verdict| Explanation {
+        verdict,
+        fields: Vec::new(),
+        text: None,
+        picture: None,
+        bodies: None,
+    };
     let mut replay = match Replay::start(trace, Detail::Picture) {
         Ok((replay, _)) => replay,
-        Err(Verdict::Diverged { divergence }) if divergence.moment == Moment::Start => return at_start(trace, divergence),
+        Err(Verdict::Diverged { divergence }) if divergence.moment == Moment::Start => {
+            return at_start(trace, divergence);
+        }
         Err(verdict) => return plain(verdict),
     };
     loop {
@@ -87,7 +95,11 @@ pub fn explain(trace: &Trace) -> Explanation {
                     fields: changes(recorded, &output.record),
                     text: text(recorded, &output.record),
                     picture: picture(trace, recorded, &output.record, output.frame.as_ref()),
-                    bodies: step.and_then(|step| state_at(trace, Moment::Call(recorded.step), step).ok().flatten()),
+                    bodies: step.and_then(|step| {
+                        state_at(trace, Moment::Call(recorded.step), step)
+                            .ok()
+                            .flatten()
+                    }),
                     verdict: differing.into(),
                 };
             }
@@ -95,17 +107,22 @@ pub fn explain(trace: &Trace) -> Explanation {
     }
 }
 
-/// The motion states of this simulator after a physics step (from 0) of the start or of a call; none where fewer steps
-/// were executed.
+/// The motion states of this simulator after a physics step (from 0) of the start or of a call;
+/// none where fewer steps were executed.
 ///
 /// # Errors
 /// Why nothing can be executed, or a difference before that call.
-pub fn state_at(trace: &Trace, moment: Moment, step: usize) -> Result<Option<Vec<BodyState>>, Verdict> {
+pub fn state_at(
+    trace: &Trace,
+    moment: Moment,
+    step: usize,
+) -> Result<Option<Vec<BodyState>>, Verdict> {
     match moment {
         Moment::Start => {
             let config = player::config(trace)?;
             let stage = Stage::with_meshes(config.scene, config.task, config.meshes);
-            let mut simulator = Simulator::new_watching(stage, config.profile, config.seed, Some(step));
+            let mut simulator =
+                Simulator::new_watching(stage, config.profile, config.seed, Some(step));
             Ok(simulator.take_watched())
         }
         Moment::Call(call) => {
@@ -122,8 +139,17 @@ pub fn state_at(trace: &Trace, moment: Moment, step: usize) -> Result<Option<Vec
 /// What differs between two lists of motion states.
 pub fn body_changes(recorded: &[BodyState], replayed: &[BodyState]) -> Vec<FieldChange> {
     let mut found = Vec::new();
-    let json = |bodies: &[BodyState]| serde_json::to_value(bodies).expect("a record is always JSON");
-    collect(&json(recorded), &json(replayed), &mut Place { path: "bodies".into(), body: None }, &mut found);
+    let json =
+        |bodies: &[BodyState]| serde_json::to_value(bodies).expect("a record is always JSON");
+    collect(
+        &json(recorded),
+        &json(replayed),
+        &mut Place {
+            path: "bodies".into(),
+            body: None,
+        },
+        &mut found,
+    );
     found
 }
 
@@ -134,14 +160,28 @@ fn at_start(trace: &Trace, divergence: Box<crate::Divergence>) -> Explanation {
         .and_then(|config| reel_episode::Episode::start(config).ok())
         .map_or_else(Vec::new, |(_, start, _)| changes(&trace.start, &start));
     let bodies = step.and_then(|step| state_at(trace, Moment::Start, step).ok().flatten());
-    Explanation { verdict: Verdict::Diverged { divergence }, fields, text: None, picture: None, bodies }
+    Explanation {
+        verdict: Verdict::Diverged { divergence },
+        fields,
+        text: None,
+        picture: None,
+        bodies,
+    }
 }
 
 /// Every difference of two records, what people read first, digests last.
 fn changes<T: Serialize>(recorded: &T, replayed: &T) -> Vec<FieldChange> {
     let json = |record: &T| serde_json::to_value(record).expect("a record is always JSON");
     let mut found = Vec::new();
-    collect(&json(recorded), &json(replayed), &mut Place { path: String::new(), body: None }, &mut found);
+    collect(
+        &json(recorded),
+        &json(replayed),
+        &mut Place {
+            path: String::new(),
+            body: None,
+        },
+        &mut found,
+    );
     found.sort_by_key(|change| change.field.starts_with("digests"));
     found
 }
@@ -162,14 +202,22 @@ fn collect(old: &Value, new: &Value, place: &mut Place, found: &mut Vec<FieldCha
             for key in a.keys().chain(b.keys().filter(|key| !a.contains_key(*key))) {
                 place.path.push_str(if length == 0 { "" } else { "." });
                 place.path.push_str(key);
-                collect(a.get(key).unwrap_or(&Value::Null), b.get(key).unwrap_or(&Value::Null), place, found);
+                collect(
+                    a.get(key).unwrap_or(&Value::Null),
+                    b.get(key).unwrap_or(&Value::Null),
+                    place,
+                    found,
+                );
                 place.path.truncate(length);
             }
         }
         (Value::Array(a), Value::Array(b)) if place.path == "bodies" => {
             for (old, new) in a.iter().zip(b) {
                 let name = old.get("body").and_then(Value::as_str).map(str::to_owned);
-                let mut inside = Place { path: String::new(), body: name };
+                let mut inside = Place {
+                    path: String::new(),
+                    body: name,
+                };
                 collect(old, new, &mut inside, found);
             }
             count(a.len(), b.len(), place, found);
@@ -184,7 +232,13 @@ fn collect(old: &Value, new: &Value, place: &mut Place, found: &mut Vec<FieldCha
         }
         (old, new) => {
             let (recorded, replayed, ulps) = numbers(old, new, place);
-            found.push(FieldChange { body: place.body.clone(), field: place.path.clone(), recorded, replayed, ulps });
+            found.push(FieldChange {
+                body: place.body.clone(),
+                field: place.path.clone(),
+                recorded,
+                replayed,
+                ulps,
+            });
         }
     }
 }
@@ -193,21 +247,37 @@ fn count(old: usize, new: usize, place: &Place, found: &mut Vec<FieldChange>) {
     if old != new {
         let field = format!("{} (count)", place.path);
         let (recorded, replayed) = (old.to_string(), new.to_string());
-        found.push(FieldChange { body: place.body.clone(), field, recorded, replayed, ulps: None });
+        found.push(FieldChange {
+            body: place.body.clone(),
+            field,
+            recorded,
+            replayed,
+            ulps: None,
+        });
     }
 }
 
 /// Both values for people; motion is held in single precision, rewards and metrics in double.
 fn numbers(old: &Value, new: &Value, place: &Place) -> (String, String, Option<u64>) {
-    let (Some(a), Some(b)) = (old.as_f64(), new.as_f64()) else { return (old.to_string(), new.to_string(), None) };
+    let (Some(a), Some(b)) = (old.as_f64(), new.as_f64()) else {
+        return (old.to_string(), new.to_string(), None);
+    };
     if place.body.is_some() || place.path.starts_with("robot") {
         let (a, b) = (a as f32, b as f32);
         let show = |value: f32| format!("{value} ({:#010x})", value.to_bits());
-        return (show(a), show(b), Some(u64::from(ordered_f32(a).abs_diff(ordered_f32(b)))));
+        return (
+            show(a),
+            show(b),
+            Some(u64::from(ordered_f32(a).abs_diff(ordered_f32(b)))),
+        );
     }
     if old.is_f64() || new.is_f64() {
         let show = |value: f64| format!("{value} ({:#018x})", value.to_bits());
-        return (show(a), show(b), Some(ordered_f64(a).abs_diff(ordered_f64(b))));
+        return (
+            show(a),
+            show(b),
+            Some(ordered_f64(a).abs_diff(ordered_f64(b))),
+        );
     }
     (old.to_string(), new.to_string(), None)
 }
@@ -215,12 +285,20 @@ fn numbers(old: &Value, new: &Value, place: &Place) -> (String, String, Option<u
 /// Floats as integers in their order, so that neighbours differ by one.
 fn ordered_f32(value: f32) -> i32 {
     let bits = value.to_bits() as i32;
-    if bits < 0 { i32::MIN.wrapping_sub(bits) } else { bits }
+    if bits < 0 {
+        i32::MIN.wrapping_sub(bits)
+    } else {
+        bits
+    }
 }
 
 fn ordered_f64(value: f64) -> i64 {
     let bits = value.to_bits() as i64;
-    if bits < 0 { i64::MIN.wrapping_sub(bits) } else { bits }
+    if bits < 0 {
+        i64::MIN.wrapping_sub(bits)
+    } else {
+        bits
+    }
 }
 
 fn text(recorded: &StepRecord, replayed: &StepRecord) -> Option<String> {
@@ -239,20 +317,46 @@ fn text(recorded: &StepRecord, replayed: &StepRecord) -> Option<String> {
     Some(text)
 }
 
-fn picture(trace: &Trace, recorded: &StepRecord, replayed: &StepRecord, frame: Option<&Frame>) -> Option<PictureChange> {
+fn picture(
+    trace: &Trace,
+    recorded: &StepRecord,
+    replayed: &StepRecord,
+    frame: Option<&Frame>,
+) -> Option<PictureChange> {
     if recorded.digests.frame == replayed.digests.frame {
         return None;
     }
     let old = trace.frame_rgb(Some(recorded.step)).ok().flatten();
     let new = frame.map(|frame| frame.rgb.clone());
-    let mut change = PictureChange { pixels: None, bbox: None, most: None, recorded: old, replayed: new };
+    let mut change = PictureChange {
+        pixels: None,
+        bbox: None,
+        most: None,
+        recorded: old,
+        replayed: new,
+    };
     if let (Some(old), Some(new)) = (&change.recorded, &change.replayed) {
-        let (mut pixels, mut most, mut bbox) = (0, 0, [FRAME_WIDTH as u16, FRAME_HEIGHT as u16, 0, 0]);
-        for (index, (a, b)) in old.chunks_exact(3).zip(new.chunks_exact(3)).enumerate().filter(|(_, (a, b))| a != b) {
+        let (mut pixels, mut most, mut bbox) =
+            (0, 0, [FRAME_WIDTH as u16, FRAME_HEIGHT as u16, 0, 0]);
+        for (index, (a, b)) in old
+            .chunks_exact(3)
+            .zip(new.chunks_exact(3))
+            .enumerate()
+            .filter(|(_, (a, b))| a != b)
+        {
             let (x, y) = ((index % FRAME_WIDTH) as u16, (index / FRAME_WIDTH) as u16);
             pixels += 1;
-            most = a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).fold(most, u8::max);
-            bbox = [bbox[0].min(x), bbox[1].min(y), bbox[2].max(x), bbox[3].max(y)];
+            most = a
+                .iter()
+                .zip(b)
+                .map(|(a, b)| a.abs_diff(*b))
+                .fold(most, u8::max);
+            bbox = [
+                bbox[0].min(x),
+                bbox[1].min(y),
+                bbox[2].max(x),
+                bbox[3].max(y),
+            ];
         }
         (change.pixels, change.most) = (Some(pixels), Some(most));
         change.bbox = (pixels > 0).then_some(bbox);
@@ -266,10 +370,20 @@ mod tests {
 
     #[test]
     fn neighbours_are_one_ulp_apart_across_zero_too() {
-        for (a, b, apart) in [(1.0f32, 1.0f32.next_up(), 1), (0.0, f32::from_bits(1), 1), (-0.0, f32::from_bits(1), 1)] {
+        for (a, b, apart) in [
+            (1.0f32, 1.0f32.next_up(), 1),
+            (0.0, f32::from_bits(1), 1),
+            (-0.0, f32::from_bits(1), 1),
+        ] {
             assert_eq!(ordered_f32(a).abs_diff(ordered_f32(b)), apart, "{a} {b}");
         }
-        assert_eq!(ordered_f32((-1.0f32).next_down()).abs_diff(ordered_f32(-1.0)), 1);
-        assert_eq!(ordered_f64(-f64::from_bits(1)).abs_diff(ordered_f64(f64::from_bits(1))), 2);
+        assert_eq!(
+            ordered_f32((-1.0f32).next_down()).abs_diff(ordered_f32(-1.0)),
+            1
+        );
+        assert_eq!(
+            ordered_f64(-f64::from_bits(1)).abs_diff(ordered_f64(f64::from_bits(1))),
+            2
+        );
     }
 }

@@ -1,5 +1,5 @@
-//! Moments of a recorded episode from which another future can be played, as often as wanted, and whether a trace branches
-//! from another. What is played from there is somebody else's decision.
+//! Moments of a recorded episode from which another future can be played, as often as wanted, and
+//! whether a trace branches from another. What is played from there is somebody else's decision.
 
 use reel_episode::Episode;
 use reel_sim::{Snapshot, render::Detail};
@@ -10,9 +10,12 @@ use reel_world::{
 };
 use serde::Serialize;
 
-use crate::{Divergence, Moment, Replay, SnapshotCache, Verdict, difference, player, seek, verify_trace};
+use crate::{
+    Divergence, Moment, Replay, SnapshotCache, Verdict, difference, player, seek, verify_trace,
+};
 
-/// The moment before a call of a recorded episode: the state there, and all that led to it, compared with the record.
+/// The moment before a call of a recorded episode: the state there, and all that led to it,
+/// compared with the record.
 #[derive(Clone, Debug)]
 pub struct Fork<'t> {
     parent: &'t Trace,
@@ -21,14 +24,23 @@ pub struct Fork<'t> {
 }
 
 impl<'t> Fork<'t> {
-    /// Goes to the moment before call `call`; that after the last call, where the episode had not ended.
+    /// Goes to the moment before call `call`; that after the last call, where the episode had not
+    /// ended.
     ///
     /// # Errors
-    /// Why nothing can be executed, the first difference on the way, or that nothing can come there.
-    pub fn at(parent: &'t Trace, call: usize, cache: Option<&SnapshotCache>) -> Result<Self, Verdict> {
+    /// Why nothing can be executed, the first difference on the way, or that nothing can come
+    /// there.
+    pub fn at(
+        parent: &'t Trace,
+        call: usize,
+        cache: Option<&SnapshotCache>,
+    ) -> Result<Self, Verdict> {
         let replay = seek(parent, call, cache)?;
         Self::here(parent, &replay).ok_or_else(|| Verdict::Refused {
-            reason: format!("the episode ended with call {}: branch at one of the calls 0 to {0}", call.saturating_sub(1)),
+            reason: format!(
+                "the episode ended with call {}: branch at one of the calls 0 to {0}",
+                call.saturating_sub(1)
+            ),
         })
     }
 
@@ -55,8 +67,9 @@ impl<'t> Fork<'t> {
         self.call
     }
 
-    /// An episode that went as the parent did up to here. `policy` says who decides from now on, `detail` how much of the
-    /// pictures to come is drawn; only with all of it can the episode be recorded.
+    /// An episode that went as the parent did up to here. `policy` says who decides from now on,
+    /// `detail` how much of the pictures to come is drawn; only with all of it can the episode be
+    /// recorded.
     ///
     /// # Errors
     /// Why nothing can be executed.
@@ -65,15 +78,28 @@ impl<'t> Fork<'t> {
         config.run_id = format!("branch-{}", self.parent.header.episode_id);
         config.policy = policy;
         let call = u32::try_from(self.call).unwrap_or(u32::MAX);
-        config.parent = Some(Parent { trace: self.parent.chain(), call });
-        let (start, steps) = (self.parent.start.clone(), self.parent.steps[..self.call].to_vec());
-        Episode::branch(config, start, steps, &self.snapshot, detail)
-            .map_err(|error| Verdict::Refused { reason: error.to_string() })
+        config.parent = Some(Parent {
+            trace: self.parent.chain(),
+            call,
+        });
+        let (start, steps) = (
+            self.parent.start.clone(),
+            self.parent.steps[..self.call].to_vec(),
+        );
+        Episode::branch(config, start, steps, &self.snapshot, detail).map_err(|error| {
+            Verdict::Refused {
+                reason: error.to_string(),
+            }
+        })
     }
 
     fn here(parent: &'t Trace, replay: &Replay<'t>) -> Option<Self> {
         let episode = replay.episode();
-        episode.ended().is_none().then(|| Self { parent, call: replay.calls(), snapshot: episode.snapshot() })
+        episode.ended().is_none().then(|| Self {
+            parent,
+            call: replay.calls(),
+            snapshot: episode.snapshot(),
+        })
     }
 }
 
@@ -103,18 +129,29 @@ pub fn verify_branch(branch: &Trace, parent: &Trace) -> Descent {
         Err(stranger) => (Some(stranger), None),
         Ok(calls) => (None, prefix_difference(branch, parent, calls)),
     };
-    Descent { stranger, prefix, verdict }
+    Descent {
+        stranger,
+        prefix,
+        verdict,
+    }
 }
 
 /// How many calls it has from that trace, if it branches from it.
 fn stranger(branch: &Trace, parent: &Trace) -> Result<usize, String> {
-    let Some(Parent { trace, call }) = &branch.header.parent else { return Err("it is no branch".to_owned()) };
+    let Some(Parent { trace, call }) = &branch.header.parent else {
+        return Err("it is no branch".to_owned());
+    };
     if *trace != parent.chain() {
-        return Err(format!("it branches from the trace {trace}, and this is {}", parent.chain()));
+        return Err(format!(
+            "it branches from the trace {trace}, and this is {}",
+            parent.chain()
+        ));
     }
     let calls = *call as usize;
     match parent.steps.len() {
-        steps if steps < calls => Err(format!("it branches at call {calls}, but this has {steps} calls")),
+        steps if steps < calls => Err(format!(
+            "it branches at call {calls}, but this has {steps} calls"
+        )),
         // A recording that broke off early holds less than what it took over.
         _ => Ok(calls.min(branch.steps.len())),
     }
@@ -126,7 +163,12 @@ fn prefix_difference(branch: &Trace, parent: &Trace, calls: usize) -> Option<Div
     chain::relink(&branch.header, &mut start, &mut steps);
     let compared = inputs(&parent.header, &branch.header)
         .and_then(|()| difference::start(&start, &branch.start))
-        .and_then(|()| steps.iter().zip(&branch.steps).try_for_each(|(ours, theirs)| difference::step(ours, theirs)))
+        .and_then(|()| {
+            steps
+                .iter()
+                .zip(&branch.steps)
+                .try_for_each(|(ours, theirs)| difference::step(ours, theirs))
+        })
         .and_then(|()| substituted(branch, calls));
     compared.err().map(|divergence| *divergence)
 }
@@ -147,12 +189,25 @@ fn inputs(parent: &EpisodeHeader, branch: &EpisodeHeader) -> Result<(), Box<Dive
 
 /// Compares the calls that the header says were substituted with those that were made.
 fn substituted(branch: &Trace, calls: usize) -> Result<(), Box<Divergence>> {
-    let Some(told) = branch.header.policy.parameters.get("calls").and_then(|calls| calls.as_array()) else { return Ok(()) };
+    let Some(told) = branch
+        .header
+        .policy
+        .parameters
+        .get("calls")
+        .and_then(|calls| calls.as_array())
+    else {
+        return Ok(());
+    };
     for (told, step) in told.iter().zip(&branch.steps[calls..]) {
         let made = serde_json::to_value(&step.input.call).expect("a call is always JSON");
         if *told != made {
             let (told, made) = (told.to_string(), made.to_string());
-            return Err(Box::new(Divergence::text(Moment::Call(step.step), "substituted call", &told, &made)));
+            return Err(Box::new(Divergence::text(
+                Moment::Call(step.step),
+                "substituted call",
+                &told,
+                &made,
+            )));
         }
     }
     Ok(())

@@ -1,5 +1,6 @@
-//! Two episodes of one task side by side, from the first difference on: what was called, what came of it, what it changed and
-//! what it was worth. Reads records only; never executes anything, never says which was better.
+//! Two episodes of one task side by side, from the first difference on: what was called, what came
+//! of it, what it changed and what it was worth. Reads records only; never executes anything, never
+//! says which was better.
 
 use std::path::PathBuf;
 
@@ -24,8 +25,8 @@ pub struct Beside {
     pub same_start: bool,
     /// So many first calls are the same, and all that came of them.
     pub same_calls: usize,
-    /// The calls after these, in order. A row has one call of each where they are made alike or come at the same place; one
-    /// side is empty where the other has a call more.
+    /// The calls after these, in order. A row has one call of each where they are made alike or
+    /// come at the same place; one side is empty where the other has a call more.
     pub rows: Vec<Row>,
     /// How each ended; none where the recording broke off.
     pub ends: [Option<Ending>; 2],
@@ -105,7 +106,10 @@ pub struct OtherTask {
 impl Beside {
     /// Whether nothing differs but who decided.
     pub fn is_same(&self) -> bool {
-        self.inputs.is_empty() && self.same_start && self.rows.is_empty() && self.ends[0] == self.ends[1]
+        self.inputs.is_empty()
+            && self.same_start
+            && self.rows.is_empty()
+            && self.ends[0] == self.ends[1]
     }
 }
 
@@ -119,11 +123,22 @@ pub fn lay_beside(a: &Trace, b: &Trace) -> Result<Beside, OtherTask> {
             true => format!("{} ({})", trace.header.task_id, trace.header.task_digest),
             false => trace.header.task_id.clone(),
         };
-        return Err(OtherTask { a: a.path.clone(), a_task: task(a), b: b.path.clone(), b_task: task(b) });
+        return Err(OtherTask {
+            a: a.path.clone(),
+            a_task: task(a),
+            b: b.path.clone(),
+            b_task: task(b),
+        });
     }
-    let same_start = a.start.digests.state == b.start.digests.state && a.start.graphs == b.start.graphs;
+    let same_start =
+        a.start.digests.state == b.start.digests.state && a.start.graphs == b.start.graphs;
     let same_calls = match same_start {
-        true => a.steps.iter().zip(&b.steps).take_while(|(a, b)| a.input.call == b.input.call && same_outcome(a, b)).count(),
+        true => a
+            .steps
+            .iter()
+            .zip(&b.steps)
+            .take_while(|(a, b)| a.input.call == b.input.call && same_outcome(a, b))
+            .count(),
         false => 0,
     };
     Ok(Beside {
@@ -161,7 +176,11 @@ fn inputs(a: &Trace, b: &Trace) -> Vec<&'static str> {
         ("reward preset", a.reward_preset != b.reward_preset),
         ("backend", a.backend != b.backend),
     ];
-    differ.into_iter().filter(|(_, differs)| *differs).map(|(name, _)| name).collect()
+    differ
+        .into_iter()
+        .filter(|(_, differs)| *differs)
+        .map(|(name, _)| name)
+        .collect()
 }
 
 /// Everything that came of a call, but the links, which cover the words and the headers too.
@@ -173,13 +192,21 @@ fn same_outcome(a: &StepRecord, b: &StepRecord) -> bool {
         && (a.digests.state, a.digests.frame) == (b.digests.state, b.digests.frame)
 }
 
-/// The calls after the common ones: those made alike in one row, so that a call more does not shift all that follows.
+/// The calls after the common ones: those made alike in one row, so that a call more does not shift
+/// all that follows.
 fn rows(a: &Trace, b: &Trace, same: usize) -> Vec<Row> {
     let deeds = [deeds(a), deeds(b)];
-    let calls = |trace: &Trace| -> Vec<String> { trace.steps[same..].iter().map(|step| step.input.call.to_string()).collect() };
+    let calls = |trace: &Trace| -> Vec<String> {
+        trace.steps[same..]
+            .iter()
+            .map(|step| step.input.call.to_string())
+            .collect()
+    };
     let mut rows = Vec::new();
     let mut row = |a_call: Option<usize>, b_call: Option<usize>| {
-        let pair = a_call.zip(b_call).map(|(a_call, b_call)| (&a.steps[same + a_call], &b.steps[same + b_call]));
+        let pair = a_call
+            .zip(b_call)
+            .map(|(a_call, b_call)| (&a.steps[same + a_call], &b.steps[same + b_call]));
         rows.push(Row {
             a: a_call.map(|call| deeds[0][same + call].clone()),
             b: b_call.map(|call| deeds[1][same + call].clone()),
@@ -224,6 +251,9 @@ fn deeds(trace: &Trace) -> Vec<Deed> {
 /// Where physics says the objects were in the end.
 fn final_graph(trace: &Trace) -> WorldGraph {
     let mut graph = trace.start.graphs.physics.clone();
-    trace.steps.iter().for_each(|step| graph.apply(&step.changes.physics));
+    trace
+        .steps
+        .iter()
+        .for_each(|step| graph.apply(&step.changes.physics));
     graph
 }

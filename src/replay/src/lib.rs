@@ -1,5 +1,6 @@
-//! Re-executes a trace from its inputs and compares everything: every digest, picture, text, graph change, reward
-//! and metric. Names the first difference by call, physics step, body and field, with both values.
+//! Re-executes a trace from its inputs and compares everything: every digest, picture, text, graph
+//! change, reward and metric. Names the first difference by call, physics step, body and field,
+//! with both values.
 //!
 //! Never reads a clock or asks a policy: what was decided is in the trace.
 
@@ -95,7 +96,10 @@ impl Verdict {
     }
 
     fn panicked(path: &Path) -> Self {
-        let reason = format!("replaying it panicked; run `reel replay {}` alone and report what it prints", path.display());
+        let reason = format!(
+            "replaying it panicked; run `reel replay {}` alone and report what it prints",
+            path.display()
+        );
         Verdict::Refused { reason }
     }
 }
@@ -103,13 +107,29 @@ impl Verdict {
 impl std::fmt::Display for Verdict {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Verdict::Exact { calls, physics_steps, pictures } => {
-                write!(f, "exact: {calls} calls, {physics_steps} physics steps, {pictures} pictures")
+            Verdict::Exact {
+                calls,
+                physics_steps,
+                pictures,
+            } => {
+                write!(
+                    f,
+                    "exact: {calls} calls, {physics_steps} physics steps, {pictures} pictures"
+                )
             }
             Verdict::Diverged { divergence } => write!(f, "DIVERGED {divergence}"),
-            Verdict::OtherSimulator { recorded, this, changes } => {
-                write!(f, "recorded by simulator {recorded}, this is {this}: replay it with the build that recorded it")?;
-                changes.iter().try_for_each(|change| write!(f, "\n  {change}"))
+            Verdict::OtherSimulator {
+                recorded,
+                this,
+                changes,
+            } => {
+                write!(
+                    f,
+                    "recorded by simulator {recorded}, this is {this}: replay it with the build that recorded it"
+                )?;
+                changes
+                    .iter()
+                    .try_for_each(|change| write!(f, "\n  {change}"))
             }
             Verdict::NotReplayable { reason } => write!(f, "not replayable: {reason}"),
             Verdict::Refused { reason } => write!(f, "REFUSED {reason}"),
@@ -129,19 +149,23 @@ fn verify_from(path: &Path, assets: &dyn Assets) -> Verdict {
     }
 }
 
-/// Replays many trace files on so many threads; verdicts in the order of the paths. Meshes come from `assets`.
+/// Replays many trace files on so many threads; verdicts in the order of the paths. Meshes come
+/// from `assets`.
 pub fn verify_all<P: AsRef<Path> + Sync>(
     paths: &[P],
     assets: &dyn Assets,
     workers: usize,
     on_done: impl Fn(&Path, &Verdict) + Sync,
 ) -> Vec<Verdict> {
-    on_workers(paths, workers, |path| contained(path.as_ref(), |path| verify_from(path, assets), &on_done))
+    on_workers(paths, workers, |path| {
+        contained(path.as_ref(), |path| verify_from(path, assets), &on_done)
+    })
 }
 
 /// Replays a trace that was read; a panic ends only its own verdict.
 pub fn verify_contained(trace: &Trace) -> Verdict {
-    catch_unwind(AssertUnwindSafe(|| verify_trace(trace))).unwrap_or_else(|_| Verdict::panicked(&trace.path))
+    catch_unwind(AssertUnwindSafe(|| verify_trace(trace)))
+        .unwrap_or_else(|_| Verdict::panicked(&trace.path))
 }
 
 /// [`verify_all`], and each again from snapshots after `count` of its calls.
@@ -153,12 +177,19 @@ pub fn verify_all_restored<P: AsRef<Path> + Sync>(
     on_done: impl Fn(&Path, &Verdict) + Sync,
 ) -> Vec<Verdict> {
     let verify = |path: &Path| seek::verify_restored_at_some(path, assets, count);
-    on_workers(paths, workers, |path| contained(path.as_ref(), verify, &on_done))
+    on_workers(paths, workers, |path| {
+        contained(path.as_ref(), verify, &on_done)
+    })
 }
 
 /// A panic ends only the verdict of its own trace.
-fn contained(path: &Path, verify: impl Fn(&Path) -> Verdict, on_done: &impl Fn(&Path, &Verdict)) -> Verdict {
-    let verdict = catch_unwind(AssertUnwindSafe(|| verify(path))).unwrap_or_else(|_| Verdict::panicked(path));
+fn contained(
+    path: &Path,
+    verify: impl Fn(&Path) -> Verdict,
+    on_done: &impl Fn(&Path, &Verdict),
+) -> Verdict {
+    let verdict =
+        catch_unwind(AssertUnwindSafe(|| verify(path))).unwrap_or_else(|_| Verdict::panicked(path));
     on_done(path, &verdict);
     verdict
 }
@@ -168,7 +199,8 @@ pub fn verify_trace(trace: &Trace) -> Verdict {
     verify_with(trace, Detail::Picture)
 }
 
-/// Replays a trace that was read, drawing so much of its pictures: without RGB nothing is said of the pictures' RGB.
+/// Replays a trace that was read, drawing so much of its pictures: without RGB nothing is said of
+/// the pictures' RGB.
 pub fn verify_with(trace: &Trace, detail: Detail) -> Verdict {
     if let Err(verdict) = player::config(trace) {
         return verdict;
@@ -180,11 +212,15 @@ pub fn verify_with(trace: &Trace, detail: Detail) -> Verdict {
     replayed.unwrap_or_else(|verdict| verdict)
 }
 
-/// Re-executes a trace and hands every picture to `on_frame` (`None` is the start), whether or not the trace holds it.
+/// Re-executes a trace and hands every picture to `on_frame` (`None` is the start), whether or not
+/// the trace holds it.
 ///
 /// # Errors
 /// Why nothing can be executed, or the first difference.
-pub fn replay_with(trace: &Trace, mut on_frame: impl FnMut(Option<u32>, &Frame)) -> Result<Verdict, Verdict> {
+pub fn replay_with(
+    trace: &Trace,
+    mut on_frame: impl FnMut(Option<u32>, &Frame),
+) -> Result<Verdict, Verdict> {
     let (replay, frame) = Replay::start(trace, Detail::Picture)?;
     on_frame(None, &frame);
     replay.finish(|call, frame| on_frame(Some(call), frame))
@@ -194,26 +230,50 @@ pub fn replay_with(trace: &Trace, mut on_frame: impl FnMut(Option<u32>, &Frame))
 pub fn compare(a: &Trace, b: &Trace) -> Option<Divergence> {
     let compared = difference::header(&a.header, &b.header)
         .and_then(|()| difference::start(&a.start, &b.start))
-        .and_then(|()| a.steps.iter().zip(&b.steps).try_for_each(|(a, b)| difference::step(a, b)))
+        .and_then(|()| {
+            a.steps
+                .iter()
+                .zip(&b.steps)
+                .try_for_each(|(a, b)| difference::step(a, b))
+        })
         .and_then(|()| match (&a.end, &b.end) {
             (Some(a), Some(b)) => difference::end(a, b),
             _ if a.end.is_none() && b.end.is_none() && a.steps.len() == b.steps.len() => Ok(()),
             _ => {
                 let told = |trace: &Trace| {
-                    format!("{} after {} calls", if trace.end.is_some() { "ended" } else { "broken off" }, trace.steps.len())
+                    format!(
+                        "{} after {} calls",
+                        if trace.end.is_some() {
+                            "ended"
+                        } else {
+                            "broken off"
+                        },
+                        trace.steps.len()
+                    )
                 };
-                Err(Box::new(Divergence::text(Moment::End, "end", &told(a), &told(b))))
+                Err(Box::new(Divergence::text(
+                    Moment::End,
+                    "end",
+                    &told(a),
+                    &told(b),
+                )))
             }
         });
     compared.err().map(|divergence| *divergence)
 }
 
 fn refused(error: &TraceError) -> Verdict {
-    Verdict::Refused { reason: error.to_string() }
+    Verdict::Refused {
+        reason: error.to_string(),
+    }
 }
 
 /// Does something with each path on so many threads; results in the order of the paths.
-fn on_workers<P: Sync, T: Send>(paths: &[P], workers: usize, one: impl Fn(&P) -> T + Sync) -> Vec<T> {
+fn on_workers<P: Sync, T: Send>(
+    paths: &[P],
+    workers: usize,
+    one: impl Fn(&P) -> T + Sync,
+) -> Vec<T> {
     match rayon::ThreadPoolBuilder::new().num_threads(workers).build() {
         Ok(pool) => pool.install(|| paths.par_iter().map(&one).collect()),
         Err(_) => paths.iter().map(one).collect(),

@@ -1,7 +1,8 @@
 //! Writing a corpus of golden traces anew with this simulator: lean, and never without a reason.
 //!
-//! Everything is executed and written beside the corpus first; only then do files take their places, one by one, each
-//! of them whole. Never deletes what another version of the simulator recorded: it moves to `v<N>/`.
+//! Everything is executed and written beside the corpus first; only then do files take their
+//! places, one by one, each of them whole. Never deletes what another version of the simulator
+//! recorded: it moves to `v<N>/`.
 
 use std::{
     fs, io,
@@ -125,7 +126,9 @@ pub enum MintError {
         source: io::Error,
     },
     /// The operating system refused while files took their places.
-    #[error("cannot write {path}: {source}; nothing is lost, but some traces are new and some old: mint again")]
+    #[error(
+        "cannot write {path}: {source}; nothing is lost, but some traces are new and some old: mint again"
+    )]
     Place {
         /// The file.
         path: PathBuf,
@@ -144,11 +147,16 @@ pub fn corpus(folder: &Path) -> io::Result<Vec<PathBuf>> {
         let path = entry?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         if path.is_dir() {
-            let old = name.strip_prefix('v').is_some_and(|rest| !rest.is_empty() && rest.bytes().all(|b| b.is_ascii_digit()));
+            let old = name
+                .strip_prefix('v')
+                .is_some_and(|rest| !rest.is_empty() && rest.bytes().all(|b| b.is_ascii_digit()));
             if !old && name != WORKSHOP {
                 found.extend(corpus(&path)?);
             }
-        } else if path.extension().is_some_and(|extension| extension == "mcap") {
+        } else if path
+            .extension()
+            .is_some_and(|extension| extension == "mcap")
+        {
             found.push(path);
         }
     }
@@ -161,7 +169,11 @@ pub fn corpus(folder: &Path) -> io::Result<Vec<PathBuf>> {
 /// # Errors
 /// The first thing that is wrong; [`MintError`] says what became of the corpus.
 pub fn mint(options: &MintOptions<'_>) -> Result<Minted, MintError> {
-    let reason = options.reason.split_whitespace().collect::<Vec<_>>().join(" ");
+    let reason = options
+        .reason
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ");
     if reason.chars().count() < REASON_CHARS {
         return Err(MintError::Reason { reason });
     }
@@ -173,7 +185,8 @@ pub fn mint(options: &MintOptions<'_>) -> Result<Minted, MintError> {
     }
     let result = write_all(options, &reason, &workshop).and_then(|(minted, places)| {
         for (from, to) in places {
-            let placed = fs::create_dir_all(to.parent().unwrap_or(&to)).and_then(|()| fs::rename(&from, &to));
+            let placed = fs::create_dir_all(to.parent().unwrap_or(&to))
+                .and_then(|()| fs::rename(&from, &to));
             placed.map_err(|source| MintError::Place { path: to, source })?;
         }
         Ok(minted)
@@ -185,30 +198,61 @@ pub fn mint(options: &MintOptions<'_>) -> Result<Minted, MintError> {
 /// A file of the workshop, and the place it takes.
 type Place = (PathBuf, PathBuf);
 
-/// Writes everything new into the workshop; what is there afterwards only has to take its place, in this order.
-fn write_all(options: &MintOptions<'_>, reason: &str, workshop: &Path) -> Result<(Minted, Vec<Place>), MintError> {
+/// Writes everything new into the workshop; what is there afterwards only has to take its place, in
+/// this order.
+fn write_all(
+    options: &MintOptions<'_>,
+    reason: &str,
+    workshop: &Path,
+) -> Result<(Minted, Vec<Place>), MintError> {
     let listed = corpus(options.corpus).map_err(failed("list", options.corpus))?;
     if listed.is_empty() && options.add.is_empty() {
-        return Err(MintError::Empty { corpus: options.corpus.to_owned() });
+        return Err(MintError::Empty {
+            corpus: options.corpus.to_owned(),
+        });
     }
     let (mut traces, mut places) = (Vec::new(), Vec::new());
     for path in &listed {
-        let name = path.strip_prefix(options.corpus).expect("it was found in the corpus").to_owned();
-        traces.push(write_one(options.corpus, path, name, false, workshop, &mut places)?);
+        let name = path
+            .strip_prefix(options.corpus)
+            .expect("it was found in the corpus")
+            .to_owned();
+        traces.push(write_one(
+            options.corpus,
+            path,
+            name,
+            false,
+            workshop,
+            &mut places,
+        )?);
     }
     for path in options.add {
         let name = PathBuf::from(path.file_name().unwrap_or_default());
         if traces.iter().any(|trace: &MintedTrace| trace.name == name) {
-            return Err(MintError::Taken { path: options.corpus.join(name) });
+            return Err(MintError::Taken {
+                path: options.corpus.join(name),
+            });
         }
-        traces.push(write_one(options.corpus, path, name, true, workshop, &mut places)?);
+        traces.push(write_one(
+            options.corpus,
+            path,
+            name,
+            true,
+            workshop,
+            &mut places,
+        )?);
     }
     traces.sort_by(|a, b| a.name.cmp(&b.name));
-    let minted = Minted { sim_version: SIM_VERSION, traces };
+    let minted = Minted {
+        sim_version: SIM_VERSION,
+        traces,
+    };
     let (notes, new_notes) = (options.corpus.join(NOTES), workshop.join(NOTES));
     let mut text = match fs::read_to_string(&notes) {
         Ok(text) => text,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => "# Notes on the golden traces\n".to_owned(),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            "# Notes on the golden traces\n".to_owned()
+        }
         Err(error) => return Err(failed("read", &notes)(error)),
     };
     text.push_str(&minted.note(reason));
@@ -217,7 +261,8 @@ fn write_all(options: &MintOptions<'_>, reason: &str, workshop: &Path) -> Result
     Ok((minted, places))
 }
 
-/// Executes one trace and writes it, and a copy of the old one if another simulator recorded it, into the workshop.
+/// Executes one trace and writes it, and a copy of the old one if another simulator recorded it,
+/// into the workshop.
 fn write_one(
     corpus: &Path,
     path: &Path,
@@ -236,13 +281,22 @@ fn write_one(
         let verdict = Box::new(verify_trace(&trace));
         if !verdict.is_exact() {
             return Err(match added {
-                true => MintError::NotExact { path: path(), verdict },
-                false => MintError::SameVersion { path: path(), version: this, verdict },
+                true => MintError::NotExact {
+                    path: path(),
+                    verdict,
+                },
+                false => MintError::SameVersion {
+                    path: path(),
+                    version: this,
+                    verdict,
+                },
             });
         }
     }
-    let executed =
-        Executed::again(&trace).map_err(|verdict| MintError::NotExecutable { path: path(), verdict: Box::new(verdict) })?;
+    let executed = Executed::again(&trace).map_err(|verdict| MintError::NotExecutable {
+        path: path(),
+        verdict: Box::new(verdict),
+    })?;
     let new = workshop.join("new").join(&name);
     make_parent(&new)?;
     write_lean(&new, &trace, &executed)?;
@@ -262,12 +316,23 @@ fn write_one(
     if rewritten {
         places.push((new, target));
     }
-    Ok(MintedTrace { name, added, rewritten, changes: executed.compare(&trace) })
+    Ok(MintedTrace {
+        name,
+        added,
+        rewritten,
+        changes: executed.compare(&trace),
+    })
 }
 
 /// Writes a trace without pictures.
 fn write_lean(path: &Path, trace: &Trace, executed: &Executed) -> Result<(), TraceError> {
-    let mut recorder = Recorder::create(path, &executed.header, &trace.task, &trace.scene, Images::None)?;
+    let mut recorder = Recorder::create(
+        path,
+        &executed.header,
+        &trace.task,
+        &trace.scene,
+        Images::None,
+    )?;
     recorder.start(&executed.start, None)?;
     for step in &executed.steps {
         recorder.input(step.step, &step.input)?;
@@ -285,19 +350,28 @@ impl Minted {
 
     /// Those that stood there and differ now.
     pub fn rewritten(&self) -> impl Iterator<Item = &MintedTrace> {
-        self.traces.iter().filter(|trace| trace.rewritten && !trace.added)
+        self.traces
+            .iter()
+            .filter(|trace| trace.rewritten && !trace.added)
     }
 
-    /// The entry in the notes: dated by the simulator's version, for a clock says nothing of what changed.
+    /// The entry in the notes: dated by the simulator's version, for a clock says nothing of what
+    /// changed.
     fn note(&self, reason: &str) -> String {
         let (all, added, rewritten) = (self.traces.len(), self.added(), self.rewritten().count());
-        let mut note =
-            format!("\n## simulator {}: {all} traces, {added} added, {rewritten} rewritten\n\n{reason}\n", self.sim_version);
+        let mut note = format!(
+            "\n## simulator {}: {all} traces, {added} added, {rewritten} rewritten\n\n{reason}\n",
+            self.sim_version
+        );
         if rewritten > 0 {
             note.push('\n');
         }
         for trace in self.rewritten() {
-            note.push_str(&format!("- `{}`: {}\n", trace.name.display(), trace.changes));
+            note.push_str(&format!(
+                "- `{}`: {}\n",
+                trace.name.display(),
+                trace.changes
+            ));
         }
         note
     }
@@ -315,5 +389,9 @@ fn make_parent(path: &Path) -> Result<(), MintError> {
 
 fn failed(action: &'static str, path: &Path) -> impl FnOnce(io::Error) -> MintError {
     let path = path.to_owned();
-    move |source| MintError::Io { action, path, source }
+    move |source| MintError::Io {
+        action,
+        path,
+        source,
+    }
 }

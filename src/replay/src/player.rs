@@ -1,5 +1,5 @@
-//! Runs a recorded episode again, call by call, from its start or from a snapshot, and compares each call with what
-//! was recorded. Stops at the first difference.
+//! Runs a recorded episode again, call by call, from its start or from a snapshot, and compares
+//! each call with what was recorded. Stops at the first difference.
 
 use reel_episode::{Episode, EpisodeConfig, Rollout, StepOutput};
 use reel_reward::Preset;
@@ -35,7 +35,9 @@ pub struct Differing {
 
 impl From<Box<Differing>> for Verdict {
     fn from(differing: Box<Differing>) -> Self {
-        Verdict::Diverged { divergence: differing.divergence }
+        Verdict::Diverged {
+            divergence: differing.divergence,
+        }
     }
 }
 
@@ -47,11 +49,25 @@ impl<'t> Replay<'t> {
     pub fn start(trace: &'t Trace, detail: Detail) -> Result<(Self, Frame), Verdict> {
         let config = config(trace)?;
         let (episode, start, frame) =
-            Episode::start_with(config, detail).map_err(|error| Verdict::NotReplayable { reason: error.to_string() })?;
+            Episode::start_with(config, detail).map_err(|error| Verdict::NotReplayable {
+                reason: error.to_string(),
+            })?;
         let found = difference::header(&trace.header, episode.header());
-        found.and_then(|()| compare_start(&trace.start, &start, detail)).map_err(diverged)?;
+        found
+            .and_then(|()| compare_start(&trace.start, &start, detail))
+            .map_err(diverged)?;
         let physics_steps = start.digests.physics_steps.len() as u64;
-        Ok((Self { trace, episode, detail, calls: 0, physics_steps, pictures: 1 }, frame))
+        Ok((
+            Self {
+                trace,
+                episode,
+                detail,
+                calls: 0,
+                physics_steps,
+                pictures: 1,
+            },
+            frame,
+        ))
     }
 
     /// Goes on after the first `calls` recorded calls from a snapshot of the state there.
@@ -60,18 +76,36 @@ impl<'t> Replay<'t> {
     /// Why nothing can be executed, or that the snapshot is not of that state.
     pub fn resume(trace: &'t Trace, calls: usize, snapshot: &Snapshot) -> Result<Self, Verdict> {
         let refused = |reason| Verdict::Refused { reason };
-        let before = trace.steps.get(..calls).ok_or_else(|| refused(format!("the episode has {} calls", trace.steps.len())))?;
-        let episode = Episode::resume(config(trace)?, trace.start.clone(), before.to_vec(), snapshot)
-            .map_err(|error| refused(error.to_string()))?;
-        Ok(Self { trace, episode, detail: Detail::Picture, calls, physics_steps: 0, pictures: 0 })
+        let before = trace
+            .steps
+            .get(..calls)
+            .ok_or_else(|| refused(format!("the episode has {} calls", trace.steps.len())))?;
+        let episode = Episode::resume(
+            config(trace)?,
+            trace.start.clone(),
+            before.to_vec(),
+            snapshot,
+        )
+        .map_err(|error| refused(error.to_string()))?;
+        Ok(Self {
+            trace,
+            episode,
+            detail: Detail::Picture,
+            calls,
+            physics_steps: 0,
+            pictures: 0,
+        })
     }
 
-    /// Executes the next recorded call again and gives its picture, where it has one; nothing after the last call.
+    /// Executes the next recorded call again and gives its picture, where it has one; nothing after
+    /// the last call.
     ///
     /// # Errors
     /// The first difference.
     pub fn step(&mut self) -> Result<Option<StepOutput>, Box<Differing>> {
-        let Some(recorded) = self.trace.steps.get(self.calls) else { return Ok(None) };
+        let Some(recorded) = self.trace.steps.get(self.calls) else {
+            return Ok(None);
+        };
         let output = self.episode.step(recorded.input.clone());
         match compare_step(recorded, &output.record, self.detail) {
             Err(divergence) => Err(Box::new(Differing { divergence, output })),
@@ -131,7 +165,8 @@ impl<'t> Replay<'t> {
     }
 }
 
-/// What an episode is a function of, from its trace; refuses what no simulator of this version recorded.
+/// What an episode is a function of, from its trace; refuses what no simulator of this version
+/// recorded.
 pub(crate) fn config(trace: &Trace) -> Result<EpisodeConfig, Verdict> {
     let header = &trace.header;
     if header.backend == Backend::Sim && header.sim_version != sim_version(header.profile) {
@@ -145,10 +180,13 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
     let header = &trace.header;
     let not_replayable = |reason| Verdict::NotReplayable { reason };
     if let Some(origin) = header.backend.origin() {
-        return Err(not_replayable(format!("recorded {origin}: nothing to re-execute")));
+        return Err(not_replayable(format!(
+            "recorded {origin}: nothing to re-execute"
+        )));
     }
-    let preset = Preset::parse(&header.reward_preset)
-        .ok_or_else(|| not_replayable(format!("unknown reward preset '{}'", header.reward_preset)))?;
+    let preset = Preset::parse(&header.reward_preset).ok_or_else(|| {
+        not_replayable(format!("unknown reward preset '{}'", header.reward_preset))
+    })?;
     check_meshes(trace)?;
     Ok(EpisodeConfig {
         task: trace.task.clone(),
@@ -165,15 +203,23 @@ pub(crate) fn config_of_any_version(trace: &Trace) -> Result<EpisodeConfig, Verd
     })
 }
 
-/// Refuses a trace whose meshes are not those that it was recorded with: everything would differ, and say nothing.
+/// Refuses a trace whose meshes are not those that it was recorded with: everything would differ,
+/// and say nothing.
 fn check_meshes(trace: &Trace) -> Result<(), Verdict> {
-    let wrong = trace.header.meshes.iter().filter_map(|(asset, recorded)| match trace.meshes.get(asset) {
-        None => Some(format!("{asset} ({}) is missing", recorded.short())),
-        Some(mesh) if mesh.digest() != *recorded => {
-            Some(format!("{asset} is {} here, and was {} when it was recorded", mesh.digest().short(), recorded.short()))
-        }
-        Some(_) => None,
-    });
+    let wrong =
+        trace
+            .header
+            .meshes
+            .iter()
+            .filter_map(|(asset, recorded)| match trace.meshes.get(asset) {
+                None => Some(format!("{asset} ({}) is missing", recorded.short())),
+                Some(mesh) if mesh.digest() != *recorded => Some(format!(
+                    "{asset} is {} here, and was {} when it was recorded",
+                    mesh.digest().short(),
+                    recorded.short()
+                )),
+                Some(_) => None,
+            });
     let wrong: Vec<String> = wrong.collect();
     if wrong.is_empty() {
         return Ok(());
@@ -189,26 +235,54 @@ fn check_meshes(trace: &Trace) -> Result<(), Verdict> {
 fn other_simulator(header: &EpisodeHeader) -> Verdict {
     let (recorded, this) = (header.sim_version, sim_version(header.profile));
     let [low, high] = [recorded.min(this), recorded.max(this)];
-    let between = (1..).zip(SIM_CHANGES).filter(|(version, _)| (low + 1..=high).contains(version));
+    let between = (1..)
+        .zip(SIM_CHANGES)
+        .filter(|(version, _)| (low + 1..=high).contains(version));
     let concerns = between.filter(|(_, change)| change.profiles.contains(&header.profile));
-    let changes = concerns.map(|(version, change)| format!("simulator {version}: {}", change.text)).collect();
-    Verdict::OtherSimulator { recorded, this, changes }
+    let changes = concerns
+        .map(|(version, change)| format!("simulator {version}: {}", change.text))
+        .collect();
+    Verdict::OtherSimulator {
+        recorded,
+        this,
+        changes,
+    }
 }
 
-fn compare_start(recorded: &StartRecord, replayed: &StartRecord, detail: Detail) -> Result<(), Box<Divergence>> {
+fn compare_start(
+    recorded: &StartRecord,
+    replayed: &StartRecord,
+    detail: Detail,
+) -> Result<(), Box<Divergence>> {
     if detail == Detail::Picture {
         return difference::start(recorded, replayed);
     }
     let digests = without_rgb(&recorded.digests, &replayed.digests);
-    difference::start(recorded, &StartRecord { digests, ..replayed.clone() })
+    difference::start(
+        recorded,
+        &StartRecord {
+            digests,
+            ..replayed.clone()
+        },
+    )
 }
 
-fn compare_step(recorded: &StepRecord, replayed: &StepRecord, detail: Detail) -> Result<(), Box<Divergence>> {
+fn compare_step(
+    recorded: &StepRecord,
+    replayed: &StepRecord,
+    detail: Detail,
+) -> Result<(), Box<Divergence>> {
     if detail == Detail::Picture {
         return difference::step(recorded, replayed);
     }
     let digests = without_rgb(&recorded.digests, &replayed.digests);
-    difference::step(recorded, &StepRecord { digests, ..replayed.clone() })
+    difference::step(
+        recorded,
+        &StepRecord {
+            digests,
+            ..replayed.clone()
+        },
+    )
 }
 
 /// Replayed digests with what depends on RGB taken from the record: nothing is said of it.

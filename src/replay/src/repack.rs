@@ -1,5 +1,5 @@
-//! Full traces to lean ones and back: pixels are dropped where replay can bring them back, and drawn again from the
-//! inputs. Digests stay, so that a lean trace says what its pictures were.
+//! Full traces to lean ones and back: pixels are dropped where replay can bring them back, and
+//! drawn again from the inputs. Digests stay, so that a lean trace says what its pictures were.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -21,25 +21,37 @@ pub enum RepackError {
     Trace(#[from] TraceError),
 }
 
-/// Writes a trace without its pictures; with `verify` only after a replay that brought back every one of them.
+/// Writes a trace without its pictures; with `verify` only after a replay that brought back every
+/// one of them.
 ///
 /// # Errors
 /// When the replay is not exact, the trace is not of our simulator, or the file cannot be written.
 pub fn compact(trace: &Trace, to: &Path, verify: bool) -> Result<TraceSummary, RepackError> {
-    let refused = if verify { Some(verify_trace(trace)).filter(|verdict| !verdict.is_exact()) } else { config(trace).err() };
+    let refused = if verify {
+        Some(verify_trace(trace)).filter(|verdict| !verdict.is_exact())
+    } else {
+        config(trace).err()
+    };
     match refused {
-        Some(verdict) => Err(RepackError::NotExact { verdict: Box::new(verdict) }),
+        Some(verdict) => Err(RepackError::NotExact {
+            verdict: Box::new(verdict),
+        }),
         None => Ok(trace.rewrite(to, Images::None, |_| None)?),
     }
 }
 
-/// Writes a trace with its pictures, drawn again: the bytes of the trace as it was recorded with them.
+/// Writes a trace with its pictures, drawn again: the bytes of the trace as it was recorded with
+/// them.
 ///
 /// # Errors
 /// When the replay is not exact or the file cannot be written.
 pub fn expand(trace: &Trace, to: &Path) -> Result<TraceSummary, RepackError> {
     let mut pictures: BTreeMap<Option<u32>, Vec<u8>> = BTreeMap::new();
-    let replayed = replay_with(trace, |step, frame| drop(pictures.insert(step, frame.rgb.clone())));
-    replayed.map_err(|verdict| RepackError::NotExact { verdict: Box::new(verdict) })?;
+    let replayed = replay_with(trace, |step, frame| {
+        drop(pictures.insert(step, frame.rgb.clone()))
+    });
+    replayed.map_err(|verdict| RepackError::NotExact {
+        verdict: Box::new(verdict),
+    })?;
     Ok(trace.rewrite(to, Images::Full, |step| pictures.remove(&step))?)
 }

@@ -1,5 +1,6 @@
-//! Going to a moment of an episode: by executing it from the start, or from a snapshot in a cache, with the same bits.
-//! The cache may be deleted at any time; what is damaged in it is passed over and made again.
+//! Going to a moment of an episode: by executing it from the start, or from a snapshot in a cache,
+//! with the same bits. The cache may be deleted at any time; what is damaged in it is passed over
+//! and made again.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -22,14 +23,18 @@ pub struct SnapshotCache {
 impl SnapshotCache {
     /// A cache in a folder, which is made when the first snapshot comes.
     pub fn at(folder: &Path) -> Self {
-        Self { folder: folder.to_owned() }
+        Self {
+            folder: folder.to_owned(),
+        }
     }
 
     /// The snapshot after so many calls; none where it is not there or damaged.
     pub fn get(&self, trace: &Trace, calls: usize) -> Option<Snapshot> {
         let bytes = fs::read(self.path(trace, calls)?).ok()?;
         let (digest, snapshot) = bytes.split_first_chunk::<32>()?;
-        (Digest::of(snapshot).0 == *digest).then(|| Snapshot::from_bytes(snapshot).ok()).flatten()
+        (Digest::of(snapshot).0 == *digest)
+            .then(|| Snapshot::from_bytes(snapshot).ok())
+            .flatten()
     }
 
     /// Keeps the snapshot after so many calls.
@@ -37,7 +42,9 @@ impl SnapshotCache {
     /// # Errors
     /// When it cannot be written.
     pub fn put(&self, trace: &Trace, calls: usize, snapshot: &Snapshot) -> io::Result<()> {
-        let Some(path) = self.path(trace, calls) else { return Ok(()) };
+        let Some(path) = self.path(trace, calls) else {
+            return Ok(());
+        };
         let bytes = snapshot.to_bytes();
         let mut framed = Digest::of(&bytes).0.to_vec();
         framed.extend(bytes);
@@ -50,30 +57,46 @@ impl SnapshotCache {
 
     fn path(&self, trace: &Trace, calls: usize) -> Option<PathBuf> {
         let link = link_after(trace, calls)?;
-        Some(self.folder.join(format!("{link}-v{SIM_VERSION}-{}.snapshot", env!("CARGO_PKG_VERSION"))))
+        Some(self.folder.join(format!(
+            "{link}-v{SIM_VERSION}-{}.snapshot",
+            env!("CARGO_PKG_VERSION")
+        )))
     }
 }
 
-/// The picture after a call (none: before the first), drawn again whether or not the trace holds it.
+/// The picture after a call (none: before the first), drawn again whether or not the trace holds
+/// it.
 ///
 /// # Errors
 /// Why nothing can be executed, the first difference on the way, or that there is no such call.
-pub fn picture_at(trace: &Trace, call: Option<u32>, cache: Option<&SnapshotCache>) -> Result<Vec<u8>, Verdict> {
+pub fn picture_at(
+    trace: &Trace,
+    call: Option<u32>,
+    cache: Option<&SnapshotCache>,
+) -> Result<Vec<u8>, Verdict> {
     let Some(call) = call else {
         return Replay::start(trace, Detail::Picture).map(|(_, frame)| frame.rgb);
     };
     let mut replay = seek(trace, call as usize, cache)?;
-    let output = replay.step()?.ok_or_else(|| no_call(trace, call as usize))?;
+    let output = replay
+        .step()?
+        .ok_or_else(|| no_call(trace, call as usize))?;
     let simulator = replay.episode().simulator();
-    Ok(output.frame.unwrap_or_else(|| simulator.picture_from(&simulator.camera())).rgb)
+    Ok(output
+        .frame
+        .unwrap_or_else(|| simulator.picture_from(&simulator.camera()))
+        .rgb)
 }
 
-/// The pictures (RGB) that the agent got at these moments (none: before the first call): those that the trace holds, or drawn
-/// again.
+/// The pictures (RGB) that the agent got at these moments (none: before the first call): those that
+/// the trace holds, or drawn again.
 ///
 /// # Errors
 /// Why a picture cannot be had, or the first difference on the way.
-pub fn pictures_at(trace: &Trace, moments: &BTreeSet<Option<u32>>) -> Result<BTreeMap<Option<u32>, Vec<u8>>, Verdict> {
+pub fn pictures_at(
+    trace: &Trace,
+    moments: &BTreeSet<Option<u32>>,
+) -> Result<BTreeMap<Option<u32>, Vec<u8>>, Verdict> {
     let none = |moment: &Option<u32>| Verdict::Refused {
         reason: match moment {
             Some(call) => format!("the agent got no picture from call {call}"),
@@ -87,7 +110,9 @@ pub fn pictures_at(trace: &Trace, moments: &BTreeSet<Option<u32>>) -> Result<BTr
         };
         return moments.iter().map(frame).collect();
     }
-    let Some(last) = moments.last() else { return Ok(BTreeMap::new()) };
+    let Some(last) = moments.last() else {
+        return Ok(BTreeMap::new());
+    };
     let mut found = BTreeMap::new();
     let (mut replay, start) = Replay::start(trace, Detail::Picture)?;
     if moments.contains(&None) {
@@ -108,20 +133,30 @@ pub fn pictures_at(trace: &Trace, moments: &BTreeSet<Option<u32>>) -> Result<BTr
 
 pub(crate) fn no_call(trace: &Trace, call: usize) -> Verdict {
     let count = trace.steps.len();
-    Verdict::Refused { reason: format!("there is no call {call}: the episode has {count} calls, from 0") }
+    Verdict::Refused {
+        reason: format!("there is no call {call}: the episode has {count} calls, from 0"),
+    }
 }
 
-/// Goes to the state after the first `calls` calls: from the nearest snapshot of the cache, else from the start. What is
-/// executed on the way is compared with the trace; the snapshot found there is kept.
+/// Goes to the state after the first `calls` calls: from the nearest snapshot of the cache, else
+/// from the start. What is executed on the way is compared with the trace; the snapshot found there
+/// is kept.
 ///
 /// # Errors
 /// Why nothing can be executed, or the first difference on the way.
-pub fn seek<'t>(trace: &'t Trace, calls: usize, cache: Option<&SnapshotCache>) -> Result<Replay<'t>, Verdict> {
+pub fn seek<'t>(
+    trace: &'t Trace,
+    calls: usize,
+    cache: Option<&SnapshotCache>,
+) -> Result<Replay<'t>, Verdict> {
     if calls > trace.steps.len() {
         return Err(no_call(trace, calls));
     }
-    let nearest =
-        |cache: &SnapshotCache| (0..=calls).rev().find_map(|calls| Replay::resume(trace, calls, &cache.get(trace, calls)?).ok());
+    let nearest = |cache: &SnapshotCache| {
+        (0..=calls)
+            .rev()
+            .find_map(|calls| Replay::resume(trace, calls, &cache.get(trace, calls)?).ok())
+    };
     let mut replay = match cache.and_then(nearest) {
         Some(replay) => replay,
         None => Replay::start(trace, Detail::Picture)?.0,
@@ -137,8 +172,9 @@ pub fn seek<'t>(trace: &'t Trace, calls: usize, cache: Option<&SnapshotCache>) -
     Ok(replay)
 }
 
-/// Executes an episode once, then again from a snapshot after each of the given numbers of calls to its end, comparing
-/// everything with the trace. The snapshots go through their bytes. Exact only if all of it is.
+/// Executes an episode once, then again from a snapshot after each of the given numbers of calls to
+/// its end, comparing everything with the trace. The snapshots go through their bytes. Exact only
+/// if all of it is.
 pub fn verify_restored(trace: &Trace, after: &[usize]) -> Verdict {
     let run = || {
         let (mut replay, _) = Replay::start(trace, Detail::Picture)?;
@@ -160,8 +196,8 @@ pub fn verify_restored(trace: &Trace, after: &[usize]) -> Verdict {
     run().unwrap_or_else(|verdict| verdict)
 }
 
-/// Replays a trace, then again from snapshots after `count` of its calls. Which calls is decided by the trace's own
-/// digest, so that the same trace is always asked the same.
+/// Replays a trace, then again from snapshots after `count` of its calls. Which calls is decided by
+/// the trace's own digest, so that the same trace is always asked the same.
 pub(crate) fn verify_restored_at_some(path: &Path, assets: &dyn Assets, count: usize) -> Verdict {
     let checked = Trace::read(path).and_then(|trace| trace.verify_images().map(|()| trace));
     let trace = match checked {
@@ -169,14 +205,18 @@ pub(crate) fn verify_restored_at_some(path: &Path, assets: &dyn Assets, count: u
         Err(error) => return refused(&error),
     };
     let mut calls: Vec<usize> = (0..=trace.steps.len()).collect();
-    calls.sort_by_key(|calls| Digest::of(format!("{} {calls}", trace.start.digests.chain).as_bytes()));
+    calls.sort_by_key(|calls| {
+        Digest::of(format!("{} {calls}", trace.start.digests.chain).as_bytes())
+    });
     calls.truncate(count);
     verify_restored(&trace, &calls)
 }
 
 /// From a snapshot to the end.
 fn go_on(trace: &Trace, calls: usize, snapshot: &[u8]) -> Result<Verdict, Verdict> {
-    let snapshot = Snapshot::from_bytes(snapshot).map_err(|error| Verdict::Refused { reason: error.to_string() })?;
+    let snapshot = Snapshot::from_bytes(snapshot).map_err(|error| Verdict::Refused {
+        reason: error.to_string(),
+    })?;
     Replay::resume(trace, calls, &snapshot)?.finish(|_, _| {})
 }
 

@@ -1,4 +1,5 @@
-//! The pictures of an episode from any camera, drawn by executing it again. Only the head camera's are what an agent saw.
+//! The pictures of an episode from any camera, drawn by executing it again. Only the head camera's
+//! are what an agent saw.
 
 use reel_sim::{Simulator, geometry::Camera, render::Detail};
 use reel_trace::Trace;
@@ -12,7 +13,8 @@ use crate::{
 /// Where a picture is taken from.
 #[derive(Clone, PartialEq, Debug)]
 pub enum Viewpoint {
-    /// The robot's head: what the agent saw, with its marks; the same view where a call gave no picture.
+    /// The robot's head: what the agent saw, with its marks; the same view where a call gave no
+    /// picture.
     Head,
     /// From above, all of the home.
     TopDown,
@@ -63,12 +65,18 @@ pub enum NoViewpoint {
 }
 
 impl Viewpoint {
-    /// A viewpoint in an episode of a task by its name: `head`, `top-down`, `follow:OBJECT` (an instance, an asset or a category
-    /// of the task, or `target`), or `free` with two points `x,y,z`, in metres in the scene's frame.
+    /// A viewpoint in an episode of a task by its name: `head`, `top-down`, `follow:OBJECT` (an
+    /// instance, an asset or a category of the task, or `target`), or `free` with two points
+    /// `x,y,z`, in metres in the scene's frame.
     ///
     /// # Errors
     /// When there is no such camera or object, or a point is missing or none.
-    pub fn named(name: &str, eye: Option<&str>, look_at: Option<&str>, task: &Task) -> Result<Self, NoViewpoint> {
+    pub fn named(
+        name: &str,
+        eye: Option<&str>,
+        look_at: Option<&str>,
+        task: &Task,
+    ) -> Result<Self, NoViewpoint> {
         if name != "free" && (eye.is_some() || look_at.is_some()) {
             return Err(NoViewpoint::Fixed(name.to_owned()));
         }
@@ -89,9 +97,17 @@ impl Viewpoint {
 
 fn point(text: &str) -> Result<[f32; 3], NoViewpoint> {
     let no_numbers = || NoViewpoint::NoNumbers(text.to_owned());
-    let numbers: Result<Vec<f32>, _> = text.split(',').map(|number| number.trim().parse()).collect();
-    let point = <[f32; 3]>::try_from(numbers.map_err(|_| no_numbers())?).map_err(|_| no_numbers())?;
-    if point.iter().all(|value| value.is_finite()) { Ok(point) } else { Err(no_numbers()) }
+    let numbers: Result<Vec<f32>, _> = text
+        .split(',')
+        .map(|number| number.trim().parse())
+        .collect();
+    let point =
+        <[f32; 3]>::try_from(numbers.map_err(|_| no_numbers())?).map_err(|_| no_numbers())?;
+    if point.iter().all(|value| value.is_finite()) {
+        Ok(point)
+    } else {
+        Err(no_numbers())
+    }
 }
 
 /// The one object of the task that goes by this name.
@@ -100,26 +116,43 @@ fn object(name: &str, task: &Task) -> Result<InstanceId, NoViewpoint> {
         return Ok(task.target.clone());
     }
     let known = |is_it: &dyn Fn(&ObjectInstance) -> bool| -> Vec<&InstanceId> {
-        task.objects.iter().filter(|object| is_it(object)).map(|object| &object.instance).collect()
+        task.objects
+            .iter()
+            .filter(|object| is_it(object))
+            .map(|object| &object.instance)
+            .collect()
     };
     let ways = [
         known(&|object| object.instance.as_str() == name),
         known(&|object| object.asset.as_str() == name),
         known(&|object| object.category == name),
     ];
-    let names = |ids: &[&InstanceId]| ids.iter().map(|id| id.as_str()).collect::<Vec<_>>().join(", ");
+    let names = |ids: &[&InstanceId]| {
+        ids.iter()
+            .map(|id| id.as_str())
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
     let name = name.to_owned();
     match ways.iter().find(|ids| !ids.is_empty()).map(Vec::as_slice) {
         Some([one]) => Ok((*one).clone()),
-        Some(several) => Err(NoViewpoint::Several { found: names(several), name }),
-        None => Err(NoViewpoint::NoObject { task: task.task_id.clone(), known: names(&known(&|_| true)), name }),
+        Some(several) => Err(NoViewpoint::Several {
+            found: names(several),
+            name,
+        }),
+        None => Err(NoViewpoint::NoObject {
+            task: task.task_id.clone(),
+            known: names(&known(&|_| true)),
+            name,
+        }),
     }
 }
 
 /// The picture (RGB) from a viewpoint after a call (none: before the first).
 ///
 /// # Errors
-/// Why nothing can be executed, the first difference on the way, or that there is no such call or object.
+/// Why nothing can be executed, the first difference on the way, or that there is no such call or
+/// object.
 pub fn view_at(
     trace: &Trace,
     call: Option<u32>,
@@ -163,9 +196,16 @@ impl Viewpoint {
             Viewpoint::Head => simulator.camera(),
             Viewpoint::TopDown => simulator.camera_above(),
             Viewpoint::Free { eye, look_at } => Camera::looking_at(*eye, *look_at),
-            Viewpoint::Follow(object) => simulator.camera_on(object).ok_or_else(|| Verdict::Refused {
-                reason: format!("there is no object {object} in task {}", simulator.task().task_id),
-            })?,
+            Viewpoint::Follow(object) => {
+                simulator
+                    .camera_on(object)
+                    .ok_or_else(|| Verdict::Refused {
+                        reason: format!(
+                            "there is no object {object} in task {}",
+                            simulator.task().task_id
+                        ),
+                    })?
+            }
         };
         Ok(simulator.picture_from_outside(&camera).rgb)
     }

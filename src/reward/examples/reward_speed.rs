@@ -1,8 +1,11 @@
-//! How many twelve-step episodes a second one core scores: from prepared facts, and from the texts of table columns.
+//! How many twelve-step episodes a second one core scores: from prepared facts, and from the texts
+//! of table columns.
 //!
 //! `cargo run --release -p reel-reward --example reward_speed`
 
-use reel_reward::{Authority, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts};
+use reel_reward::{
+    Authority, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts,
+};
 use reel_world::{Scene, Task};
 use serde_json::{Value, json};
 
@@ -40,7 +43,10 @@ fn main() {
         task.objects.len(),
         scene.receptacles.len()
     );
-    for preset in Preset::built_in().into_iter().chain(["real-repo", "real-trainer"].map(all_terms)) {
+    for preset in Preset::built_in()
+        .into_iter()
+        .chain(["real-repo", "real-trainer"].map(all_terms))
+    {
         let mut facts = TaskFacts::new(&task, &scene);
         let prepared: Vec<EpisodeFacts> = rows
             .iter()
@@ -64,7 +70,9 @@ fn main() {
         });
         let mean = sum / (2 * ROUNDS * EPISODES_A_ROUND) as f64;
         let name = preset.name();
-        println!("{name:>20}: {from_facts:>9.0} episodes/s from facts, {from_columns:>8.0} from texts (mean reward {mean:.4})");
+        println!(
+            "{name:>20}: {from_facts:>9.0} episodes/s from facts, {from_columns:>8.0} from texts (mean reward {mean:.4})"
+        );
     }
 }
 
@@ -100,7 +108,9 @@ fn fill(facts: &mut TaskFacts, episode: &mut EpisodeFacts, rows: &[Row]) {
         };
         episode.step(head);
         if let Some((event, place)) = row.change {
-            let change = facts.change(event, row.object, place, Some("closed"), Some("open")).expect("a row of ours is a change");
+            let change = facts
+                .change(event, row.object, place, Some("closed"), Some("open"))
+                .expect("a row of ours is a change");
             episode.change(Authority::Physics, change);
             episode.change(Authority::Registry, change);
         }
@@ -126,14 +136,29 @@ fn episode(task: &Task, number: usize) -> Vec<Row> {
         receptacle: None,
         held: None,
         reply: None,
-        text: format!("You are at the coffee table. {tool} shows: 1: a remote control, 2: a remote control, 3: a vase."),
+        text: format!(
+            "You are at the coffee table. {tool} shows: 1: a remote control, 2: a remote control, 3: a vase."
+        ),
         change: None,
         seen: vec![],
         markers: None,
     };
-    let drive = |to| Row { receptacle: Some(to), markers: Some(vec![]), ..row("nav_to", Some(to)) };
-    let on_table: Vec<String> = task.objects.iter().take(4).map(|object| object.instance.to_string()).collect();
-    let look = || Row { seen: on_table.clone(), markers: Some(on_table.clone()), ..row("walk_around", None) };
+    let drive = |to| Row {
+        receptacle: Some(to),
+        markers: Some(vec![]),
+        ..row("nav_to", Some(to))
+    };
+    let on_table: Vec<String> = task
+        .objects
+        .iter()
+        .take(4)
+        .map(|object| object.instance.to_string())
+        .collect();
+    let look = || Row {
+        seen: on_table.clone(),
+        markers: Some(on_table.clone()),
+        ..row("walk_around", None)
+    };
     let pick = |object, marker| Row {
         object: Some(object),
         held: Some(object),
@@ -146,22 +171,50 @@ fn episode(task: &Task, number: usize) -> Vec<Row> {
         change: Some(("add", place)),
         ..row("place", Some("7"))
     };
-    let reply = Some(format!("I mean the {} one.", ["black", "slim", "grey"][number % 3]));
-    let mut rows = vec![drive("coffeetable_0"), look(), Row { reply, ..row("ask", None) }, drive("cabinet_3")];
-    rows.push(Row { receptacle: Some("cabinet_3"), change: Some(("door", "cabinet_3")), ..row("open", Some("1")) });
+    let reply = Some(format!(
+        "I mean the {} one.",
+        ["black", "slim", "grey"][number % 3]
+    ));
+    let mut rows = vec![
+        drive("coffeetable_0"),
+        look(),
+        Row {
+            reply,
+            ..row("ask", None)
+        },
+        drive("cabinet_3"),
+    ];
+    rows.push(Row {
+        receptacle: Some("cabinet_3"),
+        change: Some(("door", "cabinet_3")),
+        ..row("open", Some("1"))
+    });
     rows.extend([drive("coffeetable_0"), look()]);
     if number.is_multiple_of(2) {
         rows.extend([pick(OTHER, "1"), place(OTHER, "coffeetable_0")]);
     } else {
-        rows.extend([Row { error: true, ..row("gaze_at", Some("9")) }, row("gaze_at", Some("0"))]);
+        rows.extend([
+            Row {
+                error: true,
+                ..row("gaze_at", Some("9"))
+            },
+            row("gaze_at", Some("0")),
+        ]);
     }
-    rows.extend([pick(TARGET, "0"), place(TARGET, "cabinet_3"), row("finish", None)]);
+    rows.extend([
+        pick(TARGET, "0"),
+        place(TARGET, "cabinet_3"),
+        row("finish", None),
+    ]);
     rows
 }
 
 /// As large as REAL-Bench's flat: 26 receptacles and 14 objects.
 fn flat() -> (Task, Scene) {
-    let names: Vec<String> = (0..25).map(|number| format!("cabinet_{number}")).chain(["coffeetable_0".to_owned()]).collect();
+    let names: Vec<String> = (0..25)
+        .map(|number| format!("cabinet_{number}"))
+        .chain(["coffeetable_0".to_owned()])
+        .collect();
     let receptacle = |id: &String| {
         json!({ "id": id, "room": "living room", "category": "cabinet", "door": id == "cabinet_3",
                 "surface_min": [0.0, 0.0, 0.5], "surface_max": [1.0, 1.0, 0.6] })
@@ -173,15 +226,30 @@ fn flat() -> (Task, Scene) {
                 "caption": caption, "size": [0.1, 0.1, 0.1], "position": [0.0, 0.0, 0.0], "receptacle": place })
     };
     let mut objects = vec![
-        object(TARGET, "remote control", "Slim black remote control.", "coffeetable_0"),
-        object(OTHER, "remote control", "Grey remote control.", "coffeetable_0"),
+        object(
+            TARGET,
+            "remote control",
+            "Slim black remote control.",
+            "coffeetable_0",
+        ),
+        object(
+            OTHER,
+            "remote control",
+            "Grey remote control.",
+            "coffeetable_0",
+        ),
     ];
     for number in 0..12 {
-        let place = if number < 2 { "coffeetable_0".to_owned() } else { format!("cabinet_{number}") };
+        let place = if number < 2 {
+            "coffeetable_0".to_owned()
+        } else {
+            format!("cabinet_{number}")
+        };
         let instance = format!("vase_{number:04x}_on_{place}_at_SUL/verify_task_10");
         objects.push(object(&instance, "vase", "White vase.", &place));
     }
-    let objects: Vec<reel_world::ObjectInstance> = serde_json::from_value(objects.into()).expect("the objects are well formed");
+    let objects: Vec<reel_world::ObjectInstance> =
+        serde_json::from_value(objects.into()).expect("the objects are well formed");
     let initial = Task::initial_graph(&scene, &objects);
     let mut goal = initial.clone();
     goal.remove(&"coffeetable_0".into(), &TARGET.into());
@@ -190,5 +258,8 @@ fn flat() -> (Task, Scene) {
     let task = json!({ "task_id": "SUL/verify_task_10", "family": "SUL", "scene_id": "flat", "instruction": instruction,
                        "precise_instruction": instruction, "fuzzy": true, "objects": objects, "initial": initial, "goal": goal,
                        "target": TARGET, "src": "coffeetable_0", "dest": "cabinet_3" });
-    (serde_json::from_value(task).expect("the task is well formed"), scene)
+    (
+        serde_json::from_value(task).expect("the task is well formed"),
+        scene,
+    )
 }

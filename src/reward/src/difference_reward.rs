@@ -1,21 +1,27 @@
-//! The published reward class: what it pays for a change of the world graph, for what is held, for questions and picks, and
-//! (switched on) against exploits. Presets `real-repo` and `real-trainer` hand it graphs by asset and by category; what else its
-//! environment does is theirs.
+//! The published reward class: what it pays for a change of the world graph, for what is held, for
+//! questions and picks, and (switched on) against exploits. Presets `real-repo` and `real-trainer`
+//! hand it graphs by asset and by category; what else its environment does is theirs.
 //!
-//! - Targets are the differences of the task's goal and initial graph by (kind, place, add/remove), doors apart. A step's
-//!   differences are net: a kind that leaves a place while another object of it arrives has not changed it.
-//! - An element is matched as often as the targets hold it. An `add` at the right place whose target is used up already is
-//!   neutral, and so costs the -2.0 of a wrong place too.
-//! - Completion is 0 before the first step, also where there are no targets: such a task pays +2.0 twice on its first step.
-//! - On steps at whose end something is held: +0.3 once a kind; +0.5 once a kind whose first place (in the order of the scene)
-//!   is neither that of its first target `remove` nor that of its first `add`, whatever is held.
-//! - Recovery: the wrong object is the first one held that no target names, for ever; it counts as returned when its `add` at
-//!   its origin is among the changes of a step at whose end something is held. One gripper cannot do that in one call, so it
-//!   pays only where a graph came late.
+//! - Targets are the differences of the task's goal and initial graph by (kind, place, add/remove),
+//!   doors apart. A step's differences are net: a kind that leaves a place while another object of
+//!   it arrives has not changed it.
+//! - An element is matched as often as the targets hold it. An `add` at the right place whose
+//!   target is used up already is neutral, and so costs the -2.0 of a wrong place too.
+//! - Completion is 0 before the first step, also where there are no targets: such a task pays +2.0
+//!   twice on its first step.
+//! - On steps at whose end something is held: +0.3 once a kind; +0.5 once a kind whose first place
+//!   (in the order of the scene) is neither that of its first target `remove` nor that of its first
+//!   `add`, whatever is held.
+//! - Recovery: the wrong object is the first one held that no target names, for ever; it counts as
+//!   returned when its `add` at its origin is among the changes of a step at whose end something is
+//!   held. One gripper cannot do that in one call, so it pays only where a graph came late.
 //! - `ask` and `pick` count whether or not they succeed. So do the anti-exploit terms.
 
 use crate::{
-    facts::{Called, Change, Counts, Identity, KindChange, KindKey, Marked, PlaceKey, StepHead, TaskFacts, TextKey},
+    facts::{
+        Called, Change, Counts, Identity, KindChange, KindKey, Marked, PlaceKey, StepHead,
+        TaskFacts, TextKey,
+    },
     score::{Cause, Paid},
     terms::Term,
 };
@@ -48,7 +54,11 @@ enum Recovery {
     #[default]
     None,
     /// An object was held that no target names.
-    Wrong { kind: KindKey, origin: Option<PlaceKey>, returned: bool },
+    Wrong {
+        kind: KindKey,
+        origin: Option<PlaceKey>,
+        returned: bool,
+    },
     /// The recovery was paid; it is paid once.
     Done,
 }
@@ -65,7 +75,8 @@ pub(crate) struct Dialogue {
 }
 
 impl Dialogue {
-    /// Several objects like the target are seen: answers to earlier questions do not settle which one is meant.
+    /// Several objects like the target are seen: answers to earlier questions do not settle which
+    /// one is meant.
     pub(crate) fn see_several(&mut self) {
         self.asked &= self.ambiguous;
         self.ambiguous = true;
@@ -123,7 +134,11 @@ impl DifferenceReward {
 
     /// The share of the targets that was matched; 1 where there are none.
     pub(crate) fn completion(&self) -> f64 {
-        if self.matched.is_empty() { 1.0 } else { 1.0 - self.remaining as f64 / self.matched.len() as f64 }
+        if self.matched.is_empty() {
+            1.0
+        } else {
+            1.0 - self.remaining as f64 / self.matched.len() as f64
+        }
     }
 
     /// As the last step left it: 0 before the first one.
@@ -144,7 +159,10 @@ impl DifferenceReward {
     /// The targets that were not matched.
     pub(crate) fn remaining_targets(&self, facts: &TaskFacts) -> Vec<KindChange> {
         let targets = facts.kinds(self.identity).goal.iter().zip(&self.matched);
-        targets.filter(|(_, matched)| !**matched).map(|(target, _)| *target).collect()
+        targets
+            .filter(|(_, matched)| !**matched)
+            .map(|(target, _)| *target)
+            .collect()
     }
 
     /// How many objects of each kind stand on each receptacle.
@@ -166,7 +184,11 @@ impl DifferenceReward {
         self.apply(facts, changes);
         self.match_targets(facts, paid);
         let completion = self.completion();
-        paid.times(Term::ProgressShaping, completion - self.completion, Cause::None);
+        paid.times(
+            Term::ProgressShaping,
+            completion - self.completion,
+            Cause::None,
+        );
         self.completion = completion;
         self.steps += 1;
         if self.steps > rules.free_steps {
@@ -182,14 +204,26 @@ impl DifferenceReward {
     }
 
     /// Pays for a call's pattern: only against exploits.
-    pub(crate) fn track(&mut self, facts: &TaskFacts, head: &StepHead, map: &[(u32, Marked)], paid: &mut Paid) {
+    pub(crate) fn track(
+        &mut self,
+        facts: &TaskFacts,
+        head: &StepHead,
+        map: &[(u32, Marked)],
+        paid: &mut Paid,
+    ) {
         if paid.preset().rules.anti_exploit {
             self.exploits.track(facts, self.identity, head, map, paid);
         }
     }
 
     /// Pays for questions and picks.
-    pub(crate) fn tools(&mut self, tool: Called, marker: Option<TextKey>, dialogue: Dialogue, paid: &mut Paid) {
+    pub(crate) fn tools(
+        &mut self,
+        tool: Called,
+        marker: Option<TextKey>,
+        dialogue: Dialogue,
+        paid: &mut Paid,
+    ) {
         let rules = paid.preset().rules;
         match tool {
             Called::Ask => {
@@ -203,8 +237,12 @@ impl DifferenceReward {
                 }
             }
             Called::Pick => match dialogue.named {
-                Some(named) if marker == Some(named) => paid.once(Term::UsedMarkerFromAnswer, Cause::Text(named)),
-                _ if dialogue.ambiguous && !dialogue.asked => paid.once(Term::BlindPick, Cause::None),
+                Some(named) if marker == Some(named) => {
+                    paid.once(Term::UsedMarkerFromAnswer, Cause::Text(named))
+                }
+                _ if dialogue.ambiguous && !dialogue.asked => {
+                    paid.once(Term::BlindPick, Cause::None)
+                }
                 _ => {}
             },
             _ => {}
@@ -214,8 +252,12 @@ impl DifferenceReward {
     fn apply(&mut self, facts: &TaskFacts, changes: &[Change]) {
         for change in changes {
             match *change {
-                Change::Add { object, place } => self.counts.add(facts.kind_of(self.identity, object).0, place),
-                Change::Remove { object, place } => self.counts.remove(facts.kind_of(self.identity, object).0, place),
+                Change::Add { object, place } => self
+                    .counts
+                    .add(facts.kind_of(self.identity, object).0, place),
+                Change::Remove { object, place } => self
+                    .counts
+                    .remove(facts.kind_of(self.identity, object).0, place),
                 Change::Door { .. } => {}
             }
         }
@@ -230,7 +272,11 @@ impl DifferenceReward {
                 Change::Remove { object, place } => (object, place, false),
                 Change::Door { .. } => continue,
             };
-            let diff = KindChange { kind: facts.kind_of(self.identity, object), place, add };
+            let diff = KindChange {
+                kind: facts.kind_of(self.identity, object),
+                place,
+                add,
+            };
             match self.diffs.iter().position(|other| *other == diff.reverse()) {
                 Some(cancelled) => {
                     self.diffs.remove(cancelled);
@@ -244,7 +290,11 @@ impl DifferenceReward {
         let targets = &facts.kinds(self.identity).goal;
         for diff in &self.diffs {
             let cause = Cause::Kind(*diff);
-            if let Some(found) = targets.iter().zip(&self.matched).position(|(target, matched)| !matched && target == diff) {
+            if let Some(found) = targets
+                .iter()
+                .zip(&self.matched)
+                .position(|(target, matched)| !matched && target == diff)
+            {
                 self.matched[found] = true;
                 self.remaining -= 1;
                 paid.once(Term::DiffMatch, cause);
@@ -255,7 +305,11 @@ impl DifferenceReward {
                 continue;
             }
             paid.once(Term::NeutralDiff, cause);
-            if diff.add && targets.iter().any(|target| target.add && target.kind == diff.kind) {
+            if diff.add
+                && targets
+                    .iter()
+                    .any(|target| target.add && target.kind == diff.kind)
+            {
                 paid.once(Term::PlaceWrongFurniture, cause);
             }
         }
@@ -267,7 +321,11 @@ impl DifferenceReward {
 
     fn partial_credit(&mut self, facts: &TaskFacts, held: KindKey, paid: &mut Paid) {
         let targets = &facts.kinds(self.identity).goal;
-        if !self.picked.contains(&held) && targets.iter().any(|target| !target.add && target.kind == held) {
+        if !self.picked.contains(&held)
+            && targets
+                .iter()
+                .any(|target| !target.add && target.kind == held)
+        {
             self.picked.push(held);
             paid.once(Term::PickCorrectObject, Cause::Held(held));
         }
@@ -276,8 +334,15 @@ impl DifferenceReward {
             if self.moved.contains(&kind) {
                 continue;
             }
-            let first = |add: bool| targets.iter().find(|other| other.kind == kind && other.add == add).map(|found| found.place);
-            let (Some(source), Some(goal)) = (first(false), first(true)) else { continue };
+            let first = |add: bool| {
+                targets
+                    .iter()
+                    .find(|other| other.kind == kind && other.add == add)
+                    .map(|found| found.place)
+            };
+            let (Some(source), Some(goal)) = (first(false), first(true)) else {
+                continue;
+            };
             let place = facts.first_place(&self.counts, kind.0);
             if place != Some(source) && place != Some(goal) {
                 self.moved.push(kind);
@@ -287,14 +352,35 @@ impl DifferenceReward {
     }
 
     fn recover(&mut self, facts: &TaskFacts, held: KindKey, paid: &mut Paid) {
-        let is_target = facts.kinds(self.identity).goal.iter().any(|target| target.kind == held);
+        let is_target = facts
+            .kinds(self.identity)
+            .goal
+            .iter()
+            .any(|target| target.kind == held);
         if matches!(self.recovery, Recovery::None) && !is_target {
-            let removed = self.diffs.iter().find(|diff| diff.kind == held && !diff.add).map(|diff| diff.place);
+            let removed = self
+                .diffs
+                .iter()
+                .find(|diff| diff.kind == held && !diff.add)
+                .map(|diff| diff.place);
             let origin = removed.or_else(|| facts.first_place(&self.initial, held.0));
-            self.recovery = Recovery::Wrong { kind: held, origin, returned: false };
+            self.recovery = Recovery::Wrong {
+                kind: held,
+                origin,
+                returned: false,
+            };
         }
-        let Recovery::Wrong { kind, origin, returned } = &mut self.recovery else { return };
-        let back = |diff: &KindChange| diff.add && diff.kind == *kind && origin.is_none_or(|origin| origin == diff.place);
+        let Recovery::Wrong {
+            kind,
+            origin,
+            returned,
+        } = &mut self.recovery
+        else {
+            return;
+        };
+        let back = |diff: &KindChange| {
+            diff.add && diff.kind == *kind && origin.is_none_or(|origin| origin == diff.place)
+        };
         *returned |= self.diffs.iter().any(back);
         if *returned && is_target {
             paid.once(Term::ReplanRecoverPick, Cause::Held(*kind));
@@ -323,7 +409,14 @@ impl Exploits {
         self.gazed_at = None;
     }
 
-    fn track(&mut self, facts: &TaskFacts, identity: Identity, head: &StepHead, map: &[(u32, Marked)], paid: &mut Paid) {
+    fn track(
+        &mut self,
+        facts: &TaskFacts,
+        identity: Identity,
+        head: &StepHead,
+        map: &[(u32, Marked)],
+        paid: &mut Paid,
+    ) {
         match head.tool {
             Called::NavTo => self.drive(facts, identity, head.driven_to, paid),
             Called::WalkAround | Called::ShowObjectByCategory if !map.is_empty() => {
@@ -346,9 +439,21 @@ impl Exploits {
         }
     }
 
-    fn drive(&mut self, facts: &TaskFacts, identity: Identity, to: Option<PlaceKey>, paid: &mut Paid) {
+    fn drive(
+        &mut self,
+        facts: &TaskFacts,
+        identity: Identity,
+        to: Option<PlaceKey>,
+        paid: &mut Paid,
+    ) {
         let Some(to) = to else { return };
-        if facts.kinds(identity).goal.iter().any(|target| target.place == to) && !self.visited.contains(&to) {
+        if facts
+            .kinds(identity)
+            .goal
+            .iter()
+            .any(|target| target.place == to)
+            && !self.visited.contains(&to)
+        {
             self.visited.push(to);
             paid.once(Term::FirstVisitTargetFurniture, Cause::Visited(to));
         }

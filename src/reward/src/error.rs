@@ -53,7 +53,9 @@ pub enum RewardError {
         expected: String,
     },
     /// Lists that belong together have different lengths.
-    #[error("{expected} values on one side and {found} on the other: give one for each token or rollout")]
+    #[error(
+        "{expected} values on one side and {found} on the other: give one for each token or rollout"
+    )]
     Lengths {
         /// Of the first list.
         expected: usize,
@@ -74,7 +76,9 @@ pub enum RewardError {
         old: f64,
     },
     /// Policies so far apart that their ratio is no number.
-    #[error("log-probabilities differ by {log_ratio}: their ratio is too large for a number; are they of the same tokens?")]
+    #[error(
+        "log-probabilities differ by {log_ratio}: their ratio is too large for a number; are they of the same tokens?"
+    )]
     Overflow {
         /// Logarithm of the ratio.
         log_ratio: f64,

@@ -1,10 +1,12 @@
 //! Rewards and metrics as pure functions of what was recorded (SPEC sections 5 and 6).
 //!
-//! One engine, two sources: records and table columns become the same facts ([`TaskFacts`], [`EpisodeFacts`]), and a
-//! [`Scorer`] runs the rules of a [`Preset`] on facts alone. It reads them in their order and gives the terms of each step;
-//! it never looks ahead, at the simulator or at a clock, so that recomputing gives what was recorded, bit for bit.
+//! One engine, two sources: records and table columns become the same facts ([`TaskFacts`],
+//! [`EpisodeFacts`]), and a [`Scorer`] runs the rules of a [`Preset`] on facts alone. It reads them
+//! in their order and gives the terms of each step; it never looks ahead, at the simulator or at a
+//! clock, so that recomputing gives what was recorded, bit for bit.
 //!
-//! Rewards from columns, episode by episode; records take [`Preset::rewarder`] or [`EpisodeFacts::record`]:
+//! Rewards from columns, episode by episode; records take [`Preset::rewarder`] or
+//! [`EpisodeFacts::record`]:
 //!
 //! ```
 //! use reel_reward::{Authority, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts};
@@ -61,8 +63,8 @@ pub use advantage::{Estimator, PAPER_EPS, Scale, group_relative};
 pub use difference::{ComponentDifference, RewardDifference, difference};
 pub use error::RewardError;
 pub use facts::{
-    Authority, Called, Change, Delivery, EpisodeFacts, Marked, ObjectKey, PlaceKey, StartFacts, StepFacts, StepHead, TaskFacts,
-    TextKey, Told,
+    Authority, Called, Change, Delivery, EpisodeFacts, Marked, ObjectKey, PlaceKey, StartFacts,
+    StepFacts, StepHead, TaskFacts, TextKey, Told,
 };
 pub use metrics::{discounted_return, metrics};
 pub use preset::{Preset, rewards};
@@ -77,6 +79,7 @@ pub trait Rewarder: fmt::Debug + Send {
     /// Takes in the state before the first decision. Called once, first.
     fn start(&mut self, start: &StartRecord);
 
-    /// The terms of the next step; those that are zero are left out. The record's own `reward` is not read.
+    /// The terms of the next step; those that are zero are left out. The record's own `reward` is
+    /// not read.
     fn step(&mut self, step: &StepRecord) -> Vec<RewardTerm>;
 }

@@ -1,26 +1,32 @@
-//! Preset `paper`: the reward of the paper's Detailed Reward Configuration, by the definitions of SPEC section 5.
+//! Preset `paper`: the reward of the paper's Detailed Reward Configuration, by the definitions of
+//! SPEC section 5.
 //!
 //! The physical graph scores. Where the definitions leave a corner, it is decided so:
-//! - `Delta_task` is a set union: an aux element that is a goal change already (a door to be opened and left open) is not
-//!   counted twice, and source and destination that are one receptacle give one visit.
-//! - Matching reads the changes of the step, so an element that happens to hold before the first decision is never matched;
-//!   the +2.0 looks at the state and can be had all the same. A task without goal changes has no +2.0.
-//! - `achieved` means matched in an earlier step. Only elements of `Delta_goal` can be reversed at a cost: closing a door
-//!   that only had to be opened on the way is free.
-//! - The -2.0 goes by where physics says the placed object came to rest. The floor is a place but no receptacle. Putting a
-//!   goal object back on its source is a reversal (-0.5) and a wrong receptacle (-2.0): both rules apply.
-//! - In transit: the gripper holds the instance at the end of the step and it is in no place at all. Only an instance that
-//!   has both a source and a destination in `Delta_goal`.
-//! - Recovery: any wrong instance put back where it lay before its pick, then any goal instance picked, in this order.
-//! - Ask: candidates were seen before the question, and equal assets count as one, since words cannot tell them apart. An
-//!   `ask` that fails earns nothing and costs no budget.
+//! - `Delta_task` is a set union: an aux element that is a goal change already (a door to be opened
+//!   and left open) is not counted twice, and source and destination that are one receptacle give
+//!   one visit.
+//! - Matching reads the changes of the step, so an element that happens to hold before the first
+//!   decision is never matched; the +2.0 looks at the state and can be had all the same. A task
+//!   without goal changes has no +2.0.
+//! - `achieved` means matched in an earlier step. Only elements of `Delta_goal` can be reversed at
+//!   a cost: closing a door that only had to be opened on the way is free.
+//! - The -2.0 goes by where physics says the placed object came to rest. The floor is a place but
+//!   no receptacle. Putting a goal object back on its source is a reversal (-0.5) and a wrong
+//!   receptacle (-2.0): both rules apply.
+//! - In transit: the gripper holds the instance at the end of the step and it is in no place at
+//!   all. Only an instance that has both a source and a destination in `Delta_goal`.
+//! - Recovery: any wrong instance put back where it lay before its pick, then any goal instance
+//!   picked, in this order.
+//! - Ask: candidates were seen before the question, and equal assets count as one, since words
+//!   cannot tell them apart. An `ask` that fails earns nothing and costs no budget.
 //! - Time: the fourth decision is the first that costs.
 //!
 //! # A worked example
-//! A red and a green apple stand on `table_1`; "Take an apple from the table and put it into the fridge" means the red one;
-//! the door of `fridge_0` is closed. `Delta_goal = {-red@table_1, +red@fridge_0}`; `Delta_aux = {nav_to(table_1),
-//! nav_to(fridge_0), (fridge_0, open)}`. So `|Delta_task| = 5`, and a match gives 1.5 (task) + 2.0/5 (prog) = 1.9. One
-//! distractor of the category: `B_ask = 1`.
+//! A red and a green apple stand on `table_1`; "Take an apple from the table and put it into the
+//! fridge" means the red one; the door of `fridge_0` is closed. `Delta_goal = {-red@table_1,
+//! +red@fridge_0}`; `Delta_aux = {nav_to(table_1), nav_to(fridge_0), (fridge_0, open)}`. So
+//! `|Delta_task| = 5`, and a match gives 1.5 (task) + 2.0/5 (prog) = 1.9. One distractor of the
+//! category: `B_ask = 1`.
 //!
 //! | step | call | terms | sum |
 //! |---|---|---|---|
@@ -43,13 +49,17 @@
 use reel_world::{DoorState, ErrorClass};
 
 use crate::{
-    facts::{Called, Change, Counts, ObjectKey, PlaceKey, StartFacts, StepFacts, StepHead, Target, TaskFacts},
+    facts::{
+        Called, Change, Counts, ObjectKey, PlaceKey, StartFacts, StepFacts, StepHead, Target,
+        TaskFacts,
+    },
     preset::Preset,
     score::{Cause, Paid},
     terms::Term,
 };
 
-/// The state of the rules during one episode. The page of this module has the corners and a worked example.
+/// The state of the rules during one episode. The page of this module has the corners and a worked
+/// example.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Paper {
     /// Which elements of `Delta_task` were matched, and how many were not.
@@ -85,7 +95,9 @@ enum Recovery {
 
 impl Default for Recovery {
     fn default() -> Self {
-        Recovery::Open { origins: Vec::new() }
+        Recovery::Open {
+            origins: Vec::new(),
+        }
     }
 }
 
@@ -122,7 +134,11 @@ impl Paper {
         let recovered = self.recover(facts, step);
         self.apply(step.physics);
         self.match_targets(facts, step, paid);
-        paid.times(Term::Progress, self.progress() - progress_before, Cause::None);
+        paid.times(
+            Term::Progress,
+            self.progress() - progress_before,
+            Cause::None,
+        );
         self.handling(facts, step, recovered, paid);
         self.ask(facts, step, paid);
         self.decisions += 1;
@@ -168,19 +184,30 @@ impl Paper {
     fn reversals(&self, facts: &TaskFacts, step: &StepFacts, paid: &mut Paid) {
         for change in step.physics {
             let undone = Target::Goal(change.reverse());
-            if facts.targets.iter().zip(&self.matched).any(|(target, matched)| *matched && *target == undone) {
+            if facts
+                .targets
+                .iter()
+                .zip(&self.matched)
+                .any(|(target, matched)| *matched && *target == undone)
+            {
                 paid.once(Term::Reversed, Cause::Change(*change));
             }
         }
     }
 
-    /// Follows wrong picks; true when this step completes a recovery. Reads the graph before the step.
+    /// Follows wrong picks; true when this step completes a recovery. Reads the graph before the
+    /// step.
     fn recover(&mut self, facts: &TaskFacts, step: &StepFacts) -> bool {
-        let picked = step.head.object.filter(|_| step.head.succeeded(Called::Pick));
+        let picked = step
+            .head
+            .object
+            .filter(|_| step.head.succeeded(Called::Pick));
         match &mut self.recovery {
             Recovery::Open { origins } => {
                 let back = step.physics.iter().find_map(|change| match *change {
-                    Change::Add { object, place } if origins.contains(&(object, place)) => Some(object),
+                    Change::Add { object, place } if origins.contains(&(object, place)) => {
+                        Some(object)
+                    }
                     _ => None,
                 });
                 if let Some(object) = back {
@@ -205,7 +232,12 @@ impl Paper {
             self.match_target(facts, Target::Goal(*change), Cause::Change(*change), paid);
         }
         for change in step.physics {
-            if let Change::Door { place, to: DoorState::Open, .. } = *change {
+            if let Change::Door {
+                place,
+                to: DoorState::Open,
+                ..
+            } = *change
+            {
                 self.match_target(facts, Target::Opening(place), Cause::Opened(place), paid);
             }
         }
@@ -217,9 +249,15 @@ impl Paper {
         if self.changed && !self.all_held && !facts.goal.is_empty() {
             self.changed = false;
             self.all_held = facts.goal.iter().all(|goal| match goal.change {
-                Change::Remove { object, place } => goal.was.saturating_sub(self.counts.count(object.0, place)) > goal.earlier,
-                Change::Add { object, place } => self.counts.count(object.0, place).saturating_sub(goal.was) > goal.earlier,
-                Change::Door { place, to, .. } => self.doors.get(place.0 as usize) == Some(&Some(to)),
+                Change::Remove { object, place } => {
+                    goal.was.saturating_sub(self.counts.count(object.0, place)) > goal.earlier
+                }
+                Change::Add { object, place } => {
+                    self.counts.count(object.0, place).saturating_sub(goal.was) > goal.earlier
+                }
+                Change::Door { place, to, .. } => {
+                    self.doors.get(place.0 as usize) == Some(&Some(to))
+                }
             });
             if self.all_held {
                 paid.once(Term::AllHold, Cause::None);
@@ -228,7 +266,11 @@ impl Paper {
     }
 
     fn match_target(&mut self, facts: &TaskFacts, event: Target, cause: Cause, paid: &mut Paid) {
-        let found = facts.targets.iter().zip(&self.matched).position(|(target, matched)| !matched && *target == event);
+        let found = facts
+            .targets
+            .iter()
+            .zip(&self.matched)
+            .position(|(target, matched)| !matched && *target == event);
         if let Some(found) = found {
             self.matched[found] = true;
             self.remaining -= 1;
@@ -240,7 +282,10 @@ impl Paper {
     fn handling(&mut self, facts: &TaskFacts, step: &StepFacts, recovered: bool, paid: &mut Paid) {
         let StepHead { object, held, .. } = step.head;
         if let Some(object) = object.filter(|_| step.head.succeeded(Called::Place)) {
-            let wrong = step.physics.iter().find(|change| is_wrong_place(facts, **change, object));
+            let wrong = step
+                .physics
+                .iter()
+                .find(|change| is_wrong_place(facts, **change, object));
             if let Some(change) = wrong {
                 paid.once(Term::WrongReceptacle, Cause::Change(*change));
             }
@@ -261,7 +306,10 @@ impl Paper {
             self.transits.push(object);
             paid.once(Term::InTransit, Cause::Object(object));
         }
-        if recovered && let Recovery::PutBack { object } = std::mem::replace(&mut self.recovery, Recovery::Done) {
+        if recovered
+            && let Recovery::PutBack { object } =
+                std::mem::replace(&mut self.recovery, Recovery::Done)
+        {
             paid.once(Term::Recovery, Cause::Object(object));
         }
     }
@@ -296,7 +344,9 @@ impl Paper {
 }
 
 fn is_wrong_place(facts: &TaskFacts, change: Change, placed: ObjectKey) -> bool {
-    let Change::Add { object, place } = change else { return false };
+    let Change::Add { object, place } = change else {
+        return false;
+    };
     object == placed
         && place != facts.floor
         && facts.of(object).has_destination

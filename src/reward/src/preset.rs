@@ -1,5 +1,5 @@
-//! Presets: rules by name with the weights and limits they are played with. A preset's version is the digest of what it
-//! computes. Files of presets belong to [`crate::preset_file`].
+//! Presets: rules by name with the weights and limits they are played with. A preset's version is
+//! the digest of what it computes. Files of presets belong to [`crate::preset_file`].
 
 use reel_world::{
     Digest, GAMMA, Scene, Task, WorldGraph,
@@ -13,7 +13,8 @@ use crate::{
     terms::{Base, Term},
 };
 
-/// Counts up when the rules of a base change in the code, so that equal weights of other rules get another version.
+/// Counts up when the rules of a base change in the code, so that equal weights of other rules get
+/// another version.
 fn revision(base: Base) -> u32 {
     match base {
         Base::Paper | Base::RealTrainer => 1,
@@ -21,7 +22,8 @@ fn revision(base: Base) -> u32 {
     }
 }
 
-/// Largest weight, to either side: sums of such weights stay finite and exact enough, whatever an episode does.
+/// Largest weight, to either side: sums of such weights stay finite and exact enough, whatever an
+/// episode does.
 pub(crate) const WEIGHT_MAX: f64 = 1e9;
 
 /// A set of reward rules: a base, its weights and its limits.
@@ -96,7 +98,12 @@ impl Preset {
 
     /// A base with its published weights and limits, under the base's name.
     pub(crate) fn published(base: Base) -> Self {
-        Self { name: base.as_str().to_owned(), base, weights: Weights::published(), rules: Rules::published(base) }
+        Self {
+            name: base.as_str().to_owned(),
+            base,
+            weights: Weights::published(),
+            rules: Rules::published(base),
+        }
     }
 
     /// As it stands on the command line and in traces.
@@ -122,23 +129,36 @@ impl Preset {
     /// The same preset with another weight: another version.
     ///
     /// # Panics
-    /// When the term is of another base or the weight is beyond a thousand million: a programmer's error. Files are checked with errors.
+    /// When the term is of another base or the weight is beyond a thousand million: a programmer's
+    /// error. Files are checked with errors.
     #[must_use]
     pub fn with_weight(mut self, term: Term, weight: f64) -> Self {
-        assert!(term.belongs_to(self.base) && weight.abs() <= WEIGHT_MAX, "{} has no weight {weight} of {term:?}", self.base);
+        assert!(
+            term.belongs_to(self.base) && weight.abs() <= WEIGHT_MAX,
+            "{} has no weight {weight} of {term:?}",
+            self.base
+        );
         self.weights.set(term, weight);
         self
     }
 
-    /// What it computes, without its name: base, revision of the rules, every weight and limit that the base reads.
+    /// What it computes, without its name: base, revision of the rules, every weight and limit that
+    /// the base reads.
     pub fn content(&self) -> Value {
-        let weights: Map<String, Value> =
-            self.base.terms().map(|term| (term.name().to_owned(), json!(self.weight(term)))).collect();
-        let rules: Map<String, Value> = self.rule_values().map(|(rule, value)| (rule.name.to_owned(), value.json())).collect();
+        let weights: Map<String, Value> = self
+            .base
+            .terms()
+            .map(|term| (term.name().to_owned(), json!(self.weight(term))))
+            .collect();
+        let rules: Map<String, Value> = self
+            .rule_values()
+            .map(|(rule, value)| (rule.name.to_owned(), value.json()))
+            .collect();
         json!({ "base": self.base.as_str(), "revision": revision(self.base), "weights": weights, "rules": rules })
     }
 
-    /// Digest of [`Preset::content`]: equal versions compute equal rewards, whatever they are called.
+    /// Digest of [`Preset::content`]: equal versions compute equal rewards, whatever they are
+    /// called.
     pub fn version(&self) -> Digest {
         Digest::of_json(&self.content())
     }
@@ -169,7 +189,13 @@ impl Default for Preset {
 }
 
 /// The terms of all steps at once: the same as streaming them.
-pub fn rewards(preset: &Preset, task: &Task, scene: &Scene, start: &StartRecord, steps: &[StepRecord]) -> Vec<Vec<RewardTerm>> {
+pub fn rewards(
+    preset: &Preset,
+    task: &Task,
+    scene: &Scene,
+    start: &StartRecord,
+    steps: &[StepRecord],
+) -> Vec<Vec<RewardTerm>> {
     let mut rewarder = preset.rewarder(task, scene);
     rewarder.start(start);
     steps.iter().map(|step| rewarder.step(step)).collect()
@@ -197,7 +223,11 @@ impl Rules {
     /// The paper discounts; the published trainer adds up.
     fn published(base: Base) -> Self {
         Rules {
-            gamma: if base == Base::RealTrainer { 1.0 } else { GAMMA },
+            gamma: if base == Base::RealTrainer {
+                1.0
+            } else {
+                GAMMA
+            },
             free_steps: 3,
             ask_limit: 3,
             ambiguous_ask_limit: 3,
@@ -257,12 +287,36 @@ const CLASS: [Base; 2] = [Base::RealRepo, Base::RealTrainer];
 
 impl RuleSpec {
     const ALL: [RuleSpec; 9] = [
-        RuleSpec { name: "gamma", bases: &Base::ALL, doc: "Discount of returns, from 0 to 1." },
-        RuleSpec { name: "free_steps", bases: &Base::ALL, doc: "So many steps cost no time." },
-        RuleSpec { name: "ask_limit", bases: &Base::ALL, doc: "At most so many questions earn `ask`." },
-        RuleSpec { name: "ambiguous_ask_limit", bases: &CLASS, doc: "At most so many questions earn `ask_when_ambiguous`." },
-        RuleSpec { name: "nav_window", bases: &CLASS, doc: "`nav_revisit_window` looks back so many drives." },
-        RuleSpec { name: "anti_exploit", bases: &CLASS, doc: "Whether the anti-exploit terms pay." },
+        RuleSpec {
+            name: "gamma",
+            bases: &Base::ALL,
+            doc: "Discount of returns, from 0 to 1.",
+        },
+        RuleSpec {
+            name: "free_steps",
+            bases: &Base::ALL,
+            doc: "So many steps cost no time.",
+        },
+        RuleSpec {
+            name: "ask_limit",
+            bases: &Base::ALL,
+            doc: "At most so many questions earn `ask`.",
+        },
+        RuleSpec {
+            name: "ambiguous_ask_limit",
+            bases: &CLASS,
+            doc: "At most so many questions earn `ask_when_ambiguous`.",
+        },
+        RuleSpec {
+            name: "nav_window",
+            bases: &CLASS,
+            doc: "`nav_revisit_window` looks back so many drives.",
+        },
+        RuleSpec {
+            name: "anti_exploit",
+            bases: &CLASS,
+            doc: "Whether the anti-exploit terms pay.",
+        },
         RuleSpec {
             name: "pick_clears_first",
             bases: &[Base::RealRepo],
@@ -283,6 +337,8 @@ impl RuleSpec {
 
     /// The rules of a base.
     pub(crate) fn of(base: Base) -> impl Iterator<Item = &'static RuleSpec> {
-        Self::ALL.iter().filter(move |rule| rule.bases.contains(&base))
+        Self::ALL
+            .iter()
+            .filter(move |rule| rule.bases.contains(&base))
     }
 }

@@ -1,5 +1,6 @@
-//! What the published reward class pays for questions and picks, given the state that its environment hands it. Episodes cannot
-//! be in all of these states, so that the class is asked itself; the rest of `reward.json` is compared from outside.
+//! What the published reward class pays for questions and picks, given the state that its
+//! environment hands it. Episodes cannot be in all of these states, so that the class is asked
+//! itself; the rest of `reward.json` is compared from outside.
 
 use reel_vectors::{Report, items, load, text};
 use serde_json::{Value, json};
@@ -14,11 +15,16 @@ use crate::{
 
 #[test]
 fn questions_and_picks_are_paid_as_published() {
-    let Some(document) = load("reward.json") else { return };
+    let Some(document) = load("reward.json") else {
+        return;
+    };
     let mut report = Report::new("reward.json", "tools");
     for case in items(&document["cases"]) {
         let expected = items(&case["expect"]["partial/default"]);
-        if items(&case["steps"]).iter().any(|step| step.get("tool").is_some()) {
+        if items(&case["steps"])
+            .iter()
+            .any(|step| step.get("tool").is_some())
+        {
             compare(&mut report, case, expected);
         }
     }
@@ -27,12 +33,18 @@ fn questions_and_picks_are_paid_as_published() {
 
 fn compare(report: &mut Report, case: &Value, expected: &[Value]) {
     let preset = Preset::real_repo();
-    let mut facts =
-        TaskFacts::for_trainer(Categories::default(), "", &Graph::of_json(&case["initial"]), &Graph::of_json(&case["goal"]));
+    let mut facts = TaskFacts::for_trainer(
+        Categories::default(),
+        "",
+        &Graph::of_json(&case["initial"]),
+        &Graph::of_json(&case["goal"]),
+    );
     let mut class = DifferenceReward::new(Identity::Asset);
     class.start(&facts, &[]);
     for (index, (step, expected)) in items(&case["steps"]).iter().zip(expected).enumerate() {
-        let [name, arguments, _, state] = items(&step["tool"]) else { panic!("a tool row has four values") };
+        let [name, arguments, _, state] = items(&step["tool"]) else {
+            panic!("a tool row has four values")
+        };
         if state.get("last_ask_target").is_some() {
             report.deviation("the answer names a target instead of a marker: no published environment sets this state");
             continue;
@@ -46,10 +58,23 @@ fn compare(report: &mut Report, case: &Value, expected: &[Value]) {
         let marker = key(&mut facts, &arguments["marker_id"]);
         let is = |name: &str| state[name] == true;
         let named = key(&mut facts, &state["last_ask_marker"]);
-        let dialogue = Dialogue { ambiguous: is("distractor_visible"), asked: is("asked_since_ambiguity"), named };
+        let dialogue = Dialogue {
+            ambiguous: is("distractor_visible"),
+            asked: is("asked_since_ambiguity"),
+            named,
+        };
         let mut fired = Vec::new();
-        class.tools(Called::named(text(name)), marker, dialogue, &mut Paid::new(&preset, &mut fired));
+        class.tools(
+            Called::named(text(name)),
+            marker,
+            dialogue,
+            &mut Paid::new(&preset, &mut fired),
+        );
         let paid: f64 = fired.iter().map(|fired| fired.value).sum();
-        report.compare(&format!("{} {index}", text(&case["id"])), &expected["tool_reward"], &json!(paid));
+        report.compare(
+            &format!("{} {index}", text(&case["id"])),
+            &expected["tool_reward"],
+            &json!(paid),
+        );
     }
 }

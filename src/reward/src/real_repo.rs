@@ -1,26 +1,30 @@
-//! Preset `real-repo`: the reward of the published code (REAL's gspo branch), number for number, by the definitions of SPEC
-//! section 5.
+//! Preset `real-repo`: the reward of the published code (REAL's gspo branch), number for number, by
+//! the definitions of SPEC section 5.
 //!
-//! The registry scores, and objects count as their assets. What is repeated here is the published *reward class*
-//! (`src/difference_reward.rs` has its rules); a step is a decision of the record, also `finish` and calls that are none, and
-//! what is held counts as its asset, as the published environment translates it.
+//! The registry scores, and objects count as their assets. What is repeated here is the published
+//! *reward class* (`src/difference_reward.rs` has its rules); a step is a decision of the record,
+//! also `finish` and calls that are none, and what is held counts as its asset, as the published
+//! environment translates it.
 //!
 //! What the class is told by its environment is derived so:
-//! - Several were seen: after `walk_around` or `show_object_by_category` the marker map held more than one object whose
-//!   category contains the target's. A successful pick forgets it.
-//! - The answer names a marker: the longest number of the current marker map that occurs in it (the smallest of equally long
-//!   ones); without a map, the word that follows `marker`. It stays until another answer names one or a pick succeeds.
+//! - Several were seen: after `walk_around` or `show_object_by_category` the marker map held more
+//!   than one object whose category contains the target's. A successful pick forgets it.
+//! - The answer names a marker: the longest number of the current marker map that occurs in it (the
+//!   smallest of equally long ones); without a map, the word that follows `marker`. It stays until
+//!   another answer names one or a pick succeeds.
 //! - An `ask` followed: any `ask` since several were seen first.
-//! - A pick is judged by what was known before it. (The published environment forgets that before it judges, so that there
-//!   only picks that fail can earn or cost; and only an answer that names a marker counts. `pick_clears_first` does the same.)
+//! - A pick is judged by what was known before it. (The published environment forgets that before
+//!   it judges, so that there only picks that fail can earn or cost; and only an answer that names
+//!   a marker counts. `pick_clears_first` does the same.)
 //! - Markers are compared as texts; a number stands for its digits.
 //!
-//! What the published environment pays besides (errors, the hand, `finish`, the horizon), and that it compares categories, is
-//! preset `real-trainer` (`src/real_trainer.rs`).
+//! What the published environment pays besides (errors, the hand, `finish`, the horizon), and that
+//! it compares categories, is preset `real-trainer` (`src/real_trainer.rs`).
 //!
 //! # A worked example
-//! The task and the calls of the example in `paper.rs`: a red and a green apple on `table_1`, the red one goes to `fridge_0`.
-//! Targets: `{-red@table_1, +red@fridge_0}`, so that a match gives 1.5 (diff_match) + 2.0/2 (progress_shaping) = 2.5.
+//! The task and the calls of the example in `paper.rs`: a red and a green apple on `table_1`, the
+//! red one goes to `fridge_0`. Targets: `{-red@table_1, +red@fridge_0}`, so that a match gives 1.5
+//! (diff_match) + 2.0/2 (progress_shaping) = 2.5.
 //!
 //! | step | call | terms | sum |
 //! |---|---|---|---|
@@ -38,9 +42,10 @@
 //! | 11 | `place` into fridge_0 | 2.5, perfect_match 2.0, step_penalty -0.03 | 4.47 |
 //! | 12 | `finish` | step_penalty -0.03 | -0.03 |
 //!
-//! In all 9.0. The green apple is not what the answer named, but somebody was asked, so that pick costs nothing; and it forgets
-//! the answer. With the anti-exploit terms: +1.0 (step 1, red has a marker), +0.3 each in steps 0 and 3,
-//! -0.2 each in steps 5 and 9. The test `worked_example_of_the_published_code` takes these steps.
+//! In all 9.0. The green apple is not what the answer named, but somebody was asked, so that pick
+//! costs nothing; and it forgets the answer. With the anti-exploit terms: +1.0 (step 1, red has a
+//! marker), +0.3 each in steps 0 and 3, -0.2 each in steps 5 and 9. The test
+//! `worked_example_of_the_published_code` takes these steps.
 
 use crate::{
     difference_reward::{Dialogue, DifferenceReward},
@@ -60,7 +65,11 @@ pub(crate) struct RealRepo {
 
 impl RealRepo {
     pub(crate) fn new() -> Self {
-        Self { reward: DifferenceReward::new(Identity::Asset), map: Vec::new(), dialogue: Dialogue::default() }
+        Self {
+            reward: DifferenceReward::new(Identity::Asset),
+            map: Vec::new(),
+            dialogue: Dialogue::default(),
+        }
     }
 
     /// Takes in the state before the first decision.
@@ -83,7 +92,8 @@ impl RealRepo {
             self.map.extend_from_slice(map);
         }
         let held = head.held.map(|held| facts.held_kind(Identity::Asset, held));
-        self.reward.step(facts, step.registry, held, &self.map, paid);
+        self.reward
+            .step(facts, step.registry, held, &self.map, paid);
         self.reward.track(facts, head, &self.map, paid);
         let remaining = self.reward.remaining();
         if rules.anti_exploit && head.tool == Called::Finish && remaining > 0 {
@@ -101,13 +111,16 @@ impl RealRepo {
                 }
             }
             Called::Ask => {
-                let named = head.reply.and_then(|reply| named_marker(facts, reply, &self.map));
+                let named = head
+                    .reply
+                    .and_then(|reply| named_marker(facts, reply, &self.map));
                 self.dialogue.asked |= named.is_some() || !rules.pick_clears_first;
                 self.dialogue.named = named.or(self.dialogue.named);
             }
             _ => {}
         }
-        self.reward.tools(head.tool, head.marker, self.dialogue, paid);
+        self.reward
+            .tools(head.tool, head.marker, self.dialogue, paid);
         if picked {
             self.dialogue = Dialogue::default();
         }
@@ -115,7 +128,11 @@ impl RealRepo {
 }
 
 /// The marker that an answer names, given the current map.
-pub(crate) fn named_marker(facts: &mut TaskFacts, answer: TextKey, map: &[(u32, Marked)]) -> Option<TextKey> {
+pub(crate) fn named_marker(
+    facts: &mut TaskFacts,
+    answer: TextKey,
+    map: &[(u32, Marked)],
+) -> Option<TextKey> {
     let known: Vec<String> = map.iter().map(|(number, _)| number.to_string()).collect();
     let named = marker_in_answer(facts.text_of(answer), &known)?;
     Some(facts.text(&named))

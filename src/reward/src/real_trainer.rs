@@ -1,29 +1,34 @@
-//! Preset `real-trainer`: what the published trainer (REAL's gspo branch, its environment and scheduler) pays for an episode,
-//! step by step, and where it stops.
+//! Preset `real-trainer`: what the published trainer (REAL's gspo branch, its environment and
+//! scheduler) pays for an episode, step by step, and where it stops.
 //!
-//! The registry scores, objects count as their categories, and the texts of the results are read. A step pays, in this order:
+//! The registry scores, objects count as their categories, and the texts of the results are read. A
+//! step pays, in this order:
 //! - an answer without a call: -0.5, and nothing else;
 //! - `finish`: +2.0 if no target remains, else -1.0 + completion - 3.0; the episode is done;
-//! - any other call: -0.3 if the hand forbids it; -0.5 or -0.3 for the first listed text that occurs in the result; the reward
-//!   class (`src/difference_reward.rs`) on the categories of the graph; its terms for `ask` and `pick`; and -1.0 at the step limit
-//!   while targets remain.
+//! - any other call: -0.3 if the hand forbids it; -0.5 or -0.3 for the first listed text that
+//!   occurs in the result; the reward class (`src/difference_reward.rs`) on the categories of the
+//!   graph; its terms for `ask` and `pick`; and -1.0 at the step limit while targets remain.
 //!
 //! The corners:
-//! - The hand counts as occupied after any `pick`, and as empty after any `place`, whose text is not listed, whatever is held.
-//! - Several candidates are seen when, after `walk_around` or `show_object_by_category`, more than one *name* in the marker map
-//!   contains the target's category. Runtime names do so by accident only.
-//! - An answer counts if it names a marker: the words are those that reached the policy, not those of the simulated user. A text
-//!   that begins with a brace reaches nobody.
-//! - A `pick` without a listed text forgets candidates and answers before it is judged, so that only picks that fail earn
-//!   `used_marker_from_answer` or cost `blind_pick`.
-//! - A graph with an untranslated name, or with over three objects more or fewer than the last one that was taken, is refused:
-//!   what changed shows in the next graph that is taken.
-//! - The episode is done when no target remains, after `finish`, at the step limit, at the scheduler's turn limit, and after a
-//!   call that failed for good. Later steps of the record pay nothing.
+//! - The hand counts as occupied after any `pick`, and as empty after any `place`, whose text is
+//!   not listed, whatever is held.
+//! - Several candidates are seen when, after `walk_around` or `show_object_by_category`, more than
+//!   one *name* in the marker map contains the target's category. Runtime names do so by accident
+//!   only.
+//! - An answer counts if it names a marker: the words are those that reached the policy, not those
+//!   of the simulated user. A text that begins with a brace reaches nobody.
+//! - A `pick` without a listed text forgets candidates and answers before it is judged, so that
+//!   only picks that fail earn `used_marker_from_answer` or cost `blind_pick`.
+//! - A graph with an untranslated name, or with over three objects more or fewer than the last one
+//!   that was taken, is refused: what changed shows in the next graph that is taken.
+//! - The episode is done when no target remains, after `finish`, at the step limit, at the
+//!   scheduler's turn limit, and after a call that failed for good. Later steps of the record pay
+//!   nothing.
 //!
 //! # A worked example
-//! The task and the calls of the example in `paper.rs`: two apples on `table_1`, one of them goes to `fridge_0`. Which one is
-//! nothing to the trainer: `{-apple@table_1, +apple@fridge_0}`, and a match gives 1.5 + 2.0/2 = 2.5.
+//! The task and the calls of the example in `paper.rs`: two apples on `table_1`, one of them goes
+//! to `fridge_0`. Which one is nothing to the trainer: `{-apple@table_1, +apple@fridge_0}`, and a
+//! match gives 1.5 + 2.0/2 = 2.5.
 //!
 //! | step | call | terms | sum |
 //! |---|---|---|---|
@@ -45,7 +50,10 @@
 
 use crate::{
     difference_reward::{Dialogue, DifferenceReward},
-    facts::{Called, Change, Delivery, Identity, KindChange, Marked, StartFacts, StepFacts, StepHead, TaskFacts},
+    facts::{
+        Called, Change, Delivery, Identity, KindChange, Marked, StartFacts, StepFacts, StepHead,
+        TaskFacts,
+    },
     real_repo::named_marker,
     score::{Cause, Paid},
     terms::Term,
@@ -105,7 +113,8 @@ pub struct TrainerState {
     pub ending: Option<Ending>,
 }
 
-/// The state of the rules during one episode. The page of this module has the corners and a worked example.
+/// The state of the rules during one episode. The page of this module has the corners and a worked
+/// example.
 #[derive(Clone, Debug)]
 pub(crate) struct RealTrainer {
     reward: DifferenceReward,
@@ -141,7 +150,8 @@ impl RealTrainer {
         }
     }
 
-    /// Takes in the state before the first decision. How the registry differs from the task shows in the first graph.
+    /// Takes in the state before the first decision. How the registry differs from the task shows
+    /// in the first graph.
     pub(crate) fn start(&mut self, facts: &TaskFacts, start: &StartFacts) {
         self.reward.start(facts, &[]);
         (self.taken, self.shown) = (facts.initial_size, facts.initial_size);
@@ -164,12 +174,21 @@ impl RealTrainer {
 
     pub(crate) fn state(&self, facts: &TaskFacts) -> TrainerState {
         let kinds = facts.kinds(Identity::Category);
-        let target =
-            |target: KindChange| (kinds.name(target.kind).to_owned(), facts.place_name(target.place).to_owned(), target.add);
+        let target = |target: KindChange| {
+            (
+                kinds.name(target.kind).to_owned(),
+                facts.place_name(target.place).to_owned(),
+                target.add,
+            )
+        };
         let standing = self.reward.counts().entries();
         let mut graph: Vec<(String, String, u32)> = standing
             .map(|(kind, place, count)| {
-                (kinds.name(crate::facts::KindKey(kind)).to_owned(), facts.place_name(place).to_owned(), count)
+                (
+                    kinds.name(crate::facts::KindKey(kind)).to_owned(),
+                    facts.place_name(place).to_owned(),
+                    count,
+                )
             })
             .collect();
         graph.sort();
@@ -178,11 +197,19 @@ impl RealTrainer {
             hand_violation: self.violation,
             refusal: self.refusal,
             completion: self.reward.completion_so_far(),
-            remaining: self.reward.remaining_targets(facts).into_iter().map(target).collect(),
+            remaining: self
+                .reward
+                .remaining_targets(facts)
+                .into_iter()
+                .map(target)
+                .collect(),
             graph,
             ambiguous: self.dialogue.ambiguous,
             asked: self.dialogue.asked,
-            named_marker: self.dialogue.named.map(|marker| facts.text_of(marker).to_owned()),
+            named_marker: self
+                .dialogue
+                .named
+                .map(|marker| facts.text_of(marker).to_owned()),
             ending: self.ending,
         }
     }
@@ -205,7 +232,11 @@ impl RealTrainer {
                 paid.once(Term::CallTimeout, Cause::None);
                 // as published: the class sees the old graph, and nobody adds up what it pays
                 let mut unpaid = Vec::new();
-                self.take_graph(facts, &step.head, &mut Paid::new(paid.preset(), &mut unpaid));
+                self.take_graph(
+                    facts,
+                    &step.head,
+                    &mut Paid::new(paid.preset(), &mut unpaid),
+                );
             }
             Delivery::Failed => {
                 self.perceive(facts, step.head.named);
@@ -227,7 +258,11 @@ impl RealTrainer {
         } else {
             let remaining = Cause::Count(self.reward.remaining() as u32);
             paid.once(Term::FinishIncomplete, remaining);
-            paid.times(Term::FinishCompletion, self.reward.completion_so_far(), remaining);
+            paid.times(
+                Term::FinishCompletion,
+                self.reward.completion_so_far(),
+                remaining,
+            );
             paid.once(Term::PrematureFinish, remaining);
         }
         self.ending = Some(Ending::Finished);
@@ -240,7 +275,11 @@ impl RealTrainer {
             paid.once(Term::HandViolation, Cause::Hand(violation));
         }
         if let Some(error) = error {
-            let term = if error.is_severe() { Term::ListedSevere } else { Term::ListedModerate };
+            let term = if error.is_severe() {
+                Term::ListedSevere
+            } else {
+                Term::ListedModerate
+            };
             paid.once(term, Cause::Listed(error));
         }
         match head.named {
@@ -250,7 +289,11 @@ impl RealTrainer {
             }
             Called::Place if error.is_none() => self.occupied = false,
             Called::Ask => {
-                if let Some(named) = head.told.words.and_then(|words| named_marker(facts, words, &self.map)) {
+                if let Some(named) = head
+                    .told
+                    .words
+                    .and_then(|words| named_marker(facts, words, &self.map))
+                {
                     self.dialogue.asked = true;
                     self.dialogue.named = Some(named);
                 }
@@ -259,7 +302,8 @@ impl RealTrainer {
         }
         self.take_graph(facts, head, paid);
         self.reward.track(facts, head, &self.map, paid);
-        self.reward.tools(head.named, head.marker, self.dialogue, paid);
+        self.reward
+            .tools(head.named, head.marker, self.dialogue, paid);
         if self.reward.is_complete() {
             self.ending = Some(Ending::Complete);
         } else if self.steps >= paid.preset().rules.max_steps {
@@ -277,11 +321,18 @@ impl RealTrainer {
                 Change::Door { .. } => continue,
             };
             let unknown = usize::from(facts.of(object).is_unknown);
-            let GraphSize { objects, unknown: all_unknown, .. } = &mut self.shown;
+            let GraphSize {
+                objects,
+                unknown: all_unknown,
+                ..
+            } = &mut self.shown;
             if add {
                 (*objects, *all_unknown) = (*objects + 1, *all_unknown + unknown);
             } else {
-                (*objects, *all_unknown) = (objects.saturating_sub(1), all_unknown.saturating_sub(unknown));
+                (*objects, *all_unknown) = (
+                    objects.saturating_sub(1),
+                    all_unknown.saturating_sub(unknown),
+                );
             }
             self.pending.push(*change);
         }
@@ -290,12 +341,15 @@ impl RealTrainer {
     /// Hands the class the shown graph, or the one that it has if that is refused.
     fn take_graph(&mut self, facts: &mut TaskFacts, head: &StepHead, paid: &mut Paid) {
         self.refusal = refusal(&self.taken, &self.shown);
-        let held = head.held.map(|held| facts.held_kind(Identity::Category, held));
+        let held = head
+            .held
+            .map(|held| facts.held_kind(Identity::Category, held));
         if self.refusal.is_some() {
             return self.reward.step(facts, &[], held, &self.map, paid);
         }
         self.taken = self.shown;
-        self.reward.step(facts, &self.pending, held, &self.map, paid);
+        self.reward
+            .step(facts, &self.pending, held, &self.map, paid);
         self.pending.clear();
     }
 
@@ -304,7 +358,13 @@ impl RealTrainer {
         if !matches!(called, Called::WalkAround | Called::ShowObjectByCategory) {
             return;
         }
-        if self.map.iter().filter(|(_, marked)| facts.mentions(*marked).target_category).count() > 1 {
+        if self
+            .map
+            .iter()
+            .filter(|(_, marked)| facts.mentions(*marked).target_category)
+            .count()
+            > 1
+        {
             self.dialogue.see_several();
         }
     }

@@ -49,7 +49,8 @@ impl Rewarder for RecordRewarder {
 
     fn step(&mut self, step: &StepRecord) -> Vec<RewardTerm> {
         self.moment.clear();
-        self.moment.record_step(&mut self.facts, &self.markers, step);
+        self.moment
+            .record_step(&mut self.facts, &self.markers, step);
         self.markers.clone_from(&step.markers);
         self.fired.clear();
         for moment in self.moment.steps() {
@@ -58,7 +59,9 @@ impl Rewarder for RecordRewarder {
         let term = |fired: &Fired| RewardTerm {
             component: fired.term.component().to_owned(),
             value: fired.value,
-            reason: self.facts.reason(self.scorer.preset(), fired, step.outcome.error),
+            reason: self
+                .facts
+                .reason(self.scorer.preset(), fired, step.outcome.error),
         };
         self.fired.iter().map(term).collect()
     }
@@ -66,7 +69,13 @@ impl Rewarder for RecordRewarder {
 
 impl EpisodeFacts {
     /// The facts of a recorded episode, in place of what was here.
-    pub fn record(&mut self, facts: &mut TaskFacts, task: &Task, start: &StartRecord, steps: &[StepRecord]) {
+    pub fn record(
+        &mut self,
+        facts: &mut TaskFacts,
+        task: &Task,
+        start: &StartRecord,
+        steps: &[StepRecord],
+    ) {
         facts.begin(self);
         self.record_start(facts, task, start);
         let mut markers: &[Marker] = &[];
@@ -77,8 +86,16 @@ impl EpisodeFacts {
     }
 
     fn record_start(&mut self, facts: &mut TaskFacts, task: &Task, start: &StartRecord) {
-        self.record_changes(facts, Authority::Physics, &start.graphs.physics.difference(&task.initial));
-        self.record_changes(facts, Authority::Registry, &start.graphs.registry.difference(&task.initial));
+        self.record_changes(
+            facts,
+            Authority::Physics,
+            &start.graphs.physics.difference(&task.initial),
+        );
+        self.record_changes(
+            facts,
+            Authority::Registry,
+            &start.graphs.registry.difference(&task.initial),
+        );
         for seen in &start.visible {
             self.saw(facts.object(seen.object.as_str()));
         }
@@ -88,7 +105,12 @@ impl EpisodeFacts {
         self.step(head(facts, step));
         self.record_changes(facts, Authority::Physics, &step.changes.physics);
         self.record_changes(facts, Authority::Registry, &step.changes.registry);
-        for object in step.visible.iter().map(|seen| &seen.object).chain(&step.listed) {
+        for object in step
+            .visible
+            .iter()
+            .map(|seen| &seen.object)
+            .chain(&step.listed)
+        {
             self.saw(facts.object(object.as_str()));
         }
         if step.markers != markers_before {
@@ -96,14 +118,21 @@ impl EpisodeFacts {
             for marker in &step.markers {
                 let target = match &marker.target {
                     MarkerTarget::Object(object) => Marked::Object(facts.object(object.as_str())),
-                    MarkerTarget::Receptacle(receptacle) => Marked::Place(facts.place(receptacle.as_str())),
+                    MarkerTarget::Receptacle(receptacle) => {
+                        Marked::Place(facts.place(receptacle.as_str()))
+                    }
                 };
                 self.mark(marker.id, target);
             }
         }
     }
 
-    fn record_changes(&mut self, facts: &mut TaskFacts, authority: Authority, events: &[GraphEvent]) {
+    fn record_changes(
+        &mut self,
+        facts: &mut TaskFacts,
+        authority: Authority,
+        events: &[GraphEvent],
+    ) {
         for event in events {
             self.change(authority, facts.event(event));
         }
@@ -111,16 +140,25 @@ impl EpisodeFacts {
 }
 
 impl TaskFacts {
-    /// Why a term of a preset paid, for people: which event or rule. The code of the step's error is for the terms of errors.
+    /// Why a term of a preset paid, for people: which event or rule. The code of the step's error
+    /// is for the terms of errors.
     pub fn reason(&self, preset: &Preset, fired: &Fired, error: Option<ErrorCode>) -> String {
-        let identity = if preset.base() == Base::RealTrainer { Identity::Category } else { Identity::Asset };
+        let identity = if preset.base() == Base::RealTrainer {
+            Identity::Category
+        } else {
+            Identity::Asset
+        };
         let kinds = self.kinds(identity);
         let what = match fired.cause {
             Cause::None => String::new(),
             Cause::Change(change) => self.change_text(change),
             Cause::Kind(change) => {
                 let sign = if change.add { '+' } else { '-' };
-                format!("{sign}{}@{}", kinds.name(change.kind), self.place_name(change.place))
+                format!(
+                    "{sign}{}@{}",
+                    kinds.name(change.kind),
+                    self.place_name(change.place)
+                )
             }
             Cause::Visited(place) | Cause::Opened(place) => self.place_name(place).to_owned(),
             Cause::Object(object) => self.object_name(object).to_owned(),
@@ -144,8 +182,15 @@ impl TaskFacts {
             (Term::Ask, _) => format!("asked among {what} candidates"),
             (Term::Time, _) => format!("decision {what}"),
             (Term::Severe | Term::Moderate, _) => {
-                let class = if fired.term == Term::Severe { "severe" } else { "moderate" };
-                error.map_or_else(|| format!("{class} error"), |code| format!("{class} error {code}"))
+                let class = if fired.term == Term::Severe {
+                    "severe"
+                } else {
+                    "moderate"
+                };
+                error.map_or_else(
+                    || format!("{class} error"),
+                    |code| format!("{class} error {code}"),
+                )
             }
             (Term::DiffMatch, _) => format!("target {what}"),
             (Term::NeutralDiff, _) => format!("no target: {what}"),
@@ -168,7 +213,9 @@ impl TaskFacts {
             (Term::HandViolation, _) => what,
             (Term::ListedSevere | Term::ListedModerate, _) => format!("the answer says '{what}'"),
             (Term::FinishComplete, _) => "finished with no target left".to_owned(),
-            (Term::FinishIncomplete | Term::FinishCompletion, _) => format!("finished while {what} targets remain"),
+            (Term::FinishIncomplete | Term::FinishCompletion, _) => {
+                format!("finished while {what} targets remain")
+            }
             (Term::UnreadableAnswer, _) => "the model's answer holds no call".to_owned(),
             (Term::CallTimeout, _) => "the call took too long".to_owned(),
             (Term::CallFailed, _) => "the call failed for good".to_owned(),
@@ -179,9 +226,15 @@ impl TaskFacts {
 
     fn change_text(&self, change: Change) -> String {
         match change {
-            Change::Remove { object, place } => format!("-{}@{}", self.object_name(object), self.place_name(place)),
-            Change::Add { object, place } => format!("+{}@{}", self.object_name(object), self.place_name(place)),
-            Change::Door { place, from, to } => format!("{}.door: {from} -> {to}", self.place_name(place)),
+            Change::Remove { object, place } => {
+                format!("-{}@{}", self.object_name(object), self.place_name(place))
+            }
+            Change::Add { object, place } => {
+                format!("+{}@{}", self.object_name(object), self.place_name(place))
+            }
+            Change::Door { place, from, to } => {
+                format!("{}.door: {from} -> {to}", self.place_name(place))
+            }
         }
     }
 }
@@ -192,9 +245,18 @@ fn head(facts: &mut TaskFacts, step: &StepRecord) -> StepHead {
     StepHead {
         told: facts.told(&called, &step.outcome.text),
         error: step.outcome.error.map(ErrorCode::class),
-        object: step.object.as_ref().map(|object| facts.object(object.as_str())),
-        receptacle: step.receptacle.as_ref().map(|receptacle| facts.place(receptacle.as_str())),
-        held: step.held.as_ref().map(|object| facts.object(object.as_str())),
+        object: step
+            .object
+            .as_ref()
+            .map(|object| facts.object(object.as_str())),
+        receptacle: step
+            .receptacle
+            .as_ref()
+            .map(|receptacle| facts.place(receptacle.as_str())),
+        held: step
+            .held
+            .as_ref()
+            .map(|object| facts.object(object.as_str())),
         reply: step.reply.as_ref().map(|reply| facts.text(&reply.text)),
         ..called
     }

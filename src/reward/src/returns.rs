@@ -5,7 +5,8 @@ use serde::Serialize;
 
 use crate::discounted_return;
 
-/// How rewards become the return of an episode: the sum of `gamma^(t-1) r_t` over the first `horizon` decisions.
+/// How rewards become the return of an episode: the sum of `gamma^(t-1) r_t` over the first
+/// `horizon` decisions.
 #[derive(Clone, Copy, PartialEq, Debug, Serialize)]
 pub struct Returns {
     /// As it is named on the command line.
@@ -18,9 +19,17 @@ pub struct Returns {
 
 impl Returns {
     /// Of the paper (Full POMDP Definition): gamma 0.99, 30 decisions.
-    pub const PAPER: Returns = Returns { name: "paper", gamma: GAMMA, horizon: HORIZON };
+    pub const PAPER: Returns = Returns {
+        name: "paper",
+        gamma: GAMMA,
+        horizon: HORIZON,
+    };
     /// Of the published trainer: the plain sum of 50 decisions.
-    pub const PUBLISHED: Returns = Returns { name: "published", gamma: 1.0, horizon: 50 };
+    pub const PUBLISHED: Returns = Returns {
+        name: "published",
+        gamma: 1.0,
+        horizon: 50,
+    };
     /// The presets of returns that have a name.
     pub const ALL: [Returns; 2] = [Returns::PAPER, Returns::PUBLISHED];
 
@@ -31,6 +40,9 @@ impl Returns {
 
     /// The return of an episode with these rewards, one a decision.
     pub fn of(&self, rewards: &[f64]) -> f64 {
-        discounted_return(&rewards[..rewards.len().min(self.horizon as usize)], self.gamma)
+        discounted_return(
+            &rewards[..rewards.len().min(self.horizon as usize)],
+            self.gamma,
+        )
     }
 }

@@ -1,7 +1,11 @@
-//! From facts to rewards: the engine that runs a preset over an episode, and what it paid. Never reads a record or a word.
+//! From facts to rewards: the engine that runs a preset over an episode, and what it paid. Never
+//! reads a record or a word.
 
 use crate::{
-    facts::{Change, EpisodeFacts, KindChange, KindKey, ObjectKey, PlaceKey, StartFacts, StepFacts, TaskFacts, TextKey},
+    facts::{
+        Change, EpisodeFacts, KindChange, KindKey, ObjectKey, PlaceKey, StartFacts, StepFacts,
+        TaskFacts, TextKey,
+    },
     metrics::discounted_return,
     paper::Paper,
     preset::Preset,
@@ -82,7 +86,10 @@ impl Scorer {
             Base::RealRepo => State::RealRepo(RealRepo::new()),
             Base::RealTrainer => State::RealTrainer(RealTrainer::new()),
         };
-        Self { preset: preset.clone(), rules: Box::new(rules) }
+        Self {
+            preset: preset.clone(),
+            rules: Box::new(rules),
+        }
     }
 
     /// What it runs.
@@ -109,8 +116,8 @@ impl Scorer {
         }
     }
 
-    /// The share of the targets that was matched so far, once an episode started: `rho` of preset `paper`, the completion of
-    /// `real-repo` and `real-trainer`.
+    /// The share of the targets that was matched so far, once an episode started: `rho` of preset
+    /// `paper`, the completion of `real-repo` and `real-trainer`.
     pub fn progress(&self) -> f64 {
         match &*self.rules {
             State::Paper(rules) => rules.progress(),
@@ -119,8 +126,8 @@ impl Scorer {
         }
     }
 
-    /// Why the rules are done with the episode, so that later steps pay nothing; `None` if they go on. Only those of
-    /// `real-trainer` end before the record does.
+    /// Why the rules are done with the episode, so that later steps pay nothing; `None` if they go
+    /// on. Only those of `real-trainer` end before the record does.
     pub fn ending(&self) -> Option<Ending> {
         match &*self.rules {
             State::Paper(_) | State::RealRepo(_) => None,
@@ -137,7 +144,12 @@ impl Scorer {
     }
 
     /// Scores a whole episode into a buffer; the sums are bit-equal to those of [`crate::metrics`].
-    pub fn score(&mut self, facts: &mut TaskFacts, episode: &EpisodeFacts, reward: &mut EpisodeReward) {
+    pub fn score(
+        &mut self,
+        facts: &mut TaskFacts,
+        episode: &EpisodeFacts,
+        reward: &mut EpisodeReward,
+    ) {
         reward.fired.clear();
         reward.ends.clear();
         reward.totals.clear();
@@ -147,9 +159,13 @@ impl Scorer {
             let from = reward.fired.len();
             self.step(facts, &step, &mut reward.fired);
             reward.ends.push(reward.fired.len());
-            reward.totals.push(reward.fired[from..].iter().map(|fired| fired.value).sum());
+            reward
+                .totals
+                .push(reward.fired[from..].iter().map(|fired| fired.value).sum());
             if reward.ending.is_none() {
-                reward.ending = self.ending().map(|ending| (reward.totals.len() as u32 - 1, ending));
+                reward.ending = self
+                    .ending()
+                    .map(|ending| (reward.totals.len() as u32 - 1, ending));
             }
         }
         reward.total = reward.totals.iter().sum();
@@ -173,21 +189,28 @@ impl EpisodeReward {
         self.discounted_return
     }
 
-    /// The step (from 0) with which the rules were done, and why; `None` if they read the record to its end.
+    /// The step (from 0) with which the rules were done, and why; `None` if they read the record to
+    /// its end.
     pub fn ending(&self) -> Option<(u32, Ending)> {
         self.ending
     }
 
     /// What a step paid; nothing after the last one.
     pub fn terms(&self, step: usize) -> &[Fired] {
-        let Some(end) = self.ends.get(step) else { return &[] };
+        let Some(end) = self.ends.get(step) else {
+            return &[];
+        };
         let from = step.checked_sub(1).map_or(0, |before| self.ends[before]);
         &self.fired[from..*end]
     }
 
     /// The sum of a component over the episode.
     pub fn component(&self, name: &str) -> f64 {
-        self.fired.iter().filter(|fired| fired.term.component() == name).map(|fired| fired.value).sum()
+        self.fired
+            .iter()
+            .filter(|fired| fired.term.component() == name)
+            .map(|fired| fired.value)
+            .sum()
     }
 
     /// Everything that was paid, in order.
@@ -213,7 +236,11 @@ impl<'a> Paid<'a> {
 
     /// Pays into a list.
     pub(crate) fn new(preset: &'a Preset, terms: &'a mut Vec<Fired>) -> Self {
-        Self { from: terms.len(), preset, terms }
+        Self {
+            from: terms.len(),
+            preset,
+            terms,
+        }
     }
 
     /// Puts the terms of the step into the order of [`Term::ALL`].

@@ -1,5 +1,5 @@
-//! The figures of the published training curves: what the trainer counts of each episode, over all and over a window. Never
-//! reads a reward rule.
+//! The figures of the published training curves: what the trainer counts of each episode, over all
+//! and over a window. Never reads a reward rule.
 
 use std::collections::VecDeque;
 
@@ -30,8 +30,8 @@ pub struct EpisodeOutcome {
 }
 
 impl EpisodeOutcome {
-    /// Counts a turn: what it paid, how many of the episode's targets it matched, and the completion where the environment
-    /// says it.
+    /// Counts a turn: what it paid, how many of the episode's targets it matched, and the
+    /// completion where the environment says it.
     pub fn step(&mut self, targets: u32, reward: f64, matched: u32, completion: Option<f64>) {
         self.steps += 1;
         self.reward += reward;
@@ -56,7 +56,11 @@ pub struct MetricOptions {
 
 impl Default for MetricOptions {
     fn default() -> Self {
-        Self { history_max: HISTORY_MAX, window: WINDOW, success_min: SUCCESS_MIN }
+        Self {
+            history_max: HISTORY_MAX,
+            window: WINDOW,
+            success_min: SUCCESS_MIN,
+        }
     }
 }
 
@@ -94,7 +98,10 @@ pub struct TrainingMetric {
 impl TrainingMetric {
     /// A metric that has seen no episode.
     pub fn new(options: MetricOptions) -> Self {
-        Self { options, ..Self::default() }
+        Self {
+            options,
+            ..Self::default()
+        }
     }
 
     /// Adds an episode; the oldest one goes when the history is full.
@@ -111,12 +118,20 @@ impl TrainingMetric {
 
     /// Whether an episode counts as a success.
     pub fn is_success(&self, episode: &EpisodeOutcome) -> bool {
-        episode.success.unwrap_or(episode.completion >= self.options.success_min)
+        episode
+            .success
+            .unwrap_or(episode.completion >= self.options.success_min)
     }
 
     /// Rates over all episodes; means and deviations over those of the history.
     pub fn figures(&self) -> TrainingFigures {
-        let rate = |count: usize| if self.episodes == 0 { 0.0 } else { count as f64 / self.episodes as f64 };
+        let rate = |count: usize| {
+            if self.episodes == 0 {
+                0.0
+            } else {
+                count as f64 / self.episodes as f64
+            }
+        };
         TrainingFigures {
             episodes: self.episodes,
             success_rate: rate(self.successes),
@@ -138,7 +153,9 @@ impl TrainingMetric {
             let values: Vec<f64> = last.iter().map(|episode| value(episode)).collect();
             [mean(&values), population_std(&values)]
         };
-        let share = |is: &dyn Fn(&EpisodeOutcome) -> bool| of(&|episode| f64::from(u8::from(is(episode))))[0];
+        let share = |is: &dyn Fn(&EpisodeOutcome) -> bool| {
+            of(&|episode| f64::from(u8::from(is(episode))))[0]
+        };
         TrainingFigures {
             episodes: last.len(),
             success_rate: share(&|episode| self.is_success(episode)),
@@ -152,11 +169,18 @@ impl TrainingMetric {
 }
 
 fn mean(values: &[f64]) -> f64 {
-    if values.is_empty() { 0.0 } else { values.iter().sum::<f64>() / values.len() as f64 }
+    if values.is_empty() {
+        0.0
+    } else {
+        values.iter().sum::<f64>() / values.len() as f64
+    }
 }
 
 fn population_std(values: &[f64]) -> f64 {
     let mean = mean(values);
-    let squares: Vec<f64> = values.iter().map(|value| (value - mean) * (value - mean)).collect();
+    let squares: Vec<f64> = values
+        .iter()
+        .map(|value| (value - mean) * (value - mean))
+        .collect();
     self::mean(&squares).sqrt()
 }

@@ -1,5 +1,5 @@
-//! Tools for assistants that look at what was recorded: read-only, on an endpoint and a role of their own. No policy session
-//! lists them, and nothing here acts.
+//! Tools for assistants that look at what was recorded: read-only, on an endpoint and a role of
+//! their own. No policy session lists them, and nothing here acts.
 
 use std::{sync::Arc, time::Duration};
 
@@ -10,8 +10,9 @@ use reel_trace::Trace;
 use rmcp::{
     ErrorData, RoleServer, ServerHandler,
     model::{
-        CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, Implementation, JsonObject, ListToolsResult,
-        PaginatedRequestParams, ServerCapabilities, ServerConfig, Tool, ToolAnnotations,
+        CallToolRequestParams, CallToolResponse, CallToolResult, ContentBlock, Implementation,
+        JsonObject, ListToolsResult, PaginatedRequestParams, ServerCapabilities, ServerConfig,
+        Tool, ToolAnnotations,
     },
     service::RequestContext,
 };
@@ -28,7 +29,13 @@ const KEEP_ALIVE: Duration = Duration::from_secs(600);
 
 pub(crate) fn router(app: &Arc<App>, max_body: usize) -> Router {
     let server = Analysis { app: app.clone() };
-    let service = reel_mcp::streamable_http(move || server.clone(), SESSIONS, KEEP_ALIVE, max_body, app.closing.clone());
+    let service = reel_mcp::streamable_http(
+        move || server.clone(),
+        SESSIONS,
+        KEEP_ALIVE,
+        max_body,
+        app.closing.clone(),
+    );
     Router::new().route_service("/analysis/mcp", service)
 }
 
@@ -38,25 +45,44 @@ struct Analysis {
 }
 
 /// Name, arguments (name, type, whether it must be there, meaning), description.
-type Described = (&'static str, &'static [(&'static str, &'static str, bool, &'static str)], &'static str);
+type Described = (
+    &'static str,
+    &'static [(&'static str, &'static str, bool, &'static str)],
+    &'static str,
+);
 
 const TOOLS: [Described; 5] = [
     (
         "list_episodes",
         &[
-            ("where", "string", false, "A condition in SQL on table episodes, e.g. NOT success AND family = 'SUL'."),
+            (
+                "where",
+                "string",
+                false,
+                "A condition in SQL on table episodes, e.g. NOT success AND family = 'SUL'.",
+            ),
             ("limit", "integer", false, "At most so many, up to 200."),
         ],
         "List recorded episodes: id, task, family, policy, success, reward, length, trace.",
     ),
     (
         "show_episode",
-        &[("trace", "string", true, "Name of the trace, as list_episodes gives it.")],
+        &[(
+            "trace",
+            "string",
+            true,
+            "Name of the trace, as list_episodes gives it.",
+        )],
         "Show an episode call by call: what was called, what it said, rewards, how it ended.",
     ),
     (
         "query",
-        &[("sql", "string", true, "One statement that asks; SHOW TABLES and DESCRIBE episodes tell what there is.")],
+        &[(
+            "sql",
+            "string",
+            true,
+            "One statement that asks; SHOW TABLES and DESCRIBE episodes tell what there is.",
+        )],
         "Ask the tables in SQL. At most 200 rows come back: aggregate, or use LIMIT.",
     ),
     (
@@ -76,18 +102,29 @@ impl Analysis {
         let app = &self.app;
         let text = |key: &str| {
             let value = arguments.get(key).and_then(Value::as_str);
-            value.map(str::to_owned).ok_or_else(|| format!("{name}: argument '{key}' (a text) is missing"))
+            value
+                .map(str::to_owned)
+                .ok_or_else(|| format!("{name}: argument '{key}' (a text) is missing"))
         };
         let told = |error: crate::rest::ApiError| error.to_string();
         match name {
             "list_episodes" => {
-                let condition = arguments.get("where").and_then(Value::as_str).unwrap_or("true");
-                let limit = arguments.get("limit").and_then(Value::as_u64).unwrap_or(50).clamp(1, ROWS as u64);
+                let condition = arguments
+                    .get("where")
+                    .and_then(Value::as_str)
+                    .unwrap_or("true");
+                let limit = arguments
+                    .get("limit")
+                    .and_then(Value::as_u64)
+                    .unwrap_or(50)
+                    .clamp(1, ROWS as u64);
                 let sql = format!(
                     "SELECT episode_id, task_id, family, policy, success, total_reward, length, trace FROM episodes \
                      WHERE ({condition}\n) ORDER BY episode_id LIMIT {limit}"
                 );
-                rows(app, &sql, &Parameters::new()).map(|rows| json!(rows)).map_err(told)
+                rows(app, &sql, &Parameters::new())
+                    .map(|rows| json!(rows))
+                    .map_err(told)
             }
             "query" => {
                 let mut found = rows(app, &text("sql")?, &Parameters::new()).map_err(told)?;
@@ -95,7 +132,11 @@ impl Analysis {
                 found.truncate(ROWS);
                 Ok(json!({"rows": found, "of": total}))
             }
-            "show_episode" => app.archive.read(&text("trace")?).map(|trace| shown(&trace)).map_err(told),
+            "show_episode" => app
+                .archive
+                .read(&text("trace")?)
+                .map(|trace| shown(&trace))
+                .map_err(told),
             "blame" => self.blame(&text("trace")?),
             "explain_failure" => self.explain(&text("trace")?),
             other => Err(format!("no tool is called '{other}'")),
@@ -103,28 +144,61 @@ impl Analysis {
     }
 
     fn blame(&self, name: &str) -> Result<Value, String> {
-        let path = self.app.archive.existing(name).map_err(|error| error.to_string())?;
-        let measured = reel_blame::blame_all(&[path], 1, &Options { alternatives: true, branches: None }, || ());
-        let mut value = json!(measured.into_iter().next().unwrap_or_else(|| Err("nothing was measured".to_owned()))?);
+        let path = self
+            .app
+            .archive
+            .existing(name)
+            .map_err(|error| error.to_string())?;
+        let measured = reel_blame::blame_all(
+            &[path],
+            1,
+            &Options {
+                alternatives: true,
+                branches: None,
+            },
+            || (),
+        );
+        let mut value = json!(
+            measured
+                .into_iter()
+                .next()
+                .unwrap_or_else(|| Err("nothing was measured".to_owned()))?
+        );
         value["trace"] = json!(name);
         Ok(value)
     }
 
     fn explain(&self, name: &str) -> Result<Value, String> {
-        let trace = self.app.archive.read(name).map_err(|error| error.to_string())?;
+        let trace = self
+            .app
+            .archive
+            .read(name)
+            .map_err(|error| error.to_string())?;
         let blame = reel_blame::blame(&trace);
         let parameters = Parameters::from([("id".to_owned(), trace.header.episode_id.clone())]);
-        let class = rows(&self.app, "SELECT class, sub_class FROM classes WHERE episode_id = $id", &parameters);
+        let class = rows(
+            &self.app,
+            "SELECT class, sub_class FROM classes WHERE episode_id = $id",
+            &parameters,
+        );
         let class = class.ok().and_then(|mut rows| rows.pop());
         let said = match (&blame.decisive, blame.success) {
-            (_, Some(true)) => format!("The episode succeeded after {} decisions.", trace.steps.len()),
-            (None, _) => "No single step lost the episode: nothing that was possible was lost for good.".to_owned(),
+            (_, Some(true)) => format!(
+                "The episode succeeded after {} decisions.",
+                trace.steps.len()
+            ),
+            (None, _) => {
+                "No single step lost the episode: nothing that was possible was lost for good."
+                    .to_owned()
+            }
             (Some(decisive), _) => format!(
                 "The decisive step is call {}, {}: {} A competent agent would have done this instead: {}.",
                 decisive.step, decisive.call, decisive.why, decisive.advice
             ),
         };
-        Ok(json!({"trace": name, "says": said, "class": class, "decisive": blame.decisive, "wasted": blame.wasted}))
+        Ok(
+            json!({"trace": name, "says": said, "class": class, "decisive": blame.decisive, "wasted": blame.wasted}),
+        )
     }
 }
 
@@ -149,7 +223,10 @@ impl ServerHandler for Analysis {
         let instructions = "Recorded episodes of embodied agents, read-only. Start with list_episodes or query; then blame and \
                             explain_failure say why one failed.";
         ServerConfig::new(ServerCapabilities::builder().enable_tools().build())
-            .with_server_info(Implementation::new("reel-analysis", env!("CARGO_PKG_VERSION")))
+            .with_server_info(Implementation::new(
+                "reel-analysis",
+                env!("CARGO_PKG_VERSION"),
+            ))
             .with_instructions(instructions)
     }
 
@@ -160,10 +237,17 @@ impl ServerHandler for Analysis {
     ) -> Result<ListToolsResult, ErrorData> {
         let tool = |(name, arguments, description): &Described| {
             let property = |(name, kind, _, meaning): &(&str, &str, bool, &str)| {
-                ((*name).to_owned(), json!({"type": kind, "description": meaning}))
+                (
+                    (*name).to_owned(),
+                    json!({"type": kind, "description": meaning}),
+                )
             };
             let properties: JsonObject = arguments.iter().map(property).collect();
-            let required: Vec<&str> = arguments.iter().filter(|(.., must, _)| *must).map(|(name, ..)| *name).collect();
+            let required: Vec<&str> = arguments
+                .iter()
+                .filter(|(.., must, _)| *must)
+                .map(|(name, ..)| *name)
+                .collect();
             let schema: JsonObject = [
                 ("type".to_owned(), json!("object")),
                 ("properties".to_owned(), json!(properties)),
@@ -174,7 +258,9 @@ impl ServerHandler for Analysis {
             let hints = ToolAnnotations::new().read_only(true).open_world(false);
             Tool::new(*name, *description, Arc::new(schema)).with_annotations(hints)
         };
-        Ok(ListToolsResult::with_all_items(TOOLS.iter().map(tool).collect()))
+        Ok(ListToolsResult::with_all_items(
+            TOOLS.iter().map(tool).collect(),
+        ))
     }
 
     async fn call_tool(
@@ -182,12 +268,15 @@ impl ServerHandler for Analysis {
         request: CallToolRequestParams,
         _: RequestContext<RoleServer>,
     ) -> Result<CallToolResponse, ErrorData> {
-        let busy = |_| ErrorData::internal_error("too much is being asked; try again in a moment", None);
+        let busy =
+            |_| ErrorData::internal_error("too much is being asked; try again in a moment", None);
         let _place = self.app.analyses.acquire().await.map_err(busy)?;
         let (server, name) = (self.clone(), request.name.to_string());
         let arguments = request.arguments.unwrap_or_default();
         let answered = tokio::task::spawn_blocking(move || server.answer(&name, &arguments)).await;
-        let answered = answered.map_err(|_| ErrorData::internal_error("the analysis broke down; the log says where", None))?;
+        let answered = answered.map_err(|_| {
+            ErrorData::internal_error("the analysis broke down; the log says where", None)
+        })?;
         Ok(match answered {
             Ok(value) => {
                 let text = serde_json::to_string_pretty(&value).expect("a value is JSON");

@@ -42,7 +42,9 @@ impl Archive {
     pub fn open(folder: PathBuf) -> io::Result<Self> {
         fs::create_dir_all(&folder)?;
         // Paths in tables are absolute, and a change of the working directory changes nothing.
-        Ok(Self { folder: folder.canonicalize()? })
+        Ok(Self {
+            folder: folder.canonicalize()?,
+        })
     }
 
     /// Removes what a killed server was taking in.
@@ -63,8 +65,7 @@ impl Archive {
             && name.starts_with(|c: char| c.is_ascii_alphanumeric())
             && !name.ends_with(".mcap");
         if !fine {
-            let text =
-                "a trace is named by 1 to 200 letters, digits, '-', '_' and '.', the first a letter or digit, without .mcap";
+            let text = "a trace is named by 1 to 200 letters, digits, '-', '_' and '.', the first a letter or digit, without .mcap";
             return Err(ApiError::bad_request("bad_name", text));
         }
         Ok(self.folder.join(format!("{name}.mcap")))
@@ -72,7 +73,11 @@ impl Archive {
 
     /// The name of a trace, where it lies here.
     pub fn name_of(&self, path: &Path) -> Option<String> {
-        let name = path.strip_prefix(&self.folder).ok()?.to_str()?.strip_suffix(".mcap")?;
+        let name = path
+            .strip_prefix(&self.folder)
+            .ok()?
+            .to_str()?
+            .strip_suffix(".mcap")?;
         (!name.contains(['/', '\\'])).then(|| name.to_owned())
     }
 
@@ -83,7 +88,10 @@ impl Archive {
             return Ok(path);
         }
         if path.with_added_extension("part").is_file() {
-            return Err(ApiError::conflict("recording", format!("{name} is still being recorded")));
+            return Err(ApiError::conflict(
+                "recording",
+                format!("{name} is still being recorded"),
+            ));
         }
         Err(ApiError::not_found(format!("there is no trace {name}")))
     }
@@ -98,12 +106,15 @@ impl Archive {
     pub fn list(&self, after: &str, limit: usize) -> io::Result<Vec<TraceFile>> {
         let mut names: Vec<(String, bool)> = Vec::new();
         for entry in fs::read_dir(&self.folder)? {
-            let Ok(name) = entry?.file_name().into_string() else { continue };
-            let (name, recording) = match (name.strip_suffix(".mcap"), name.strip_suffix(".mcap.part")) {
-                (Some(name), _) => (name, false),
-                (None, Some(name)) => (name, true),
-                (None, None) => continue,
+            let Ok(name) = entry?.file_name().into_string() else {
+                continue;
             };
+            let (name, recording) =
+                match (name.strip_suffix(".mcap"), name.strip_suffix(".mcap.part")) {
+                    (Some(name), _) => (name, false),
+                    (None, Some(name)) => (name, true),
+                    (None, None) => continue,
+                };
             if name > after && !name.starts_with('.') {
                 names.push((name.to_owned(), recording));
             }
@@ -112,8 +123,17 @@ impl Archive {
         let file = |(name, recording): (String, bool)| {
             let suffix = if recording { "mcap.part" } else { "mcap" };
             let found = fs::metadata(self.folder.join(format!("{name}.{suffix}"))).ok()?;
-            let written = found.modified().ok()?.duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
-            Some(TraceFile { trace: name, bytes: found.len(), written, recording })
+            let written = found
+                .modified()
+                .ok()?
+                .duration_since(UNIX_EPOCH)
+                .map_or(0, |time| time.as_secs());
+            Some(TraceFile {
+                trace: name,
+                bytes: found.len(),
+                written,
+                recording,
+            })
         };
         // A file that went away meanwhile is not there.
         Ok(names.into_iter().filter_map(file).take(limit).collect())
@@ -122,7 +142,10 @@ impl Archive {
     /// A text without the way to the data folder, which is nobody's business outside.
     pub fn hide(&self, text: &str) -> String {
         let data = self.folder.parent().unwrap_or(Path::new(""));
-        text.replace(&format!("{}{}", data.display(), std::path::MAIN_SEPARATOR), "")
+        text.replace(
+            &format!("{}{}", data.display(), std::path::MAIN_SEPARATOR),
+            "",
+        )
     }
 
     /// The folder.
@@ -130,7 +153,8 @@ impl Archive {
         &self.folder
     }
 
-    /// Takes a trace in, as it comes; it is there only when all of it came and it is a sound trace. Never replaces one.
+    /// Takes a trace in, as it comes; it is there only when all of it came and it is a sound trace.
+    /// Never replaces one.
     pub async fn take<E: std::fmt::Display>(
         &self,
         name: &str,
@@ -139,26 +163,40 @@ impl Archive {
         mut body: impl Stream<Item = Result<Bytes, E>> + Unpin,
     ) -> Result<TraceFile, ApiError> {
         let path = self.path(name)?;
-        let taken = || ApiError::conflict("exists", format!("there is a trace {name} already; traces are never replaced"));
+        let taken = || {
+            ApiError::conflict(
+                "exists",
+                format!("there is a trace {name} already; traces are never replaced"),
+            )
+        };
         if path.exists() {
             return Err(taken());
         }
-        let beside = self.folder.join(format!(".{name}.{:016x}.upload", random()));
+        let beside = self
+            .folder
+            .join(format!(".{name}.{:016x}.upload", random()));
         // Whatever happens, nothing half taken stays.
         let _remove = RemoveFile(&beside);
-        let mut file = tokio::fs::File::create_new(&beside).await.map_err(ApiError::disk)?;
+        let mut file = tokio::fs::File::create_new(&beside)
+            .await
+            .map_err(ApiError::disk)?;
         let (mut bytes, begun) = (0_u64, Instant::now());
         loop {
             let part = tokio::time::timeout(patience, body.next()).await;
-            let part = part.map_err(|_| ApiError::timeout("the upload stood still for too long"))?;
+            let part =
+                part.map_err(|_| ApiError::timeout("the upload stood still for too long"))?;
             let Some(part) = part else { break };
-            let part = part.map_err(|error| ApiError::bad_request("broken_body", format!("the upload broke off: {error}")))?;
+            let part = part.map_err(|error| {
+                ApiError::bad_request("broken_body", format!("the upload broke off: {error}"))
+            })?;
             bytes += part.len() as u64;
             if begun.elapsed() > patience + Duration::from_secs(bytes / SLOWEST_UPLOAD) {
                 return Err(ApiError::timeout("the upload comes too slowly"));
             }
             if bytes > limit {
-                return Err(ApiError::too_large(format!("a trace may have {limit} bytes (limits.upload_mib)")));
+                return Err(ApiError::too_large(format!(
+                    "a trace may have {limit} bytes (limits.upload_mib)"
+                )));
             }
             file.write_all(&part).await.map_err(ApiError::disk)?;
         }
@@ -168,7 +206,9 @@ impl Archive {
             let beside = beside.clone();
             tokio::task::spawn_blocking(move || Trace::read(&beside).map(drop)).await
         };
-        let checked = checked.map_err(|_| ApiError::unprocessable("bad_trace", "reading it broke down".to_owned()))?;
+        let checked = checked.map_err(|_| {
+            ApiError::unprocessable("bad_trace", "reading it broke down".to_owned())
+        })?;
         if let Err(error) = checked {
             let shown = error.to_string().replace(&*beside.to_string_lossy(), name);
             return Err(ApiError::unprocessable("bad_trace", shown));
@@ -178,8 +218,15 @@ impl Archive {
             io::ErrorKind::AlreadyExists => taken(),
             _ => ApiError::disk(error),
         })?;
-        let written = std::time::SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
-        Ok(TraceFile { trace: name.to_owned(), bytes, written, recording: false })
+        let written = std::time::SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .map_or(0, |time| time.as_secs());
+        Ok(TraceFile {
+            trace: name.to_owned(),
+            bytes,
+            written,
+            recording: false,
+        })
     }
 }
 

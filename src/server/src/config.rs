@@ -36,7 +36,8 @@ pub struct Config {
     /// File of tokens; without it `tokens.toml` in the data folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tokens: Option<PathBuf>,
-    /// Names besides localhost under which clients may reach it (the `Host` header), e.g. behind a proxy.
+    /// Names besides localhost under which clients may reach it (the `Host` header), e.g. behind a
+    /// proxy.
     pub hosts: Vec<String>,
     /// Origins of web pages that may call it, e.g. `https://lab.example`.
     pub origins: Vec<String>,
@@ -68,7 +69,8 @@ pub struct Play {
     /// Task file or folder of them; without it, tasks that Reel makes in its own home.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tasks: Option<PathBuf>,
-    /// Scene file for all tasks; without it the scene that each task names, found beside the tasks or among those that come with Reel.
+    /// Scene file for all tasks; without it the scene that each task names, found beside the tasks
+    /// or among those that come with Reel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<PathBuf>,
     /// In which order.
@@ -89,7 +91,8 @@ pub struct Play {
     pub policy: Option<String>,
     /// Whether traces hold pictures; without them they are drawn again on demand.
     pub images: bool,
-    /// What an acknowledged call survives: `write` (the death of the process) or `fsync` (the loss of power).
+    /// What an acknowledged call survives: `write` (the death of the process) or `fsync` (the loss
+    /// of power).
     pub durability: String,
     /// Who answers `ask`.
     pub ask: AskWhom,
@@ -126,7 +129,8 @@ pub struct Limits {
     pub patience_s: u64,
     /// Connections at once.
     pub connections: usize,
-    /// Seconds that a client has for the head of a request, again for its body, and for reading any of the answer.
+    /// Seconds that a client has for the head of a request, again for its body, and for reading any
+    /// of the answer.
     pub read_s: u64,
     /// Largest body of a request, in MiB.
     pub body_mib: usize,
@@ -245,9 +249,14 @@ impl Config {
     /// # Errors
     /// When it cannot be read, is no TOML, or has a key or value that is none.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let text = fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
-        toml::from_str(&text)
-            .map_err(|error| ConfigError::Syntax { path: path.to_owned(), message: error.to_string().trim_end().to_owned() })
+        let text = fs::read_to_string(path).map_err(|source| ConfigError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        toml::from_str(&text).map_err(|error| ConfigError::Syntax {
+            path: path.to_owned(),
+            message: error.to_string().trim_end().to_owned(),
+        })
     }
 
     /// As a file would have it.
@@ -272,17 +281,23 @@ impl Config {
 
     /// Where panels and pages of the dashboards are.
     pub fn definitions(&self) -> PathBuf {
-        self.definitions.clone().unwrap_or_else(|| self.data.join("definitions"))
+        self.definitions
+            .clone()
+            .unwrap_or_else(|| self.data.join("definitions"))
     }
 
     /// Where the store of tables is.
     pub fn store(&self) -> String {
-        self.store.clone().unwrap_or_else(|| self.data.join("store").display().to_string())
+        self.store
+            .clone()
+            .unwrap_or_else(|| self.data.join("store").display().to_string())
     }
 
     /// The file of tokens.
     pub fn tokens(&self) -> PathBuf {
-        self.tokens.clone().unwrap_or_else(|| self.data.join("tokens.toml"))
+        self.tokens
+            .clone()
+            .unwrap_or_else(|| self.data.join("tokens.toml"))
     }
 
     /// Whether only this machine can reach it.
@@ -298,7 +313,12 @@ impl Config {
     /// # Errors
     /// At the first value that cannot be.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let wrong = |key, message: &str| Err(ConfigError::Value { key, message: message.to_owned() });
+        let wrong = |key, message: &str| {
+            Err(ConfigError::Value {
+                key,
+                message: message.to_owned(),
+            })
+        };
         let limits = &self.limits;
         let counts: [(&'static str, usize); 9] = [
             ("limits.sessions", limits.sessions),
@@ -334,29 +354,45 @@ impl Config {
             })?;
         }
         if let Some(origin) = self.origins.iter().find(|origin| !origin.contains("://")) {
-            return wrong("origins", &format!("'{origin}' has no scheme; write e.g. https://{origin}"));
+            return wrong(
+                "origins",
+                &format!("'{origin}' has no scheme; write e.g. https://{origin}"),
+            );
         }
         self.preset().map(drop)
     }
 
     /// The reward preset.
     fn preset(&self) -> Result<Preset, ConfigError> {
-        let wrong = |message: String| ConfigError::Value { key: "play.preset", message };
+        let wrong = |message: String| ConfigError::Value {
+            key: "play.preset",
+            message,
+        };
         if let Some(preset) = Preset::parse(&self.play.preset) {
             return Ok(preset);
         }
         let text = fs::read_to_string(&self.play.preset).map_err(|_| {
-            let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
-            wrong(format!("no preset is called '{}' and there is no such file; built in are '{known}'", self.play.preset))
+            let known = Preset::built_in()
+                .map(|preset| preset.name().to_owned())
+                .join("', '");
+            wrong(format!(
+                "no preset is called '{}' and there is no such file; built in are '{known}'",
+                self.play.preset
+            ))
         })?;
         Preset::from_toml(&text).map_err(|error| wrong(format!("{}: {error}", self.play.preset)))
     }
 
-    /// What households play; loads the tasks. Broken task files are left out and named by `on_broken`.
+    /// What households play; loads the tasks. Broken task files are left out and named by
+    /// `on_broken`.
     ///
     /// # Errors
     /// When the configuration is wrong, or no task can be loaded.
-    pub fn setup(&self, run_id: String, mut on_broken: impl FnMut(&str)) -> Result<Setup, ConfigError> {
+    pub fn setup(
+        &self,
+        run_id: String,
+        mut on_broken: impl FnMut(&str),
+    ) -> Result<Setup, ConfigError> {
         self.check()?;
         let play = &self.play;
         let given = match &play.scene {
@@ -364,7 +400,10 @@ impl Config {
                 Some(scene) => Some(Arc::new(scene)),
                 None => {
                     let loaded = reel_tasks::scene::load(path)?;
-                    loaded.warnings.iter().for_each(|warning| on_broken(&format!("{}: {warning}", path.display())));
+                    loaded
+                        .warnings
+                        .iter()
+                        .for_each(|warning| on_broken(&format!("{}: {warning}", path.display())));
                     Some(Arc::new(loaded.scene))
                 }
             },
@@ -372,11 +411,24 @@ impl Config {
         };
         let (mut tasks, scenes) = match &play.tasks {
             Some(path) => {
-                let source = given.map_or(SceneSource::ById(reel_generate::scene::by_id), SceneSource::Given);
+                let source = given.map_or(
+                    SceneSource::ById(reel_generate::scene::by_id),
+                    SceneSource::Given,
+                );
                 let loaded = reel_tasks::load_with(path, &source, Listed::AsWritten);
-                loaded.warnings.iter().for_each(|warning| on_broken(warning));
-                loaded.report.broken.iter().for_each(|error| on_broken(&error.to_string()));
-                (loaded.report.tasks.into_iter().map(Arc::new).collect(), loaded.scenes)
+                loaded
+                    .warnings
+                    .iter()
+                    .for_each(|warning| on_broken(warning));
+                loaded
+                    .report
+                    .broken
+                    .iter()
+                    .for_each(|error| on_broken(&error.to_string()));
+                (
+                    loaded.report.tasks.into_iter().map(Arc::new).collect(),
+                    loaded.scenes,
+                )
             }
             None => {
                 let scene = given.unwrap_or_else(|| Arc::new(home()));
@@ -386,16 +438,25 @@ impl Config {
         if tasks.is_empty() {
             let message = format!(
                 "no task could be loaded from {}",
-                play.tasks.as_ref().map_or("".into(), |path| path.display().to_string())
+                play.tasks
+                    .as_ref()
+                    .map_or("".into(), |path| path.display().to_string())
             );
-            return Err(ConfigError::Value { key: "play.tasks", message });
+            return Err(ConfigError::Value {
+                key: "play.tasks",
+                message,
+            });
         }
         if play.order == Order::Shuffled {
             tasks.sort_by_cached_key(|task: &Arc<Task>| {
                 *blake3::hash(format!("{}/{}", play.seed, task.task_id).as_bytes()).as_bytes()
             });
         }
-        let images = if play.images { Images::Full } else { Images::None };
+        let images = if play.images {
+            Images::Full
+        } else {
+            Images::None
+        };
         let durability = Durability::parse(&play.durability).expect("the check looked at it");
         Ok(Setup {
             tasks,
@@ -430,7 +491,11 @@ impl Config {
         reel_live::Limits {
             households: limits.sessions,
             awake: limits.awake,
-            workers: if limits.workers == 0 { cores() } else { limits.workers },
+            workers: if limits.workers == 0 {
+                cores()
+            } else {
+                limits.workers
+            },
             park_after: Duration::from_secs(limits.park_after_s),
             close_after: Duration::from_secs(limits.close_after_s),
             patience: Duration::from_secs(limits.patience_s),
@@ -440,6 +505,11 @@ impl Config {
 
 /// Tasks of all families in the home that comes with Reel.
 fn made(scene: &Scene, seed: u64) -> Vec<Arc<Task>> {
-    let options = GenerateOptions { scene, families: &Family::ALL, count: TASKS_MADE, seed };
+    let options = GenerateOptions {
+        scene,
+        families: &Family::ALL,
+        count: TASKS_MADE,
+        seed,
+    };
     generate(&options).tasks.into_iter().map(Arc::new).collect()
 }

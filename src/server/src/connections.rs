@@ -1,5 +1,5 @@
-//! Accepting connections: so many, each with a time for the head of its requests and for reading what it asked for; and letting
-//! them end.
+//! Accepting connections: so many, each with a time for the head of its requests and for reading
+//! what it asked for; and letting them end.
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
 
@@ -25,7 +25,12 @@ const GRACE: Duration = Duration::from_secs(10);
 pub(crate) struct Client(pub SocketAddr);
 
 /// Serves until `closing`, then lets open requests end.
-pub(crate) async fn serve(listener: TcpListener, router: Router, app: Arc<App>, closing: CancellationToken) {
+pub(crate) async fn serve(
+    listener: TcpListener,
+    router: Router,
+    app: Arc<App>,
+    closing: CancellationToken,
+) {
     let places = Arc::new(Semaphore::new(app.config.limits.connections));
     let tasks = TaskTracker::new();
     loop {
@@ -56,11 +61,18 @@ pub(crate) async fn serve(listener: TcpListener, router: Router, app: Arc<App>, 
                 router.clone().oneshot(request.map(Body::new))
             });
             let mut builder = Builder::new(TokioExecutor::new()).http1_only();
-            builder.http1().timer(TokioTimer::new()).header_read_timeout(app.read_patience());
-            // Who asks and does not read would have its place, and what it asked for in memory, for ever.
+            builder
+                .http1()
+                .timer(TokioTimer::new())
+                .header_read_timeout(app.read_patience());
+            // Who asks and does not read would have its place, and what it asked for in memory, for
+            // ever.
             let mut stream = TimeoutStream::new(stream);
             stream.set_write_timeout(Some(app.read_patience()));
-            let connection = builder.serve_connection(TokioIo::new(Box::pin(stream)), TowerToHyperService::new(service));
+            let connection = builder.serve_connection(
+                TokioIo::new(Box::pin(stream)),
+                TowerToHyperService::new(service),
+            );
             tokio::pin!(connection);
             let ended = tokio::select! {
                 ended = &mut connection => ended,

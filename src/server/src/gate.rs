@@ -1,4 +1,5 @@
-//! What every request passes before anything is done for it: Host and Origin, token and role, rate, size and pace of the body.
+//! What every request passes before anything is done for it: Host and Origin, token and role, rate,
+//! size and pace of the body.
 
 use std::{num::NonZeroU32, sync::Arc, time::Instant};
 
@@ -23,7 +24,8 @@ pub(crate) struct Rates(DefaultKeyedRateLimiter<String>);
 impl Rates {
     pub fn new(config: &Config) -> Self {
         let number = |value: u32| NonZeroU32::new(value.max(1)).expect("at least one");
-        let quota = Quota::per_second(number(config.limits.requests_per_s)).allow_burst(number(config.limits.burst));
+        let quota = Quota::per_second(number(config.limits.requests_per_s))
+            .allow_burst(number(config.limits.burst));
         Self(RateLimiter::keyed(quota))
     }
 
@@ -52,14 +54,21 @@ fn needed(method: &Method, path: &str) -> Option<Role> {
 }
 
 /// Lets a request through, or says why not.
-pub(crate) async fn pass(State(app): State<Arc<App>>, mut request: Request, next: Next) -> Response {
+pub(crate) async fn pass(
+    State(app): State<Arc<App>>,
+    mut request: Request,
+    next: Next,
+) -> Response {
     let page = app.guard.page(&request);
     if let Some(answer) = page.preflight() {
         return answer;
     }
     let begun = Instant::now();
     let method = request.method().clone();
-    let route = request.extensions().get::<MatchedPath>().map_or_else(|| "none".to_owned(), |path| path.as_str().to_owned());
+    let route = request
+        .extensions()
+        .get::<MatchedPath>()
+        .map_or_else(|| "none".to_owned(), |path| path.as_str().to_owned());
     let mut response = match admit(&app, &mut request).await {
         Ok(()) => next.run(request).await,
         Err(error) => axum::response::IntoResponse::into_response(error),
@@ -67,10 +76,17 @@ pub(crate) async fn pass(State(app): State<Arc<App>>, mut request: Request, next
     page.share(&mut response);
     let headers = response.headers_mut();
     // Answers are never pages of somebody else's.
-    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
-    headers.insert(header::REFERRER_POLICY, HeaderValue::from_static("no-referrer"));
+    headers.insert(
+        header::X_CONTENT_TYPE_OPTIONS,
+        HeaderValue::from_static("nosniff"),
+    );
+    headers.insert(
+        header::REFERRER_POLICY,
+        HeaderValue::from_static("no-referrer"),
+    );
     let (status, took) = (response.status(), begun.elapsed());
-    app.metrics.request(method.as_str(), &route, status.as_u16(), took);
+    app.metrics
+        .request(method.as_str(), &route, status.as_u16(), took);
     if status.is_server_error() {
         tracing::warn!(%method, route, status = status.as_u16(), ms = took.as_millis() as u64, "answered");
     } else {
@@ -80,12 +96,24 @@ pub(crate) async fn pass(State(app): State<Arc<App>>, mut request: Request, next
 }
 
 async fn admit(app: &App, request: &mut Request) -> Result<(), ApiError> {
-    app.guard.check(request.headers(), request.uri()).map_err(|why| ApiError::forbidden("wrong_host", why))?;
-    let address = request.extensions().get::<Client>().map_or_else(|| "local".to_owned(), |client| client.0.ip().to_string());
-    let caller = authorize(app, request.method(), request.uri().path(), request.headers())?;
+    app.guard
+        .check(request.headers(), request.uri())
+        .map_err(|why| ApiError::forbidden("wrong_host", why))?;
+    let address = request
+        .extensions()
+        .get::<Client>()
+        .map_or_else(|| "local".to_owned(), |client| client.0.ip().to_string());
+    let caller = authorize(
+        app,
+        request.method(),
+        request.uri().path(),
+        request.headers(),
+    )?;
     let key = caller.as_ref().map_or(address, |caller| caller.0.clone());
     if app.rates.0.check_key(&key).is_err() {
-        return Err(ApiError::too_many("more requests a second than limits.requests_per_s; wait a moment"));
+        return Err(ApiError::too_many(
+            "more requests a second than limits.requests_per_s; wait a moment",
+        ));
     }
     if let Some(caller) = caller {
         request.extensions_mut().insert(caller);
@@ -96,24 +124,45 @@ async fn admit(app: &App, request: &mut Request) -> Result<(), ApiError> {
     Ok(())
 }
 
-fn authorize(app: &App, method: &Method, path: &str, headers: &HeaderMap) -> Result<Option<Caller>, ApiError> {
-    let Some(role) = needed(method, path) else { return Ok(None) };
+fn authorize(
+    app: &App,
+    method: &Method,
+    path: &str,
+    headers: &HeaderMap,
+) -> Result<Option<Caller>, ApiError> {
+    let Some(role) = needed(method, path) else {
+        return Ok(None);
+    };
     if !app.demands_tokens() {
         return Ok(None);
     }
-    let given = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
-    let token = given.and_then(|value| value.split_once(' ')).filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
+    let given = headers
+        .get(header::AUTHORIZATION)
+        .and_then(|value| value.to_str().ok());
+    let token = given
+        .and_then(|value| value.split_once(' '))
+        .filter(|(scheme, _)| scheme.eq_ignore_ascii_case("bearer"));
     let Some((_, token)) = token else {
-        return Err(ApiError::unauthorized("a token is needed: Authorization: Bearer <token>; `reel token create` makes one"));
+        return Err(ApiError::unauthorized(
+            "a token is needed: Authorization: Bearer <token>; `reel token create` makes one",
+        ));
     };
     let Some(entry) = app.tokens.find(token.trim()) else {
-        return Err(ApiError::unauthorized("this token is none of ours, or was revoked"));
+        return Err(ApiError::unauthorized(
+            "this token is none of ours, or was revoked",
+        ));
     };
     if entry.roles.contains(&role) || entry.roles.contains(&Role::Admin) {
         return Ok(Some(Caller(entry.name)));
     }
     let role = format!("{role:?}").to_lowercase();
-    Err(ApiError::forbidden("role", format!("the token '{}' has not the role '{role}' that this needs", entry.name)))
+    Err(ApiError::forbidden(
+        "role",
+        format!(
+            "the token '{}' has not the role '{role}' that this needs",
+            entry.name
+        ),
+    ))
 }
 
 /// Traces come as long streams, and are counted where they are written.
@@ -124,23 +173,35 @@ fn is_upload(request: &Request) -> bool {
 /// Takes the body in before anything is done for it: within a size and a time.
 async fn whole_body(app: &App, request: &mut Request) -> Result<(), ApiError> {
     let limit = app.config.limits.body_mib << 20;
-    let declared = request.headers().get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
-    let too_large = || ApiError::too_large(format!("a body may have {limit} bytes (limits.body_mib)"));
+    let declared = request
+        .headers()
+        .get(header::CONTENT_LENGTH)
+        .and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
+    let too_large =
+        || ApiError::too_large(format!("a body may have {limit} bytes (limits.body_mib)"));
     if declared.is_some_and(|bytes| bytes > limit as u64) {
         return Err(too_large());
     }
     let body = std::mem::take(request.body_mut());
     let read = tokio::time::timeout(app.read_patience(), axum::body::to_bytes(body, limit));
     match read.await {
-        Err(_) => Err(ApiError::timeout("the body did not come in time (limits.read_s)")),
+        Err(_) => Err(ApiError::timeout(
+            "the body did not come in time (limits.read_s)",
+        )),
         Ok(Ok(bytes)) => {
             *request.body_mut() = Body::from(bytes);
             Ok(())
         }
-        Ok(Err(error)) if std::error::Error::source(&error).is_some_and(|cause| cause.to_string().contains("length limit")) => {
+        Ok(Err(error))
+            if std::error::Error::source(&error)
+                .is_some_and(|cause| cause.to_string().contains("length limit")) =>
+        {
             Err(too_large())
         }
-        Ok(Err(error)) => Err(ApiError::bad_request("broken_body", format!("the body broke off: {error}"))),
+        Ok(Err(error)) => Err(ApiError::bad_request(
+            "broken_body",
+            format!("the body broke off: {error}"),
+        )),
     }
 }
 
@@ -177,7 +238,11 @@ mod tests {
             (Method::POST, "/api/traces/x/branches"),
             (Method::POST, "/something/new"),
         ];
-        for (role, routes) in [(Role::Act, &act[..]), (Role::Read, &read), (Role::Admin, &admin)] {
+        for (role, routes) in [
+            (Role::Act, &act[..]),
+            (Role::Read, &read),
+            (Role::Admin, &admin),
+        ] {
             for (method, path) in routes {
                 assert_eq!(needed(method, path), Some(role), "{method} {path}");
             }

@@ -1,5 +1,6 @@
-//! Long work: commands of `reel` itself, each in a process of its own. Every such command survives being killed and goes on
-//! where it stopped, so cancelling is killing; and what breaks in one breaks nothing else.
+//! Long work: commands of `reel` itself, each in a process of its own. Every such command survives
+//! being killed and goes on where it stopped, so cancelling is killing; and what breaks in one
+//! breaks nothing else.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -64,7 +65,8 @@ pub(crate) enum Work {
         set: Set,
         /// Name of the folder.
         name: String,
-        /// Further options of `reel export`, e.g. `{"format": "trl", "validation": 0.1, "failed": true}`.
+        /// Further options of `reel export`, e.g. `{"format": "trl", "validation": 0.1, "failed":
+        /// true}`.
         #[serde(default)]
         options: BTreeMap<String, Value>,
     },
@@ -194,7 +196,11 @@ struct Counted {
 }
 
 impl Jobs {
-    pub fn new(paths: Paths, closing: CancellationToken, running: prometheus_client::metrics::gauge::Gauge) -> Self {
+    pub fn new(
+        paths: Paths,
+        closing: CancellationToken,
+        running: prometheus_client::metrics::gauge::Gauge,
+    ) -> Self {
         Self {
             command: Arc::new(paths),
             next: AtomicU64::new(1),
@@ -208,7 +214,9 @@ impl Jobs {
     /// Puts a job in the queue.
     pub fn start(&self, work: Work) -> Result<Job, ApiError> {
         let arguments = self.command.arguments(&work)?;
-        let created = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+        let created = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .map_or(0, |time| time.as_secs());
         let job = Job {
             id: self.next.fetch_add(1, Ordering::Relaxed),
             work,
@@ -224,16 +232,32 @@ impl Jobs {
         let stop = self.closing.child_token();
         {
             let mut known = self.lock();
-            if known.iter().filter(|known| !known.job.borrow().ended()).count() >= REMEMBERED {
-                return Err(ApiError::too_many("too many jobs wait; try again when some are done"));
+            if known
+                .iter()
+                .filter(|known| !known.job.borrow().ended())
+                .count()
+                >= REMEMBERED
+            {
+                return Err(ApiError::too_many(
+                    "too many jobs wait; try again when some are done",
+                ));
             }
             while known.len() >= REMEMBERED {
-                let Some(oldest) = known.iter().position(|known| known.job.borrow().ended()) else { break };
+                let Some(oldest) = known.iter().position(|known| known.job.borrow().ended()) else {
+                    break;
+                };
                 known.remove(oldest);
             }
-            known.push_back(Known { job: receiver, stop: stop.clone() });
+            known.push_back(Known {
+                job: receiver,
+                stop: stop.clone(),
+            });
         }
-        let (at_once, command, running) = (self.at_once.clone(), self.command.clone(), self.running.clone());
+        let (at_once, command, running) = (
+            self.at_once.clone(),
+            self.command.clone(),
+            self.running.clone(),
+        );
         tokio::spawn(async move {
             let place = tokio::select! {
                 place = at_once.acquire_owned() => place.expect("the places are never closed"),
@@ -256,24 +280,38 @@ impl Jobs {
 
     /// Every job, the newest first.
     pub fn list(&self) -> Vec<Job> {
-        self.lock().iter().rev().map(|known| known.job.borrow().clone()).collect()
+        self.lock()
+            .iter()
+            .rev()
+            .map(|known| known.job.borrow().clone())
+            .collect()
     }
 
     /// A job, to be watched.
     pub fn watch(&self, id: u64) -> Result<watch::Receiver<Job>, ApiError> {
         let known = self.lock();
-        let found = known.iter().find(|known| known.job.borrow().id == id).map(|known| known.job.clone());
-        found.ok_or_else(|| ApiError::not_found(format!("there is no job {id}, or it was long ago")))
+        let found = known
+            .iter()
+            .find(|known| known.job.borrow().id == id)
+            .map(|known| known.job.clone());
+        found
+            .ok_or_else(|| ApiError::not_found(format!("there is no job {id}, or it was long ago")))
     }
 
     /// Stops a job.
     pub fn cancel(&self, id: u64) -> Result<(), ApiError> {
         let job = self.watch(id)?;
         if job.borrow().ended() {
-            return Err(ApiError::conflict("ended", format!("job {id} has ended already")));
+            return Err(ApiError::conflict(
+                "ended",
+                format!("job {id} has ended already"),
+            ));
         }
         let known = self.lock();
-        known.iter().filter(|known| known.job.borrow().id == id).for_each(|known| known.stop.cancel());
+        known
+            .iter()
+            .filter(|known| known.job.borrow().id == id)
+            .for_each(|known| known.stop.cancel());
         Ok(())
     }
 
@@ -300,37 +338,63 @@ impl Paths {
             Work::Taxonomy {} => say(&["taxonomy", "--json", "--store", &self.store]),
             Work::Reward { preset } => {
                 if reel_reward::Preset::parse(preset).is_none() {
-                    let known = reel_reward::Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
+                    let known = reel_reward::Preset::built_in()
+                        .map(|preset| preset.name().to_owned())
+                        .join("', '");
                     let text = format!("no preset is called '{preset}'; built in are '{known}'");
                     return Err(ApiError::unprocessable("unknown_preset", text));
                 }
-                say(&["reward", "--json", "--store", &self.store, "--preset", preset]);
+                say(&[
+                    "reward",
+                    "--json",
+                    "--store",
+                    &self.store,
+                    "--preset",
+                    preset,
+                ]);
             }
             Work::Export { set, name, options } => {
-                reel_live::check_name(name)
-                    .map_err(|_| ApiError::unprocessable("bad_name", format!("'{name}' is no name for a folder")))?;
+                reel_live::check_name(name).map_err(|_| {
+                    ApiError::unprocessable("bad_name", format!("'{name}' is no name for a folder"))
+                })?;
                 let set = match set {
                     Set::Sft => "sft",
                     Set::Rl => "rl",
                     Set::Preferences => "preferences",
                 };
-                say(&["export", set, "--json", "--store", &self.store, "--out", &self.exports.join(name).display().to_string()]);
+                say(&[
+                    "export",
+                    set,
+                    "--json",
+                    "--store",
+                    &self.store,
+                    "--out",
+                    &self.exports.join(name).display().to_string(),
+                ]);
                 for (option, value) in options {
                     if !EXPORT_OPTIONS.contains(&option.as_str()) {
-                        let text = format!("no option is called '{option}'; there are {}", EXPORT_OPTIONS.join(", "));
+                        let text = format!(
+                            "no option is called '{option}'; there are {}",
+                            EXPORT_OPTIONS.join(", ")
+                        );
                         return Err(ApiError::unprocessable("unknown_option", text));
                     }
                     match value {
                         Value::Bool(true) => arguments.push(format!("--{option}").into()),
                         Value::Bool(false) | Value::Null => {}
                         Value::String(text) if text.contains('\0') || text.len() > OPTION_BYTES => {
-                            let text = format!("option '{option}' takes a text of at most {OPTION_BYTES} bytes, none of them 0");
+                            let text = format!(
+                                "option '{option}' takes a text of at most {OPTION_BYTES} bytes, none of them 0"
+                            );
                             return Err(ApiError::unprocessable("bad_option", text));
                         }
                         Value::String(text) => arguments.push(format!("--{option}={text}").into()),
-                        Value::Number(number) => arguments.push(format!("--{option}={number}").into()),
+                        Value::Number(number) => {
+                            arguments.push(format!("--{option}={number}").into())
+                        }
                         _ => {
-                            let text = format!("option '{option}' takes a text, a number or a boolean");
+                            let text =
+                                format!("option '{option}' takes a text, a number or a boolean");
                             return Err(ApiError::unprocessable("bad_option", text));
                         }
                     }
@@ -344,16 +408,35 @@ impl Paths {
         if names.is_empty() {
             return Ok(vec![self.archive.folder().as_os_str().to_owned()]);
         }
-        names.iter().map(|name| self.archive.existing(name).map(|path| path.into_os_string())).collect()
+        names
+            .iter()
+            .map(|name| {
+                self.archive
+                    .existing(name)
+                    .map(|path| path.into_os_string())
+            })
+            .collect()
     }
 }
 
 /// Runs a command to its end.
-async fn run(paths: &Paths, arguments: &[OsString], job: &watch::Sender<Job>, stop: &CancellationToken) -> Stage {
+async fn run(
+    paths: &Paths,
+    arguments: &[OsString],
+    job: &watch::Sender<Job>,
+    stop: &CancellationToken,
+) -> Stage {
     let mut command = Command::new(&paths.reel);
     // Secrets of the server are no business of its jobs.
-    command.args(arguments).env("REEL_PROGRESS", "json").env_remove("REEL_TOKEN").stdin(Stdio::null());
-    command.stdout(Stdio::piped()).stderr(Stdio::piped()).kill_on_drop(true);
+    command
+        .args(arguments)
+        .env("REEL_PROGRESS", "json")
+        .env_remove("REEL_TOKEN")
+        .stdin(Stdio::null());
+    command
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .kill_on_drop(true);
     let mut child = match command.spawn() {
         Ok(child) => child,
         Err(error) => {
@@ -361,17 +444,22 @@ async fn run(paths: &Paths, arguments: &[OsString], job: &watch::Sender<Job>, st
             return Stage::Failed;
         }
     };
-    let (stdout, stderr) = (child.stdout.take().expect("it is piped"), child.stderr.take().expect("it is piped"));
+    let (stdout, stderr) = (
+        child.stdout.take().expect("it is piped"),
+        child.stderr.take().expect("it is piped"),
+    );
     let reports = lines(stdout, |line| {
         let line = paths.archive.hide(&line);
         let value = serde_json::from_str(&line).unwrap_or(Value::String(line));
         job.send_modify(|job| job.report.push(value));
     });
-    let complaints = lines(stderr, |line| match serde_json::from_str::<Progress>(&line) {
-        Ok(Progress { progress }) => job.send_modify(|job| {
-            (job.done, job.total, job.message) = (progress.done, progress.total, progress.what);
-        }),
-        Err(_) => job.send_modify(|job| job.complaints.push(paths.archive.hide(&line))),
+    let complaints = lines(stderr, |line| {
+        match serde_json::from_str::<Progress>(&line) {
+            Ok(Progress { progress }) => job.send_modify(|job| {
+                (job.done, job.total, job.message) = (progress.done, progress.total, progress.what);
+            }),
+            Err(_) => job.send_modify(|job| job.complaints.push(paths.archive.hide(&line))),
+        }
     });
     let ended = async { tokio::join!(reports, complaints, child.wait()).2 };
     tokio::select! {
@@ -392,7 +480,11 @@ async fn run(paths: &Paths, arguments: &[OsString], job: &watch::Sender<Job>, st
 async fn lines(stream: impl AsyncRead + Unpin, mut take: impl FnMut(String)) {
     let mut reader = BufReader::new(stream.take(OUTPUT_BYTES));
     let mut line = Vec::new();
-    while reader.read_until(b'\n', &mut line).await.is_ok_and(|bytes| bytes > 0) {
+    while reader
+        .read_until(b'\n', &mut line)
+        .await
+        .is_ok_and(|bytes| bytes > 0)
+    {
         let text = String::from_utf8_lossy(&line).trim_end().to_owned();
         line.clear();
         if !text.is_empty() {
@@ -400,5 +492,9 @@ async fn lines(stream: impl AsyncRead + Unpin, mut take: impl FnMut(String)) {
         }
     }
     // Nobody reads on, but the command must not stop for that.
-    let _ = tokio::io::copy(&mut reader.into_inner().into_inner(), &mut tokio::io::sink()).await;
+    let _ = tokio::io::copy(
+        &mut reader.into_inner().into_inner(),
+        &mut tokio::io::sink(),
+    )
+    .await;
 }

@@ -63,15 +63,32 @@ fn times() -> Histogram {
 impl Metrics {
     pub fn new() -> Self {
         let mut registry = Registry::with_prefix("reel");
-        let (requests, calls) = (Family::<Request, Counter>::default(), Family::<Call, Counter>::default());
+        let (requests, calls) = (
+            Family::<Request, Counter>::default(),
+            Family::<Call, Counter>::default(),
+        );
         let request_time = Family::<Route, Histogram>::new_with_constructor(times);
         let call_time = Family::<Tool, Histogram>::new_with_constructor(times);
         let sessions = Family::<State, Gauge>::default();
         let connections = Gauge::default();
         registry.register("http_requests", "Requests answered", requests.clone());
-        registry.register_with_unit("http_request", "From head to head of the answer", Unit::Seconds, request_time.clone());
-        registry.register("tool_calls", "Tool calls of policies, by outcome", calls.clone());
-        registry.register_with_unit("tool_call", "Tool calls, waiting included", Unit::Seconds, call_time.clone());
+        registry.register_with_unit(
+            "http_request",
+            "From head to head of the answer",
+            Unit::Seconds,
+            request_time.clone(),
+        );
+        registry.register(
+            "tool_calls",
+            "Tool calls of policies, by outcome",
+            calls.clone(),
+        );
+        registry.register_with_unit(
+            "tool_call",
+            "Tool calls, waiting included",
+            Unit::Seconds,
+            call_time.clone(),
+        );
         registry.register("sessions", "Policy sessions, by state", sessions.clone());
         registry.register("connections", "Open connections", connections.clone());
         #[cfg(feature = "tables")]
@@ -93,22 +110,45 @@ impl Metrics {
 
     /// A request was answered. `route` is a pattern: as many as there are routes.
     pub fn request(&self, method: &str, route: &str, status: u16, took: Duration) {
-        let labels = Request { method: method.to_owned(), route: route.to_owned(), status };
+        let labels = Request {
+            method: method.to_owned(),
+            route: route.to_owned(),
+            status,
+        };
         self.requests.get_or_create(&labels).inc();
-        self.request_time.get_or_create(&Route { route: route.to_owned() }).observe(took.as_secs_f64());
+        self.request_time
+            .get_or_create(&Route {
+                route: route.to_owned(),
+            })
+            .observe(took.as_secs_f64());
     }
 
-    /// A tool call was answered. `tool` is one of ours, or `unknown`: names that clients make up are not counted apart.
+    /// A tool call was answered. `tool` is one of ours, or `unknown`: names that clients make up
+    /// are not counted apart.
     pub fn call(&self, tool: &'static str, outcome: &'static str, took: Duration) {
-        self.calls.get_or_create(&Call { tool: tool.to_owned(), outcome }).inc();
-        self.call_time.get_or_create(&Tool { tool: tool.to_owned() }).observe(took.as_secs_f64());
+        self.calls
+            .get_or_create(&Call {
+                tool: tool.to_owned(),
+                outcome,
+            })
+            .inc();
+        self.call_time
+            .get_or_create(&Tool {
+                tool: tool.to_owned(),
+            })
+            .observe(took.as_secs_f64());
     }
 
     /// The text that Prometheus reads.
     pub fn text(&self, entries: &[Entry]) -> String {
         for state in ["empty", "playing", "parked", "over", "broken"] {
-            let count = entries.iter().filter(|entry| entry.state.state == state).count();
-            self.sessions.get_or_create(&State { state }).set(i64::try_from(count).unwrap_or(i64::MAX));
+            let count = entries
+                .iter()
+                .filter(|entry| entry.state.state == state)
+                .count();
+            self.sessions
+                .get_or_create(&State { state })
+                .set(i64::try_from(count).unwrap_or(i64::MAX));
         }
         let mut text = String::new();
         encode(&mut text, &self.registry).expect("a string takes everything");

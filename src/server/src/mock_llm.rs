@@ -1,4 +1,5 @@
-//! `reel mock-llm`: a script on the protocol of OpenAI-compatible endpoints, with trouble on the way where it is asked for.
+//! `reel mock-llm`: a script on the protocol of OpenAI-compatible endpoints, with trouble on the
+//! way where it is asked for.
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 
@@ -50,14 +51,27 @@ pub fn mock_llm(
     let app = Router::new()
         .route("/v1/chat/completions", post(complete))
         .route("/v1/embeddings", post(embed))
-        .route("/v1/models", get(|| async { Json(json!({"object": "list", "data": [{"id": "mock", "object": "model"}]})) }))
+        .route(
+            "/v1/models",
+            get(|| async {
+                Json(json!({"object": "list", "data": [{"id": "mock", "object": "model"}]}))
+            }),
+        )
         .layer(axum::extract::DefaultBodyLimit::max(64 << 20))
         .with_state(mock);
     let runtime = runtime(None)?;
     let served = runtime.block_on(async {
-        let listener = TcpListener::bind(listen).await.map_err(|source| ServeError::Listen { address: listen, source })?;
+        let listener = TcpListener::bind(listen)
+            .await
+            .map_err(|source| ServeError::Listen {
+                address: listen,
+                source,
+            })?;
         on_listening(listener.local_addr().map_err(ServeError::System)?);
-        axum::serve(listener, app).with_graceful_shutdown(stopped()).await.map_err(ServeError::System)
+        axum::serve(listener, app)
+            .with_graceful_shutdown(stopped())
+            .await
+            .map_err(ServeError::System)
     });
     runtime.shutdown_background();
     served
@@ -96,14 +110,24 @@ fn read(body: &[u8]) -> Result<Value, String> {
 }
 
 fn refused(status: StatusCode, what: &str) -> Response {
-    (status, Json(json!({"error": {"message": what, "type": "invalid_request_error"}}))).into_response()
+    (
+        status,
+        Json(json!({"error": {"message": what, "type": "invalid_request_error"}})),
+    )
+        .into_response()
 }
 
 /// Half of an answer whose whole length was promised; then the connection breaks off.
 fn cut(body: &Value) -> Response {
     let text = body.to_string();
     let half = Bytes::copy_from_slice(&text.as_bytes()[..text.len() / 2]);
-    let broken = [Ok(half), Err(io::Error::from(io::ErrorKind::ConnectionReset))];
-    let kind = [(header::CONTENT_TYPE, "application/json".to_owned()), (header::CONTENT_LENGTH, text.len().to_string())];
+    let broken = [
+        Ok(half),
+        Err(io::Error::from(io::ErrorKind::ConnectionReset)),
+    ];
+    let kind = [
+        (header::CONTENT_TYPE, "application/json".to_owned()),
+        (header::CONTENT_LENGTH, text.len().to_string()),
+    ];
     (kind, Body::from_stream(stream::iter(broken))).into_response()
 }

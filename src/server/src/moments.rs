@@ -1,4 +1,5 @@
-//! Snapshots of the moments that people look at, so that the next one is near. A folder that may be deleted at any time.
+//! Snapshots of the moments that people look at, so that the next one is near. A folder that may be
+//! deleted at any time.
 
 use std::{
     fs,
@@ -24,12 +25,20 @@ pub(crate) struct Moments {
 impl Moments {
     /// Snapshots in a folder, which is made when the first one comes.
     pub fn at(folder: PathBuf) -> Self {
-        Self { cache: SnapshotCache::at(&folder), folder, looks: AtomicUsize::new(0) }
+        Self {
+            cache: SnapshotCache::at(&folder),
+            folder,
+            looks: AtomicUsize::new(0),
+        }
     }
 
     /// For one more look. Now and then the oldest snapshots go.
     pub fn cache(&self) -> &SnapshotCache {
-        if self.looks.fetch_add(1, Ordering::Relaxed).is_multiple_of(TIDY_EVERY) {
+        if self
+            .looks
+            .fetch_add(1, Ordering::Relaxed)
+            .is_multiple_of(TIDY_EVERY)
+        {
             self.tidy();
         }
         &self.cache
@@ -37,12 +46,16 @@ impl Moments {
 
     fn tidy(&self) {
         let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
-        let mut files: Vec<_> =
-            entries.filter_map(|entry| Some((entry.metadata().ok()?.modified().ok()?, entry.path()))).collect();
+        let mut files: Vec<_> = entries
+            .filter_map(|entry| Some((entry.metadata().ok()?.modified().ok()?, entry.path())))
+            .collect();
         files.sort();
         let spare = files.len().saturating_sub(KEPT);
         // One that somebody else has removed, or that is in use, does no harm.
-        files.iter().take(spare).for_each(|(_, path)| drop(fs::remove_file(path)));
+        files
+            .iter()
+            .take(spare)
+            .for_each(|(_, path)| drop(fs::remove_file(path)));
     }
 }
 
@@ -58,10 +71,18 @@ mod tests {
         let moments = Moments::at(folder.path().to_owned());
         for number in 0..KEPT + 5 {
             let file = fs::File::create(folder.path().join(format!("{number}.snapshot"))).unwrap();
-            file.set_modified(SystemTime::UNIX_EPOCH + Duration::from_secs(number as u64)).unwrap();
+            file.set_modified(SystemTime::UNIX_EPOCH + Duration::from_secs(number as u64))
+                .unwrap();
         }
         moments.cache();
         let left = |number: usize| folder.path().join(format!("{number}.snapshot")).exists();
-        assert_eq!((left(4), left(5), fs::read_dir(folder.path()).unwrap().count()), (false, true, KEPT));
+        assert_eq!(
+            (
+                left(4),
+                left(5),
+                fs::read_dir(folder.path()).unwrap().count()
+            ),
+            (false, true, KEPT)
+        );
     }
 }

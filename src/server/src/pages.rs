@@ -1,5 +1,5 @@
-//! The web pages of `dashboards/`, embedded when this was built: files with their types, compressed where the client takes it.
-//! Everything that is no file is the one page, which finds its own way.
+//! The web pages of `dashboards/`, embedded when this was built: files with their types, compressed
+//! where the client takes it. Everything that is no file is the one page, which finds its own way.
 
 use axum::{
     http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header},
@@ -21,13 +21,20 @@ const POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; style-src 
 /// What is at an address that no other route knows.
 pub(crate) async fn page(method: Method, address: Uri, headers: HeaderMap) -> Response {
     let path = address.path().trim_start_matches('/');
-    let wants_page = headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).is_some_and(|it| it.contains("text/html"));
+    let wants_page = headers
+        .get(header::ACCEPT)
+        .and_then(|value| value.to_str().ok())
+        .is_some_and(|it| it.contains("text/html"));
     if !matches!(method, Method::GET | Method::HEAD) || path.starts_with("api/") {
         return nothing_here().await.into_response();
     }
     if let Some(file) = Files::get(path).filter(|_| path != INDEX) {
         // Their names change with what is in them.
-        let kept = if path.starts_with("assets/") { "public, max-age=31536000, immutable" } else { "no-cache" };
+        let kept = if path.starts_with("assets/") {
+            "public, max-age=31536000, immutable"
+        } else {
+            "no-cache"
+        };
         return answer(path, file, kept, &headers);
     }
     if !wants_page {
@@ -43,15 +50,30 @@ const MISSING: &str = "<!doctype html><title>Reel</title><p>This build of Reel h
                        Run <code>make pages</code> and build again. The service itself runs: see <a href=\"/api/openapi.json\">/api/openapi.json</a>.";
 
 fn answer(path: &str, file: EmbeddedFile, kept: &'static str, headers: &HeaderMap) -> Response {
-    let zipped = headers.get(header::ACCEPT_ENCODING).and_then(|value| value.to_str().ok()).is_some_and(|it| it.contains("gzip"));
+    let zipped = headers
+        .get(header::ACCEPT_ENCODING)
+        .and_then(|value| value.to_str().ok())
+        .is_some_and(|it| it.contains("gzip"));
     let smaller = zipped.then(|| Files::get(&format!("{path}.gz"))).flatten();
     let kind = file.metadata.mimetype().to_owned();
     let compressed = smaller.is_some();
     let file = smaller.unwrap_or(file);
-    let tag: String = file.metadata.sha256_hash().iter().take(16).map(|byte| format!("{byte:02x}")).collect();
+    let tag: String = file
+        .metadata
+        .sha256_hash()
+        .iter()
+        .take(16)
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
     let tag = format!("\"{tag}\"");
-    let known = headers.get(header::IF_NONE_MATCH).is_some_and(|it| it.as_bytes() == tag.as_bytes());
-    let mut response = if known { StatusCode::NOT_MODIFIED.into_response() } else { file.data.into_owned().into_response() };
+    let known = headers
+        .get(header::IF_NONE_MATCH)
+        .is_some_and(|it| it.as_bytes() == tag.as_bytes());
+    let mut response = if known {
+        StatusCode::NOT_MODIFIED.into_response()
+    } else {
+        file.data.into_owned().into_response()
+    };
     let mut say = |name, value: &str| {
         if let Ok(value) = HeaderValue::from_str(value) {
             response.headers_mut().insert(name, value);

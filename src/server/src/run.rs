@@ -13,7 +13,8 @@ use crate::{Config, ServeError, Service, service::run_name, start_logs};
 /// How long work that nobody waits for may take to end.
 const AT_LAST: Duration = Duration::from_secs(1);
 
-/// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and the number of tasks.
+/// Serves until Ctrl-C or a service manager ends it. `on_listening` is told the address and the
+/// number of tasks.
 ///
 /// # Errors
 /// When the service cannot start.
@@ -25,7 +26,10 @@ pub fn run(config: Config, on_listening: impl FnOnce(SocketAddr, usize)) -> Resu
         // Whoever is told the address may end the service at once.
         let stopped = stopped();
         let service = Service::start(config).await?;
-        on_listening(service.address().map_err(ServeError::System)?, service.tasks());
+        on_listening(
+            service.address().map_err(ServeError::System)?,
+            service.tasks(),
+        );
         service.run(stopped).await;
         Ok(())
     });
@@ -40,7 +44,11 @@ pub fn run(config: Config, on_listening: impl FnOnce(SocketAddr, usize)) -> Resu
 /// When the configuration is wrong, or what comes in is not the protocol.
 pub fn run_stdio(config: Config) -> Result<(), ServeError> {
     let _logs = start_logs(&config);
-    let run = config.play.run.clone().unwrap_or_else(|| format!("{}-{}", run_name("mcp"), std::process::id()));
+    let run = config
+        .play
+        .run
+        .clone()
+        .unwrap_or_else(|| format!("{}-{}", run_name("mcp"), std::process::id()));
     let setup = config.setup(run, |complaint| tracing::warn!("{complaint}"))?;
     std::fs::create_dir_all(&setup.folder).map_err(ServeError::Data)?;
     let options = config.options(None);
@@ -78,7 +86,10 @@ pub(crate) fn stopped() -> impl Future<Output = ()> {
                 Err(_) => std::future::pending().await,
             }
         }
-        let (interrupted, terminated) = (signal(SignalKind::interrupt()), signal(SignalKind::terminate()));
+        let (interrupted, terminated) = (
+            signal(SignalKind::interrupt()),
+            signal(SignalKind::terminate()),
+        );
         async move {
             tokio::select! {
                 () = comes(interrupted) => {}
@@ -95,7 +106,9 @@ pub(crate) fn stopped() -> impl Future<Output = ()> {
 /// A session has a trace open, and a client two sockets: as many files as the system lets us.
 fn raise_file_limit() {
     match rlimit::increase_nofile_limit(u64::MAX) {
-        Ok(limit) if limit < 8_192 => tracing::warn!(limit, "few files may be open; `ulimit -n` raises that"),
+        Ok(limit) if limit < 8_192 => {
+            tracing::warn!(limit, "few files may be open; `ulimit -n` raises that")
+        }
         _ => {}
     }
 }

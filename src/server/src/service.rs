@@ -60,7 +60,8 @@ pub(crate) struct App {
 }
 
 impl App {
-    /// Whether clients have to show tokens: where the world can reach it, or where there is a file of them.
+    /// Whether clients have to show tokens: where the world can reach it, or where there is a file
+    /// of them.
     pub fn demands_tokens(&self) -> bool {
         !self.config.is_local() || self.tokens.in_use()
     }
@@ -128,13 +129,20 @@ impl Service {
         let moments = Moments::at(config.moments());
         restore_all(&archive);
         let address = config.listen;
-        let listener = TcpListener::bind(address).await.map_err(|source| ServeError::Listen { address, source })?;
+        let listener = TcpListener::bind(address)
+            .await
+            .map_err(|source| ServeError::Listen { address, source })?;
         let closing = CancellationToken::new();
         let metrics = Arc::new(Metrics::new());
-        let setup = reel_live::Setup { folder: archive.folder().to_owned(), ..setup };
+        let setup = reel_live::Setup {
+            folder: archive.folder().to_owned(),
+            ..setup
+        };
         #[cfg(feature = "tables")]
         let paths = Paths {
-            reel: std::env::current_exe().map_err(ServeError::Data)?.into_os_string(),
+            reel: std::env::current_exe()
+                .map_err(ServeError::Data)?
+                .into_os_string(),
             archive: archive.clone(),
             store: config.store(),
             exports: config.exports(),
@@ -149,7 +157,10 @@ impl Service {
             archive,
             moments,
             tokens,
-            guard: Guard { hosts: config.hosts.clone(), origins: config.origins.clone() },
+            guard: Guard {
+                hosts: config.hosts.clone(),
+                origins: config.origins.clone(),
+            },
             rates: Rates::new(&config),
             analyses: Semaphore::new(config.limits.analyses),
             metrics,
@@ -158,7 +169,11 @@ impl Service {
             config,
         });
         let router = router(&app);
-        Ok(Self { app, listener, router })
+        Ok(Self {
+            app,
+            listener,
+            router,
+        })
     }
 
     /// Where it listens.
@@ -176,10 +191,19 @@ impl Service {
 
     /// Serves until `stop`, then lets open requests end, ends every episode and closes its trace.
     pub async fn run(self, stop: impl Future<Output = ()>) {
-        let Self { app, listener, router } = self;
+        let Self {
+            app,
+            listener,
+            router,
+        } = self;
         let tending = tokio::spawn(tend(app.clone()));
         let closing = app.closing.clone();
-        let serving = tokio::spawn(connections::serve(listener, router, app.clone(), closing.clone()));
+        let serving = tokio::spawn(connections::serve(
+            listener,
+            router,
+            app.clone(),
+            closing.clone(),
+        ));
         stop.await;
         tracing::info!("stopping: no new calls");
         app.ready.store(false, Ordering::Release);
@@ -193,16 +217,22 @@ impl Service {
 
 /// A name for a run that has none.
 pub(crate) fn run_name(what: &str) -> String {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs());
+    let now = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |time| time.as_secs());
     format!("{what}-{now}")
 }
 
-/// Logs to standard error: never tokens, never what policies say. A thread of its own writes, as long as the guard lives: where
-/// standard error is a full disk or a pipe that nobody empties, lines are lost, and nobody waits for them.
+/// Logs to standard error: never tokens, never what policies say. A thread of its own writes, as
+/// long as the guard lives: where standard error is a full disk or a pipe that nobody empties,
+/// lines are lost, and nobody waits for them.
 pub fn start_logs(config: &Config) -> WorkerGuard {
     let filter = EnvFilter::try_new(&config.log_filter).unwrap_or_else(|_| EnvFilter::new("info"));
     let (writer, guard) = tracing_appender::non_blocking(io::stderr());
-    let logs = fmt().with_env_filter(filter).with_writer(writer).log_internal_errors(false);
+    let logs = fmt()
+        .with_env_filter(filter)
+        .with_writer(writer)
+        .log_internal_errors(false);
     // Where somebody else set logs up already, theirs stay.
     let _ = match config.log {
         LogFormat::Text => logs.with_target(false).try_init(),
@@ -213,14 +243,26 @@ pub fn start_logs(config: &Config) -> WorkerGuard {
 
 fn router(app: &Arc<App>) -> Router {
     let metrics = app.metrics.clone();
-    let options = app.config.options(Some(Arc::new(move |tool, outcome, took| metrics.call(tool, outcome, took))));
+    let options = app
+        .config
+        .options(Some(Arc::new(move |tool, outcome, took| {
+            metrics.call(tool, outcome, took)
+        })));
     let max_body = app.config.limits.body_mib << 20;
-    let policies = reel_mcp::router(app.pool.clone(), app.questions.clone(), Arc::new(options), app.closing.clone(), max_body);
+    let policies = reel_mcp::router(
+        app.pool.clone(),
+        app.questions.clone(),
+        Arc::new(options),
+        app.closing.clone(),
+        max_body,
+    );
     let router = rest::router(app).merge(policies);
     #[cfg(feature = "rerun")]
     let router = router.merge(crate::viewer::router());
     #[cfg(feature = "tables")]
-    let router = router.merge(crate::analysis::router(app, max_body)).fallback(crate::pages::page);
+    let router = router
+        .merge(crate::analysis::router(app, max_body))
+        .fallback(crate::pages::page);
     #[cfg(not(feature = "tables"))]
     let router = router.fallback(rest::nothing_here);
     router
@@ -244,12 +286,22 @@ async fn tend(app: Arc<App>) {
     }
 }
 
-/// What an earlier server left half recorded becomes whole traces. A recording that somebody still writes is locked, and stays.
+/// What an earlier server left half recorded becomes whole traces. A recording that somebody still
+/// writes is locked, and stays.
 fn restore_all(archive: &Archive) {
-    for file in archive.list("", usize::MAX).unwrap_or_default().into_iter().filter(|file| file.recording) {
+    for file in archive
+        .list("", usize::MAX)
+        .unwrap_or_default()
+        .into_iter()
+        .filter(|file| file.recording)
+    {
         let part = archive.folder().join(format!("{}.mcap.part", file.trace));
         match restore(&part, None) {
-            Ok(recovery) => tracing::info!(trace = file.trace, steps = recovery.steps, "restored what broke off"),
+            Ok(recovery) => tracing::info!(
+                trace = file.trace,
+                steps = recovery.steps,
+                "restored what broke off"
+            ),
             Err(error) => tracing::warn!(trace = file.trace, %error, "could not be restored"),
         }
     }

@@ -1,6 +1,6 @@
-//! The store of tables, opened once and again when somebody has written: opening reads the log of every table, which takes longer
-//! than most questions of a page. With it go the answers that hold until then: pages ask the same of the same tables, each time one
-//! is opened.
+//! The store of tables, opened once and again when somebody has written: opening reads the log of
+//! every table, which takes longer than most questions of a page. With it go the answers that hold
+//! until then: pages ask the same of the same tables, each time one is opened.
 
 use std::{
     collections::BTreeMap,
@@ -39,7 +39,10 @@ pub(crate) struct Newest {
 impl Tables {
     /// The store at a location, which need not be there yet.
     pub fn new(location: String) -> Self {
-        Self { location, opened: Mutex::default() }
+        Self {
+            location,
+            opened: Mutex::default(),
+        }
     }
 
     /// The newest version, for one question: one that does not end holds nobody else up.
@@ -48,27 +51,42 @@ impl Tables {
         if let Some(Opened { store, stamp, .. }) = opened.as_ref()
             && store.stamp()?.as_ref() == Some(stamp)
         {
-            return Ok(Newest { store: store.again()?, stamp: Some(stamp.clone()) });
+            return Ok(Newest {
+                store: store.again()?,
+                stamp: Some(stamp.clone()),
+            });
         }
         // What is in the way of the new one may not bring the old one back.
         *opened = None;
         let store = Store::open(&self.location)?;
-        let asked = Newest { store: store.again()?, stamp: store.stamp()? };
-        *opened = asked.stamp.clone().map(|stamp| Opened { store, stamp, answers: BTreeMap::new(), bytes: 0 });
+        let asked = Newest {
+            store: store.again()?,
+            stamp: store.stamp()?,
+        };
+        *opened = asked.stamp.clone().map(|stamp| Opened {
+            store,
+            stamp,
+            answers: BTreeMap::new(),
+            bytes: 0,
+        });
         Ok(asked)
     }
 
     /// The answer that was given to the same question over the same version.
     pub fn answered(&self, newest: &Newest, question: &str) -> Option<Bytes> {
         let opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
-        let opened = opened.as_ref().filter(|opened| newest.stamp.as_ref() == Some(&opened.stamp))?;
+        let opened = opened
+            .as_ref()
+            .filter(|opened| newest.stamp.as_ref() == Some(&opened.stamp))?;
         opened.answers.get(question).cloned()
     }
 
     /// Keeps an answer for as long as nobody writes.
     pub fn keep(&self, stamp: Option<&Stamp>, question: String, answer: Bytes) {
         let mut opened = self.opened.lock().unwrap_or_else(PoisonError::into_inner);
-        let opened = opened.as_mut().filter(|opened| stamp == Some(&opened.stamp) && answer.len() <= ANSWER_MAX);
+        let opened = opened
+            .as_mut()
+            .filter(|opened| stamp == Some(&opened.stamp) && answer.len() <= ANSWER_MAX);
         let Some(opened) = opened else { return };
         if opened.bytes + question.len() + answer.len() > ANSWERS_MAX {
             opened.answers.clear();
@@ -87,7 +105,11 @@ impl Tables {
 impl Drop for Tables {
     /// A store has a runtime of its own, which may not end on a thread of another one.
     fn drop(&mut self) {
-        let opened = self.opened.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+        let opened = self
+            .opened
+            .get_mut()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
         let _ = std::thread::spawn(move || drop(opened)).join();
     }
 }
@@ -104,9 +126,23 @@ mod tests {
 
     fn fill(place: &Path, seed: u64) {
         let scene = home();
-        let tasks = generate(&GenerateOptions { scene: &scene, families: &Family::ALL, count: 4, seed: 7 }).tasks;
+        let tasks = generate(&GenerateOptions {
+            scene: &scene,
+            families: &Family::ALL,
+            count: 4,
+            seed: 7,
+        })
+        .tasks;
         let tasks: Vec<_> = tasks.into_iter().map(Arc::new).collect();
-        synthesize(&mut Store::open_or_create(place).unwrap(), &tasks, &scene, 10, seed, |_| ()).unwrap();
+        synthesize(
+            &mut Store::open_or_create(place).unwrap(),
+            &tasks,
+            &scene,
+            10,
+            seed,
+            |_| (),
+        )
+        .unwrap();
     }
 
     #[test]
@@ -125,11 +161,23 @@ mod tests {
         // Answers hold until then.
         let newest = tables.newest().unwrap();
         tables.keep(newest.stamp.as_ref(), "how many".into(), "20".into());
-        assert_eq!(tables.answered(&tables.newest().unwrap(), "how many").as_deref(), Some(&b"20"[..]));
+        assert_eq!(
+            tables
+                .answered(&tables.newest().unwrap(), "how many")
+                .as_deref(),
+            Some(&b"20"[..])
+        );
         assert_eq!(tables.answered(&newest, "how much"), None);
         tables.keep(None, "who".into(), "nobody".into());
-        tables.keep(newest.stamp.as_ref(), "all".into(), vec![b' '; super::ANSWER_MAX + 1].into());
-        assert_eq!(["who", "all"].map(|question| tables.answered(&newest, question)), [None, None]);
+        tables.keep(
+            newest.stamp.as_ref(),
+            "all".into(),
+            vec![b' '; super::ANSWER_MAX + 1].into(),
+        );
+        assert_eq!(
+            ["who", "all"].map(|question| tables.answered(&newest, question)),
+            [None, None]
+        );
         // Another store in the same place, with as many commits.
         std::fs::remove_dir_all(&place).unwrap();
         assert!(tables.newest().is_err());
@@ -138,8 +186,13 @@ mod tests {
         assert_eq!(tables.newest().unwrap().store.version(), before.version());
         assert_ne!(tables.newest().unwrap().stamp, None);
         // A question that hangs holds up no other.
-        assert!(!Arc::ptr_eq(&tables.newest().unwrap().store.runtime(), &tables.newest().unwrap().store.runtime()));
+        assert!(!Arc::ptr_eq(
+            &tables.newest().unwrap().store.runtime(),
+            &tables.newest().unwrap().store.runtime()
+        ));
         // A server drops it while its own runtime runs.
-        tokio::runtime::Runtime::new().unwrap().block_on(async { drop(tables) });
+        tokio::runtime::Runtime::new()
+            .unwrap()
+            .block_on(async { drop(tables) });
     }
 }

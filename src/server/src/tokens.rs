@@ -15,7 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::files::put;
 
-/// What a client may do. No role holds another: a policy that may act must not read what it is graded by.
+/// What a client may do. No role holds another: a policy that may act must not read what it is
+/// graded by.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
@@ -103,22 +104,36 @@ impl Tokens {
         let entries = read(path)?;
         let found = changed(path);
         let were_in_use = AtomicBool::new(found.is_some());
-        Ok(Self { path: path.to_owned(), known: Mutex::new((found, Arc::new(entries))), were_in_use })
+        Ok(Self {
+            path: path.to_owned(),
+            known: Mutex::new((found, Arc::new(entries))),
+            were_in_use,
+        })
     }
 
     /// Every token.
     pub fn entries(&self) -> Arc<Vec<TokenEntry>> {
-        self.known.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
+        self.known
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .1
+            .clone()
     }
 
-    /// Whether there is, or was, a file of tokens. An empty one lets nobody in: who revoked the last token, or moved the file away,
-    /// did not open the doors.
+    /// Whether there is, or was, a file of tokens. An empty one lets nobody in: who revoked the
+    /// last token, or moved the file away, did not open the doors.
     pub fn in_use(&self) -> bool {
-        let is_there = self.known.lock().unwrap_or_else(PoisonError::into_inner).0.is_some();
+        let is_there = self
+            .known
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .0
+            .is_some();
         self.were_in_use.fetch_or(is_there, Ordering::AcqRel) || is_there
     }
 
-    /// Looks whether the file changed. A file that became unreadable leaves the tokens as they were.
+    /// Looks whether the file changed. A file that became unreadable leaves the tokens as they
+    /// were.
     ///
     /// # Errors
     /// When it changed and cannot be read.
@@ -135,7 +150,10 @@ impl Tokens {
     pub fn find(&self, token: &str) -> Option<TokenEntry> {
         let hash = hash(token);
         // Comparing hashes of random tokens tells nothing about them, however long it takes.
-        self.entries().iter().find(|entry| entry.hash == hash).cloned()
+        self.entries()
+            .iter()
+            .find(|entry| entry.hash == hash)
+            .cloned()
     }
 
     /// Makes a token and keeps its hash. Nobody can see the token again.
@@ -149,8 +167,18 @@ impl Tokens {
         }
         let mut bytes = [0; 32];
         getrandom::fill(&mut bytes).expect("the system has randomness");
-        let token = format!("reel_{}", bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>());
-        entries.push(TokenEntry { name: name.to_owned(), roles, hash: hash(&token) });
+        let token = format!(
+            "reel_{}",
+            bytes
+                .iter()
+                .map(|byte| format!("{byte:02x}"))
+                .collect::<String>()
+        );
+        entries.push(TokenEntry {
+            name: name.to_owned(),
+            roles,
+            hash: hash(&token),
+        });
         self.write(entries)?;
         Ok(token)
     }
@@ -170,8 +198,18 @@ impl Tokens {
     }
 
     fn write(&self, token: Vec<TokenEntry>) -> Result<(), TokenError> {
-        let failed = |action| move |source| TokenError::Io { action, path: self.path.clone(), source };
-        if let Some(folder) = self.path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        let failed = |action| {
+            move |source| TokenError::Io {
+                action,
+                path: self.path.clone(),
+                source,
+            }
+        };
+        if let Some(folder) = self
+            .path
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty())
+        {
             fs::create_dir_all(folder).map_err(failed("make the folder of"))?;
         }
         let text = toml::to_string_pretty(&File { token }).expect("tokens have a TOML form");
@@ -185,17 +223,27 @@ fn hash(token: &str) -> String {
 }
 
 fn changed(path: &Path) -> Option<SystemTime> {
-    fs::metadata(path).and_then(|metadata| metadata.modified()).ok()
+    fs::metadata(path)
+        .and_then(|metadata| metadata.modified())
+        .ok()
 }
 
 fn read(path: &Path) -> Result<Vec<TokenEntry>, TokenError> {
     let text = match fs::read_to_string(path) {
         Ok(text) => text,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(source) => return Err(TokenError::Io { action: "read", path: path.to_owned(), source }),
+        Err(source) => {
+            return Err(TokenError::Io {
+                action: "read",
+                path: path.to_owned(),
+                source,
+            });
+        }
     };
-    let file: File = toml::from_str(&text)
-        .map_err(|error| TokenError::Syntax { path: path.to_owned(), message: error.to_string().trim_end().to_owned() })?;
+    let file: File = toml::from_str(&text).map_err(|error| TokenError::Syntax {
+        path: path.to_owned(),
+        message: error.to_string().trim_end().to_owned(),
+    })?;
     Ok(file.token)
 }
 
@@ -210,8 +258,14 @@ mod tests {
         let tokens = Tokens::open(&path).unwrap();
         assert!(tokens.entries().is_empty());
         let token = tokens.create("trainer", [Role::Act].into()).unwrap();
-        assert!(matches!(tokens.create("trainer", [Role::Read].into()), Err(TokenError::Taken(_))));
-        assert!(!fs::read_to_string(&path).unwrap().contains(&token), "the token itself is nowhere");
+        assert!(matches!(
+            tokens.create("trainer", [Role::Read].into()),
+            Err(TokenError::Taken(_))
+        ));
+        assert!(
+            !fs::read_to_string(&path).unwrap().contains(&token),
+            "the token itself is nowhere"
+        );
         assert_eq!(tokens.find(&token).unwrap().roles, [Role::Act].into());
         let hash = tokens.find(&token).unwrap().hash;
         for wrong in ["", "reel_", &token[..token.len() - 1], &hash] {
@@ -219,10 +273,16 @@ mod tests {
         }
         // Another process revokes it.
         Tokens::open(&path).unwrap().revoke("trainer").unwrap();
-        assert!(matches!(tokens.revoke("trainer"), Err(TokenError::Unknown(_))));
+        assert!(matches!(
+            tokens.revoke("trainer"),
+            Err(TokenError::Unknown(_))
+        ));
         tokens.refresh().unwrap();
         assert!(tokens.find(&token).is_none());
         fs::write(&path, "token = 3").unwrap();
-        assert!(matches!(Tokens::open(&path), Err(TokenError::Syntax { .. })));
+        assert!(matches!(
+            Tokens::open(&path),
+            Err(TokenError::Syntax { .. })
+        ));
     }
 }

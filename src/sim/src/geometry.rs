@@ -1,5 +1,5 @@
-//! Shapes, poses, coloured parts and the camera: what models are made of, and what physics, navigation and
-//! the renderer share. Frame: metres, z up. Bodies: quaternions x, y, z, w.
+//! Shapes, poses, coloured parts and the camera: what models are made of, and what physics,
+//! navigation and the renderer share. Frame: metres, z up. Bodies: quaternions x, y, z, w.
 
 use serde::{Deserialize, Serialize};
 
@@ -86,16 +86,25 @@ pub struct Pose {
 
 impl Pose {
     /// No motion.
-    pub const IDENTITY: Pose = Pose { position: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
+    pub const IDENTITY: Pose = Pose {
+        position: [0.0; 3],
+        rotation: [0.0, 0.0, 0.0, 1.0],
+    };
 
     /// A translation.
     pub fn at(position: [f32; 3]) -> Self {
-        Self { position, ..Self::IDENTITY }
+        Self {
+            position,
+            ..Self::IDENTITY
+        }
     }
 
     /// A rotation around z, in radians, then a translation.
     pub fn yawed(position: [f32; 3], yaw: f32) -> Self {
-        Self { position, rotation: [0.0, 0.0, libm::sinf(yaw * 0.5), libm::cosf(yaw * 0.5)] }
+        Self {
+            position,
+            rotation: [0.0, 0.0, libm::sinf(yaw * 0.5), libm::cosf(yaw * 0.5)],
+        }
     }
 
     /// Rotates a vector by this pose's quaternion.
@@ -104,7 +113,11 @@ impl Pose {
         let u = [x, y, z];
         let t = cross(u, v).map(|c| 2.0 * c);
         let ut = cross(u, t);
-        [v[0] + w * t[0] + ut[0], v[1] + w * t[1] + ut[1], v[2] + w * t[2] + ut[2]]
+        [
+            v[0] + w * t[0] + ut[0],
+            v[1] + w * t[1] + ut[1],
+            v[2] + w * t[2] + ut[2],
+        ]
     }
 
     /// Takes a point of this pose's frame to the outer frame.
@@ -114,7 +127,10 @@ impl Pose {
 
     /// This pose after an inner one: `outer_from_here * here_from_inner`.
     pub fn then(&self, inner: &Pose) -> Pose {
-        Pose { position: self.apply(inner.position), rotation: quaternion_product(self.rotation, inner.rotation) }
+        Pose {
+            position: self.apply(inner.position),
+            rotation: quaternion_product(self.rotation, inner.rotation),
+        }
     }
 }
 
@@ -135,7 +151,11 @@ pub fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 
 /// Vector product.
 pub fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 /// Distance of two points on the floor plan.
@@ -168,7 +188,11 @@ impl Camera {
     pub fn looking_at(position: [f32; 3], target: [f32; 3]) -> Self {
         let d = sub(target, position);
         let level = libm::sqrtf(d[0] * d[0] + d[1] * d[1]);
-        Self { position, yaw: libm::atan2f(d[1], d[0]), pitch: libm::atan2f(d[2], level) }
+        Self {
+            position,
+            yaw: libm::atan2f(d[1], d[0]),
+            pitch: libm::atan2f(d[2], level),
+        }
     }
 
     /// Rows of the rotation that takes scene vectors to the camera frame: right, down, forward.
@@ -199,7 +223,11 @@ mod tests {
 
     #[test]
     fn camera_axes_point_right_down_forward() {
-        let camera = Camera { position: [1.0, 2.0, 1.0], yaw: 0.0, pitch: 0.0 };
+        let camera = Camera {
+            position: [1.0, 2.0, 1.0],
+            yaw: 0.0,
+            pitch: 0.0,
+        };
         // Looking along +x, +y is on the left and +z is up.
         assert_eq!(camera.to_camera([3.0, 2.0, 1.0]), [0.0, 0.0, 2.0]);
         assert!(camera.project([3.0, 2.5, 1.0]).unwrap()[0] < 320.0);

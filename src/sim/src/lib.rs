@@ -30,8 +30,8 @@ pub use tools::{Given, ToolResult};
 
 use reel_world::Profile;
 
-/// Version of this simulator: changes whenever any golden changes; the reason goes into `traces/golden/NOTES.md`, and in a line
-/// below.
+/// Version of this simulator: changes whenever any golden changes; the reason goes into
+/// `traces/golden/NOTES.md`, and in a line below.
 pub const SIM_VERSION: u32 = SIM_CHANGES.len() as u32;
 
 /// A change of the simulator.
@@ -45,7 +45,10 @@ pub struct SimChange {
 
 /// What each version of the simulator changed, the first one first.
 pub const SIM_CHANGES: &[SimChange] = &[
-    SimChange { profiles: &Profile::ALL, text: "the first simulator" },
+    SimChange {
+        profiles: &Profile::ALL,
+        text: "the first simulator",
+    },
     SimChange {
         profiles: &Profile::ALL,
         text: "mathematics from the libm crate instead of the C library: the inertia of compounds differs in its last bits",
@@ -60,8 +63,14 @@ pub const SIM_CHANGES: &[SimChange] = &[
     },
 ];
 
-/// The version whose episodes of a profile this simulator plays: that of the last change that concerns it.
+/// The version whose episodes of a profile this simulator plays: that of the last change that
+/// concerns it.
 pub fn sim_version(profile: Profile) -> u32 {
     let concerns = |(_, change): &(u32, &SimChange)| change.profiles.contains(&profile);
-    (1..).zip(SIM_CHANGES).filter(concerns).map(|(version, _)| version).last().unwrap_or(SIM_VERSION)
+    (1..)
+        .zip(SIM_CHANGES)
+        .filter(concerns)
+        .map(|(version, _)| version)
+        .last()
+        .unwrap_or(SIM_VERSION)
 }

@@ -1,19 +1,23 @@
-//! The C mathematics that the physics engine and the standard library call by symbol, defined from the `libm` crate,
-//! so that a binary gives the same bits whatever C library it runs on.
+//! The C mathematics that the physics engine and the standard library call by symbol, defined from
+//! the `libm` crate, so that a binary gives the same bits whatever C library it runs on.
 //!
-//! `enhanced-determinism` leaves three such calls in the engine (angular joint limits, inertia of compounds, BVH
-//! building), and C libraries differ. Every binary that links the simulator gets these definitions: a symbol that is
-//! defined in the executable wins over one of a shared library. Functions whose result is exact (square root, rounding,
-//! remainder, fused multiply-add) are the same everywhere and are left to the platform.
-#![expect(unsafe_code, reason = "the linker finds a definition by its unmangled name, which Rust calls unsafe")]
+//! `enhanced-determinism` leaves three such calls in the engine (angular joint limits, inertia of
+//! compounds, BVH building), and C libraries differ. Every binary that links the simulator gets
+//! these definitions: a symbol that is defined in the executable wins over one of a shared library.
+//! Functions whose result is exact (square root, rounding, remainder, fused multiply-add) are the
+//! same everywhere and are left to the platform.
+#![expect(
+    unsafe_code,
+    reason = "the linker finds a definition by its unmangled name, which Rust calls unsafe"
+)]
 
 /// Keeps the object file with the definitions in the link; every simulator calls it.
 pub(crate) fn link() {
     std::hint::black_box(sinf as extern "C" fn(f32) -> f32);
 }
 
-/// The negative control of the determinism checks: in a build with this variable set to the name of a function below,
-/// that function gives the next float, which the checks have to see.
+/// The negative control of the determinism checks: in a build with this variable set to the name of
+/// a function below, that function gives the next float, which the checks have to see.
 const CONTROL: Option<&str> = option_env!("REEL_OFF_BY_ONE_ULP");
 
 fn is_control(name: &str) -> bool {
@@ -90,7 +94,11 @@ unsafe extern "C" fn sincosf(x: f32, sine: *mut f32, cosine: *mut f32) {
     let (s, c) = libm::sincosf(x);
     // SAFETY: what the caller promises.
     unsafe {
-        sine.write(if is_control("sincosf") { s.next_up() } else { s });
+        sine.write(if is_control("sincosf") {
+            s.next_up()
+        } else {
+            s
+        });
         cosine.write(c);
     }
 }

@@ -1,4 +1,5 @@
-//! The scene from any camera, with the robot in it: for people. No agent sees these pictures, and taking one changes nothing.
+//! The scene from any camera, with the robot in it: for people. No agent sees these pictures, and
+//! taking one changes nothing.
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, InstanceId};
 
@@ -13,19 +14,28 @@ use crate::{
 const ROBOT_ENTITY: u16 = u16::MAX;
 /// Where a held object hangs, before the robot and above the floor, in metres.
 const GRIPPER_M: [f32; 2] = [0.34, 0.95];
-/// How far a camera that follows an object stands off, level and upwards, in metres; the nearer pairs first.
+/// How far a camera that follows an object stands off, level and upwards, in metres; the nearer
+/// pairs first.
 const FOLLOW_M: [[f32; 2]; 3] = [[0.75, 0.55], [0.9, 1.1], [0.35, 1.3]];
 /// Directions around the object that are tried.
 const DIRECTIONS: usize = 12;
 /// Pictures are this many times their focal length wide and high.
-const FIELD: [f32; 2] = [FRAME_WIDTH as f32 / FOCAL_PX, FRAME_HEIGHT as f32 / FOCAL_PX];
+const FIELD: [f32; 2] = [
+    FRAME_WIDTH as f32 / FOCAL_PX,
+    FRAME_HEIGHT as f32 / FOCAL_PX,
+];
 
 impl Simulator {
     /// The picture from any camera, the robot and what it holds drawn too.
     pub fn picture_from_outside(&self, camera: &Camera) -> Frame {
         let robot = robot();
         let pose = self.robot_pose();
-        let mut extra = vec![Drawable { parts: &robot, mesh: None, pose, entity: ROBOT_ENTITY }];
+        let mut extra = vec![Drawable {
+            parts: &robot,
+            mesh: None,
+            pose,
+            entity: ROBOT_ENTITY,
+        }];
         if let Some(held) = self.held {
             let [ahead, up] = GRIPPER_M;
             let pose = pose.then(&Pose::at([ahead, 0.0, up]));
@@ -34,27 +44,45 @@ impl Simulator {
         self.picture_with(camera, &extra, self.detail)
     }
 
-    /// A camera above the middle of the home, so high that all of it is in the picture; the longer side lies level.
+    /// A camera above the middle of the home, so high that all of it is in the picture; the longer
+    /// side lies level.
     pub fn camera_above(&self) -> Camera {
         let [low, high] = self.stage.model.bounds;
         let [width, depth] = [0, 1].map(|axis| high[axis] - low[axis] + 0.3);
-        let (yaw, [level, upright]) =
-            if width >= depth { (std::f32::consts::FRAC_PI_2, [width, depth]) } else { (0.0, [depth, width]) };
+        let (yaw, [level, upright]) = if width >= depth {
+            (std::f32::consts::FRAC_PI_2, [width, depth])
+        } else {
+            (0.0, [depth, width])
+        };
         // The tops of the walls are nearest to it.
-        let walls = self.stage.model.walls.iter().map(|wall| wall.height as f32).fold(0.0, f32::max);
+        let walls = self
+            .stage
+            .model
+            .walls
+            .iter()
+            .map(|wall| wall.height as f32)
+            .fold(0.0, f32::max);
         let height = walls + (level / FIELD[0]).max(upright / FIELD[1]);
         let middle = [(low[0] + high[0]) * 0.5, (low[1] + high[1]) * 0.5];
-        Camera { position: [middle[0], middle[1], height], yaw, pitch: -std::f32::consts::FRAC_PI_2 }
+        Camera {
+            position: [middle[0], middle[1], height],
+            yaw,
+            pitch: -std::f32::consts::FRAC_PI_2,
+        }
     }
 
-    /// A camera that looks at an object from near by, from where most of it is seen; none where there is no such object.
+    /// A camera that looks at an object from near by, from where most of it is seen; none where
+    /// there is no such object.
     pub fn camera_on(&self, object: &InstanceId) -> Option<Camera> {
         let index = self.object_index(object)?;
         let held = || {
             let [ahead, up] = GRIPPER_M;
             self.robot_pose().apply([ahead, 0.0, up])
         };
-        let target = self.physics.object_motion(index).map_or_else(held, |motion| motion.pose.position);
+        let target = self
+            .physics
+            .object_motion(index)
+            .map_or_else(held, |motion| motion.pose.position);
         let entity = self.object_entity(index);
         // From the robot's side first: of equals that is the one to take.
         let [x, y] = self.robot.base;
@@ -63,16 +91,33 @@ impl Simulator {
             (0..DIRECTIONS).map(move |direction| {
                 let turn = std::f32::consts::TAU * direction as f32 / DIRECTIONS as f32;
                 let (sine, cosine) = (libm::sinf(first + turn), libm::cosf(first + turn));
-                Camera::looking_at([target[0] + level * cosine, target[1] + level * sine, target[2] + up], target)
+                Camera::looking_at(
+                    [
+                        target[0] + level * cosine,
+                        target[1] + level * sine,
+                        target[2] + up,
+                    ],
+                    target,
+                )
             })
         });
-        // Pixels of the object, fewer where much of the picture is something that stands before it, like the edge of a wall.
+        // Pixels of the object, fewer where much of the picture is something that stands before it,
+        // like the edge of a wall.
         let worth = |camera: &Camera| {
             let frame = self.picture_with(camera, &[], Detail::Geometry);
-            let pixels = frame.ids.iter().filter(|id| **id == entity).count().max(usize::from(self.held == Some(index)));
+            let pixels = frame
+                .ids
+                .iter()
+                .filter(|id| **id == entity)
+                .count()
+                .max(usize::from(self.held == Some(index)));
             let away = sub(target, camera.position);
             let before_mm = libm::sqrtf(dot(away, away)) * 600.0;
-            let open = frame.depth_mm.iter().filter(|depth| f32::from(**depth) >= before_mm || **depth == 0).count();
+            let open = frame
+                .depth_mm
+                .iter()
+                .filter(|depth| f32::from(**depth) >= before_mm || **depth == 0)
+                .count();
             let open = open as f32 / frame.depth_mm.len() as f32;
             pixels as f32 * open * open * open * open
         };
@@ -103,12 +148,41 @@ fn robot() -> [Part; 5] {
         solid: false,
     };
     let (dark, light, lens) = ([52, 60, 74], [232, 122, 40], [20, 22, 26]);
-    let cylinder = |radius, half_height| Shape::Cylinder { radius, half_height };
+    let cylinder = |radius, half_height| Shape::Cylinder {
+        radius,
+        half_height,
+    };
     [
-        part(cylinder(ROBOT_RADIUS_M * 0.95, 0.12), [0.0, 0.0, 0.14], dark),
-        part(cylinder(0.05, (CAMERA_HEIGHT_M - 0.26) * 0.5), [0.0, 0.0, (CAMERA_HEIGHT_M + 0.26) * 0.5], dark),
-        part(Shape::Cuboid { half: [0.1, 0.15, 0.08] }, [0.0, 0.0, CAMERA_HEIGHT_M], light),
-        part(Shape::Cuboid { half: [0.05, 0.1, 0.04] }, [0.12, 0.0, CAMERA_HEIGHT_M], lens),
-        part(Shape::Cuboid { half: [0.15, 0.03, 0.03] }, [0.17, 0.0, GRIPPER_M[1] + 0.1], light),
+        part(
+            cylinder(ROBOT_RADIUS_M * 0.95, 0.12),
+            [0.0, 0.0, 0.14],
+            dark,
+        ),
+        part(
+            cylinder(0.05, (CAMERA_HEIGHT_M - 0.26) * 0.5),
+            [0.0, 0.0, (CAMERA_HEIGHT_M + 0.26) * 0.5],
+            dark,
+        ),
+        part(
+            Shape::Cuboid {
+                half: [0.1, 0.15, 0.08],
+            },
+            [0.0, 0.0, CAMERA_HEIGHT_M],
+            light,
+        ),
+        part(
+            Shape::Cuboid {
+                half: [0.05, 0.1, 0.04],
+            },
+            [0.12, 0.0, CAMERA_HEIGHT_M],
+            lens,
+        ),
+        part(
+            Shape::Cuboid {
+                half: [0.15, 0.03, 0.03],
+            },
+            [0.17, 0.0, GRIPPER_M[1] + 0.1],
+            light,
+        ),
     ]
 }

@@ -1,5 +1,6 @@
-//! What the published servers' tools ask of geometry and camera: where to stand, what is in view, how marks are drawn. The stage
-//! holds one [`Perception`]; a test puts tables in its place, so that it compares the tools and not the renderer.
+//! What the published servers' tools ask of geometry and camera: where to stand, what is in view,
+//! how marks are drawn. The stage holds one [`Perception`]; a test puts tables in its place, so
+//! that it compares the tools and not the renderer.
 
 use std::fmt;
 
@@ -22,10 +23,12 @@ pub struct Segment {
 
 /// Geometry and camera as the tools see them.
 pub trait Perception: fmt::Debug + Send + Sync {
-    /// Where the robot stands to look at a piece of furniture (an index into the model), `None` if every place is blocked.
+    /// Where the robot stands to look at a piece of furniture (an index into the model), `None` if
+    /// every place is blocked.
     fn viewpoint(&self, simulator: &Simulator, furniture: usize) -> Option<Viewpoint>;
 
-    /// Where the robot stands to look at an object (an index into the task) closely, `None` if there is no such place.
+    /// Where the robot stands to look at an object (an index into the task) closely, `None` if
+    /// there is no such place.
     fn close_up(&self, simulator: &Simulator, object: usize) -> Option<Viewpoint>;
 
     /// What is in the last picture, in ascending instance id.
@@ -44,35 +47,68 @@ pub(crate) struct Measured;
 
 impl Perception for Measured {
     fn viewpoint(&self, simulator: &Simulator, furniture: usize) -> Option<Viewpoint> {
-        simulator.nav().viewpoint(simulator.model(), simulator.robot.base, furniture)
+        simulator
+            .nav()
+            .viewpoint(simulator.model(), simulator.robot.base, furniture)
     }
 
     fn close_up(&self, simulator: &Simulator, object: usize) -> Option<Viewpoint> {
         let position = simulator.physics.object_motion(object)?.pose.position;
-        simulator.nav().approach(simulator.robot.base, position, simulator.place_of(object).flatten())
+        simulator.nav().approach(
+            simulator.robot.base,
+            position,
+            simulator.place_of(object).flatten(),
+        )
     }
 
     fn segments(&self, simulator: &Simulator) -> Vec<Segment> {
         let sights = simulator.sights();
-        let pixels = |entity: u16| sights.get(usize::from(entity)).copied().flatten().map(|sight| sight.pixels);
+        let pixels = |entity: u16| {
+            sights
+                .get(usize::from(entity))
+                .copied()
+                .flatten()
+                .map(|sight| sight.pixels)
+        };
         let furniture = simulator
             .model()
             .furniture
             .iter()
             .enumerate()
-            .map(|(index, furniture)| (MarkerTarget::Receptacle(furniture.id.clone()), pixels(furniture_entity(index))));
+            .map(|(index, furniture)| {
+                (
+                    MarkerTarget::Receptacle(furniture.id.clone()),
+                    pixels(furniture_entity(index)),
+                )
+            });
         let objects = simulator
             .task()
             .objects
             .iter()
             .enumerate()
-            .map(|(index, object)| (MarkerTarget::Object(object.instance.clone()), pixels(simulator.object_entity(index))));
-        furniture.chain(objects).filter_map(|(target, pixels)| Some(Segment { target, pixels: pixels? })).collect()
+            .map(|(index, object)| {
+                (
+                    MarkerTarget::Object(object.instance.clone()),
+                    pixels(simulator.object_entity(index)),
+                )
+            });
+        furniture
+            .chain(objects)
+            .filter_map(|(target, pixels)| {
+                Some(Segment {
+                    target,
+                    pixels: pixels?,
+                })
+            })
+            .collect()
     }
 
     fn nearest_category(&self, query: &str, categories: &[&str]) -> Option<String> {
         let categories = categories.iter().copied().collect();
-        reel_world::language::match_category(query, &categories).categories.into_iter().next()
+        reel_world::language::match_category(query, &categories)
+            .categories
+            .into_iter()
+            .next()
     }
 
     fn mark(&self, frame: &mut Frame, marks: &[Mark], opacity: f32) {

@@ -1,7 +1,8 @@
 //! The rapier world: fixed furniture, hinged doors and free objects, stepped at 1/240 s.
 //!
-//! Bodies go in in canonical order (shell, furniture, doors, objects by instance), because another order gives
-//! other bits. One thread owns a step. Everything that moves is named by an entity number in `user_data`.
+//! Bodies go in in canonical order (shell, furniture, doors, objects by instance), because another
+//! order gives other bits. One thread owns a step. Everything that moves is named by an entity
+//! number in `user_data`.
 
 use rapier3d::prelude::*;
 use reel_world::DT_S;
@@ -23,7 +24,12 @@ const ANGULAR_DAMPING: f32 = 2.0;
 const DOOR_STIFFNESS: f32 = 225.0;
 const DOOR_DAMPING: f32 = 30.0;
 /// Turns the y axis, along which rapier's cylinders stand, to our z.
-const Y_TO_Z: Rotation = Rotation::from_xyzw(std::f32::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f32::consts::FRAC_1_SQRT_2);
+const Y_TO_Z: Rotation = Rotation::from_xyzw(
+    std::f32::consts::FRAC_1_SQRT_2,
+    0.0,
+    0.0,
+    std::f32::consts::FRAC_1_SQRT_2,
+);
 
 /// Motion state of one body.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -38,7 +44,8 @@ pub struct Motion {
     pub asleep: bool,
 }
 
-/// The physics of one episode. Its serialized form is a snapshot for the same build of the engine, no file format.
+/// The physics of one episode. Its serialized form is a snapshot for the same build of the engine,
+/// no file format.
 #[derive(Serialize, Deserialize)]
 pub struct Physics {
     world: PhysicsWorld,
@@ -76,12 +83,20 @@ impl Physics {
                 doors.push(insert_door(&mut world, frame, door));
             }
         }
-        Self { world, objects: vec![None; object_count], doors, fault: false }
+        Self {
+            world,
+            objects: vec![None; object_count],
+            doors,
+            fault: false,
+        }
     }
 
     /// Puts an object into the world at a pose.
     pub fn insert_object(&mut self, index: usize, model: &ObjectModel, pose: geometry::Pose) {
-        assert!(self.objects[index].is_none(), "object {index} is already in the world");
+        assert!(
+            self.objects[index].is_none(),
+            "object {index} is already in the world"
+        );
         let builder = RigidBodyBuilder::dynamic()
             .pose(to_rapier(&pose))
             .linear_damping(LINEAR_DAMPING)
@@ -97,7 +112,9 @@ impl Physics {
 
     /// Takes an object out of the world.
     pub fn remove_object(&mut self, index: usize) {
-        let body = self.objects[index].take().expect("the object is in the world");
+        let body = self.objects[index]
+            .take()
+            .expect("the object is in the world");
         self.world.remove_body(body);
     }
 
@@ -105,8 +122,14 @@ impl Physics {
     pub fn drive_door(&mut self, door: usize, open: bool) {
         let door = &mut self.doors[door];
         door.target = if open { door.open_angle } else { 0.0 };
-        let joint = self.world.impulse_joints.get_mut(door.joint, true).expect("doors are never removed");
-        joint.data.set_motor_position(JointAxis::AngX, door.target, DOOR_STIFFNESS, DOOR_DAMPING);
+        let joint = self
+            .world
+            .impulse_joints
+            .get_mut(door.joint, true)
+            .expect("doors are never removed");
+        joint
+            .data
+            .set_motor_position(JointAxis::AngX, door.target, DOOR_STIFFNESS, DOOR_DAMPING);
         self.world.wake_up(door.body, true);
     }
 
@@ -209,23 +232,42 @@ impl Physics {
         let mut hasher = blake3::Hasher::new();
         self.hash_into(&mut hasher);
         let bytes = hasher.finalize();
-        u32::from_le_bytes([bytes.as_bytes()[0], bytes.as_bytes()[1], bytes.as_bytes()[2], bytes.as_bytes()[3]])
+        u32::from_le_bytes([
+            bytes.as_bytes()[0],
+            bytes.as_bytes()[1],
+            bytes.as_bytes()[2],
+            bytes.as_bytes()[3],
+        ])
     }
 }
 
 impl std::fmt::Debug for Physics {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Physics({} objects, {} doors)", self.objects.len(), self.doors.len())
+        write!(
+            f,
+            "Physics({} objects, {} doors)",
+            self.objects.len(),
+            self.doors.len()
+        )
     }
 }
 
 fn insert_door(world: &mut PhysicsWorld, frame: RigidBodyHandle, door: &DoorModel) -> DoorBody {
-    let builder = RigidBodyBuilder::dynamic().pose(to_rapier(&door.closed)).angular_damping(0.5).gravity_scale(0.0);
+    let builder = RigidBodyBuilder::dynamic()
+        .pose(to_rapier(&door.closed))
+        .angular_damping(0.5)
+        .gravity_scale(0.0);
     let body = world.insert_body(builder);
     insert_colliders(world, body, &door.parts, Some(300.0));
-    // The hinge: the closed door's frame, seen from the fixed body (whose frame is the scene's) and from the door.
-    // A revolute joint turns around the x axis of its frames, so both carry the rotation of x to z.
-    let x_to_z = Rotation::from_xyzw(0.0, -std::f32::consts::FRAC_1_SQRT_2, 0.0, std::f32::consts::FRAC_1_SQRT_2);
+    // The hinge: the closed door's frame, seen from the fixed body (whose frame is the scene's) and
+    // from the door. A revolute joint turns around the x axis of its frames, so both carry the
+    // rotation of x to z.
+    let x_to_z = Rotation::from_xyzw(
+        0.0,
+        -std::f32::consts::FRAC_1_SQRT_2,
+        0.0,
+        std::f32::consts::FRAC_1_SQRT_2,
+    );
     let hinge = Pose::from_parts(Vector::ZERO, x_to_z);
     let joint = GenericJointBuilder::new(JointAxesMask::LOCKED_REVOLUTE_AXES)
         .local_frame1(to_rapier(&door.closed) * hinge)
@@ -234,18 +276,35 @@ fn insert_door(world: &mut PhysicsWorld, frame: RigidBodyHandle, door: &DoorMode
         .motor_position(JointAxis::AngX, 0.0, DOOR_STIFFNESS, DOOR_DAMPING)
         .contacts_enabled(false);
     let joint = world.insert_impulse_joint(frame, body, joint);
-    DoorBody { body, joint, closed: door.closed, open_angle: door.open_angle, target: 0.0 }
+    DoorBody {
+        body,
+        joint,
+        closed: door.closed,
+        open_angle: door.open_angle,
+        target: 0.0,
+    }
 }
 
-fn insert_colliders(world: &mut PhysicsWorld, body: RigidBodyHandle, parts: &[Part], density: Option<f32>) {
+fn insert_colliders(
+    world: &mut PhysicsWorld,
+    body: RigidBodyHandle,
+    parts: &[Part],
+    density: Option<f32>,
+) {
     for part in parts.iter().filter(|part| part.solid) {
         let pose = to_rapier(&part.pose);
         let upright = pose * Pose::from_parts(Vector::ZERO, Y_TO_Z);
         let (builder, pose) = match part.shape {
             geometry::Shape::Cuboid { half: [x, y, z] } => (ColliderBuilder::cuboid(x, y, z), pose),
             geometry::Shape::Ball { radius } => (ColliderBuilder::ball(radius), pose),
-            geometry::Shape::Cylinder { radius, half_height } => (ColliderBuilder::cylinder(half_height, radius), upright),
-            geometry::Shape::Capsule { radius, half_height } => (ColliderBuilder::capsule_y(half_height, radius), upright),
+            geometry::Shape::Cylinder {
+                radius,
+                half_height,
+            } => (ColliderBuilder::cylinder(half_height, radius), upright),
+            geometry::Shape::Capsule {
+                radius,
+                half_height,
+            } => (ColliderBuilder::capsule_y(half_height, radius), upright),
             geometry::Shape::Cone { .. } => unreachable!("a cone is never solid"),
         };
         let builder = builder.position(pose).friction(FRICTION).restitution(0.0);
@@ -258,9 +317,16 @@ fn insert_colliders(world: &mut PhysicsWorld, body: RigidBodyHandle, parts: &[Pa
 }
 
 fn insert_hull(world: &mut PhysicsWorld, body: RigidBodyHandle, hull: &Hull, density: f32) {
-    let points = hull.points.iter().map(|point| Vector::from(*point)).collect();
+    let points = hull
+        .points
+        .iter()
+        .map(|point| Vector::from(*point))
+        .collect();
     let builder = ColliderBuilder::convex_mesh(points, &hull.triangles).expect("a hull is closed");
-    world.insert_collider(builder.friction(FRICTION).restitution(0.0).density(density), Some(body));
+    world.insert_collider(
+        builder.friction(FRICTION).restitution(0.0).density(density),
+        Some(body),
+    );
 }
 
 fn to_rapier(pose: &geometry::Pose) -> Pose {
@@ -272,7 +338,10 @@ fn motion(body: &RigidBody) -> Motion {
     let (position, rotation) = (body.translation(), body.rotation());
     let (linear, angular) = (body.linvel(), body.angvel());
     Motion {
-        pose: geometry::Pose { position: position.into(), rotation: [rotation.x, rotation.y, rotation.z, rotation.w] },
+        pose: geometry::Pose {
+            position: position.into(),
+            rotation: [rotation.x, rotation.y, rotation.z, rotation.w],
+        },
         linear: linear.into(),
         angular: angular.into(),
         asleep: body.is_sleeping(),
@@ -280,7 +349,13 @@ fn motion(body: &RigidBody) -> Motion {
 }
 
 fn hash_motion<'h>(hasher: &'h mut blake3::Hasher, motion: &Motion) -> &'h mut blake3::Hasher {
-    let values = motion.pose.position.iter().chain(&motion.pose.rotation).chain(&motion.linear).chain(&motion.angular);
+    let values = motion
+        .pose
+        .position
+        .iter()
+        .chain(&motion.pose.rotation)
+        .chain(&motion.linear)
+        .chain(&motion.angular);
     let mut bytes = [0u8; 13 * 4 + 1];
     for (slot, value) in bytes.chunks_exact_mut(4).zip(values) {
         slot.copy_from_slice(&value.to_bits().to_le_bytes());

@@ -1,4 +1,5 @@
-//! Where a held object is put: the clamp algorithm, the collision-free point of a surface nearest to the robot.
+//! Where a held object is put: the clamp algorithm, the collision-free point of a surface nearest
+//! to the robot.
 
 use crate::{geometry::Pose, model::Surface};
 
@@ -10,19 +11,30 @@ const EDGE_MARGIN_M: f32 = 0.05;
 const OBJECT_MARGIN_M: f32 = 0.03;
 /// How far above the surface the object is let go.
 const DROP_M: f32 = 0.02;
-/// Most that an object may stand over on each side of a surface that is too small for it, as a share of its half extent.
+/// Most that an object may stand over on each side of a surface that is too small for it, as a
+/// share of its half extent.
 const OVERHANG: f32 = 0.25;
 
 /// Horizontal distance of a point to the surface's rectangle, in metres.
 pub fn distance_to_surface(surface: &Surface, point: [f32; 2]) -> f32 {
-    let outside = |axis: usize| (surface.min[axis] - point[axis]).max(point[axis] - surface.max[axis]).max(0.0);
+    let outside = |axis: usize| {
+        (surface.min[axis] - point[axis])
+            .max(point[axis] - surface.max[axis])
+            .max(0.0)
+    };
     let (x, y) = (outside(0), outside(1));
     libm::sqrtf(x * x + y * y)
 }
 
-/// The pose of an object (half extents `half`, unturned or turned by 90 degrees) on a surface, nearest to the robot
-/// and clear of `obstacles` (bounding boxes); none if it fits nowhere. Ties go to the smaller y, then x.
-pub fn clamp(surface: &Surface, half: [f32; 3], robot: [f32; 2], obstacles: &[[[f32; 3]; 2]]) -> Option<Pose> {
+/// The pose of an object (half extents `half`, unturned or turned by 90 degrees) on a surface,
+/// nearest to the robot and clear of `obstacles` (bounding boxes); none if it fits nowhere. Ties go
+/// to the smaller y, then x.
+pub fn clamp(
+    surface: &Surface,
+    half: [f32; 3],
+    robot: [f32; 2],
+    obstacles: &[[[f32; 3]; 2]],
+) -> Option<Pose> {
     if 2.0 * half[2] > surface.clearance {
         return None;
     }
@@ -30,11 +42,20 @@ pub fn clamp(surface: &Surface, half: [f32; 3], robot: [f32; 2], obstacles: &[[[
     let quarter = std::f32::consts::FRAC_PI_2;
     best_point(surface, half, robot, obstacles)
         .map(|point| (point, half, 0.0))
-        .or_else(|| best_point(surface, turned, robot, obstacles).map(|point| (point, turned, quarter)))
-        .map(|(point, half, yaw)| Pose::yawed([point[0], point[1], surface.z + half[2] + DROP_M], yaw))
+        .or_else(|| {
+            best_point(surface, turned, robot, obstacles).map(|point| (point, turned, quarter))
+        })
+        .map(|(point, half, yaw)| {
+            Pose::yawed([point[0], point[1], surface.z + half[2] + DROP_M], yaw)
+        })
 }
 
-fn best_point(surface: &Surface, half: [f32; 3], robot: [f32; 2], obstacles: &[[[f32; 3]; 2]]) -> Option<[f32; 2]> {
+fn best_point(
+    surface: &Surface,
+    half: [f32; 3],
+    robot: [f32; 2],
+    obstacles: &[[[f32; 3]; 2]],
+) -> Option<[f32; 2]> {
     let xs = candidates(surface.min[0], surface.max[0], half[0])?;
     let ys = candidates(surface.min[1], surface.max[1], half[1])?;
     let mut best: Option<(f32, [f32; 2])> = None;
@@ -42,7 +63,11 @@ fn best_point(surface: &Surface, half: [f32; 3], robot: [f32; 2], obstacles: &[[
         for &x in &xs {
             let distance = (x - robot[0]) * (x - robot[0]) + (y - robot[1]) * (y - robot[1]);
             let nearer = best.is_none_or(|(least, _)| distance < least);
-            if nearer && obstacles.iter().all(|bounds| clear(bounds, [x, y], half, surface)) {
+            if nearer
+                && obstacles
+                    .iter()
+                    .all(|bounds| clear(bounds, [x, y], half, surface))
+            {
                 best = Some((distance, [x, y]));
             }
         }
@@ -62,7 +87,11 @@ fn candidates(min: f32, max: f32, half: f32) -> Option<Vec<f32>> {
     }
     let reach = room - EDGE_MARGIN_M;
     let count = (2.0 * reach / STEP_M) as usize + 1;
-    Some((0..count).map(|index| middle - reach + index as f32 * STEP_M).collect())
+    Some(
+        (0..count)
+            .map(|index| middle - reach + index as f32 * STEP_M)
+            .collect(),
+    )
 }
 
 fn clear(bounds: &[[f32; 3]; 2], point: [f32; 2], half: [f32; 3], surface: &Surface) -> bool {
@@ -79,7 +108,12 @@ fn clear(bounds: &[[f32; 3]; 2], point: [f32; 2], half: [f32; 3], surface: &Surf
 mod tests {
     use super::*;
 
-    const TABLE: Surface = Surface { min: [0.0, 0.0], max: [1.0, 0.6], z: 0.7, clearance: 1.0 };
+    const TABLE: Surface = Surface {
+        min: [0.0, 0.0],
+        max: [1.0, 0.6],
+        z: 0.7,
+        clearance: 1.0,
+    };
 
     #[test]
     fn nearest_point_to_the_robot() {
@@ -94,7 +128,12 @@ mod tests {
         let cup = [[0.8, 0.1, 0.7], [1.0, 0.5, 0.8]];
         let half = [0.05, 0.05, 0.1];
         let pose = clamp(&TABLE, half, [2.0, 0.3], &[cup]).unwrap();
-        assert!(clear(&cup, [pose.position[0], pose.position[1]], half, &TABLE));
+        assert!(clear(
+            &cup,
+            [pose.position[0], pose.position[1]],
+            half,
+            &TABLE
+        ));
         let wall_to_wall = [[0.0, 0.0, 0.7], [1.0, 0.6, 0.8]];
         assert_eq!(clamp(&TABLE, half, [2.0, 0.3], &[wall_to_wall]), None);
     }

@@ -1,8 +1,9 @@
-//! The tools of the published servers (branches `main` and `gspo`): what each call does, refuses and says, to the letter. Which
-//! branch it is decides only how a category is found; `ask` and what begins or ends an episode are the runner's.
+//! The tools of the published servers (branches `main` and `gspo`): what each call does, refuses
+//! and says, to the letter. Which branch it is decides only how a category is found; `ask` and what
+//! begins or ends an episode are the runner's.
 //!
-//! Unlike those of the paper (`tools`), these texts name instances, a marker is enough to act on (no reach, no view), and a call
-//! that is refused takes time, too.
+//! Unlike those of the paper (`tools`), these texts name instances, a marker is enough to act on
+//! (no reach, no view), and a call that is refused takes time, too.
 
 use reel_world::{
     DoorState, ErrorCode, InstanceId, Outcome, Profile, ReceptacleId, ToolCall,
@@ -44,7 +45,8 @@ const HEADROOM_M: f32 = 0.005;
 /// Receptacles of this kind hold nothing, whatever their geometry.
 const LID: &str = "potlid";
 
-/// What follows the tool's name where a published handler dies; the published text goes on with the frames of the stack.
+/// What follows the tool's name where a published handler dies; the published text goes on with the
+/// frames of the stack.
 const TRACEBACK: &str = "Traceback (most recent call last):";
 
 /// Why a call did nothing.
@@ -64,7 +66,10 @@ use Refusal::{Exception, Refused};
 /// Fails if it is missing, as the published handler does.
 pub fn argument<'a>(call: &'a ToolCall, name: &str) -> Result<&'a Value, Refusal> {
     let missing = || Exception(ErrorCode::BadArguments, format!("KeyError: '{name}'"));
-    call.arguments.as_object().and_then(|arguments| arguments.get(name)).ok_or_else(missing)
+    call.arguments
+        .as_object()
+        .and_then(|arguments| arguments.get(name))
+        .ok_or_else(missing)
 }
 
 /// A value as Python prints it.
@@ -78,15 +83,24 @@ pub fn python_text(value: &Value) -> String {
     }
 }
 
-/// Where the published servers put an object (half extents `half`): the point of the surface nearest to the robot that keeps four
-/// half extents to each edge, the middle where there is none; above it, but below a ceiling.
+/// Where the published servers put an object (half extents `half`): the point of the surface
+/// nearest to the robot that keeps four half extents to each edge, the middle where there is none;
+/// above it, but below a ceiling.
 pub fn drop_point(surface: &Surface, half: [f32; 3], robot: [f32; 2]) -> [f32; 3] {
     let along = |axis: usize| {
-        let [low, high] =
-            [surface.min[axis] + EDGE_HALF_EXTENTS * half[axis], surface.max[axis] - EDGE_HALF_EXTENTS * half[axis]];
-        if low > high { (surface.min[axis] + surface.max[axis]) * 0.5 } else { robot[axis].clamp(low, high) }
+        let [low, high] = [
+            surface.min[axis] + EDGE_HALF_EXTENTS * half[axis],
+            surface.max[axis] - EDGE_HALF_EXTENTS * half[axis],
+        ];
+        if low > high {
+            (surface.min[axis] + surface.max[axis]) * 0.5
+        } else {
+            robot[axis].clamp(low, high)
+        }
     };
-    let gap = DROP_M.min(surface.clearance - 2.0 * half[2] - HEADROOM_M).max(HEADROOM_M);
+    let gap = DROP_M
+        .min(surface.clearance - 2.0 * half[2] - HEADROOM_M)
+        .max(HEADROOM_M);
     [along(0), along(1), surface.z + half[2] + gap]
 }
 
@@ -104,7 +118,10 @@ impl Simulator {
             "place" => self.put(call, given),
             "open" => self.turn_door(call, DoorState::Open, given),
             "close" => self.turn_door(call, DoorState::Closed, given),
-            name => Err(Refused(ErrorCode::UnknownTool, format!("Action '{name}' not recognized."))),
+            name => Err(Refused(
+                ErrorCode::UnknownTool,
+                format!("Action '{name}' not recognized."),
+            )),
         };
         result.unwrap_or_else(|refusal| self.refuse(&call.name, refusal))
     }
@@ -120,15 +137,26 @@ impl Simulator {
         }
     }
 
-    /// Objects on each receptacle, in the order of the scene; on each in the order in which they came there.
+    /// Objects on each receptacle, in the order of the scene; on each in the order in which they
+    /// came there.
     pub fn shelves(&self) -> Vec<(ReceptacleId, Vec<InstanceId>)> {
-        let ids = self.stage.scene.receptacles.iter().map(|receptacle| &receptacle.id);
+        let ids = self
+            .stage
+            .scene
+            .receptacles
+            .iter()
+            .map(|receptacle| &receptacle.id);
         ids.map(|id| (id.clone(), self.contents(id))).collect()
     }
 
     fn contents(&self, id: &ReceptacleId) -> Vec<InstanceId> {
         let here = |instance: &&InstanceId| self.registry.place_of(instance) == Some(id);
-        self.arrivals.iter().map(|index| &self.stage.task.objects[*index].instance).filter(here).cloned().collect()
+        self.arrivals
+            .iter()
+            .map(|index| &self.stage.task.objects[*index].instance)
+            .filter(here)
+            .cloned()
+            .collect()
     }
 
     fn refuse(&mut self, tool: &str, refusal: Refusal) -> ToolResult {
@@ -137,49 +165,99 @@ impl Simulator {
                 self.run(IDLE_STEPS);
                 ToolResult::new(Outcome::error(code, text))
             }
-            Exception(code, last) => ToolResult::new(Outcome::error(code, format!("{EXCEPTION}{tool}: {TRACEBACK}\n{last}"))),
+            Exception(code, last) => ToolResult::new(Outcome::error(
+                code,
+                format!("{EXCEPTION}{tool}: {TRACEBACK}\n{last}"),
+            )),
         }
     }
 
     fn list(&mut self) -> Result<ToolResult, Refusal> {
         self.markers_persist = false;
         self.run(IDLE_STEPS);
-        Ok(ToolResult::new(Outcome::ok(self.stage.scene.furniture_listing())))
+        Ok(ToolResult::new(Outcome::ok(
+            self.stage.scene.furniture_listing(),
+        )))
     }
 
     fn navigate(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
         self.clear_markers();
         let name = python_text(argument(call, "receptacle_name")?);
         let id = ReceptacleId::from(name.as_str());
-        let unknown = || Refused(ErrorCode::UnknownReceptacle, format!("Receptacle {name} not found in the scene."));
+        let unknown = || {
+            Refused(
+                ErrorCode::UnknownReceptacle,
+                format!("Receptacle {name} not found in the scene."),
+            )
+        };
         let index = self.furniture_index(&id).ok_or_else(unknown)?;
         if !self.has_shelf(index) && self.stage.door_of[index].is_none() {
-            return Err(Refused(ErrorCode::NoViewpoint, format!("Object {name} has no valid navigable component.")));
+            return Err(Refused(
+                ErrorCode::NoViewpoint,
+                format!("Object {name} has no valid navigable component."),
+            ));
         }
         let perception = self.stage.perception.clone();
-        let viewpoint = self.stage.model.furniture[index].present.then(|| perception.viewpoint(self, index)).flatten();
-        let blocked = || Refused(ErrorCode::NoViewpoint, format!("Cannot find a non-occluded position to navigate to {name}."));
-        self.go(&given.luck.arrive(viewpoint.ok_or_else(blocked)?, |base| self.stage.nav.standable(base)));
+        let viewpoint = self.stage.model.furniture[index]
+            .present
+            .then(|| perception.viewpoint(self, index))
+            .flatten();
+        let blocked = || {
+            Refused(
+                ErrorCode::NoViewpoint,
+                format!("Cannot find a non-occluded position to navigate to {name}."),
+            )
+        };
+        self.go(&given.luck.arrive(viewpoint.ok_or_else(blocked)?, |base| {
+            self.stage.nav.standable(base)
+        }));
         self.landmark = Some(index);
         self.run(MOVE_STEPS);
-        Ok(ToolResult { receptacle: Some(id), ..self.plain() })
+        Ok(ToolResult {
+            receptacle: Some(id),
+            ..self.plain()
+        })
     }
 
     fn explore(&mut self) -> Result<ToolResult, Refusal> {
-        let none = || Refused(ErrorCode::NoLandmark, "No landmark selected. Use 'navigate_to' first.".to_owned());
-        let id = self.stage.model.furniture[self.landmark.ok_or_else(none)?].id.clone();
+        let none = || {
+            Refused(
+                ErrorCode::NoLandmark,
+                "No landmark selected. Use 'navigate_to' first.".to_owned(),
+            )
+        };
+        let id = self.stage.model.furniture[self.landmark.ok_or_else(none)?]
+            .id
+            .clone();
         let objects = self.contents(&id);
         if objects.is_empty() {
             let text = format!("Seems there is no object on the {id}'s top shelf to observe.");
             return Err(Refused(ErrorCode::NothingFound, text));
         }
-        let category = |object: &InstanceId| &self.stage.task.object(object).expect("an object of the task").category;
-        let line = |(number, object): (usize, &InstanceId)| format!("\n\t{number}: a(an) {}.", category(object));
+        let category = |object: &InstanceId| {
+            &self
+                .stage
+                .task
+                .object(object)
+                .expect("an object of the task")
+                .category
+        };
+        let line = |(number, object): (usize, &InstanceId)| {
+            format!("\n\t{number}: a(an) {}.", category(object))
+        };
         let lines: String = (1..).zip(&objects).map(line).collect();
         let text = format!("I found the following object(s): {lines}\n");
-        self.set_markers((1..).zip(objects.iter().cloned().map(MarkerTarget::Object)), true);
+        self.set_markers(
+            (1..).zip(objects.iter().cloned().map(MarkerTarget::Object)),
+            true,
+        );
         self.run(IDLE_STEPS);
-        Ok(ToolResult { outcome: Outcome::ok(text), listed: objects, receptacle: Some(id), ..self.plain() })
+        Ok(ToolResult {
+            outcome: Outcome::ok(text),
+            listed: objects,
+            receptacle: Some(id),
+            ..self.plain()
+        })
     }
 
     fn find(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
@@ -188,18 +266,27 @@ impl Simulator {
         self.run(IDLE_STEPS);
         let mut found = self.in_view();
         found.retain(|target| match target {
-            MarkerTarget::Object(instance) => {
-                self.stage.task.object(instance).is_some_and(|object| Some(&object.category) == wanted.as_ref())
-            }
+            MarkerTarget::Object(instance) => self
+                .stage
+                .task
+                .object(instance)
+                .is_some_and(|object| Some(&object.category) == wanted.as_ref()),
             MarkerTarget::Receptacle(_) => false,
         });
         self.set_markers((1..).zip(found), true);
         Ok(self.searched(OBJECT_TINT))
     }
 
-    /// The category that a query means: literally (branch `main` only), by what was looked up outside, else the nearest one.
+    /// The category that a query means: literally (branch `main` only), by what was looked up
+    /// outside, else the nearest one.
     fn category(&self, query: &str, given: Given<'_>) -> Option<String> {
-        let mut categories: Vec<&str> = self.stage.task.objects.iter().map(|object| object.category.as_str()).collect();
+        let mut categories: Vec<&str> = self
+            .stage
+            .task
+            .objects
+            .iter()
+            .map(|object| object.category.as_str())
+            .collect();
         categories.sort_unstable();
         categories.dedup();
         if self.profile == Profile::RealRepo && categories.contains(&query) {
@@ -220,20 +307,34 @@ impl Simulator {
     }
 
     fn focus(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
-        let target = self.marked_thing(call, "No marker map available. Use 'find_objects' or 'explore_receptacle' first.")?;
+        let target = self.marked_thing(
+            call,
+            "No marker map available. Use 'find_objects' or 'explore_receptacle' first.",
+        )?;
         let MarkerTarget::Object(instance) = target else {
-            let text = format!("Object {} has no graspable component. Cannot focus on it.", name_of(&target));
+            let text = format!(
+                "Object {} has no graspable component. Cannot focus on it.",
+                name_of(&target)
+            );
             return Err(Refused(ErrorCode::NotGraspable, text));
         };
-        let index = self.object_index(&instance).expect("markers stand for objects of the task");
+        let index = self
+            .object_index(&instance)
+            .expect("markers stand for objects of the task");
         let close_up = self.stage.perception.clone().close_up(self, index);
         if self.landmark.is_none() {
-            let lacking = if close_up.is_some() { "orientation" } else { "position" };
+            let lacking = if close_up.is_some() {
+                "orientation"
+            } else {
+                "position"
+            };
             let text = format!("No camera {lacking} available. Use 'navigate_to' first.");
             return Err(Refused(ErrorCode::NoLandmark, text));
         }
         match close_up {
-            Some(viewpoint) => self.go(&given.luck.arrive(viewpoint, |base| self.stage.nav.standable(base))),
+            Some(viewpoint) => self.go(&given
+                .luck
+                .arrive(viewpoint, |base| self.stage.nav.standable(base))),
             None => self.look_from_here(index),
         }
         self.run(MOVE_STEPS);
@@ -244,12 +345,17 @@ impl Simulator {
         } else {
             self.plain()
         };
-        Ok(ToolResult { object: Some(instance), ..result })
+        Ok(ToolResult {
+            object: Some(instance),
+            ..result
+        })
     }
 
     fn take(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
         if let Some(held) = self.held() {
-            let text = format!("You are already holding '{held}'. Place it before picking another object.");
+            let text = format!(
+                "You are already holding '{held}'. Place it before picking another object."
+            );
             return Err(Refused(ErrorCode::AlreadyHolding, text));
         }
         let missing = "No marker map available. Use 'find_objects', 'explore_receptacle' or 'highlight_receptacles' first.";
@@ -258,8 +364,15 @@ impl Simulator {
             let text = format!("Object {} has no graspable component.", name_of(&target));
             return Err(Refused(ErrorCode::NotGraspable, text));
         };
-        succeeds(given, Primitive::Pick, "pick", "the gripper closed on nothing")?;
-        let index = self.object_index(&instance).expect("markers stand for objects of the task");
+        succeeds(
+            given,
+            Primitive::Pick,
+            "pick",
+            "the gripper closed on nothing",
+        )?;
+        let index = self
+            .object_index(&instance)
+            .expect("markers stand for objects of the task");
         let receptacle = self.registry.place_of(&instance).cloned();
         if let Some(place) = &receptacle {
             self.registry.remove(place, &instance);
@@ -268,59 +381,116 @@ impl Simulator {
         self.physics.remove_object(index);
         self.held = Some(index);
         self.run(PICK_STEPS);
-        Ok(ToolResult { object: Some(instance), receptacle, ..self.plain() })
+        Ok(ToolResult {
+            object: Some(instance),
+            receptacle,
+            ..self.plain()
+        })
     }
 
     fn put(&mut self, call: &ToolCall, given: Given<'_>) -> Result<ToolResult, Refusal> {
-        let target = self.marked_thing(call, "No marker map available. Use 'highlight_receptacles' first.")?;
-        let empty = || Refused(ErrorCode::NothingHeld, "No object in the inventory to place.".to_owned());
+        let target = self.marked_thing(
+            call,
+            "No marker map available. Use 'highlight_receptacles' first.",
+        )?;
+        let empty = || {
+            Refused(
+                ErrorCode::NothingHeld,
+                "No object in the inventory to place.".to_owned(),
+            )
+        };
         let held = self.held.ok_or_else(empty)?;
         let name = name_of(&target).to_owned();
         let id = match target {
             MarkerTarget::Receptacle(id) if !name.starts_with(LID) => id,
-            _ => return Err(Refused(ErrorCode::NotASurface, format!("'{name}' is not a valid placement surface."))),
+            _ => {
+                return Err(Refused(
+                    ErrorCode::NotASurface,
+                    format!("'{name}' is not a valid placement surface."),
+                ));
+            }
         };
-        let index = self.furniture_index(&id).expect("markers stand for receptacles of the scene");
+        let index = self
+            .furniture_index(&id)
+            .expect("markers stand for receptacles of the scene");
         if self.registry.door(&id) == Some(DoorState::Closed) {
-            return Err(Refused(ErrorCode::DoorClosed, format!("The door of '{name}' is closed. Use 'open' first.")));
+            return Err(Refused(
+                ErrorCode::DoorClosed,
+                format!("The door of '{name}' is closed. Use 'open' first."),
+            ));
         }
         if !self.has_shelf(index) {
-            return Err(Refused(ErrorCode::NotASurface, format!("Furniture {name} has no top_shelf component.")));
+            return Err(Refused(
+                ErrorCode::NotASurface,
+                format!("Furniture {name} has no top_shelf component."),
+            ));
         }
         if self.landmark.is_none() {
             let last = "TypeError: cannot unpack non-iterable NoneType object".to_owned();
             return Err(Exception(ErrorCode::NoLandmark, last));
         }
-        succeeds(given, Primitive::place(self.door_state(index)), "place", "the gripper did not let go of the object")?;
+        succeeds(
+            given,
+            Primitive::place(self.door_state(index)),
+            "place",
+            "the gripper did not let go of the object",
+        )?;
         let instance = self.stage.task.objects[held].instance.clone();
         let [x, y, _] = self.robot.camera;
         let model = &self.stage.object_models[held];
-        let point = drop_point(&self.stage.model.furniture[index].surface, model.half, [x, y]);
-        self.physics.insert_object(held, model, Pose::yawed(point, 0.0));
+        let point = drop_point(
+            &self.stage.model.furniture[index].surface,
+            model.half,
+            [x, y],
+        );
+        self.physics
+            .insert_object(held, model, Pose::yawed(point, 0.0));
         self.registry.add(&id, &instance);
         self.arrivals.push(held);
         self.held = None;
         self.run(PLACE_STEPS);
-        Ok(ToolResult { object: Some(instance), receptacle: Some(id), ..self.plain() })
+        Ok(ToolResult {
+            object: Some(instance),
+            receptacle: Some(id),
+            ..self.plain()
+        })
     }
 
-    fn turn_door(&mut self, call: &ToolCall, wanted: DoorState, given: Given<'_>) -> Result<ToolResult, Refusal> {
+    fn turn_door(
+        &mut self,
+        call: &ToolCall,
+        wanted: DoorState,
+        given: Given<'_>,
+    ) -> Result<ToolResult, Refusal> {
         let target = self.marked_thing(call, "No marker map available.")?;
         let MarkerTarget::Receptacle(id) = target else {
             self.run(DOOR_STEPS);
             return Ok(self.plain());
         };
-        let index = self.furniture_index(&id).expect("markers stand for receptacles of the scene");
+        let index = self
+            .furniture_index(&id)
+            .expect("markers stand for receptacles of the scene");
         let door = self.stage.door_of[index].filter(|_| self.registry.door(&id) != Some(wanted));
         if let Some(door) = door {
             let open = wanted == DoorState::Open;
-            let (primitive, verb) = if open { (Primitive::Open, "open") } else { (Primitive::Close, "close") };
+            let (primitive, verb) = if open {
+                (Primitive::Open, "open")
+            } else {
+                (Primitive::Close, "close")
+            };
             succeeds(given, primitive, verb, "the gripper slipped off the handle")?;
             self.physics.drive_door(door, open);
-            self.registry.receptacles.entry(id.clone()).or_default().door = Some(wanted);
+            self.registry
+                .receptacles
+                .entry(id.clone())
+                .or_default()
+                .door = Some(wanted);
         }
         self.run(DOOR_STEPS);
-        Ok(ToolResult { receptacle: Some(id), ..self.plain() })
+        Ok(ToolResult {
+            receptacle: Some(id),
+            ..self.plain()
+        })
     }
 
     /// What the marker of a call stands for.
@@ -329,38 +499,63 @@ impl Simulator {
             return Err(Refused(ErrorCode::NoMarkerMap, missing.to_owned()));
         }
         let number = python_text(argument(call, "marker_id")?);
-        let found = self.markers.iter().find(|marker| marker.id.to_string() == number);
-        let unknown = || Refused(ErrorCode::UnknownMarker, format!("Marker ID {number} not found in the marker map."));
-        found.map(|marker| marker.target.clone()).ok_or_else(unknown)
+        let found = self
+            .markers
+            .iter()
+            .find(|marker| marker.id.to_string() == number);
+        let unknown = || {
+            Refused(
+                ErrorCode::UnknownMarker,
+                format!("Marker ID {number} not found in the marker map."),
+            )
+        };
+        found
+            .map(|marker| marker.target.clone())
+            .ok_or_else(unknown)
     }
 
     /// Whether something can be put on it; a lid has the shelf, and is refused for what it is.
     fn has_shelf(&self, furniture: usize) -> bool {
         let id = &self.stage.model.furniture[furniture].id;
-        self.stage.scene.receptacle(id).is_some_and(|receptacle| receptacle.placeable || id.as_str().starts_with(LID))
+        self.stage
+            .scene
+            .receptacle(id)
+            .is_some_and(|receptacle| receptacle.placeable || id.as_str().starts_with(LID))
     }
 
     /// What has a pixel in the picture from here, in ascending instance id.
     fn in_view(&mut self) -> Vec<MarkerTarget> {
         self.look();
         let segments = self.stage.perception.segments(self);
-        segments.into_iter().filter(|segment| segment.pixels > 0).map(|segment| segment.target).collect()
+        segments
+            .into_iter()
+            .filter(|segment| segment.pixels > 0)
+            .map(|segment| segment.target)
+            .collect()
     }
 
     fn look_from_here(&mut self, object: usize) {
         if let Some(motion) = self.physics.object_motion(object) {
             let camera = Camera::looking_at(self.robot.camera, motion.pose.position);
-            self.go(&Viewpoint { base: self.robot.base, camera, path_length_m: 0.0 });
+            self.go(&Viewpoint {
+                base: self.robot.base,
+                camera,
+                path_length_m: 0.0,
+            });
         }
     }
 
     /// The picture, and no word.
     fn plain(&mut self) -> ToolResult {
         let frame = self.take_picture();
-        ToolResult { frame: Some(frame), ..ToolResult::new(Outcome::ok("")) }
+        ToolResult {
+            frame: Some(frame),
+            ..ToolResult::new(Outcome::ok(""))
+        }
     }
 
-    /// The picture of a search. One that marked nothing found nothing, though the servers say no word of it.
+    /// The picture of a search. One that marked nothing found nothing, though the servers say no
+    /// word of it.
     fn searched(&mut self, opacity: f32) -> ToolResult {
         let mut result = self.marked(opacity);
         result.outcome.error = self.markers.is_empty().then_some(ErrorCode::NothingFound);
@@ -370,12 +565,20 @@ impl Simulator {
     /// The picture with the current markers in it, and no word.
     fn marked(&mut self, opacity: f32) -> ToolResult {
         let mut frame = self.take_picture();
-        let mark = |marker: &Marker| Some(Mark { number: marker.id, region: Region::Entity(self.entity(&marker.target)?) });
+        let mark = |marker: &Marker| {
+            Some(Mark {
+                number: marker.id,
+                region: Region::Entity(self.entity(&marker.target)?),
+            })
+        };
         let marks: Vec<Mark> = self.markers.iter().filter_map(mark).collect();
         if self.detail == Detail::Picture && !marks.is_empty() {
             self.stage.perception.mark(&mut frame, &marks, opacity);
         }
-        ToolResult { frame: Some(frame), ..ToolResult::new(Outcome::ok("")) }
+        ToolResult {
+            frame: Some(frame),
+            ..ToolResult::new(Outcome::ok(""))
+        }
     }
 }
 
@@ -388,8 +591,17 @@ fn name_of(target: &MarkerTarget) -> &str {
 
 /// Fails as the robot's tool server does where a skill fails.
 fn succeeds(given: Given<'_>, primitive: Primitive, tool: &str, what: &str) -> Result<(), Refusal> {
-    let failed = || Refused(ErrorCode::SkillFailed, format!("{EXCEPTION}{tool}: {what}."));
-    if given.luck.succeeds(primitive) { Ok(()) } else { Err(failed()) }
+    let failed = || {
+        Refused(
+            ErrorCode::SkillFailed,
+            format!("{EXCEPTION}{tool}: {what}."),
+        )
+    };
+    if given.luck.succeeds(primitive) {
+        Ok(())
+    } else {
+        Err(failed())
+    }
 }
 
 #[cfg(test)]
@@ -398,23 +610,52 @@ mod tests {
 
     use super::*;
 
-    const TABLE: Surface = Surface { min: [0.0, 0.0], max: [2.0, 1.0], z: 0.8, clearance: 1.0 };
+    const TABLE: Surface = Surface {
+        min: [0.0, 0.0],
+        max: [2.0, 1.0],
+        z: 0.8,
+        clearance: 1.0,
+    };
 
     #[test]
     fn a_drop_point_keeps_four_half_extents_to_the_edge_or_takes_the_middle() {
-        let near = |found: [f32; 3], wanted: [f32; 3]| found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-5);
-        assert!(near(drop_point(&TABLE, [0.1, 0.05, 0.15], [4.5, -0.8]), [1.6, 0.2, 1.1]));
-        assert!(near(drop_point(&TABLE, [0.1, 0.05, 0.15], [1.0, 0.5]), [1.0, 0.5, 1.1]));
-        assert!(near(drop_point(&TABLE, [0.6, 0.2, 0.05], [4.5, -0.8]), [1.0, 0.5, 1.0]));
-        let box_shelf = Surface { clearance: 0.25, ..TABLE };
-        assert!(near(drop_point(&box_shelf, [0.1, 0.05, 0.1], [1.0, 0.5]), [1.0, 0.5, 0.945]), "under a ceiling");
+        let near = |found: [f32; 3], wanted: [f32; 3]| {
+            found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-5)
+        };
+        assert!(near(
+            drop_point(&TABLE, [0.1, 0.05, 0.15], [4.5, -0.8]),
+            [1.6, 0.2, 1.1]
+        ));
+        assert!(near(
+            drop_point(&TABLE, [0.1, 0.05, 0.15], [1.0, 0.5]),
+            [1.0, 0.5, 1.1]
+        ));
+        assert!(near(
+            drop_point(&TABLE, [0.6, 0.2, 0.05], [4.5, -0.8]),
+            [1.0, 0.5, 1.0]
+        ));
+        let box_shelf = Surface {
+            clearance: 0.25,
+            ..TABLE
+        };
+        assert!(
+            near(
+                drop_point(&box_shelf, [0.1, 0.05, 0.1], [1.0, 0.5]),
+                [1.0, 0.5, 0.945]
+            ),
+            "under a ceiling"
+        );
     }
 
     #[test]
     fn values_print_as_python_prints_them() {
-        for (value, text) in
-            [(json!(null), "None"), (json!(true), "True"), (json!("2"), "2"), (json!(2), "2"), (json!(1.5), "1.5")]
-        {
+        for (value, text) in [
+            (json!(null), "None"),
+            (json!(true), "True"),
+            (json!("2"), "2"),
+            (json!(2), "2"),
+            (json!(1.5), "1.5"),
+        ] {
             assert_eq!(python_text(&value), text);
         }
     }

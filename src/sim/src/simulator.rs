@@ -1,5 +1,5 @@
-//! The state of one episode in the simulator: physics, registry, inventory, markers, robot; its graphs,
-//! pictures and digests. The tool handlers are in `tools`.
+//! The state of one episode in the simulator: physics, registry, inventory, markers, robot; its
+//! graphs, pictures and digests. The tool handlers are in `tools`.
 
 use std::sync::Arc;
 
@@ -22,7 +22,8 @@ use crate::{
 pub const SPAWN_SETTLE_STEPS: u32 = 500;
 /// Fewest pixels of a thing that is in view.
 pub const VISIBLE_PIXELS: u32 = 12;
-/// How far below or above a surface an object's lowest point may be and still rest on it, in metres.
+/// How far below or above a surface an object's lowest point may be and still rest on it, in
+/// metres.
 const REST_BELOW_M: f32 = 0.04;
 const REST_ABOVE_M: f32 = 0.30;
 /// How far its centre may be outside the surface, in metres.
@@ -40,7 +41,8 @@ pub struct Simulator {
     pub(crate) seed: u64,
     pub(crate) physics: Physics,
     pub(crate) registry: WorldGraph,
-    /// Objects that stand somewhere, in the order in which they came there; kept by the published servers' tools only.
+    /// Objects that stand somewhere, in the order in which they came there; kept by the published
+    /// servers' tools only.
     pub(crate) arrivals: Vec<usize>,
     pub(crate) held: Option<usize>,
     pub(crate) markers: Vec<Marker>,
@@ -55,7 +57,8 @@ pub struct Simulator {
     pub(crate) detail: Detail,
     pub(crate) sim_step: u64,
     pub(crate) step_digests: Vec<u32>,
-    /// The physics step, counted like `step_digests`, whose motion states are wanted, and these states.
+    /// The physics step, counted like `step_digests`, whose motion states are wanted, and these
+    /// states.
     pub(crate) watch: Option<usize>,
     pub(crate) watched: Option<Vec<BodyState>>,
 }
@@ -68,15 +71,26 @@ impl Simulator {
 
     /// [`Simulator::new`], keeping the motion states after one physics step of the settling (from 0) for
     /// [`Simulator::take_watched`].
-    pub fn new_watching(stage: Arc<Stage>, profile: Profile, seed: u64, watch: Option<usize>) -> Self {
+    pub fn new_watching(
+        stage: Arc<Stage>,
+        profile: Profile,
+        seed: u64,
+        watch: Option<usize>,
+    ) -> Self {
         let mut simulator = Self::empty(stage.clone(), profile, seed);
         simulator.watch = watch;
         for (index, object) in stage.task.objects.iter().enumerate() {
             let [x, y, z] = object.position.map(|value| value as f32);
             let pose = Pose::yawed([x, y, z + SPAWN_OFFSET_M], object.yaw as f32);
-            simulator.physics.insert_object(index, &stage.object_models[index], pose);
+            simulator
+                .physics
+                .insert_object(index, &stage.object_models[index], pose);
         }
-        simulator.run(if profile.is_published() { published::START_STEPS } else { SPAWN_SETTLE_STEPS });
+        simulator.run(if profile.is_published() {
+            published::START_STEPS
+        } else {
+            SPAWN_SETTLE_STEPS
+        });
         simulator
     }
 
@@ -112,7 +126,8 @@ impl Simulator {
 
     /// What the gripper holds.
     pub fn held(&self) -> Option<&InstanceId> {
-        self.held.map(|index| &self.stage.task.objects[index].instance)
+        self.held
+            .map(|index| &self.stage.task.objects[index].instance)
     }
 
     /// The current marker map; empty if there is none.
@@ -127,7 +142,8 @@ impl Simulator {
 
     /// The receptacle the robot stands at.
     pub fn landmark(&self) -> Option<&reel_world::ReceptacleId> {
-        self.landmark.map(|index| &self.stage.model.furniture[index].id)
+        self.landmark
+            .map(|index| &self.stage.model.furniture[index].id)
     }
 
     /// The robot.
@@ -150,7 +166,8 @@ impl Simulator {
         std::mem::take(&mut self.step_digests)
     }
 
-    /// Keeps the motion states after one physics step of the next call (from 0) for [`Simulator::take_watched`].
+    /// Keeps the motion states after one physics step of the next call (from 0) for
+    /// [`Simulator::take_watched`].
     pub fn watch(&mut self, step: usize) {
         self.watch = Some(step);
     }
@@ -163,7 +180,10 @@ impl Simulator {
 
     /// Both authorities' graphs.
     pub fn graphs(&self) -> Graphs {
-        Graphs { physics: self.physical_graph(), registry: self.registry.clone() }
+        Graphs {
+            physics: self.physical_graph(),
+            registry: self.registry.clone(),
+        }
     }
 
     /// Where physics says the objects are, and how the doors stand.
@@ -175,7 +195,10 @@ impl Simulator {
         }
         for (index, object) in self.stage.task.objects.iter().enumerate() {
             if let Some(place) = self.place_of(index) {
-                let id = place.map_or_else(|| FLOOR.into(), |furniture| self.stage.model.furniture[furniture].id.clone());
+                let id = place.map_or_else(
+                    || FLOOR.into(),
+                    |furniture| self.stage.model.furniture[furniture].id.clone(),
+                );
                 graph.add(&id, &object.instance);
             }
         }
@@ -185,21 +208,40 @@ impl Simulator {
     /// Door state of a piece of furniture; none where it has no door.
     pub fn door_state(&self, furniture: usize) -> Option<DoorState> {
         let door = self.stage.door_of[furniture]?;
-        Some(if self.physics.door_is_open(door) { DoorState::Open } else { DoorState::Closed })
+        Some(if self.physics.door_is_open(door) {
+            DoorState::Open
+        } else {
+            DoorState::Closed
+        })
     }
 
     /// The furniture an object rests on: `Some(None)` is the floor, `None` is the gripper.
     pub fn place_of(&self, object: usize) -> Option<Option<usize>> {
         let bounds = self.physics.object_bounds(object)?;
-        let center = [(bounds[0][0] + bounds[1][0]) * 0.5, (bounds[0][1] + bounds[1][1]) * 0.5];
+        let center = [
+            (bounds[0][0] + bounds[1][0]) * 0.5,
+            (bounds[0][1] + bounds[1][1]) * 0.5,
+        ];
         let bottom = bounds[0][2];
         let mut best: Option<(f32, usize)> = None;
-        for (index, furniture) in self.stage.model.furniture.iter().enumerate().filter(|(_, furniture)| furniture.present) {
+        for (index, furniture) in self
+            .stage
+            .model
+            .furniture
+            .iter()
+            .enumerate()
+            .filter(|(_, furniture)| furniture.present)
+        {
             let surface = &furniture.surface;
-            let inside = (0..2)
-                .all(|axis| center[axis] >= surface.min[axis] - REST_ASIDE_M && center[axis] <= surface.max[axis] + REST_ASIDE_M);
+            let inside = (0..2).all(|axis| {
+                center[axis] >= surface.min[axis] - REST_ASIDE_M
+                    && center[axis] <= surface.max[axis] + REST_ASIDE_M
+            });
             let height = bottom - surface.z;
-            if inside && (-REST_BELOW_M..=REST_ABOVE_M).contains(&height) && best.is_none_or(|(z, _)| surface.z > z) {
+            if inside
+                && (-REST_BELOW_M..=REST_ABOVE_M).contains(&height)
+                && best.is_none_or(|(z, _)| surface.z > z)
+            {
                 best = Some((surface.z, index));
             }
         }
@@ -214,10 +256,24 @@ impl Simulator {
             .objects
             .iter()
             .enumerate()
-            .filter_map(|(index, object)| Some(body_state(object.instance.to_string(), self.physics.object_motion(index)?)));
-        let doors = self.stage.model.furniture.iter().zip(&self.stage.door_of).filter_map(|(furniture, door)| {
-            Some(body_state(format!("door:{}", furniture.id), self.physics.door_motion((*door)?)))
-        });
+            .filter_map(|(index, object)| {
+                Some(body_state(
+                    object.instance.to_string(),
+                    self.physics.object_motion(index)?,
+                ))
+            });
+        let doors = self
+            .stage
+            .model
+            .furniture
+            .iter()
+            .zip(&self.stage.door_of)
+            .filter_map(|(furniture, door)| {
+                Some(body_state(
+                    format!("door:{}", furniture.id),
+                    self.physics.door_motion((*door)?),
+                ))
+            });
         objects.chain(doors).collect()
     }
 
@@ -226,12 +282,29 @@ impl Simulator {
         let mut hasher = blake3::Hasher::new();
         self.physics.hash_into(&mut hasher);
         hasher.update(reel_world::canonical_json(&self.registry).as_bytes());
-        hasher.update(&self.held.map_or(u32::MAX, |index| index as u32).to_le_bytes());
+        hasher.update(
+            &self
+                .held
+                .map_or(u32::MAX, |index| index as u32)
+                .to_le_bytes(),
+        );
         hasher.update(reel_world::canonical_json(&self.markers).as_bytes());
-        hasher.update(&[u8::from(self.has_marker_map), u8::from(self.markers_persist)]);
-        hasher.update(&self.landmark.map_or(u32::MAX, |index| index as u32).to_le_bytes());
+        hasher.update(&[
+            u8::from(self.has_marker_map),
+            u8::from(self.markers_persist),
+        ]);
+        hasher.update(
+            &self
+                .landmark
+                .map_or(u32::MAX, |index| index as u32)
+                .to_le_bytes(),
+        );
         let robot = &self.robot;
-        let values = robot.base.iter().chain(&robot.camera).chain([&robot.yaw, &robot.pitch, &robot.path_length_m]);
+        let values = robot.base.iter().chain(&robot.camera).chain([
+            &robot.yaw,
+            &robot.pitch,
+            &robot.path_length_m,
+        ]);
         for value in values {
             hasher.update(&value.to_bits().to_le_bytes());
         }
@@ -247,13 +320,28 @@ impl Simulator {
 
     /// Shortest base path start -> src -> dest with a perfect map, in metres (`l` of SPL).
     pub fn shortest_path_m(&self) -> Option<f32> {
-        let index = |id: &reel_world::ReceptacleId| self.stage.model.furniture.iter().position(|furniture| furniture.id == *id);
-        let source = self.stage.nav.viewpoint(&self.stage.model, self.robot.base, index(&self.stage.task.src)?)?;
-        let destination = self.stage.nav.viewpoint(&self.stage.model, source.base, index(&self.stage.task.dest)?)?;
+        let index = |id: &reel_world::ReceptacleId| {
+            self.stage
+                .model
+                .furniture
+                .iter()
+                .position(|furniture| furniture.id == *id)
+        };
+        let source = self.stage.nav.viewpoint(
+            &self.stage.model,
+            self.robot.base,
+            index(&self.stage.task.src)?,
+        )?;
+        let destination = self.stage.nav.viewpoint(
+            &self.stage.model,
+            source.base,
+            index(&self.stage.task.dest)?,
+        )?;
         Some(source.path_length_m + destination.path_length_m)
     }
 
-    /// How much of each picture is drawn from now on. Ids and depth, and so all that follows, do not depend on it.
+    /// How much of each picture is drawn from now on. Ids and depth, and so all that follows, do
+    /// not depend on it.
     pub fn set_detail(&mut self, detail: Detail) {
         self.detail = detail;
     }
@@ -276,15 +364,35 @@ impl Simulator {
     }
 
     /// The picture from any camera, with more in it than the scene.
-    pub(crate) fn picture_with(&self, camera: &Camera, extra: &[Drawable<'_>], detail: Detail) -> Frame {
-        let shell = Drawable { parts: &self.stage.model.shell, mesh: None, pose: Pose::IDENTITY, entity: SHELL_ENTITY };
+    pub(crate) fn picture_with(
+        &self,
+        camera: &Camera,
+        extra: &[Drawable<'_>],
+        detail: Detail,
+    ) -> Frame {
+        let shell = Drawable {
+            parts: &self.stage.model.shell,
+            mesh: None,
+            pose: Pose::IDENTITY,
+            entity: SHELL_ENTITY,
+        };
         let mut drawables = vec![shell];
         for (index, furniture) in self.stage.model.furniture.iter().enumerate() {
             let entity = furniture_entity(index);
-            drawables.push(Drawable { parts: &furniture.parts, mesh: None, pose: Pose::IDENTITY, entity });
+            drawables.push(Drawable {
+                parts: &furniture.parts,
+                mesh: None,
+                pose: Pose::IDENTITY,
+                entity,
+            });
             if let (Some(door), Some(body)) = (&furniture.door, self.stage.door_of[index]) {
                 let pose = self.physics.door_motion(body).pose;
-                drawables.push(Drawable { parts: &door.parts, mesh: None, pose, entity });
+                drawables.push(Drawable {
+                    parts: &door.parts,
+                    mesh: None,
+                    pose,
+                    entity,
+                });
             }
         }
         for (index, shape) in self.stage.object_models.iter().enumerate() {
@@ -298,7 +406,11 @@ impl Simulator {
 
     /// The head camera.
     pub fn camera(&self) -> Camera {
-        Camera { position: self.robot.camera, yaw: self.robot.yaw, pitch: self.robot.pitch }
+        Camera {
+            position: self.robot.camera,
+            yaw: self.robot.yaw,
+            pitch: self.robot.pitch,
+        }
     }
 
     /// Objects in the last picture, in the task's order.
@@ -306,8 +418,14 @@ impl Simulator {
         let seen = seen_entities(&self.view);
         let objects = self.stage.task.objects.iter().enumerate();
         let visible = objects.filter_map(|(index, object)| {
-            let sight = seen.get(usize::from(self.object_entity(index)))?.filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
-            Some(VisibleObject { object: object.instance.clone(), pixels: sight.pixels, bbox: sight.bbox })
+            let sight = seen
+                .get(usize::from(self.object_entity(index)))?
+                .filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
+            Some(VisibleObject {
+                object: object.instance.clone(),
+                pixels: sight.pixels,
+                bbox: sight.bbox,
+            })
         });
         visible.collect()
     }
@@ -324,17 +442,27 @@ impl Simulator {
     /// The entity that a marker stands for.
     pub(crate) fn entity(&self, target: &MarkerTarget) -> Option<u16> {
         match target {
-            MarkerTarget::Object(object) => self.object_index(object).map(|index| self.object_entity(index)),
+            MarkerTarget::Object(object) => self
+                .object_index(object)
+                .map(|index| self.object_entity(index)),
             MarkerTarget::Receptacle(id) => self.furniture_index(id).map(furniture_entity),
         }
     }
 
     pub(crate) fn object_index(&self, instance: &InstanceId) -> Option<usize> {
-        self.stage.task.objects.iter().position(|object| object.instance == *instance)
+        self.stage
+            .task
+            .objects
+            .iter()
+            .position(|object| object.instance == *instance)
     }
 
     pub(crate) fn furniture_index(&self, id: &reel_world::ReceptacleId) -> Option<usize> {
-        self.stage.model.furniture.iter().position(|furniture| furniture.id == *id)
+        self.stage
+            .model
+            .furniture
+            .iter()
+            .position(|furniture| furniture.id == *id)
     }
 
     /// The scene with its doors, and the robot at its start; no objects yet.
@@ -398,8 +526,13 @@ impl Simulator {
             .iter()
             .filter_map(|marker| {
                 let entity = self.entity(&marker.target)?;
-                sights.get(usize::from(entity))?.filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
-                Some(Mark { number: marker.id, region: Region::Entity(entity) })
+                sights
+                    .get(usize::from(entity))?
+                    .filter(|sight| sight.pixels >= VISIBLE_PIXELS)?;
+                Some(Mark {
+                    number: marker.id,
+                    region: Region::Entity(entity),
+                })
             })
             .collect();
         overlay(frame, &marks);
@@ -428,7 +561,9 @@ pub(crate) fn furniture_entity(index: usize) -> u16 {
 
 /// The entities of a picture as runs.
 fn runs(ids: &[u16]) -> Vec<(u16, u32)> {
-    ids.chunk_by(|a, b| a == b).map(|run| (run[0], run.len() as u32)).collect()
+    ids.chunk_by(|a, b| a == b)
+        .map(|run| (run[0], run.len() as u32))
+        .collect()
 }
 
 fn seen_entities(view: &[(u16, u32)]) -> Vec<Option<Sight>> {
@@ -444,7 +579,11 @@ fn seen_entities(view: &[(u16, u32)]) -> Vec<Option<Sight>> {
             let (row, first) = (at / WIDTH, at % WIDTH);
             let last = (first + end - at - 1).min(WIDTH - 1);
             let (x0, x1, y) = (first as u16, last as u16, row as u16);
-            let sight = seen[id].get_or_insert(Sight { pixels: 0, bbox: [x0, y, x1, y], column_sum: 0 });
+            let sight = seen[id].get_or_insert(Sight {
+                pixels: 0,
+                bbox: [x0, y, x1, y],
+                column_sum: 0,
+            });
             sight.pixels += last - first + 1;
             sight.column_sum += u64::from(first + last) * u64::from(last - first + 1) / 2;
             let [left, top, right, bottom] = sight.bbox;
@@ -470,9 +609,19 @@ fn body_state(body: String, motion: Motion) -> BodyState {
 fn start_robot(scene: &Scene, model: &SceneModel, nav: &NavMap) -> RobotState {
     let [x, y, yaw] = scene.robot_start.unwrap_or_else(|| {
         let [min, max] = model.bounds;
-        [f64::from(min[0] + max[0]) * 0.5, f64::from(min[1] + max[1]) * 0.5, 0.0]
+        [
+            f64::from(min[0] + max[0]) * 0.5,
+            f64::from(min[1] + max[1]) * 0.5,
+            0.0,
+        ]
     });
     let wanted = [x as f32, y as f32];
     let base = nav.free_near(wanted).unwrap_or(wanted);
-    RobotState { base, yaw: yaw as f32, camera: [base[0], base[1], CAMERA_HEIGHT_M], pitch: -0.3, path_length_m: 0.0 }
+    RobotState {
+        base,
+        yaw: yaw as f32,
+        camera: [base[0], base[1], CAMERA_HEIGHT_M],
+        pitch: -0.3,
+        path_length_m: 0.0,
+    }
 }

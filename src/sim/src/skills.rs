@@ -1,5 +1,6 @@
-//! Skills that fail now and then: the probabilities and errors measured on the paper's robot ("Quantitative real-world
-//! evaluation"), and what luck a call has. Luck is a pure function of seed, task and call number: a draw depends on no other draw.
+//! Skills that fail now and then: the probabilities and errors measured on the paper's robot
+//! ("Quantitative real-world evaluation"), and what luck a call has. Luck is a pure function of
+//! seed, task and call number: a draw depends on no other draw.
 
 use reel_world::{Digest, DoorState, Skills};
 
@@ -7,8 +8,12 @@ use crate::nav::Viewpoint;
 
 /// How far off the base arrives, in metres: mean and standard deviation of the odometry error.
 const DRIFT_M: [f64; 2] = [0.0178, 0.0040];
-/// How far it is turned, in radians: mean and standard deviation of the yaw error, 0.74 and 0.57 degrees.
-const DRIFT_YAW: [f64; 2] = [0.74 * std::f64::consts::PI / 180.0, 0.57 * std::f64::consts::PI / 180.0];
+/// How far it is turned, in radians: mean and standard deviation of the yaw error, 0.74 and 0.57
+/// degrees.
+const DRIFT_YAW: [f64; 2] = [
+    0.74 * std::f64::consts::PI / 180.0,
+    0.57 * std::f64::consts::PI / 180.0,
+];
 
 /// A skill of the arm, as the paper's table counts them.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -27,8 +32,13 @@ pub enum Primitive {
 
 impl Primitive {
     /// All of them, in the order of the paper's table.
-    pub const ALL: [Primitive; 5] =
-        [Primitive::Open, Primitive::Close, Primitive::Pick, Primitive::PlaceOpen, Primitive::PlaceInside];
+    pub const ALL: [Primitive; 5] = [
+        Primitive::Open,
+        Primitive::Close,
+        Primitive::Pick,
+        Primitive::PlaceOpen,
+        Primitive::PlaceInside,
+    ];
 
     /// How often it succeeds: of 120 executions each in the paper.
     pub fn success(self, skills: Skills) -> f64 {
@@ -42,7 +52,11 @@ impl Primitive {
 
     /// Which of the two places a receptacle is.
     pub(crate) fn place(door: Option<DoorState>) -> Self {
-        if door.is_some() { Primitive::PlaceInside } else { Primitive::PlaceOpen }
+        if door.is_some() {
+            Primitive::PlaceInside
+        } else {
+            Primitive::PlaceOpen
+        }
     }
 }
 
@@ -59,19 +73,35 @@ pub struct Luck {
 }
 
 impl Luck {
-    /// The luck of a call (from 0) of an episode. Episodes of different tasks at one seed have nothing in common.
+    /// The luck of a call (from 0) of an episode. Episodes of different tasks at one seed have
+    /// nothing in common.
     pub fn of(skills: Skills, seed: u64, task_id: &str, call: u32) -> Self {
         if skills == Skills::Perfect {
-            return Self { skills, chance: 0.0, drift_m: [0.0; 2], drift_yaw: 0.0 };
+            return Self {
+                skills,
+                chance: 0.0,
+                drift_m: [0.0; 2],
+                drift_yaw: 0.0,
+            };
         }
-        let draw = Draw { key: format!("{seed}/skills {}/{task_id}/{call}", skills.as_str()) };
+        let draw = Draw {
+            key: format!("{seed}/skills {}/{task_id}/{call}", skills.as_str()),
+        };
         let angle = 2.0 * std::f64::consts::PI * draw.uniform("direction");
         let far = draw.length("drift", DRIFT_M);
-        let turned = draw.length("yaw", DRIFT_YAW) * if draw.uniform("side") < 0.5 { -1.0 } else { 1.0 };
+        let turned = draw.length("yaw", DRIFT_YAW)
+            * if draw.uniform("side") < 0.5 {
+                -1.0
+            } else {
+                1.0
+            };
         Self {
             skills,
             chance: draw.uniform("skill"),
-            drift_m: [(far * libm::cos(angle)) as f32, (far * libm::sin(angle)) as f32],
+            drift_m: [
+                (far * libm::cos(angle)) as f32,
+                (far * libm::sin(angle)) as f32,
+            ],
             drift_yaw: turned as f32,
         }
     }
@@ -81,15 +111,23 @@ impl Luck {
         self.chance < primitive.success(self.skills)
     }
 
-    /// Where the base arrives that wants to a viewpoint; a place that `free` refuses is not arrived at.
+    /// Where the base arrives that wants to a viewpoint; a place that `free` refuses is not arrived
+    /// at.
     pub(crate) fn arrive(&self, wanted: Viewpoint, free: impl Fn([f32; 2]) -> bool) -> Viewpoint {
-        let base = [wanted.base[0] + self.drift_m[0], wanted.base[1] + self.drift_m[1]];
+        let base = [
+            wanted.base[0] + self.drift_m[0],
+            wanted.base[1] + self.drift_m[1],
+        ];
         let base = if free(base) { base } else { wanted.base };
         let mut camera = wanted.camera;
         camera.position[0] += base[0] - wanted.base[0];
         camera.position[1] += base[1] - wanted.base[1];
         camera.yaw += self.drift_yaw;
-        Viewpoint { base, camera, ..wanted }
+        Viewpoint {
+            base,
+            camera,
+            ..wanted
+        }
     }
 }
 
@@ -106,9 +144,12 @@ impl Draw {
         (word >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// A length with this mean and deviation, never negative: the sum of twelve uniform numbers is as good as normal.
+    /// A length with this mean and deviation, never negative: the sum of twelve uniform numbers is
+    /// as good as normal.
     fn length(&self, purpose: &str, [mean, deviation]: [f64; 2]) -> f64 {
-        let sum: f64 = (0..12).map(|index| self.uniform(&format!("{purpose}/{index}"))).sum();
+        let sum: f64 = (0..12)
+            .map(|index| self.uniform(&format!("{purpose}/{index}")))
+            .sum();
         (mean + deviation * (sum - 6.0)).max(0.0)
     }
 }
@@ -125,23 +166,41 @@ mod tests {
         assert_ne!(luck(1, 0), luck(2, 0));
         assert_ne!(luck(1, 0), Luck::of(Skills::RealV1, 1, "FDP/b", 0));
         let perfect = Luck::of(Skills::Perfect, 1, "FDP/a", 0);
-        assert!(Primitive::ALL.iter().all(|primitive| perfect.succeeds(*primitive)));
+        assert!(
+            Primitive::ALL
+                .iter()
+                .all(|primitive| perfect.succeeds(*primitive))
+        );
         assert_eq!((perfect.drift_m, perfect.drift_yaw), ([0.0; 2], 0.0));
     }
 
     /// The paper's "Navigation/gaze repeatability": 1.78 +- 0.40 cm, 0.74 +- 0.57 degrees.
     #[test]
     fn the_drift_is_that_of_the_paper() {
-        let luck: Vec<Luck> = (0..4000).map(|call| Luck::of(Skills::RealV1, 20_261, "FDP/a", call)).collect();
+        let luck: Vec<Luck> = (0..4000)
+            .map(|call| Luck::of(Skills::RealV1, 20_261, "FDP/a", call))
+            .collect();
         let of = |value: &dyn Fn(&Luck) -> f64| {
             let mean = luck.iter().map(value).sum::<f64>() / luck.len() as f64;
-            let variance = luck.iter().map(|luck| (value(luck) - mean) * (value(luck) - mean)).sum::<f64>() / luck.len() as f64;
+            let variance = luck
+                .iter()
+                .map(|luck| (value(luck) - mean) * (value(luck) - mean))
+                .sum::<f64>()
+                / luck.len() as f64;
             [mean, variance.sqrt()]
         };
-        let [far, far_deviation] = of(&|luck| 100.0 * libm::hypot(f64::from(luck.drift_m[0]), f64::from(luck.drift_m[1])));
-        assert!((far - 1.78).abs() < 0.03 && (far_deviation - 0.40).abs() < 0.03, "{far} +- {far_deviation} cm");
-        // What would be below zero is zero: the mean of the absolute error is a little higher, the deviation a little smaller.
+        let [far, far_deviation] =
+            of(&|luck| 100.0 * libm::hypot(f64::from(luck.drift_m[0]), f64::from(luck.drift_m[1])));
+        assert!(
+            (far - 1.78).abs() < 0.03 && (far_deviation - 0.40).abs() < 0.03,
+            "{far} +- {far_deviation} cm"
+        );
+        // What would be below zero is zero: the mean of the absolute error is a little higher, the
+        // deviation a little smaller.
         let [turned, turned_deviation] = of(&|luck| f64::from(luck.drift_yaw.abs()).to_degrees());
-        assert!((turned - 0.74).abs() < 0.06 && (turned_deviation - 0.57).abs() < 0.07, "{turned} +- {turned_deviation} degrees");
+        assert!(
+            (turned - 0.74).abs() < 0.06 && (turned_deviation - 0.57).abs() < 0.07,
+            "{turned} +- {turned_deviation} degrees"
+        );
     }
 }

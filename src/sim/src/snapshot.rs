@@ -1,5 +1,6 @@
-//! The whole state of a simulator between two calls, taken out and put back: what comes after a restore equals what
-//! came after the original, bit for bit. Never part of a trace: the engine's form is no file format.
+//! The whole state of a simulator between two calls, taken out and put back: what comes after a
+//! restore equals what came after the original, bit for bit. Never part of a trace: the engine's
+//! form is no file format.
 
 use std::sync::Arc;
 
@@ -33,7 +34,9 @@ pub struct Snapshot {
 #[derive(Debug, thiserror::Error)]
 pub enum SnapshotError {
     /// Taken by another simulator.
-    #[error("the snapshot was taken by simulator {found}, this is {SIM_VERSION}; delete it, it can be made again")]
+    #[error(
+        "the snapshot was taken by simulator {found}, this is {SIM_VERSION}; delete it, it can be made again"
+    )]
     OtherSimulator {
         /// The version that took it.
         found: u32,
@@ -45,7 +48,9 @@ pub enum SnapshotError {
         what: String,
     },
     /// Of another task, scene or seed.
-    #[error("the snapshot is of another episode: it has the state {expected}, restored it is {found}")]
+    #[error(
+        "the snapshot is of another episode: it has the state {expected}, restored it is {found}"
+    )]
     OtherEpisode {
         /// Digest of the state it was taken of.
         expected: Digest,
@@ -81,11 +86,13 @@ impl Snapshot {
 impl Simulator {
     /// Takes the state out.
     pub fn snapshot(&self) -> Snapshot {
-        let index = |index: usize| u32::try_from(index).expect("a scene has fewer than 65,000 things");
+        let index =
+            |index: usize| u32::try_from(index).expect("a scene has fewer than 65,000 things");
         Snapshot {
             sim_version: SIM_VERSION,
             digest: self.digest(),
-            physics: postcard::to_allocvec(&self.physics).expect("the engine's state can be written"),
+            physics: postcard::to_allocvec(&self.physics)
+                .expect("the engine's state can be written"),
             registry: reel_world::canonical_json(&self.registry),
             arrivals: self.arrivals.iter().copied().map(index).collect(),
             markers: reel_world::canonical_json(&self.markers),
@@ -103,23 +110,38 @@ impl Simulator {
     ///
     /// # Errors
     /// When the snapshot is damaged or of another episode.
-    pub fn resume(stage: Arc<Stage>, profile: Profile, seed: u64, snapshot: &Snapshot) -> Result<Self, SnapshotError> {
+    pub fn resume(
+        stage: Arc<Stage>,
+        profile: Profile,
+        seed: u64,
+        snapshot: &Snapshot,
+    ) -> Result<Self, SnapshotError> {
         if snapshot.sim_version != SIM_VERSION {
-            return Err(SnapshotError::OtherSimulator { found: snapshot.sim_version });
+            return Err(SnapshotError::OtherSimulator {
+                found: snapshot.sim_version,
+            });
         }
         let physics: Physics = postcard::from_bytes(&snapshot.physics).map_err(damaged)?;
         let things = |index: Option<u32>, count: usize| match index.map(|index| index as usize) {
             Some(index) if index >= count => Err(damaged("it speaks of things that are not there")),
             index => Ok(index),
         };
-        if (physics.object_count(), physics.door_count()) != (stage.object_models.len(), stage.door_count()) {
+        if (physics.object_count(), physics.door_count())
+            != (stage.object_models.len(), stage.door_count())
+        {
             return Err(damaged("it has other objects or doors than the task"));
         }
-        let pixels = snapshot.view.iter().try_fold(0u32, |sum, (_, pixels)| sum.checked_add(*pixels));
+        let pixels = snapshot
+            .view
+            .iter()
+            .try_fold(0u32, |sum, (_, pixels)| sum.checked_add(*pixels));
         if pixels != Some((FRAME_WIDTH * FRAME_HEIGHT) as u32) {
             return Err(damaged("its picture has another size"));
         }
-        let arrivals = snapshot.arrivals.iter().filter_map(|object| things(Some(*object), stage.object_models.len()).transpose());
+        let arrivals = snapshot
+            .arrivals
+            .iter()
+            .filter_map(|object| things(Some(*object), stage.object_models.len()).transpose());
         let restored = Self {
             arrivals: arrivals.collect::<Result<_, _>>()?,
             profile,
@@ -142,11 +164,16 @@ impl Simulator {
         };
         match restored.digest() {
             found if found == snapshot.digest => Ok(restored),
-            found => Err(SnapshotError::OtherEpisode { expected: snapshot.digest, found }),
+            found => Err(SnapshotError::OtherEpisode {
+                expected: snapshot.digest,
+                found,
+            }),
         }
     }
 }
 
 fn damaged(what: impl std::fmt::Display) -> SnapshotError {
-    SnapshotError::Damaged { what: what.to_string() }
+    SnapshotError::Damaged {
+        what: what.to_string(),
+    }
 }

@@ -1,5 +1,5 @@
-//! What a task sets up and no call changes: shapes, doors and the navigation map. Takes most of the time and memory of a
-//! simulator, so those of one task share it.
+//! What a task sets up and no call changes: shapes, doors and the navigation map. Takes most of the
+//! time and memory of a simulator, so those of one task share it.
 
 use std::{collections::BTreeSet, sync::Arc};
 
@@ -38,20 +38,45 @@ impl Stage {
         Self::with_perception(scene, task, meshes, Arc::new(Measured))
     }
 
-    /// [`Stage::with_meshes`] where the tools of the published servers ask `perception` instead of the simulator's own geometry
-    /// and camera: for tests, which give tables.
-    pub fn with_perception(scene: Arc<Scene>, task: Arc<Task>, meshes: Meshes, perception: Arc<dyn Perception>) -> Arc<Self> {
+    /// [`Stage::with_meshes`] where the tools of the published servers ask `perception` instead of
+    /// the simulator's own geometry and camera: for tests, which give tables.
+    pub fn with_perception(
+        scene: Arc<Scene>,
+        task: Arc<Task>,
+        meshes: Meshes,
+        perception: Arc<dyn Perception>,
+    ) -> Arc<Self> {
         math::link();
-        let in_use: BTreeSet<_> = task.objects.iter().map(|object| object.receptacle.clone()).collect();
+        let in_use: BTreeSet<_> = task
+            .objects
+            .iter()
+            .map(|object| object.receptacle.clone())
+            .collect();
         let model = scene_model(&scene, &in_use);
-        let object_models = task.objects.iter().map(|object| match meshes.get(&object.asset) {
-            Some(mesh) => meshed_model(object, mesh),
-            None => object_model(object),
-        });
+        let object_models = task
+            .objects
+            .iter()
+            .map(|object| match meshes.get(&object.asset) {
+                Some(mesh) => meshed_model(object, mesh),
+                None => object_model(object),
+            });
         let object_models = object_models.collect();
         let mut doors = 0..;
-        let door_of = model.furniture.iter().map(|furniture| furniture.door.as_ref().and_then(|_| doors.next())).collect();
-        Arc::new(Self { nav: NavMap::new(&model), scene, task, model, object_models, meshes, door_of, perception })
+        let door_of = model
+            .furniture
+            .iter()
+            .map(|furniture| furniture.door.as_ref().and_then(|_| doors.next()))
+            .collect();
+        Arc::new(Self {
+            nav: NavMap::new(&model),
+            scene,
+            task,
+            model,
+            object_models,
+            meshes,
+            door_of,
+            perception,
+        })
     }
 
     /// The scene.

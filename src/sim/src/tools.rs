@@ -1,12 +1,14 @@
-//! The paper's tool handlers (those of the published servers are in `published`): what each call does to the world, what it shows and says (SPEC section 2).
+//! The paper's tool handlers (those of the published servers are in `published`): what each call
+//! does to the world, what it shows and says (SPEC section 2).
 //!
-//! Nothing privileged reaches the policy: texts name receptacles (which the agent knows), numbers and
-//! categories, never instances, assets or poses. A failed call changes nothing.
+//! Nothing privileged reaches the policy: texts name receptacles (which the agent knows), numbers
+//! and categories, never instances, assets or poses. A failed call changes nothing.
 
 use std::collections::BTreeSet;
 
 use reel_world::{
-    DoorState, ErrorCode, Frame, InstanceId, Lifecycle, Outcome, ReceptacleId, Skills, Tool, ToolSpec, language,
+    DoorState, ErrorCode, Frame, InstanceId, Lifecycle, Outcome, ReceptacleId, Skills, Tool,
+    ToolSpec, language,
     record::{Lookup, Marker, MarkerTarget},
 };
 
@@ -46,7 +48,13 @@ pub struct ToolResult {
 impl ToolResult {
     /// A result without a picture.
     pub fn new(outcome: Outcome) -> Self {
-        Self { outcome, frame: None, listed: Vec::new(), object: None, receptacle: None }
+        Self {
+            outcome,
+            frame: None,
+            listed: Vec::new(),
+            object: None,
+            receptacle: None,
+        }
     }
 
     fn error(code: ErrorCode, text: impl Into<String>) -> Self {
@@ -66,7 +74,10 @@ pub struct Given<'a> {
 impl Default for Given<'_> {
     /// Perfect skills, and a query means what the vocabulary says.
     fn default() -> Self {
-        Self { luck: Luck::of(Skills::Perfect, 0, "", 0), lookup: None }
+        Self {
+            luck: Luck::of(Skills::Perfect, 0, "", 0),
+            lookup: None,
+        }
     }
 }
 
@@ -74,8 +85,8 @@ impl Default for Given<'_> {
 type Refusal = (ErrorCode, String);
 
 impl Simulator {
-    /// Carries out a tool of the world. `ask`, `finish` and lifecycle tools but `list_receptacles` belong to the
-    /// episode and do nothing here.
+    /// Carries out a tool of the world. `ask`, `finish` and lifecycle tools but `list_receptacles`
+    /// belong to the episode and do nothing here.
     pub fn call(&mut self, tool: &Tool, given: Given<'_>) -> ToolResult {
         let luck = &given.luck;
         let result = match tool {
@@ -88,20 +99,38 @@ impl Simulator {
             Tool::Place { marker } => self.place(*marker, luck),
             Tool::Open { marker } => self.drive_door(*marker, true, luck),
             Tool::Close { marker } => self.drive_door(*marker, false, luck),
-            Tool::Lifecycle(Lifecycle::ListReceptacles) => Ok(ToolResult::new(Outcome::ok(self.stage.scene.room_listing()))),
-            Tool::Ask { .. } | Tool::Finish | Tool::Lifecycle(_) => Ok(ToolResult::new(Outcome::ok(""))),
+            Tool::Lifecycle(Lifecycle::ListReceptacles) => Ok(ToolResult::new(Outcome::ok(
+                self.stage.scene.room_listing(),
+            ))),
+            Tool::Ask { .. } | Tool::Finish | Tool::Lifecycle(_) => {
+                Ok(ToolResult::new(Outcome::ok("")))
+            }
         };
         result.unwrap_or_else(|(code, text)| ToolResult::error(code, text))
     }
 
     fn nav_to(&mut self, receptacle: &ReceptacleId, luck: &Luck) -> Result<ToolResult, Refusal> {
-        let unknown = || (ErrorCode::UnknownReceptacle, format!("Receptacle {receptacle} not found in the scene."));
+        let unknown = || {
+            (
+                ErrorCode::UnknownReceptacle,
+                format!("Receptacle {receptacle} not found in the scene."),
+            )
+        };
         let index = self.furniture_index(receptacle).ok_or_else(unknown)?;
-        let hidden = || (ErrorCode::NoViewpoint, format!("Cannot find a non-occluded position to navigate to {receptacle}."));
+        let hidden = || {
+            (
+                ErrorCode::NoViewpoint,
+                format!("Cannot find a non-occluded position to navigate to {receptacle}."),
+            )
+        };
         if !self.stage.model.furniture[index].present {
             return Err(hidden());
         }
-        let viewpoint = self.stage.nav.viewpoint(&self.stage.model, self.robot.base, index).ok_or_else(hidden)?;
+        let viewpoint = self
+            .stage
+            .nav
+            .viewpoint(&self.stage.model, self.robot.base, index)
+            .ok_or_else(hidden)?;
         self.go(&luck.arrive(viewpoint, |base| self.stage.nav.standable(base)));
         self.landmark = Some(index);
         self.clear_markers();
@@ -113,8 +142,12 @@ impl Simulator {
 
     fn walk_around(&mut self) -> Result<ToolResult, Refusal> {
         let nav = self.name("nav_to");
-        let landmark =
-            self.landmark.ok_or_else(|| (ErrorCode::NoLandmark, format!("No landmark selected. Use '{nav}' first.")))?;
+        let landmark = self.landmark.ok_or_else(|| {
+            (
+                ErrorCode::NoLandmark,
+                format!("No landmark selected. Use '{nav}' first."),
+            )
+        })?;
         let id = self.stage.model.furniture[landmark].id.clone();
         let hidden = self.door_state(landmark) == Some(DoorState::Closed);
         let here = |index: &usize| !hidden && self.place_of(*index) == Some(Some(landmark));
@@ -129,7 +162,12 @@ impl Simulator {
         }
         let mut text = String::from("I found the following object(s): ");
         for (number, object) in (0..).zip(&objects) {
-            let category = &self.stage.task.object(object).expect("what lies here is an object of the task").category;
+            let category = &self
+                .stage
+                .task
+                .object(object)
+                .expect("what lies here is an object of the task")
+                .category;
             text.push_str(&format!("\n\t{number}: a(an) {category}."));
         }
         text.push('\n');
@@ -142,25 +180,43 @@ impl Simulator {
         Ok(result)
     }
 
-    fn show_objects(&mut self, query: &str, lookup: Option<&Lookup>) -> Result<ToolResult, Refusal> {
+    fn show_objects(
+        &mut self,
+        query: &str,
+        lookup: Option<&Lookup>,
+    ) -> Result<ToolResult, Refusal> {
         self.look();
         let in_view = self.objects_in_view();
         let category = |index: &usize| &self.stage.task.objects[*index].category;
         let by_vocabulary = || {
-            let categories: BTreeSet<&str> = in_view.iter().map(|index| category(index).as_str()).collect();
+            let categories: BTreeSet<&str> = in_view
+                .iter()
+                .map(|index| category(index).as_str())
+                .collect();
             language::match_category(query, &categories).categories
         };
         let matched = lookup.map_or_else(by_vocabulary, |lookup| lookup.categories.clone());
-        let found = in_view.iter().copied().filter(|index| matched.contains(category(index)));
+        let found = in_view
+            .iter()
+            .copied()
+            .filter(|index| matched.contains(category(index)));
         let found: Vec<usize> = found.collect();
         if found.is_empty() {
             self.clear_markers();
-            return Err((ErrorCode::NothingFound, format!("No object matching '{query}' is in view.")));
+            return Err((
+                ErrorCode::NothingFound,
+                format!("No object matching '{query}' is in view."),
+            ));
         }
-        let instance = |index: &usize| MarkerTarget::Object(self.stage.task.objects[*index].instance.clone());
+        let instance =
+            |index: &usize| MarkerTarget::Object(self.stage.task.objects[*index].instance.clone());
         let targets: Vec<MarkerTarget> = found.iter().map(instance).collect();
         self.set_markers((1..).zip(targets), true);
-        let text = format!("Found {} object(s) matching '{query}': {}.", found.len(), numbers(&self.markers));
+        let text = format!(
+            "Found {} object(s) matching '{query}': {}.",
+            found.len(),
+            numbers(&self.markers)
+        );
         Ok(self.seen(text))
     }
 
@@ -176,9 +232,14 @@ impl Simulator {
         found.sort_unstable();
         if found.is_empty() {
             self.clear_markers();
-            return Err((ErrorCode::NothingFound, "No receptacle is in view.".to_owned()));
+            return Err((
+                ErrorCode::NothingFound,
+                "No receptacle is in view.".to_owned(),
+            ));
         }
-        let receptacle = |(_, index): &(u64, usize)| MarkerTarget::Receptacle(self.stage.model.furniture[*index].id.clone());
+        let receptacle = |(_, index): &(u64, usize)| {
+            MarkerTarget::Receptacle(self.stage.model.furniture[*index].id.clone())
+        };
         let targets: Vec<MarkerTarget> = found.iter().map(receptacle).collect();
         self.set_markers((1..).zip(targets), false);
         let lines = self.markers.iter().map(|marker| match &marker.target {
@@ -190,29 +251,51 @@ impl Simulator {
     }
 
     fn gaze_at(&mut self, number: u32, luck: &Luck) -> Result<ToolResult, Refusal> {
-        let (show, walk) = (self.name("show_object_by_category"), self.name("walk_around"));
-        let target = self.marker(number, &format!("No marker map available. Use '{show}' or '{walk}' first."))?;
+        let (show, walk) = (
+            self.name("show_object_by_category"),
+            self.name("walk_around"),
+        );
+        let target = self.marker(
+            number,
+            &format!("No marker map available. Use '{show}' or '{walk}' first."),
+        )?;
         let (viewpoint, object, receptacle) = match &target {
             MarkerTarget::Object(instance) => {
-                let index = self.object_index(instance).expect("markers stand for objects of the task");
-                let motion = self.physics.object_motion(index).ok_or_else(|| not_in_view(number))?;
+                let index = self
+                    .object_index(instance)
+                    .expect("markers stand for objects of the task");
+                let motion = self
+                    .physics
+                    .object_motion(index)
+                    .ok_or_else(|| not_in_view(number))?;
                 let place = self.place_of(index).flatten();
-                if place.is_some_and(|furniture| self.door_state(furniture) == Some(DoorState::Closed)) {
+                if place
+                    .is_some_and(|furniture| self.door_state(furniture) == Some(DoorState::Closed))
+                {
                     return Err(not_in_view(number));
                 }
-                let viewpoint = self.stage.nav.approach(self.robot.base, motion.pose.position, place);
+                let viewpoint =
+                    self.stage
+                        .nav
+                        .approach(self.robot.base, motion.pose.position, place);
                 (viewpoint, Some(instance.clone()), None)
             }
             MarkerTarget::Receptacle(id) => {
-                let index = self.furniture_index(id).expect("markers stand for receptacles of the scene");
-                let viewpoint = self.stage.nav.viewpoint(&self.stage.model, self.robot.base, index);
+                let index = self
+                    .furniture_index(id)
+                    .expect("markers stand for receptacles of the scene");
+                let viewpoint = self
+                    .stage
+                    .nav
+                    .viewpoint(&self.stage.model, self.robot.base, index);
                 if viewpoint.is_some() {
                     self.landmark = Some(index);
                 }
                 (viewpoint, None, Some(id.clone()))
             }
         };
-        let text = || format!("Cannot find a non-occluded position to look at marker {number} from.");
+        let text =
+            || format!("Cannot find a non-occluded position to look at marker {number} from.");
         let viewpoint = viewpoint.ok_or_else(|| (ErrorCode::NoViewpoint, text()))?;
         self.go(&luck.arrive(viewpoint, |base| self.stage.nav.standable(base)));
         self.run(GAZE_SETTLE_STEPS);
@@ -228,34 +311,52 @@ impl Simulator {
     fn pick(&mut self, number: u32, luck: &Luck) -> Result<ToolResult, Refusal> {
         if let Some(held) = self.held {
             let category = &self.stage.task.objects[held].category;
-            let text = format!("You are already holding '{category}'. Place it before picking another object.");
+            let text = format!(
+                "You are already holding '{category}'. Place it before picking another object."
+            );
             return Err((ErrorCode::AlreadyHolding, text));
         }
         let [show, walk, receptacles] =
-            ["show_object_by_category", "walk_around", "show_receptacles"].map(|tool| self.name(tool));
-        let missing = format!("No marker map available. Use '{show}', '{walk}' or '{receptacles}' first.");
+            ["show_object_by_category", "walk_around", "show_receptacles"]
+                .map(|tool| self.name(tool));
+        let missing =
+            format!("No marker map available. Use '{show}', '{walk}' or '{receptacles}' first.");
         let instance = match self.marker(number, &missing)? {
             MarkerTarget::Object(instance) => instance,
             MarkerTarget::Receptacle(id) => {
-                return Err((ErrorCode::NotGraspable, format!("Object {id} is not graspable. Cannot pick it up.")));
+                return Err((
+                    ErrorCode::NotGraspable,
+                    format!("Object {id} is not graspable. Cannot pick it up."),
+                ));
             }
         };
-        let index = self.object_index(&instance).expect("markers stand for objects of the task");
+        let index = self
+            .object_index(&instance)
+            .expect("markers stand for objects of the task");
         self.look();
         if !self.objects_in_view().contains(&index) {
             return Err(not_in_view(number));
         }
-        let position = self.physics.object_motion(index).expect("what is in view is not held").pose.position;
+        let position = self
+            .physics
+            .object_motion(index)
+            .expect("what is in view is not held")
+            .pose
+            .position;
         let distance_m = distance_2d(self.robot.base, [position[0], position[1]]);
         if distance_m > REACH_M + REACH_SLACK_M {
             let gaze = self.name("gaze_at");
-            let text = format!("Marker {number} is out of reach. Use '{gaze}' to approach it first.");
+            let text =
+                format!("Marker {number} is out of reach. Use '{gaze}' to approach it first.");
             return Err((ErrorCode::OutOfReach, text));
         }
         if !luck.succeeds(Primitive::Pick) {
             return Err(skill_failed("pick", "the gripper closed on nothing"));
         }
-        let receptacle = self.place_of(index).flatten().map(|furniture| self.stage.model.furniture[furniture].id.clone());
+        let receptacle = self
+            .place_of(index)
+            .flatten()
+            .map(|furniture| self.stage.model.furniture[furniture].id.clone());
         if let Some(place) = self.registry.place_of(&instance).cloned() {
             self.registry.remove(&place, &instance);
         }
@@ -268,37 +369,67 @@ impl Simulator {
     }
 
     fn place(&mut self, number: u32, luck: &Luck) -> Result<ToolResult, Refusal> {
-        let held = self.held.ok_or_else(|| (ErrorCode::NothingHeld, "No object in the inventory to place.".to_owned()))?;
+        let held = self.held.ok_or_else(|| {
+            (
+                ErrorCode::NothingHeld,
+                "No object in the inventory to place.".to_owned(),
+            )
+        })?;
         let receptacles = self.name("show_receptacles");
-        let id = match self.marker(number, &format!("No marker map available. Use '{receptacles}' first."))? {
+        let id = match self.marker(
+            number,
+            &format!("No marker map available. Use '{receptacles}' first."),
+        )? {
             MarkerTarget::Receptacle(id) => id,
             MarkerTarget::Object(_) => {
                 let text = format!("'marker {number}' is not a valid placement surface.");
                 return Err((ErrorCode::NotASurface, text));
             }
         };
-        let index = self.furniture_index(&id).expect("markers stand for receptacles of the scene");
+        let index = self
+            .furniture_index(&id)
+            .expect("markers stand for receptacles of the scene");
         if !self.placeable(index) {
-            return Err((ErrorCode::NotASurface, format!("'{id}' is not a valid placement surface.")));
+            return Err((
+                ErrorCode::NotASurface,
+                format!("'{id}' is not a valid placement surface."),
+            ));
         }
         if self.door_state(index) == Some(DoorState::Closed) {
-            return Err((ErrorCode::DoorClosed, format!("The door of '{id}' is closed. Use 'open' first.")));
+            return Err((
+                ErrorCode::DoorClosed,
+                format!("The door of '{id}' is closed. Use 'open' first."),
+            ));
         }
         let surface = self.stage.model.furniture[index].surface;
         if placement::distance_to_surface(&surface, self.robot.base) > REACH_M + REACH_SLACK_M {
             let nav = self.name("nav_to");
-            return Err((ErrorCode::OutOfReach, format!("'{id}' is out of reach. Use '{nav}' to approach it first.")));
+            return Err((
+                ErrorCode::OutOfReach,
+                format!("'{id}' is out of reach. Use '{nav}' to approach it first."),
+            ));
         }
-        let obstacles: Vec<[[f32; 3]; 2]> =
-            (0..self.stage.task.objects.len()).filter_map(|object| self.physics.object_bounds(object)).collect();
+        let obstacles: Vec<[[f32; 3]; 2]> = (0..self.stage.task.objects.len())
+            .filter_map(|object| self.physics.object_bounds(object))
+            .collect();
         let half = self.stage.object_models[held].half;
-        let full = || (ErrorCode::NoFreeSpot, format!("There is no free spot on '{id}' for the held object."));
-        let pose = placement::clamp(&surface, half, self.robot.base, &obstacles).ok_or_else(full)?;
+        let full = || {
+            (
+                ErrorCode::NoFreeSpot,
+                format!("There is no free spot on '{id}' for the held object."),
+            )
+        };
+        let pose =
+            placement::clamp(&surface, half, self.robot.base, &obstacles).ok_or_else(full)?;
         if !luck.succeeds(Primitive::place(self.door_state(index))) {
-            return Err(skill_failed("place", "the gripper did not let go of the object"));
+            return Err(skill_failed(
+                "place",
+                "the gripper did not let go of the object",
+            ));
         }
         let instance = self.stage.task.objects[held].instance.clone();
-        self.physics.insert_object(held, &self.stage.object_models[held], pose);
+        self.physics
+            .insert_object(held, &self.stage.object_models[held], pose);
         self.registry.add(&id, &instance);
         self.held = None;
         self.run(PLACE_SETTLE_STEPS);
@@ -309,32 +440,61 @@ impl Simulator {
     }
 
     fn drive_door(&mut self, number: u32, open: bool, luck: &Luck) -> Result<ToolResult, Refusal> {
-        let (verb, done) = if open { ("open", "Opened") } else { ("close", "Closed") };
+        let (verb, done) = if open {
+            ("open", "Opened")
+        } else {
+            ("close", "Closed")
+        };
         let id = match self.marker(number, "No marker map available.")? {
             MarkerTarget::Receptacle(id) => id,
             MarkerTarget::Object(_) => {
-                return Err((ErrorCode::NoDoor, format!("Marker {number} has no door. Cannot {verb} it.")));
+                return Err((
+                    ErrorCode::NoDoor,
+                    format!("Marker {number} has no door. Cannot {verb} it."),
+                ));
             }
         };
-        let index = self.furniture_index(&id).expect("markers stand for receptacles of the scene");
-        let (Some(door), Some(model)) = (self.stage.door_of[index], &self.stage.model.furniture[index].door) else {
-            return Err((ErrorCode::NoDoor, format!("'{id}' has no door. Cannot {verb} it.")));
+        let index = self
+            .furniture_index(&id)
+            .expect("markers stand for receptacles of the scene");
+        let (Some(door), Some(model)) = (
+            self.stage.door_of[index],
+            &self.stage.model.furniture[index].door,
+        ) else {
+            return Err((
+                ErrorCode::NoDoor,
+                format!("'{id}' has no door. Cannot {verb} it."),
+            ));
         };
         if self.held.is_some() {
-            let text = format!("The hand is not free. Place the held object before you {verb} '{id}'.");
+            let text =
+                format!("The hand is not free. Place the held object before you {verb} '{id}'.");
             return Err((ErrorCode::HandNotFree, text));
         }
-        if distance_2d(self.robot.base, [model.center[0], model.center[1]]) > REACH_M + 2.0 * REACH_SLACK_M {
+        if distance_2d(self.robot.base, [model.center[0], model.center[1]])
+            > REACH_M + 2.0 * REACH_SLACK_M
+        {
             let nav = self.name("nav_to");
-            return Err((ErrorCode::OutOfReach, format!("'{id}' is out of reach. Use '{nav}' to approach it first.")));
+            return Err((
+                ErrorCode::OutOfReach,
+                format!("'{id}' is out of reach. Use '{nav}' to approach it first."),
+            ));
         }
-        if !luck.succeeds(if open { Primitive::Open } else { Primitive::Close }) {
+        if !luck.succeeds(if open {
+            Primitive::Open
+        } else {
+            Primitive::Close
+        }) {
             return Err(skill_failed(verb, "the gripper slipped off the handle"));
         }
         self.physics.drive_door(door, open);
         self.run(DOOR_SETTLE_STEPS);
         if let Some(state) = self.registry.receptacles.get_mut(&id) {
-            state.door = Some(if open { DoorState::Open } else { DoorState::Closed });
+            state.door = Some(if open {
+                DoorState::Open
+            } else {
+                DoorState::Closed
+            });
         }
         let mut result = self.seen(format!("{done} the door of {id}."));
         result.receptacle = Some(id);
@@ -345,7 +505,10 @@ impl Simulator {
     fn seen(&mut self, text: String) -> ToolResult {
         let mut frame = self.take_picture();
         self.draw_markers(&mut frame);
-        ToolResult { frame: Some(frame), ..ToolResult::new(Outcome::ok(text)) }
+        ToolResult {
+            frame: Some(frame),
+            ..ToolResult::new(Outcome::ok(text))
+        }
     }
 
     /// Objects in the last picture, from left to right.
@@ -353,7 +516,9 @@ impl Simulator {
         let sights = self.sights();
         let mut found: Vec<(u64, usize)> = (0..self.stage.task.objects.len())
             .filter_map(|index| {
-                let sight = sights.get(usize::from(self.object_entity(index)))?.as_ref()?;
+                let sight = sights
+                    .get(usize::from(self.object_entity(index)))?
+                    .as_ref()?;
                 (sight.pixels >= VISIBLE_PIXELS).then(|| (sight.column(), index))
             })
             .collect();
@@ -366,11 +531,22 @@ impl Simulator {
             return Err((ErrorCode::NoMarkerMap, missing.to_owned()));
         }
         let found = self.markers.iter().find(|marker| marker.id == number);
-        let unknown = || (ErrorCode::UnknownMarker, format!("Marker ID {number} not found in the marker map."));
-        found.map(|marker| marker.target.clone()).ok_or_else(unknown)
+        let unknown = || {
+            (
+                ErrorCode::UnknownMarker,
+                format!("Marker ID {number} not found in the marker map."),
+            )
+        };
+        found
+            .map(|marker| marker.target.clone())
+            .ok_or_else(unknown)
     }
 
-    pub(crate) fn set_markers(&mut self, markers: impl Iterator<Item = (u32, MarkerTarget)>, persist: bool) {
+    pub(crate) fn set_markers(
+        &mut self,
+        markers: impl Iterator<Item = (u32, MarkerTarget)>,
+        persist: bool,
+    ) {
         self.markers = markers.map(|(id, target)| Marker { id, target }).collect();
         self.has_marker_map = true;
         self.markers_persist = persist;
@@ -384,7 +560,10 @@ impl Simulator {
 
     fn placeable(&self, furniture: usize) -> bool {
         let id = &self.stage.model.furniture[furniture].id;
-        self.stage.scene.receptacle(id).is_some_and(|receptacle| receptacle.placeable)
+        self.stage
+            .scene
+            .receptacle(id)
+            .is_some_and(|receptacle| receptacle.placeable)
             && self.stage.model.furniture[furniture].present
     }
 
@@ -396,15 +575,24 @@ impl Simulator {
 }
 
 fn not_in_view(number: u32) -> Refusal {
-    (ErrorCode::MarkerNotInView, format!("The object with marker {number} is not in view."))
+    (
+        ErrorCode::MarkerNotInView,
+        format!("The object with marker {number} is not in view."),
+    )
 }
 
 /// As the robot's tool server tells of an exception (SPEC section 9).
 fn skill_failed(tool: &str, what: &str) -> Refusal {
-    (ErrorCode::SkillFailed, format!("Error executing {tool}: {what}."))
+    (
+        ErrorCode::SkillFailed,
+        format!("Error executing {tool}: {what}."),
+    )
 }
 
 fn numbers(markers: &[Marker]) -> String {
-    let numbers: Vec<String> = markers.iter().map(|marker| format!("marker {}", marker.id)).collect();
+    let numbers: Vec<String> = markers
+        .iter()
+        .map(|marker| format!("marker {}", marker.id))
+        .collect();
     numbers.join(", ")
 }

@@ -1,13 +1,17 @@
-//! Rewards from the tables: the columns of an episode become facts, and the engine of `reel_reward` runs on them. Gives the
-//! same bits as at record time; never opens a trace.
+//! Rewards from the tables: the columns of an episode become facts, and the engine of `reel_reward`
+//! runs on them. Gives the same bits as at record time; never opens a trace.
 
 use std::collections::HashMap;
 
 use arrow::{
-    array::{Array, AsArray, Float64Array, Int32Array, ListArray, RecordBatch, StringArray, StructArray},
+    array::{
+        Array, AsArray, Float64Array, Int32Array, ListArray, RecordBatch, StringArray, StructArray,
+    },
     datatypes::{Float64Type, Int32Type},
 };
-use reel_reward::{Authority, Base, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts};
+use reel_reward::{
+    Authority, Base, EpisodeFacts, EpisodeReward, Marked, Preset, Scorer, StepHead, TaskFacts,
+};
 use reel_world::{ErrorClass, Scene, Task};
 
 use crate::{Store, StoreError, Table};
@@ -42,7 +46,10 @@ impl ScoredEpisode<'_> {
     pub fn was_recorded_as(&self, reward: &EpisodeReward) -> bool {
         let terms = self.recorded.terms.values().as_struct();
         let components = text(terms, "component");
-        let values: &Float64Array = terms.column_by_name("value").expect("a term has a value").as_primitive::<Float64Type>();
+        let values: &Float64Array = terms
+            .column_by_name("value")
+            .expect("a term has a value")
+            .as_primitive::<Float64Type>();
         let offsets = self.recorded.terms.value_offsets();
         self.recorded.steps.len() == reward.steps().len()
             && self.recorded.steps.clone().enumerate().all(|(step, row)| {
@@ -50,7 +57,8 @@ impl ScoredEpisode<'_> {
                 let fired = reward.terms(step);
                 recorded.len() == fired.len()
                     && recorded.zip(fired).all(|(term, fired)| {
-                        components.value(term) == fired.term.component() && values.value(term).to_bits() == fired.value.to_bits()
+                        components.value(term) == fired.term.component()
+                            && values.value(term).to_bits() == fired.value.to_bits()
                     })
             })
     }
@@ -89,8 +97,8 @@ const TEXT: &str = "steps.list.element.text";
 type Prepared = HashMap<(String, String), TaskFacts>;
 
 impl Store {
-    /// Scores every episode under some presets; `visit` gets each episode with its rewards in the order of the presets, and
-    /// says whether to go on.
+    /// Scores every episode under some presets; `visit` gets each episode with its rewards in the
+    /// order of the presets, and says whether to go on.
     ///
     /// # Errors
     /// When the store cannot be read, or holds a task or scene that is none.
@@ -115,11 +123,16 @@ impl Store {
         let mut columns = COLUMNS.to_vec();
         let wanted = Wanted {
             markers: presets.iter().any(|preset| preset.base() != Base::Paper),
-            text: presets.iter().any(|preset| preset.base() == Base::RealTrainer),
+            text: presets
+                .iter()
+                .any(|preset| preset.base() == Base::RealTrainer),
         };
         columns.extend(wanted.markers.then_some(MARKERS));
         columns.extend(wanted.text.then_some(TEXT));
-        let (tasks, scenes) = (self.documents(Table::Tasks, "task")?, self.documents(Table::Scenes, "scene")?);
+        let (tasks, scenes) = (
+            self.documents(Table::Tasks, "task")?,
+            self.documents(Table::Scenes, "scene")?,
+        );
         let mut prepared = Prepared::new();
         let mut scorers: Vec<Scorer> = presets.iter().map(Scorer::new).collect();
         let mut rewards: Vec<EpisodeReward> = vec![EpisodeReward::default(); presets.len()];
@@ -146,12 +159,23 @@ impl Store {
     ///
     /// # Errors
     /// When the store cannot be read.
-    pub fn documents(&self, table: Table, column: &str) -> Result<HashMap<String, String>, StoreError> {
+    pub fn documents(
+        &self,
+        table: Table,
+        column: &str,
+    ) -> Result<HashMap<String, String>, StoreError> {
         let key = format!("{column}_digest");
         let mut documents = HashMap::new();
         self.read(table, &[&key, column], |batch| {
-            let (keys, texts) = (batch[key.as_str()].as_string::<i32>(), batch[column].as_string::<i32>());
-            documents.extend(keys.iter().zip(texts).filter_map(|(key, text)| Some((key?.to_owned(), text?.to_owned()))));
+            let (keys, texts) = (
+                batch[key.as_str()].as_string::<i32>(),
+                batch[column].as_string::<i32>(),
+            );
+            documents.extend(
+                keys.iter()
+                    .zip(texts)
+                    .filter_map(|(key, text)| Some((key?.to_owned(), text?.to_owned()))),
+            );
             Ok(())
         })?;
         Ok(documents)
@@ -221,8 +245,16 @@ impl<'a> Columns<'a> {
         let markers = wanted.markers.then(|| {
             let list = of_step("marker_map");
             let fields = list.values().as_struct();
-            let marker = fields.column_by_name("marker").expect("a marker has a number").as_primitive::<Int32Type>();
-            Markers { list, marker, kind: text(fields, "kind"), id: text(fields, "id") }
+            let marker = fields
+                .column_by_name("marker")
+                .expect("a marker has a number")
+                .as_primitive::<Int32Type>();
+            Markers {
+                list,
+                marker,
+                kind: text(fields, "kind"),
+                id: text(fields, "id"),
+            }
         });
         Self {
             episode_id: plain("episode_id"),
@@ -234,7 +266,10 @@ impl<'a> Columns<'a> {
             scene_digest: plain("scene_digest"),
             preset: plain("preset"),
             start_changes: Changes::new(batch["start_changes"].as_list::<i32>()),
-            start_objects: (start_objects, text(start_objects.values().as_struct(), "object")),
+            start_objects: (
+                start_objects,
+                text(start_objects.values().as_struct(), "object"),
+            ),
             steps,
             tool: text(step, "tool"),
             argument: text(step, "argument"),
@@ -260,7 +295,10 @@ impl<'a> Columns<'a> {
             policy: self.policy.value(row),
             task_id: self.task_id.value(row),
             preset: self.preset.value(row),
-            recorded: Recorded { terms: self.terms, steps: range(self.steps, row) },
+            recorded: Recorded {
+                terms: self.terms,
+                steps: range(self.steps, row),
+            },
         }
     }
 
@@ -272,7 +310,10 @@ impl<'a> Columns<'a> {
         tasks: &HashMap<String, String>,
         scenes: &HashMap<String, String>,
     ) -> Result<&'p mut TaskFacts, StoreError> {
-        let key = (self.task_digest.value(row).to_owned(), self.scene_digest.value(row).to_owned());
+        let key = (
+            self.task_digest.value(row).to_owned(),
+            self.scene_digest.value(row).to_owned(),
+        );
         match prepared.entry(key) {
             std::collections::hash_map::Entry::Occupied(found) => Ok(found.into_mut()),
             std::collections::hash_map::Entry::Vacant(free) => {
@@ -291,11 +332,23 @@ impl<'a> Columns<'a> {
         range(list, row).for_each(|index| episode.saw(facts.object(objects.value(index))));
         let mut marked = false;
         for step in range(self.steps, row) {
-            let call = facts.called(self.tool.value(step), optional(self.error_code, step), optional(self.argument, step));
+            let call = facts.called(
+                self.tool.value(step),
+                optional(self.error_code, step),
+                optional(self.argument, step),
+            );
             let head = StepHead {
-                told: self.text.map(|text| facts.told(&call, text.value(step))).unwrap_or_default(),
-                error: optional(self.error_class, step)
-                    .map(|class| if class == "severe" { ErrorClass::Severe } else { ErrorClass::Moderate }),
+                told: self
+                    .text
+                    .map(|text| facts.told(&call, text.value(step)))
+                    .unwrap_or_default(),
+                error: optional(self.error_class, step).map(|class| {
+                    if class == "severe" {
+                        ErrorClass::Severe
+                    } else {
+                        ErrorClass::Moderate
+                    }
+                }),
                 object: optional(self.object, step).map(|object| facts.object(object)),
                 receptacle: optional(self.receptacle, step).map(|place| facts.place(place)),
                 held: optional(self.held, step).map(|object| facts.object(object)),
@@ -306,7 +359,9 @@ impl<'a> Columns<'a> {
             self.changes.fill(step, facts, episode);
             let (list, objects) = self.new_objects;
             range(list, step).for_each(|index| episode.saw(facts.object(objects.value(index))));
-            let Some(markers) = &self.markers else { continue };
+            let Some(markers) = &self.markers else {
+                continue;
+            };
             let map = range(markers.list, step);
             if map.is_empty() && !marked {
                 continue;
@@ -341,10 +396,19 @@ impl<'a> Changes<'a> {
 
     fn fill(&self, row: usize, facts: &mut TaskFacts, episode: &mut EpisodeFacts) {
         for index in range(self.list, row) {
-            let authority = if self.authority.value(index) == "physics" { Authority::Physics } else { Authority::Registry };
+            let authority = if self.authority.value(index) == "physics" {
+                Authority::Physics
+            } else {
+                Authority::Registry
+            };
             let (event, place) = (self.event.value(index), self.receptacle.value(index));
-            let doors = (optional(self.door_from, index), optional(self.door_to, index));
-            if let Some(change) = facts.change(event, optional(self.object, index), place, doors.0, doors.1) {
+            let doors = (
+                optional(self.door_from, index),
+                optional(self.door_to, index),
+            );
+            if let Some(change) =
+                facts.change(event, optional(self.object, index), place, doors.0, doors.1)
+            {
                 episode.change(authority, change);
             }
         }
@@ -356,17 +420,27 @@ fn document<T: serde::de::DeserializeOwned>(
     digest: &str,
     what: &'static str,
 ) -> Result<T, StoreError> {
-    let damaged = |reason: String| StoreError::Document { what, digest: digest.to_owned(), reason };
-    let text = documents.get(digest).ok_or_else(|| damaged("it is not there".into()))?;
+    let damaged = |reason: String| StoreError::Document {
+        what,
+        digest: digest.to_owned(),
+        reason,
+    };
+    let text = documents
+        .get(digest)
+        .ok_or_else(|| damaged("it is not there".into()))?;
     serde_json::from_str(text).map_err(|error| damaged(error.to_string()))
 }
 
 fn list<'a>(of: &'a StructArray, name: &str) -> &'a ListArray {
-    of.column_by_name(name).expect("the columns were asked for").as_list::<i32>()
+    of.column_by_name(name)
+        .expect("the columns were asked for")
+        .as_list::<i32>()
 }
 
 fn text<'a>(of: &'a StructArray, name: &str) -> &'a StringArray {
-    of.column_by_name(name).expect("the columns were asked for").as_string::<i32>()
+    of.column_by_name(name)
+        .expect("the columns were asked for")
+        .as_string::<i32>()
 }
 
 fn range(list: &ListArray, row: usize) -> std::ops::Range<usize> {

@@ -1,5 +1,6 @@
-//! A trace as rows: the values of every column of [`crate::schema`]. `serde_arrow` turns the rows into columns, so that a
-//! field here without a column there (or the reverse) is an error of every test.
+//! A trace as rows: the values of every column of [`crate::schema`]. `serde_arrow` turns the rows
+//! into columns, so that a field here without a column there (or the reverse) is an error of every
+//! test.
 
 use std::{
     borrow::Cow,
@@ -11,8 +12,8 @@ use arrow::array::RecordBatch;
 use reel_history::{Checker, Deed, Setting};
 use reel_trace::{Trace, robot::RobotLog};
 use reel_world::{
-    Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, TokenLogprobs, ToolSpec, WorldGraph,
-    canonical_json,
+    Digest, ErrorClass, FLOOR, GraphEvent, InstanceId, ReceptacleId, Scene, Task, TokenLogprobs,
+    ToolSpec, WorldGraph, canonical_json,
     record::{GraphChanges, Graphs, Marker, MarkerTarget, RewardTerm, StepRecord, VisibleObject},
 };
 use serde::Serialize;
@@ -35,13 +36,22 @@ pub(crate) struct Rows {
 
 impl Rows {
     pub(crate) fn new(table: Table) -> Result<Self, RowsError> {
-        Ok(Self { columns: ArrayBuilder::from_arrow(table.schema().fields())?, checker: None })
+        Ok(Self {
+            columns: ArrayBuilder::from_arrow(table.schema().fields())?,
+            checker: None,
+        })
     }
 
-    /// Adds the row of an episode. `modified_ns` is when the trace file was last written. After an error the rows are
-    /// of no use any more.
-    pub(crate) fn push_episode(&mut self, trace: &Trace, modified_ns: i64) -> Result<(), RowsError> {
-        Ok(self.columns.push(episode(trace, modified_ns, &mut self.checker))?)
+    /// Adds the row of an episode. `modified_ns` is when the trace file was last written. After an
+    /// error the rows are of no use any more.
+    pub(crate) fn push_episode(
+        &mut self,
+        trace: &Trace,
+        modified_ns: i64,
+    ) -> Result<(), RowsError> {
+        Ok(self
+            .columns
+            .push(episode(trace, modified_ns, &mut self.checker))?)
     }
 
     /// Adds a row of an episode that was made up.
@@ -65,7 +75,10 @@ impl Rows {
 
     /// Files with the reason why they were left out.
     pub(crate) fn quarantine(files: &BTreeMap<String, String>) -> Result<RecordBatch, RowsError> {
-        let rows: Vec<QuarantineRow> = files.iter().map(|(trace, reason)| QuarantineRow { trace, reason }).collect();
+        let rows: Vec<QuarantineRow> = files
+            .iter()
+            .map(|(trace, reason)| QuarantineRow { trace, reason })
+            .collect();
         Self::of(Table::Quarantine, &rows)
     }
 
@@ -136,7 +149,13 @@ pub(crate) struct Episode<'a> {
 }
 
 fn episode<'t>(trace: &'t Trace, modified_ns: i64, checker: &mut Option<Checker>) -> Episode<'t> {
-    let Trace { header, task, start, end, .. } = trace;
+    let Trace {
+        header,
+        task,
+        start,
+        end,
+        ..
+    } = trace;
     let target = task.object(&task.target);
     let metrics = end.as_ref().map(|end| &end.metrics);
     let last_robot = trace.steps.last().map_or(&start.robot, |step| &step.robot);
@@ -180,7 +199,10 @@ fn episode<'t>(trace: &'t Trace, modified_ns: i64, checker: &mut Option<Checker>
         dest_door: door(&task.initial, &task.dest),
         shortest_path_m: start.shortest_path_m.map(f64::from),
         path_length_m: last_robot.path_length_m.into(),
-        parent_trace: header.parent.as_ref().map(|parent| parent.trace.to_string()),
+        parent_trace: header
+            .parent
+            .as_ref()
+            .map(|parent| parent.trace.to_string()),
         parent_call: header.parent.as_ref().map(|parent| parent.call),
         start_changes: start_changes(task, &start.graphs),
         start_objects: start.visible.iter().map(visible).collect(),
@@ -222,7 +244,12 @@ fn measured(log: &RobotLog) -> Vec<Measured<'_>> {
         ..Measured::default()
     });
     let vla = log.vla.iter();
-    let vla = vla.map(|it| Measured { kind: "vla", step: it.step, took_ns: Some(it.latency_ns), ..Measured::default() });
+    let vla = vla.map(|it| Measured {
+        kind: "vla",
+        step: it.step,
+        took_ns: Some(it.latency_ns),
+        ..Measured::default()
+    });
     let alignments = log.alignments.iter().map(|it| Measured {
         kind: "alignment",
         step: it.step,
@@ -292,12 +319,24 @@ pub(crate) struct Step<'a> {
 fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
     let goal = trace.task.goal_changes();
     let candidates = candidates(&trace.task);
-    let mut seen: BTreeSet<&InstanceId> = trace.start.visible.iter().map(|visible| &visible.object).collect();
+    let mut seen: BTreeSet<&InstanceId> = trace
+        .start
+        .visible
+        .iter()
+        .map(|visible| &visible.object)
+        .collect();
     let mut claims = Claims::of(trace, checker);
     let mut rows = Vec::with_capacity(trace.steps.len());
     for record in &trace.steps {
-        let shown = record.visible.iter().map(|visible| &visible.object).chain(&record.listed);
-        let new_objects = shown.filter(|object| seen.insert(*object)).map(InstanceId::as_str).collect();
+        let shown = record
+            .visible
+            .iter()
+            .map(|visible| &visible.object)
+            .chain(&record.listed);
+        let new_objects = shown
+            .filter(|object| seen.insert(*object))
+            .map(InstanceId::as_str)
+            .collect();
         let policy = record.input.policy.as_ref();
         let recorded = policy.and_then(|policy| policy.logprobs.as_ref());
         let by_policy = |(policy, logprobs)| PolicyLogprobs { policy, logprobs };
@@ -315,16 +354,28 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
             }),
             object: record.object.as_ref().map(InstanceId::as_str),
             receptacle: record.receptacle.as_ref().map(|id| id.as_str()),
-            goal_object: record.object.as_ref().map(|object| goal.iter().any(|event| event.object() == Some(object))),
+            goal_object: record
+                .object
+                .as_ref()
+                .map(|object| goal.iter().any(|event| event.object() == Some(object))),
             goal_receptacle: goal_receptacle(record, &goal),
-            object_like: record.object.as_ref().map(|object| object_like(&trace.task, object)),
-            receptacle_like: record.receptacle.as_ref().map(|id| receptacle_like(&trace.task, &trace.scene, id)),
+            object_like: record
+                .object
+                .as_ref()
+                .map(|object| object_like(&trace.task, object)),
+            receptacle_like: record
+                .receptacle
+                .as_ref()
+                .map(|id| receptacle_like(&trace.task, &trace.scene, id)),
             put_back: put_back(&trace.task, record),
             fell: fell(&trace.task, record),
             held: record.held.as_ref().map(InstanceId::as_str),
             markers: record.markers.len(),
             visible: record.visible.len(),
-            candidates: seen.iter().filter(|object| candidates.contains(*object)).count(),
+            candidates: seen
+                .iter()
+                .filter(|object| candidates.contains(*object))
+                .count(),
             reward: record.reward_total(),
             sim_step: record.sim_step,
             robot_x_m: record.robot.base[0],
@@ -340,10 +391,18 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
             reply: record.reply.as_ref().map(|reply| reply.text.as_str()),
             reply_source: record.reply.as_ref().map(|reply| name_of(&reply.source)),
             raw: policy.and_then(|policy| said(&policy.raw)),
-            tokens_read: policy.and_then(|policy| policy.tokens).map(|[read, _]| read),
-            tokens_written: policy.and_then(|policy| policy.tokens).map(|[_, written]| written),
+            tokens_read: policy
+                .and_then(|policy| policy.tokens)
+                .map(|[read, _]| read),
+            tokens_written: policy
+                .and_then(|policy| policy.tokens)
+                .map(|[_, written]| written),
             tokens: recorded.map(TokenLogprobs::tokens),
-            logprobs: recorded.into_iter().flat_map(TokenLogprobs::policies).map(by_policy).collect(),
+            logprobs: recorded
+                .into_iter()
+                .flat_map(TokenLogprobs::policies)
+                .map(by_policy)
+                .collect(),
             contradictions: claims.refuted(record),
             listed: record.listed.iter().map(InstanceId::as_str).collect(),
             new_objects,
@@ -359,12 +418,16 @@ fn steps<'t>(trace: &'t Trace, checker: &mut Option<Checker>) -> Vec<Step<'t>> {
     rows
 }
 
-/// What a policy claims to have done beside what it did; nothing is looked at where it claims nothing.
+/// What a policy claims to have done beside what it did; nothing is looked at where it claims
+/// nothing.
 struct Claims<'c>(Option<&'c mut Checker>);
 
 impl<'c> Claims<'c> {
     fn of(trace: &Trace, checker: &'c mut Option<Checker>) -> Self {
-        let policies = trace.steps.iter().filter_map(|record| record.input.policy.as_ref());
+        let policies = trace
+            .steps
+            .iter()
+            .filter_map(|record| record.input.policy.as_ref());
         if policies.into_iter().all(|policy| policy.history.is_empty()) {
             return Self(None);
         }
@@ -379,8 +442,16 @@ impl<'c> Claims<'c> {
     /// How many claims of a decision's History are refuted by what was done before it.
     fn refuted(&mut self, record: &StepRecord) -> usize {
         let Some(checker) = &mut self.0 else { return 0 };
-        let history = record.input.policy.as_ref().map_or("", |policy| &policy.history);
-        let refuted = checker.check(history).iter().filter(|claim| claim.is_false()).count();
+        let history = record
+            .input
+            .policy
+            .as_ref()
+            .map_or("", |policy| &policy.history);
+        let refuted = checker
+            .check(history)
+            .iter()
+            .filter(|claim| claim.is_false())
+            .count();
         checker.did(Deed::of(record));
         refuted
     }
@@ -390,9 +461,14 @@ fn said(text: &str) -> Option<&str> {
     Some(text).filter(|text| !text.is_empty())
 }
 
-/// Objects that may be taken for the target: of its category, or named as its distractors. The target is one of them.
+/// Objects that may be taken for the target: of its category, or named as its distractors. The
+/// target is one of them.
 fn candidates(task: &Task) -> BTreeSet<&InstanceId> {
-    task.objects.iter().filter(|object| role(task, &object.instance) != "other").map(|object| &object.instance).collect()
+    task.objects
+        .iter()
+        .filter(|object| role(task, &object.instance) != "other")
+        .map(|object| &object.instance)
+        .collect()
 }
 
 fn role(task: &Task, instance: &InstanceId) -> &'static str {
@@ -401,7 +477,10 @@ fn role(task: &Task, instance: &InstanceId) -> &'static str {
     }
     let target_category = task.object(&task.target).map(|object| &object.category);
     match task.object(instance) {
-        Some(object) if Some(&object.category) == target_category || task.object_distractors.contains(&object.asset) => {
+        Some(object)
+            if Some(&object.category) == target_category
+                || task.object_distractors.contains(&object.asset) =>
+        {
             "distractor"
         }
         _ => "other",
@@ -410,7 +489,10 @@ fn role(task: &Task, instance: &InstanceId) -> &'static str {
 
 fn goal_receptacle(record: &StepRecord, goal: &[GraphEvent]) -> Option<bool> {
     let (object, receptacle) = (record.object.as_ref()?, record.receptacle.as_ref()?);
-    Some(goal.contains(&GraphEvent::Add { object: object.clone(), receptacle: receptacle.clone() }))
+    Some(goal.contains(&GraphEvent::Add {
+        object: object.clone(),
+        receptacle: receptacle.clone(),
+    }))
 }
 
 /// What an object is beside the target.
@@ -426,7 +508,11 @@ pub(crate) fn object_like(task: &Task, instance: &InstanceId) -> &'static str {
 }
 
 /// What a receptacle is beside the destination.
-pub(crate) fn receptacle_like(task: &Task, scene: &Scene, receptacle: &ReceptacleId) -> &'static str {
+pub(crate) fn receptacle_like(
+    task: &Task,
+    scene: &Scene,
+    receptacle: &ReceptacleId,
+) -> &'static str {
     let category = |id: &ReceptacleId| scene.receptacle(id).map(|receptacle| &receptacle.category);
     match receptacle {
         id if *id == task.dest => "dest",
@@ -447,9 +533,19 @@ fn put_back(task: &Task, record: &StepRecord) -> Option<bool> {
 /// What a step let fall.
 fn fell(task: &Task, record: &StepRecord) -> Option<&'static str> {
     let on_floor = |event: &&GraphEvent| matches!(event, GraphEvent::Add { receptacle, .. } if receptacle.as_str() == FLOOR);
-    let mut fallen = record.changes.physics.iter().filter(on_floor).filter_map(GraphEvent::object).peekable();
+    let mut fallen = record
+        .changes
+        .physics
+        .iter()
+        .filter(on_floor)
+        .filter_map(GraphEvent::object)
+        .peekable();
     fallen.peek()?;
-    Some(if fallen.any(|object| *object == task.target) { "target" } else { "other" })
+    Some(if fallen.any(|object| *object == task.target) {
+        "target"
+    } else {
+        "other"
+    })
 }
 
 fn argument(record: &StepRecord) -> Option<String> {
@@ -480,13 +576,23 @@ pub(crate) struct Change {
 
 fn changes(changes: &GraphChanges) -> Vec<Change> {
     let physics = changes.physics.iter().map(|event| change("physics", event));
-    physics.chain(changes.registry.iter().map(|event| change("registry", event))).collect()
+    physics
+        .chain(
+            changes
+                .registry
+                .iter()
+                .map(|event| change("registry", event)),
+        )
+        .collect()
 }
 
 /// How the graphs after settling differ from the task's.
 fn start_changes(task: &Task, graphs: &Graphs) -> Vec<Change> {
     let physics = graphs.physics.difference(&task.initial);
-    changes(&GraphChanges { physics, registry: graphs.registry.difference(&task.initial) })
+    changes(&GraphChanges {
+        physics,
+        registry: graphs.registry.difference(&task.initial),
+    })
 }
 
 fn change(authority: &'static str, event: &GraphEvent) -> Change {
@@ -520,7 +626,11 @@ pub(crate) struct Term<'a> {
 }
 
 fn term(term: &RewardTerm) -> Term<'_> {
-    Term { component: &term.component, value: term.value, reason: &term.reason }
+    Term {
+        component: &term.component,
+        value: term.value,
+        reason: &term.reason,
+    }
 }
 
 #[derive(Serialize)]
@@ -535,7 +645,11 @@ fn marker(marker: &Marker) -> MarkerRow<'_> {
         MarkerTarget::Object(id) => ("object", id.as_str()),
         MarkerTarget::Receptacle(id) => ("receptacle", id.as_str()),
     };
-    MarkerRow { marker: marker.id, kind, id }
+    MarkerRow {
+        marker: marker.id,
+        kind,
+        id,
+    }
 }
 
 #[derive(Serialize)]
@@ -549,8 +663,19 @@ pub(crate) struct Visible<'a> {
 }
 
 fn visible(visible: &VisibleObject) -> Visible<'_> {
-    let VisibleObject { object, pixels, bbox: [x_min, y_min, x_max, y_max] } = visible;
-    Visible { object: object.as_str(), pixels: *pixels, x_min: *x_min, y_min: *y_min, x_max: *x_max, y_max: *y_max }
+    let VisibleObject {
+        object,
+        pixels,
+        bbox: [x_min, y_min, x_max, y_max],
+    } = visible;
+    Visible {
+        object: object.as_str(),
+        pixels: *pixels,
+        x_min: *x_min,
+        y_min: *y_min,
+        x_max: *x_max,
+        y_max: *y_max,
+    }
 }
 
 #[derive(Serialize)]
@@ -591,15 +716,25 @@ fn task_row(task: &Task) -> TaskRow<'_> {
         fuzzy: task.fuzzy,
         purpose: task.purpose.as_deref(),
         target: task.target.as_str(),
-        target_category: task.object(&task.target).map_or("", |object| &object.category),
+        target_category: task
+            .object(&task.target)
+            .map_or("", |object| &object.category),
         src: task.src.as_str(),
         dest: task.dest.as_str(),
         src_door: door(&task.initial, &task.src),
         dest_door: door(&task.initial, &task.dest),
         src_distractors: task.src_distractors.iter().map(|id| id.as_str()).collect(),
         dest_distractors: task.dest_distractors.iter().map(|id| id.as_str()).collect(),
-        object_distractors: task.object_distractors.iter().map(|id| id.as_str()).collect(),
-        goal_changes: task.goal_changes().iter().map(ToString::to_string).collect(),
+        object_distractors: task
+            .object_distractors
+            .iter()
+            .map(|id| id.as_str())
+            .collect(),
+        goal_changes: task
+            .goal_changes()
+            .iter()
+            .map(ToString::to_string)
+            .collect(),
         object_count: task.objects.len(),
         objects: objects(task),
         task: canonical_json(task),
@@ -641,7 +776,9 @@ fn objects(task: &Task) -> Vec<ObjectRow<'_>> {
             attributes: object
                 .attributes
                 .iter()
-                .flat_map(|(kind, words)| words.iter().map(move |word| AttributeWord { kind, word }))
+                .flat_map(|(kind, words)| {
+                    words.iter().map(move |word| AttributeWord { kind, word })
+                })
                 .collect(),
             width_m: object.size[0],
             depth_m: object.size[1],

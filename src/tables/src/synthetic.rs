@@ -1,6 +1,6 @@
-//! Episodes that nobody played, for measurements of queries: the columns, lengths and mix of errors are those of recorded
-//! ones, the moves come from a few scripts and chance. No trace lies behind them, their digests are empty, and their rewards
-//! are plausible, not computed.
+//! Episodes that nobody played, for measurements of queries: the columns, lengths and mix of errors
+//! are those of recorded ones, the moves come from a few scripts and chance. No trace lies behind
+//! them, their digests are empty, and their rewards are plausible, not computed.
 
 use std::sync::Arc;
 
@@ -10,7 +10,10 @@ use reel_world::{Digest, Scene, Skills, Task, record::Backend};
 
 use crate::{
     Store, StoreError, Table,
-    rows::{Change, Episode, MarkerRow, Rows, Step, Term, Visible, door, name_of, object_like, receptacle_like},
+    rows::{
+        Change, Episode, MarkerRow, Rows, Step, Term, Visible, door, name_of, object_like,
+        receptacle_like,
+    },
 };
 
 /// Episodes of one prompt group.
@@ -20,10 +23,12 @@ const BATCH: u64 = 2_000;
 /// Episodes of one commit.
 const PORTION: u64 = 100_000;
 /// Made-up policies.
-const POLICIES: [&str; 8] = ["atlas", "birch", "cedar", "delta", "ember", "fjord", "grove", "haven"];
+const POLICIES: [&str; 8] = [
+    "atlas", "birch", "cedar", "delta", "ember", "fjord", "grove", "haven",
+];
 
-/// Fills a store with `count` made-up episodes of some tasks in one scene, in groups of eight rollouts. Equal arguments give
-/// equal rows. `progress` gets the number of episodes written.
+/// Fills a store with `count` made-up episodes of some tasks in one scene, in groups of eight
+/// rollouts. Equal arguments give equal rows. `progress` gets the number of episodes written.
 ///
 /// # Errors
 /// When the store cannot be written.
@@ -35,11 +40,26 @@ pub fn synthesize(
     seed: u64,
     mut progress: impl FnMut(u64),
 ) -> Result<(), StoreError> {
-    let rows = tasks.iter().map(|task| Rows::task(task)).collect::<Result<Vec<_>, _>>()?;
+    let rows = tasks
+        .iter()
+        .map(|task| Rows::task(task))
+        .collect::<Result<Vec<_>, _>>()?;
     store.append(Table::Tasks, rows)?;
     store.append(Table::Scenes, vec![Rows::scene(scene)?])?;
-    let maker = Maker { tasks, scene, seed, digests: tasks.iter().map(|task| Digest::of_json(&**task).to_string()).collect() };
-    let places: Vec<&str> = scene.receptacles.iter().map(|receptacle| receptacle.id.as_str()).collect();
+    let maker = Maker {
+        tasks,
+        scene,
+        seed,
+        digests: tasks
+            .iter()
+            .map(|task| Digest::of_json(&**task).to_string())
+            .collect(),
+    };
+    let places: Vec<&str> = scene
+        .receptacles
+        .iter()
+        .map(|receptacle| receptacle.id.as_str())
+        .collect();
     let scene_digest = Digest::of_json(scene).to_string();
     for portion in (0..count).step_by(PORTION as usize) {
         let end = count.min(portion + PORTION);
@@ -51,7 +71,10 @@ pub fn synthesize(
             }
             Ok(rows.finish()?)
         };
-        let batches = starts.par_iter().map(batch).collect::<Result<Vec<_>, _>>()?;
+        let batches = starts
+            .par_iter()
+            .map(batch)
+            .collect::<Result<Vec<_>, _>>()?;
         store.append(Table::Episodes, batches)?;
         progress(end);
     }
@@ -103,7 +126,9 @@ impl Maker<'_> {
             discounted += discount * reward;
             discount *= reel_world::GAMMA;
         }
-        let driven = steps.last().map_or(0.0, |step| f64::from(step.path_length_m));
+        let driven = steps
+            .last()
+            .map_or(0.0, |step| f64::from(step.path_length_m));
         let shortest = 3.0 + chance.share() * 9.0;
         let finished = steps.last().is_some_and(|step| step.tool == "finish");
         let target = task.object(&task.target);
@@ -130,12 +155,20 @@ impl Maker<'_> {
             skills: Skills::Perfect.as_str(),
             end_reason: Some(if finished { "finished" } else { "horizon" }.into()),
             success: Some(success),
-            completion: Some(if success { 1.0 } else { 0.5 * f64::from(u8::from(chance.share() < 0.4)) }),
+            completion: Some(if success {
+                1.0
+            } else {
+                0.5 * f64::from(u8::from(chance.share() < 0.4))
+            }),
             total_reward: Some(rewards.iter().sum()),
             discounted_return: Some(discounted),
             length: Some(steps.len() as u32),
             asks: Some(steps.iter().filter(|step| step.tool == "ask").count() as u32),
-            spl: Some(if success { shortest / driven.max(shortest) } else { 0.0 }),
+            spl: Some(if success {
+                shortest / driven.max(shortest)
+            } else {
+                0.0
+            }),
             instruction: &task.instruction,
             fuzzy: task.fuzzy,
             purpose: task.purpose.as_deref(),
@@ -179,7 +212,18 @@ struct Play<'a, 'p> {
 impl<'a> Play<'a, '_> {
     fn new<'p>(task: &'a Task, scene: &'a Scene, places: &'p [&'a str], seed: u64) -> Play<'a, 'p> {
         let chance = Chance(seed);
-        Play { task, scene, places, chance, held: None, at: "", candidates: 0, sim_step: 0, path_m: 0.0, steps: Vec::new() }
+        Play {
+            task,
+            scene,
+            places,
+            chance,
+            held: None,
+            at: "",
+            candidates: 0,
+            sim_step: 0,
+            path_m: 0.0,
+            steps: Vec::new(),
+        }
     }
 
     /// Plays a script; whether the goal is reached.
@@ -222,7 +266,11 @@ impl<'a> Play<'a, '_> {
         self.pick(script != Script::WrongObject);
         let fillers = self.chance.below(3);
         self.fill(fillers);
-        let place = if script == Script::WrongPlace { self.any_place() } else { dest };
+        let place = if script == Script::WrongPlace {
+            self.any_place()
+        } else {
+            dest
+        };
         self.nav(place);
         if self.chance.share() < 0.6 {
             self.call("show_receptacles", None);
@@ -267,14 +315,30 @@ impl<'a> Play<'a, '_> {
     }
 
     fn show(&mut self) {
-        let category = self.task.object(&self.task.target).map_or("thing", |object| object.category.as_str());
-        let seen: Vec<&'a str> = self.task.objects.iter().take(3).map(|object| object.instance.as_str()).collect();
+        let category = self
+            .task
+            .object(&self.task.target)
+            .map_or("thing", |object| object.category.as_str());
+        let seen: Vec<&'a str> = self
+            .task
+            .objects
+            .iter()
+            .take(3)
+            .map(|object| object.instance.as_str())
+            .collect();
         let first = self.candidates == 0;
         self.candidates = self.candidates.max(1 + self.chance.below(3));
         self.call("show_object_by_category", Some(category.to_owned()));
         let step = self.last();
         step.markers = seen.len();
-        step.marker_map = (1..).zip(&seen).map(|(marker, id)| MarkerRow { marker, kind: "object", id }).collect();
+        step.marker_map = (1..)
+            .zip(&seen)
+            .map(|(marker, id)| MarkerRow {
+                marker,
+                kind: "object",
+                id,
+            })
+            .collect();
         if first {
             step.new_objects.clone_from(&seen);
         }
@@ -283,18 +347,32 @@ impl<'a> Play<'a, '_> {
     fn ask(&mut self) {
         self.call("ask", Some("Which one do you mean?".into()));
         let step = self.last();
-        (step.question, step.reply) = (Some("Which one do you mean?".into()), Some("The one by the window, please."));
+        (step.question, step.reply) = (
+            Some("Which one do you mean?".into()),
+            Some("The one by the window, please."),
+        );
         step.reply_source = Some("rule-based".into());
-        step.terms.push(Term { component: "ask", value: 1.0, reason: "asked among 2 candidates" });
+        step.terms.push(Term {
+            component: "ask",
+            value: 1.0,
+            reason: "asked among 2 candidates",
+        });
     }
 
     fn pick(&mut self, right: bool) {
         let others = &self.task.objects;
         let other = others[self.chance.below(others.len())].instance.as_str();
-        let object = if right { self.task.target.as_str() } else { other };
+        let object = if right {
+            self.task.target.as_str()
+        } else {
+            other
+        };
         let goal = object == self.task.target.as_str();
         let at = self.at;
-        let like = (object_like(self.task, &object.into()), receptacle_like(self.task, self.scene, &at.into()));
+        let like = (
+            object_like(self.task, &object.into()),
+            receptacle_like(self.task, self.scene, &at.into()),
+        );
         self.held = Some(object);
         self.call("pick", Some("1".into()));
         let step = self.last();
@@ -303,31 +381,53 @@ impl<'a> Play<'a, '_> {
         (step.object_like, step.receptacle_like) = (Some(like.0), Some(like.1));
         step.changes = both("remove", object, at);
         if goal {
-            step.terms.push(Term { component: "task", value: 1.5, reason: "" });
-            step.terms.push(Term { component: "prog", value: 0.5, reason: "" });
+            step.terms.push(Term {
+                component: "task",
+                value: 1.5,
+                reason: "",
+            });
+            step.terms.push(Term {
+                component: "prog",
+                value: 0.5,
+                reason: "",
+            });
         }
     }
 
     fn place(&mut self, place: &'a str) {
-        let Some(object) = self.held.take() else { return };
+        let Some(object) = self.held.take() else {
+            return;
+        };
         let goal = object == self.task.target.as_str();
         let right = goal && place == self.task.dest.as_str();
-        let like = (object_like(self.task, &object.into()), receptacle_like(self.task, self.scene, &place.into()));
+        let like = (
+            object_like(self.task, &object.into()),
+            receptacle_like(self.task, self.scene, &place.into()),
+        );
         self.call("place", Some("2".into()));
         let step = self.last();
         (step.object, step.receptacle) = (Some(object), Some(place));
-        (step.goal_object, step.goal_receptacle, step.put_back) = (Some(goal), Some(right), Some(false));
+        (step.goal_object, step.goal_receptacle, step.put_back) =
+            (Some(goal), Some(right), Some(false));
         (step.object_like, step.receptacle_like) = (Some(like.0), Some(like.1));
         step.changes = both("add", object, place);
         let value = if right { 3.5 } else { -2.0 };
-        step.terms.push(Term { component: if right { "task" } else { "phys" }, value, reason: "" });
+        step.terms.push(Term {
+            component: if right { "task" } else { "phys" },
+            value,
+            reason: "",
+        });
     }
 
     fn fails(&mut self, tool: &'static str, code: &'static str, class: &'static str) {
         self.call(tool, Some("7".into()));
         let step = self.last();
         (step.error_code, step.error_class) = (Some(code), Some(class));
-        step.terms.push(Term { component: "safe", value: if class == "severe" { -0.5 } else { -0.3 }, reason: "" });
+        step.terms.push(Term {
+            component: "safe",
+            value: if class == "severe" { -0.5 } else { -0.3 },
+            reason: "",
+        });
     }
 
     fn last(&mut self) -> &mut Step<'a> {
@@ -341,7 +441,11 @@ impl<'a> Play<'a, '_> {
         }
         let step = self.steps.len() as u32;
         self.sim_step += 20 + self.chance.below(200) as u64;
-        let time = (step >= 3).then_some(Term { component: "time", value: -0.03, reason: "" });
+        let time = (step >= 3).then_some(Term {
+            component: "time",
+            value: -0.03,
+            reason: "",
+        });
         let visible = self.task.objects.iter().take(self.chance.below(4));
         let visible = visible.map(|object| Visible {
             object: object.instance.as_str(),
@@ -356,7 +460,10 @@ impl<'a> Play<'a, '_> {
             step,
             tool,
             call_name: tool,
-            arguments: argument.as_ref().map_or_else(|| "{}".into(), |argument| format!("{{\"argument\":\"{argument}\"}}")),
+            arguments: argument.as_ref().map_or_else(
+                || "{}".into(),
+                |argument| format!("{{\"argument\":\"{argument}\"}}"),
+            ),
             argument,
             text: told(tool),
             error_code: None,
@@ -411,7 +518,12 @@ fn both(event: &'static str, object: &str, receptacle: &str) -> Vec<Change> {
         authority,
         event,
         object: Some(object.to_owned()),
-        asset: Some(object.split_once("_on_").map_or(object, |(asset, _)| asset).to_owned()),
+        asset: Some(
+            object
+                .split_once("_on_")
+                .map_or(object, |(asset, _)| asset)
+                .to_owned(),
+        ),
         receptacle: receptacle.to_owned(),
         door_from: None,
         door_to: None,
@@ -424,7 +536,10 @@ struct Chance(u64);
 
 impl Chance {
     fn new(seed: u64, number: u64, purpose: u64) -> Self {
-        let mut chance = Chance(seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ purpose.wrapping_mul(0xd1b5_4a32_d192_ed03));
+        let mut chance = Chance(
+            seed ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15)
+                ^ purpose.wrapping_mul(0xd1b5_4a32_d192_ed03),
+        );
         Chance(chance.next())
     }
 
@@ -449,7 +564,9 @@ impl Chance {
 /// What a tool says, about as long as recorded texts are.
 fn told(tool: &str) -> &'static str {
     match tool {
-        "walk_around" => "I found the following object(s):\n\t1: a(an) tray.\n\t2: a(an) remote control.\n\t3: a(an) vase.\n",
+        "walk_around" => {
+            "I found the following object(s):\n\t1: a(an) tray.\n\t2: a(an) remote control.\n\t3: a(an) vase.\n"
+        }
         "gaze_at" => "Marker ID 7 not found in the marker map.",
         "ask" => "I mean the one with the raised edges.",
         _ => "",

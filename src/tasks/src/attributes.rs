@@ -1,5 +1,5 @@
-//! Attribute words: what a caption says of colour, material, shape and size, and of furniture also handles,
-//! top and bedding. Words stand in the order of the caption.
+//! Attribute words: what a caption says of colour, material, shape and size, and of furniture also
+//! handles, top and bedding. Words stand in the order of the caption.
 
 use reel_world::Attributes;
 
@@ -136,9 +136,17 @@ const SIZES: &[&str] = &[
 
 /// Parts of furniture whose words describe the part, not the whole.
 const PARTS: &[(&str, &[&str])] = &[
-    ("handles", &["handle", "handles", "knob", "knobs", "pull", "pulls"]),
+    (
+        "handles",
+        &["handle", "handles", "knob", "knobs", "pull", "pulls"],
+    ),
     ("top", &["top", "tabletop", "worktop"]),
-    ("bedding", &["bedding", "sheet", "sheets", "mattress", "runner", "blanket", "quilt"]),
+    (
+        "bedding",
+        &[
+            "bedding", "sheet", "sheets", "mattress", "runner", "blanket", "quilt",
+        ],
+    ),
 ];
 
 /// The attribute words of an object's caption, by kind: `colour`, `material`, `shape`, `size`.
@@ -148,18 +156,21 @@ pub fn from_caption(caption: &str) -> Attributes {
     attributes
 }
 
-/// The attribute words of furniture. What follows "with" counts only where it describes a part we know
-/// (`handles`, `top`, `bedding`), and then under the name of that part.
+/// The attribute words of furniture. What follows "with" counts only where it describes a part we
+/// know (`handles`, `top`, `bedding`), and then under the name of that part.
 pub fn from_furniture_captions<'a>(captions: impl IntoIterator<Item = &'a str>) -> Attributes {
     let mut attributes = Attributes::new();
     for caption in captions {
         let (whole, rest) = caption.split_once(" with ").unwrap_or((caption, ""));
         add_words(&mut attributes, whole);
         for piece in rest.split(" and ") {
-            let names_part = |(_, names): &&(&str, &[&str])| words(piece).any(|word| names.contains(&word.as_str()));
+            let names_part = |(_, names): &&(&str, &[&str])| {
+                words(piece).any(|word| names.contains(&word.as_str()))
+            };
             if let Some((part, _)) = PARTS.iter().find(names_part) {
-                let described =
-                    words(piece).filter(|word| COLOURS.contains(&word.as_str()) || MATERIALS.contains(&word.as_str()));
+                let described = words(piece).filter(|word| {
+                    COLOURS.contains(&word.as_str()) || MATERIALS.contains(&word.as_str())
+                });
                 described.for_each(|word| add(&mut attributes, part, word));
             }
         }
@@ -169,7 +180,12 @@ pub fn from_furniture_captions<'a>(captions: impl IntoIterator<Item = &'a str>) 
 
 fn add_words(attributes: &mut Attributes, text: &str) {
     for word in words(text) {
-        for (kind, list) in [("colour", COLOURS), ("material", MATERIALS), ("shape", SHAPES), ("size", SIZES)] {
+        for (kind, list) in [
+            ("colour", COLOURS),
+            ("material", MATERIALS),
+            ("shape", SHAPES),
+            ("size", SIZES),
+        ] {
             if list.contains(&word.as_str()) {
                 add(attributes, kind, word.clone());
             }
@@ -186,7 +202,9 @@ fn add(attributes: &mut Attributes, kind: &str, word: String) {
 
 /// Lower-case words; a hyphen joins, so that "short-sleeved" is not "short".
 fn words(text: &str) -> impl Iterator<Item = String> {
-    text.split(|c: char| !c.is_alphanumeric() && c != '-').filter(|word| !word.is_empty()).map(str::to_lowercase)
+    text.split(|c: char| !c.is_alphanumeric() && c != '-')
+        .filter(|word| !word.is_empty())
+        .map(str::to_lowercase)
 }
 
 #[cfg(test)]
@@ -194,22 +212,35 @@ mod tests {
     use super::*;
 
     fn text(attributes: &Attributes) -> String {
-        attributes.iter().map(|(kind, words)| format!("{kind}: {}", words.join(" "))).collect::<Vec<_>>().join("; ")
+        attributes
+            .iter()
+            .map(|(kind, words)| format!("{kind}: {}", words.join(" ")))
+            .collect::<Vec<_>>()
+            .join("; ")
     }
 
     #[test]
     fn a_caption_gives_its_words_in_order() {
         let caption = "Small red Ceramic mug, cylindrical, with a white, short-sleeved rim.";
-        assert_eq!(text(&from_caption(caption)), "colour: red white; material: ceramic; shape: cylindrical; size: small");
+        assert_eq!(
+            text(&from_caption(caption)),
+            "colour: red white; material: ceramic; shape: cylindrical; size: small"
+        );
         assert_eq!(from_caption("Pear."), Attributes::new());
     }
 
     #[test]
     fn parts_of_furniture_keep_their_words_to_themselves() {
         let of = |caption: &str| text(&from_furniture_captions([caption]));
-        assert_eq!(of("wide desk with orange drawer pulls"), "handles: orange; size: wide");
+        assert_eq!(
+            of("wide desk with orange drawer pulls"),
+            "handles: orange; size: wide"
+        );
         assert_eq!(of("bed with plain white bedding"), "bedding: white");
         assert_eq!(of("white cabinet with grey bottle"), "colour: white");
-        assert_eq!(of("the brown table with a glass top and black handles"), "colour: brown; handles: black; top: glass");
+        assert_eq!(
+            of("the brown table with a glass top and black handles"),
+            "colour: brown; handles: black; top: glass"
+        );
     }
 }

@@ -1,5 +1,5 @@
-//! A YAML document as a tree of nodes that know their line, built with bounds: depth, alias expansion,
-//! duplicate keys, non-finite numbers. Knows nothing of tasks.
+//! A YAML document as a tree of nodes that know their line, built with bounds: depth, alias
+//! expansion, duplicate keys, non-finite numbers. Knows nothing of tasks.
 
 use std::collections::BTreeMap;
 
@@ -70,10 +70,13 @@ pub(crate) fn parse(text: &str) -> Result<Node, Problem> {
     let mut parser = Parser::new_from_str(text);
     let mut builder = Builder::default();
     while let Some(event) = parser.next_event() {
-        let (event, span) = event.map_err(|error| Problem::syntax(error.marker().line(), error.info()))?;
+        let (event, span) =
+            event.map_err(|error| Problem::syntax(error.marker().line(), error.info()))?;
         builder.take(event, span)?;
     }
-    builder.root.ok_or_else(|| Problem::syntax(1, "the file is empty"))
+    builder
+        .root
+        .ok_or_else(|| Problem::syntax(1, "the file is empty"))
 }
 
 #[derive(Default)]
@@ -92,46 +95,76 @@ struct Frame {
 
 enum Container {
     List(Vec<Node>),
-    Map { entries: IndexMap<String, Node>, key: Option<(String, usize)> },
+    Map {
+        entries: IndexMap<String, Node>,
+        key: Option<(String, usize)>,
+    },
 }
 
 impl Builder {
     fn take(&mut self, event: Event<'_>, span: Span) -> Result<(), Problem> {
         let line = span.start.line();
         match event {
-            Event::DocumentStart(_) if self.root.is_some() => Err(Problem::syntax(line, "a second document; one is expected")),
-            Event::Nothing | Event::StreamStart | Event::StreamEnd | Event::DocumentStart(_) | Event::DocumentEnd => Ok(()),
-            Event::SequenceStart(anchor, _) => self.begin(anchor, line, Container::List(Vec::new())),
-            Event::MappingStart(anchor, _) => self.begin(anchor, line, Container::Map { entries: IndexMap::new(), key: None }),
+            Event::DocumentStart(_) if self.root.is_some() => {
+                Err(Problem::syntax(line, "a second document; one is expected"))
+            }
+            Event::Nothing
+            | Event::StreamStart
+            | Event::StreamEnd
+            | Event::DocumentStart(_)
+            | Event::DocumentEnd => Ok(()),
+            Event::SequenceStart(anchor, _) => {
+                self.begin(anchor, line, Container::List(Vec::new()))
+            }
+            Event::MappingStart(anchor, _) => self.begin(
+                anchor,
+                line,
+                Container::Map {
+                    entries: IndexMap::new(),
+                    key: None,
+                },
+            ),
             Event::SequenceEnd | Event::MappingEnd => {
                 let frame = self.open.pop().expect("the parser ends only what it began");
                 let content = match frame.container {
                     Container::List(items) => Content::List(items),
                     Container::Map { entries, .. } => Content::Map(entries),
                 };
-                self.add(Node { line: frame.line, content }, frame.anchor)
+                self.add(
+                    Node {
+                        line: frame.line,
+                        content,
+                    },
+                    frame.anchor,
+                )
             }
             Event::Scalar(text, style, anchor, tag) => {
                 if self.wants_key() {
                     return self.set_key(text.into_owned(), line);
                 }
                 let bad = || Problem::syntax(line, "a value that is not what its tag says");
-                let scalar = Scalar::parse_from_cow_and_metadata(text, style, tag.as_ref()).ok_or_else(bad)?;
+                let scalar = Scalar::parse_from_cow_and_metadata(text, style, tag.as_ref())
+                    .ok_or_else(bad)?;
                 let content = match scalar {
                     Scalar::Null => Content::Null,
                     Scalar::Boolean(value) => Content::Bool(value),
                     Scalar::Integer(value) => Content::Integer(value),
                     Scalar::FloatingPoint(value) if value.is_finite() => Content::Float(value.0),
-                    Scalar::FloatingPoint(_) => return Err(Problem::syntax(line, "a number that is not finite")),
+                    Scalar::FloatingPoint(_) => {
+                        return Err(Problem::syntax(line, "a number that is not finite"));
+                    }
                     Scalar::String(value) => Content::Text(value.into_owned()),
                 };
                 self.add(Node { line, content }, anchor)
             }
             Event::Alias(anchor) => {
-                let unknown = || Problem::syntax(line, "an alias of something that holds the alias itself");
+                let unknown =
+                    || Problem::syntax(line, "an alias of something that holds the alias itself");
                 let node = self.anchors.get(&anchor).ok_or_else(unknown)?.clone();
                 if self.wants_key() {
-                    let Content::Text(text) = node.content else { return Err(no_text_key(line)) };
+                    let Content::Text(text) = node.content else {
+                        return Err(no_text_key(line));
+                    };
                     return self.set_key(text, line);
                 }
                 self.count_copies(&node, line)?;
@@ -145,22 +178,42 @@ impl Builder {
             return Err(no_text_key(line));
         }
         if self.open.len() == MOST_LEVELS {
-            return Err(Problem::syntax(line, format!("nested deeper than {MOST_LEVELS} levels")));
+            return Err(Problem::syntax(
+                line,
+                format!("nested deeper than {MOST_LEVELS} levels"),
+            ));
         }
-        self.open.push(Frame { anchor, line, container });
+        self.open.push(Frame {
+            anchor,
+            line,
+            container,
+        });
         Ok(())
     }
 
     fn wants_key(&self) -> bool {
-        matches!(self.open.last(), Some(Frame { container: Container::Map { key: None, .. }, .. }))
+        matches!(
+            self.open.last(),
+            Some(Frame {
+                container: Container::Map { key: None, .. },
+                ..
+            })
+        )
     }
 
     fn set_key(&mut self, text: String, line: usize) -> Result<(), Problem> {
-        let Some(Frame { container: Container::Map { entries, key }, .. }) = self.open.last_mut() else {
+        let Some(Frame {
+            container: Container::Map { entries, key },
+            ..
+        }) = self.open.last_mut()
+        else {
             unreachable!("only a mapping wants a key")
         };
         if entries.contains_key(&text) {
-            return Err(Problem::syntax(line, format!("the key {text:?} stands twice in its mapping")));
+            return Err(Problem::syntax(
+                line,
+                format!("the key {text:?} stands twice in its mapping"),
+            ));
         }
         *key = Some((text, line));
         Ok(())
@@ -187,10 +240,16 @@ impl Builder {
         let (count, levels) = measure(node);
         self.copies += count;
         if self.copies > MOST_COPIES {
-            return Err(Problem::syntax(line, format!("anchors and aliases copy more than {MOST_COPIES} values")));
+            return Err(Problem::syntax(
+                line,
+                format!("anchors and aliases copy more than {MOST_COPIES} values"),
+            ));
         }
         if self.open.len() + levels > MOST_LEVELS {
-            return Err(Problem::syntax(line, format!("nested deeper than {MOST_LEVELS} levels")));
+            return Err(Problem::syntax(
+                line,
+                format!("nested deeper than {MOST_LEVELS} levels"),
+            ));
         }
         Ok(())
     }
@@ -199,7 +258,9 @@ impl Builder {
 /// Nodes in a subtree, and levels of it.
 fn measure(node: &Node) -> (usize, usize) {
     let of = |children: &mut dyn Iterator<Item = &Node>| {
-        let (count, levels) = children.map(measure).fold((0, 0), |a, b| (a.0 + b.0, a.1.max(b.1)));
+        let (count, levels) = children
+            .map(measure)
+            .fold((0, 0), |a, b| (a.0 + b.0, a.1.max(b.1)));
         (count + 1, levels + 1)
     };
     match &node.content {
@@ -224,29 +285,52 @@ mod tests {
 
     #[test]
     fn nodes_know_their_lines() {
-        let Content::Map(root) = parse("a: 1\nb:\n- x\n- c: 2.5\n").unwrap().content else { panic!("a mapping") };
+        let Content::Map(root) = parse("a: 1\nb:\n- x\n- c: 2.5\n").unwrap().content else {
+            panic!("a mapping")
+        };
         assert_eq!((root["a"].line, root["b"].line), (1, 3));
-        let Content::List(items) = &root["b"].content else { panic!("a list") };
+        let Content::List(items) = &root["b"].content else {
+            panic!("a list")
+        };
         assert_eq!((items[0].line, items[1].line), (3, 4));
     }
 
     #[test]
     fn an_alias_is_its_value() {
-        let Content::Map(root) = parse("a: &x [1, 2]\nb: *x\n").unwrap().content else { panic!("a mapping") };
+        let Content::Map(root) = parse("a: &x [1, 2]\nb: *x\n").unwrap().content else {
+            panic!("a mapping")
+        };
         assert_eq!(root["a"].content, root["b"].content);
     }
 
     #[test]
     fn hostile_documents_are_refused() {
-        assert_eq!(problem("a: 1\nb: 2\na: 3\n"), "3: the key \"a\" stands twice in its mapping");
+        assert_eq!(
+            problem("a: 1\nb: 2\na: 3\n"),
+            "3: the key \"a\" stands twice in its mapping"
+        );
         assert_eq!(problem("a: .nan\n"), "1: a number that is not finite");
-        assert_eq!(problem("a: 1\nb: 1e999\n"), "2: a number that is not finite");
-        assert_eq!(problem("a: 1\n---\nb: 2\n"), "2: a second document; one is expected");
+        assert_eq!(
+            problem("a: 1\nb: 1e999\n"),
+            "2: a number that is not finite"
+        );
+        assert_eq!(
+            problem("a: 1\n---\nb: 2\n"),
+            "2: a second document; one is expected"
+        );
         assert_eq!(problem(""), "1: the file is empty");
         assert_eq!(problem("? [1, 2]\n: x\n"), "1: a key that is not text");
-        assert_eq!(problem(&"- ".repeat(100_000)), "1: nested deeper than 64 levels");
+        assert_eq!(
+            problem(&"- ".repeat(100_000)),
+            "1: nested deeper than 64 levels"
+        );
         assert_eq!(problem(&"[".repeat(100_000)), "1: recursion limit exceeded");
-        let bomb: String = (1..30).map(|n| format!("a{n}: &a{n} [*a{0}, *a{0}, *a{0}]\n", n - 1)).collect();
-        assert_eq!(problem(&format!("a0: &a0 [1]\n{bomb}")), "10: anchors and aliases copy more than 100000 values");
+        let bomb: String = (1..30)
+            .map(|n| format!("a{n}: &a{n} [*a{0}, *a{0}, *a{0}]\n", n - 1))
+            .collect();
+        assert_eq!(
+            problem(&format!("a0: &a0 [1]\n{bomb}")),
+            "10: anchors and aliases copy more than 100000 values"
+        );
     }
 }

@@ -109,12 +109,33 @@ pub(crate) struct Problem {
 
 impl Problem {
     pub fn syntax(line: usize, problem: impl Into<String>) -> Self {
-        Self { line, field: String::new(), problem: problem.into() }
+        Self {
+            line,
+            field: String::new(),
+            problem: problem.into(),
+        }
     }
 
     pub fn in_file(self, file: &str) -> TaskError {
-        let Problem { line, field, problem } = self;
+        let Problem {
+            line,
+            field,
+            problem,
+        } = self;
         let file = file.to_owned();
-        if field.is_empty() { TaskError::Syntax { file, line, problem } } else { TaskError::Field { file, line, field, problem } }
+        if field.is_empty() {
+            TaskError::Syntax {
+                file,
+                line,
+                problem,
+            }
+        } else {
+            TaskError::Field {
+                file,
+                line,
+                field,
+                problem,
+            }
+        }
     }
 }

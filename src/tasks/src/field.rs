@@ -18,7 +18,10 @@ pub(crate) struct Field<'a> {
 impl<'a> Field<'a> {
     /// The document itself.
     pub fn root(node: &'a Node) -> Self {
-        Self { node, path: String::new() }
+        Self {
+            node,
+            path: String::new(),
+        }
     }
 
     /// Where it is, e.g. `episodes[0].dest`.
@@ -33,8 +36,16 @@ impl<'a> Field<'a> {
 
     /// A problem here.
     pub fn problem(&self, problem: impl Into<String>) -> Problem {
-        let field = if self.path.is_empty() { "the document".to_owned() } else { self.path.clone() };
-        Problem { line: self.node.line, field, problem: problem.into() }
+        let field = if self.path.is_empty() {
+            "the document".to_owned()
+        } else {
+            self.path.clone()
+        };
+        Problem {
+            line: self.node.line,
+            field,
+            problem: problem.into(),
+        }
     }
 
     /// A field that must be there.
@@ -44,18 +55,29 @@ impl<'a> Field<'a> {
 
     /// That a field is missing here.
     pub fn missing(&self, key: &str) -> Problem {
-        Problem { line: self.node.line, field: self.child_path(key), problem: "missing".to_owned() }
+        Problem {
+            line: self.node.line,
+            field: self.child_path(key),
+            problem: "missing".to_owned(),
+        }
     }
 
     /// A field that may be absent or null.
     pub fn find(&self, key: &str) -> Result<Option<Field<'a>>, Problem> {
-        Ok(self.find_or_null(key)?.filter(|field| field.node.content != Content::Null))
+        Ok(self
+            .find_or_null(key)?
+            .filter(|field| field.node.content != Content::Null))
     }
 
     /// A field that may be absent, but not null where a value of its kind is read from it.
     pub fn find_or_null(&self, key: &str) -> Result<Option<Field<'a>>, Problem> {
-        let Content::Map(entries) = &self.node.content else { return Err(self.expected("a mapping")) };
-        Ok(entries.get(key).map(|node| Field { node, path: self.child_path(key) }))
+        let Content::Map(entries) = &self.node.content else {
+            return Err(self.expected("a mapping"));
+        };
+        Ok(entries.get(key).map(|node| Field {
+            node,
+            path: self.child_path(key),
+        }))
     }
 
     /// The entries of a mapping, sorted by key.
@@ -67,14 +89,36 @@ impl<'a> Field<'a> {
 
     /// The entries of a mapping, in the order of the file.
     pub fn entries_as_written(&self) -> Result<Vec<(&'a str, Field<'a>)>, Problem> {
-        let Content::Map(entries) = &self.node.content else { return Err(self.expected("a mapping")) };
-        Ok(entries.iter().map(|(key, node)| (key.as_str(), Field { node, path: self.child_path(key) })).collect())
+        let Content::Map(entries) = &self.node.content else {
+            return Err(self.expected("a mapping"));
+        };
+        Ok(entries
+            .iter()
+            .map(|(key, node)| {
+                (
+                    key.as_str(),
+                    Field {
+                        node,
+                        path: self.child_path(key),
+                    },
+                )
+            })
+            .collect())
     }
 
     /// The items of a list.
     pub fn items(&self) -> Result<Vec<Field<'a>>, Problem> {
-        let Content::List(items) = &self.node.content else { return Err(self.expected("a list")) };
-        Ok(items.iter().enumerate().map(|(index, node)| Field { node, path: format!("{}[{index}]", self.path) }).collect())
+        let Content::List(items) = &self.node.content else {
+            return Err(self.expected("a list"));
+        };
+        Ok(items
+            .iter()
+            .enumerate()
+            .map(|(index, node)| Field {
+                node,
+                path: format!("{}[{index}]", self.path),
+            })
+            .collect())
     }
 
     /// The id of a receptacle of the scene.
@@ -88,7 +132,9 @@ impl<'a> Field<'a> {
 
     /// The ids in a list of receptacles of the scene; empty if the list is absent.
     pub fn receptacles(&self, key: &str, scene: &Scene) -> Result<Vec<ReceptacleId>, Problem> {
-        let list = self.find(key)?.map_or(Ok(Vec::new()), |list| list.items())?;
+        let list = self
+            .find(key)?
+            .map_or(Ok(Vec::new()), |list| list.items())?;
         list.iter().map(|item| item.receptacle(scene)).collect()
     }
 
@@ -103,12 +149,20 @@ impl<'a> Field<'a> {
 
     /// Text that may be empty.
     pub fn any_text(&self) -> Result<&'a str, Problem> {
-        if let Content::Text(text) = &self.node.content { Ok(text) } else { Err(self.expected("text")) }
+        if let Content::Text(text) = &self.node.content {
+            Ok(text)
+        } else {
+            Err(self.expected("text"))
+        }
     }
 
     /// Reads the value as a whole number.
     pub fn integer(&self) -> Result<i64, Problem> {
-        if let Content::Integer(value) = self.node.content { Ok(value) } else { Err(self.expected("a whole number")) }
+        if let Content::Integer(value) = self.node.content {
+            Ok(value)
+        } else {
+            Err(self.expected("a whole number"))
+        }
     }
 
     /// A finite number.
@@ -123,13 +177,22 @@ impl<'a> Field<'a> {
 
     /// Three finite numbers.
     pub fn vector(&self) -> Result<[f64; 3], Problem> {
-        let numbers: Vec<f64> = self.items()?.iter().map(Field::number).collect::<Result<_, _>>()?;
-        <[f64; 3]>::try_from(numbers).map_err(|numbers| self.problem(format!("expected 3 numbers, found {}", numbers.len())))
+        let numbers: Vec<f64> = self
+            .items()?
+            .iter()
+            .map(Field::number)
+            .collect::<Result<_, _>>()?;
+        <[f64; 3]>::try_from(numbers)
+            .map_err(|numbers| self.problem(format!("expected 3 numbers, found {}", numbers.len())))
     }
 
     /// Whether it is true or false, if it is either.
     pub fn boolean(&self) -> Option<bool> {
-        if let Content::Bool(value) = self.node.content { Some(value) } else { None }
+        if let Content::Bool(value) = self.node.content {
+            Some(value)
+        } else {
+            None
+        }
     }
 
     /// The subtree as JSON.
@@ -138,11 +201,18 @@ impl<'a> Field<'a> {
     }
 
     fn expected(&self, kind: &str) -> Problem {
-        self.problem(format!("expected {kind}, found {}", self.node.content.kind()))
+        self.problem(format!(
+            "expected {kind}, found {}",
+            self.node.content.kind()
+        ))
     }
 
     fn child_path(&self, key: &str) -> String {
-        if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
+        if self.path.is_empty() {
+            key.to_owned()
+        } else {
+            format!("{}.{key}", self.path)
+        }
     }
 }
 
@@ -156,7 +226,12 @@ fn json(node: &Node) -> Value {
         Content::List(items) => Value::Array(items.iter().map(json).collect()),
         Content::Map(entries) => {
             // In the order of the file.
-            Value::Object(entries.iter().map(|(key, node)| (key.clone(), json(node))).collect::<Map<_, _>>())
+            Value::Object(
+                entries
+                    .iter()
+                    .map(|(key, node)| (key.clone(), json(node)))
+                    .collect::<Map<_, _>>(),
+            )
         }
     }
 }

@@ -1,7 +1,7 @@
 //! REAL-Bench tasks, scenes, the object library and the task generator.
 //!
-//! Reads outside files, so everything here that fails says which file, which line and which field. Never
-//! simulates: whether a task can be done is found out by running it.
+//! Reads outside files, so everything here that fails says which file, which line and which field.
+//! Never simulates: whether a task can be done is found out by running it.
 
 pub mod attributes;
 pub mod library;

@@ -35,8 +35,9 @@ pub struct LoadReport {
     pub broken: Vec<TaskError>,
 }
 
-/// Loads a task file, or every `.yaml` and `.yml` file of a folder and its folders, in the order of their paths.
-/// A broken file is reported and the rest load. The scene completes the graphs: files leave receptacles out.
+/// Loads a task file, or every `.yaml` and `.yml` file of a folder and its folders, in the order of
+/// their paths. A broken file is reported and the rest load. The scene completes the graphs: files
+/// leave receptacles out.
 pub fn load(path: &Path, scene: &Scene) -> LoadReport {
     load_as(path, scene, Listed::AsWritten)
 }
@@ -46,7 +47,8 @@ pub fn load(path: &Path, scene: &Scene) -> LoadReport {
 pub enum Listed {
     /// As they stand there.
     AsWritten,
-    /// Last first: a check, nothing may depend on it. (Mappings are read in the order of their keys.)
+    /// Last first: a check, nothing may depend on it. (Mappings are read in the order of their
+    /// keys.)
     Reversed,
 }
 
@@ -73,13 +75,16 @@ pub fn load_with(path: &Path, scenes: &SceneSource, listed: Listed) -> LoadedSet
     let mut files = Vec::new();
     find_files(path, 0, &mut files, &mut report.broken);
     if files.is_empty() && report.broken.is_empty() {
-        report.broken.push(TaskError::Empty { file: path.display().to_string() });
+        report.broken.push(TaskError::Empty {
+            file: path.display().to_string(),
+        });
     }
     let mut first_file: BTreeMap<String, String> = BTreeMap::new();
     for path in files {
         let file = path.display().to_string();
         let mut read = || {
-            let root = document(&read_file(&path, &file)?, listed).map_err(|problem| problem.in_file(&file))?;
+            let root = document(&read_file(&path, &file)?, listed)
+                .map_err(|problem| problem.in_file(&file))?;
             let scene = finder.of(&Field::root(&root), &path)?;
             tasks_of(&Field::root(&root), &scene).map_err(|problem| problem.in_file(&file))
         };
@@ -89,8 +94,13 @@ pub fn load_with(path: &Path, scenes: &SceneSource, listed: Listed) -> LoadedSet
                 for (task, oddities) in tasks {
                     match first_file.get(&task.task_id) {
                         Some(first) => {
-                            let (file, task_id, first) = (file.clone(), task.task_id, first.clone());
-                            report.broken.push(TaskError::DuplicateTask { file, first, task_id });
+                            let (file, task_id, first) =
+                                (file.clone(), task.task_id, first.clone());
+                            report.broken.push(TaskError::DuplicateTask {
+                                file,
+                                first,
+                                task_id,
+                            });
                         }
                         None => {
                             first_file.insert(task.task_id.clone(), file.clone());
@@ -102,7 +112,11 @@ pub fn load_with(path: &Path, scenes: &SceneSource, listed: Listed) -> LoadedSet
             }
         }
     }
-    LoadedSet { scenes: finder.scenes(), warnings: finder.warnings, report }
+    LoadedSet {
+        scenes: finder.scenes(),
+        warnings: finder.warnings,
+        report,
+    }
 }
 
 /// Reads one task from the text of a file; `file` is its name in errors.
@@ -135,19 +149,31 @@ fn document(text: &str, listed: Listed) -> Result<Node, Problem> {
 }
 
 fn find_files(path: &Path, depth: usize, files: &mut Vec<PathBuf>, broken: &mut Vec<TaskError>) {
-    let failed = |source| TaskError::Read { file: path.display().to_string(), source };
+    let failed = |source| TaskError::Read {
+        file: path.display().to_string(),
+        source,
+    };
     match fs::metadata(path) {
         Err(source) => broken.push(failed(source)),
         Ok(metadata) if metadata.is_dir() => {
             if depth == MOST_FOLDERS {
-                return broken.push(failed(std::io::Error::other(format!("folders nested deeper than {MOST_FOLDERS}"))));
+                return broken.push(failed(std::io::Error::other(format!(
+                    "folders nested deeper than {MOST_FOLDERS}"
+                ))));
             }
-            match fs::read_dir(path).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect::<Result<Vec<_>, _>>()) {
+            match fs::read_dir(path).and_then(|entries| {
+                entries
+                    .map(|entry| Ok(entry?.path()))
+                    .collect::<Result<Vec<_>, _>>()
+            }) {
                 Err(source) => broken.push(failed(source)),
                 Ok(mut paths) => {
                     paths.sort();
                     let wanted = |path: &PathBuf| path.is_dir() || has_yaml_name(path);
-                    paths.iter().filter(|path| wanted(path)).for_each(|path| find_files(path, depth + 1, files, broken));
+                    paths
+                        .iter()
+                        .filter(|path| wanted(path))
+                        .for_each(|path| find_files(path, depth + 1, files, broken));
                 }
             }
         }
@@ -156,18 +182,36 @@ fn find_files(path: &Path, depth: usize, files: &mut Vec<PathBuf>, broken: &mut 
 }
 
 fn has_yaml_name(path: &Path) -> bool {
-    path.extension().is_some_and(|extension| extension == "yaml" || extension == "yml")
+    path.extension()
+        .is_some_and(|extension| extension == "yaml" || extension == "yml")
 }
 
 pub(crate) fn read_file(path: &Path, file: &str) -> Result<String, TaskError> {
-    let failed = |source| TaskError::Read { file: file.to_owned(), source };
+    let failed = |source| TaskError::Read {
+        file: file.to_owned(),
+        source,
+    };
     let mut text = Vec::new();
-    File::open(path).map_err(failed)?.take(MOST_BYTES + 1).read_to_end(&mut text).map_err(failed)?;
+    File::open(path)
+        .map_err(failed)?
+        .take(MOST_BYTES + 1)
+        .read_to_end(&mut text)
+        .map_err(failed)?;
     if text.len() as u64 > MOST_BYTES {
-        return Err(TaskError::TooLarge { file: file.to_owned(), most: MOST_BYTES });
+        return Err(TaskError::TooLarge {
+            file: file.to_owned(),
+            most: MOST_BYTES,
+        });
     }
     String::from_utf8(text).map_err(|error| {
-        let line = 1 + error.as_bytes()[..error.utf8_error().valid_up_to()].iter().filter(|byte| **byte == b'\n').count();
-        TaskError::Syntax { file: file.to_owned(), line, problem: "not UTF-8 text".to_owned() }
+        let line = 1 + error.as_bytes()[..error.utf8_error().valid_up_to()]
+            .iter()
+            .filter(|byte| **byte == b'\n')
+            .count();
+        TaskError::Syntax {
+            file: file.to_owned(),
+            line,
+            problem: "not UTF-8 text".to_owned(),
+        }
     })
 }

@@ -1,5 +1,6 @@
-//! Which scene a task plays in: the one of its `scene_id`, in a scene file beside the task or in a folder above, else among those
-//! that come with Reel. The one place that knows where scene files lie.
+//! Which scene a task plays in: the one of its `scene_id`, in a scene file beside the task or in a
+//! folder above, else among those that come with Reel. The one place that knows where scene files
+//! lie.
 
 use std::{
     collections::BTreeMap,
@@ -13,7 +14,8 @@ use serde::{Deserialize, de::IgnoredAny};
 
 use crate::{TaskError, error::Problem, field::Field, load::read_file, scene};
 
-/// Folders above the one that was named, in which scenes are searched: `benchmark/tasks/FDP` finds `benchmark/scenes`.
+/// Folders above the one that was named, in which scenes are searched: `benchmark/tasks/FDP` finds
+/// `benchmark/scenes`.
 const FOLDERS_ABOVE: usize = 2;
 /// Name of a folder of scenes beside tasks.
 const SCENES: &str = "scenes";
@@ -25,7 +27,8 @@ const FILES_MAX: usize = 4096;
 pub enum SceneSource {
     /// This scene, for all tasks.
     Given(Arc<Scene>),
-    /// The scene file beside the tasks that has the task's `scene_id`, else what the function gives for the id.
+    /// The scene file beside the tasks that has the task's `scene_id`, else what the function gives
+    /// for the id.
     ById(fn(&str) -> Option<Scene>),
 }
 
@@ -61,9 +64,24 @@ impl SceneFinder {
     /// A finder for the tasks of a file or folder.
     pub fn new(source: SceneSource, tasks: &Path) -> Self {
         let absolute = absolute(tasks);
-        let folder = if absolute.is_dir() { absolute.as_path() } else { absolute.parent().unwrap_or(&absolute) };
-        let top = folder.components().count().saturating_sub(FOLDERS_ABOVE).max(1);
-        Self { source, top, folders: BTreeMap::new(), read: BTreeMap::new(), found: BTreeMap::new(), warnings: Vec::new() }
+        let folder = if absolute.is_dir() {
+            absolute.as_path()
+        } else {
+            absolute.parent().unwrap_or(&absolute)
+        };
+        let top = folder
+            .components()
+            .count()
+            .saturating_sub(FOLDERS_ABOVE)
+            .max(1);
+        Self {
+            source,
+            top,
+            folders: BTreeMap::new(),
+            read: BTreeMap::new(),
+            found: BTreeMap::new(),
+            warnings: Vec::new(),
+        }
     }
 
     /// The scene of a task file.
@@ -80,21 +98,33 @@ impl SceneFinder {
             if let Some((scene, None)) = self.found.get(scene_id) {
                 return Ok(scene.clone());
             }
-            let missing = || TaskError::NoScene { file: name.clone(), line: field.line(), scene_id: scene_id.to_owned() };
+            let missing = || TaskError::NoScene {
+                file: name.clone(),
+                line: field.line(),
+                scene_id: scene_id.to_owned(),
+            };
             let scene = Arc::new(built_in(scene_id).ok_or_else(missing)?);
-            return self.keep(scene_id, scene, None).map_err(|problem| in_file(field.problem(problem)));
+            return self
+                .keep(scene_id, scene, None)
+                .map_err(|problem| in_file(field.problem(problem)));
         };
         let scene = match self.read.get(&path) {
             Some(scene) => scene.clone(),
             None => {
                 let loaded = scene::load(&path)?;
-                self.warnings.extend(loaded.warnings.iter().map(|warning| format!("{}: {warning}", path.display())));
+                self.warnings.extend(
+                    loaded
+                        .warnings
+                        .iter()
+                        .map(|warning| format!("{}: {warning}", path.display())),
+                );
                 let scene = Arc::new(loaded.scene);
                 self.read.insert(path.clone(), scene.clone());
                 scene
             }
         };
-        self.keep(scene_id, scene, Some(path)).map_err(|problem| in_file(field.problem(problem)))
+        self.keep(scene_id, scene, Some(path))
+            .map_err(|problem| in_file(field.problem(problem)))
     }
 
     /// The scenes that were found.
@@ -102,29 +132,55 @@ impl SceneFinder {
         let mut scenes = Scenes::default();
         match &self.source {
             SceneSource::Given(scene) => scenes.insert(scene.clone()),
-            SceneSource::ById(_) => self.found.values().for_each(|(scene, _)| scenes.insert(scene.clone())),
+            SceneSource::ById(_) => self
+                .found
+                .values()
+                .for_each(|(scene, _)| scenes.insert(scene.clone())),
         }
         scenes
     }
 
     /// Keeps a scene under its id; two different ones of an id cannot live together.
-    fn keep(&mut self, scene_id: &str, scene: Arc<Scene>, path: Option<PathBuf>) -> Result<Arc<Scene>, String> {
-        let (known, first) = self.found.entry(scene_id.to_owned()).or_insert_with(|| (scene.clone(), path.clone()));
+    fn keep(
+        &mut self,
+        scene_id: &str,
+        scene: Arc<Scene>,
+        path: Option<PathBuf>,
+    ) -> Result<Arc<Scene>, String> {
+        let (known, first) = self
+            .found
+            .entry(scene_id.to_owned())
+            .or_insert_with(|| (scene.clone(), path.clone()));
         if **known == *scene {
             return Ok(known.clone());
         }
         let name = |path: &Option<PathBuf>| {
-            path.as_ref().map_or("the one that comes with Reel".to_owned(), |path| path.display().to_string())
+            path.as_ref()
+                .map_or("the one that comes with Reel".to_owned(), |path| {
+                    path.display().to_string()
+                })
         };
-        Err(format!("two different scenes have this id: {} and {}", name(first), name(&path)))
+        Err(format!(
+            "two different scenes have this id: {} and {}",
+            name(first),
+            name(&path)
+        ))
     }
 
-    /// The scene file of an id in the folder of a task file, or in the nearest folder above that has one.
+    /// The scene file of an id in the folder of a task file, or in the nearest folder above that
+    /// has one.
     fn nearest(&mut self, scene_id: &str, file: &Path) -> Option<PathBuf> {
         let file = absolute(file);
         let top = self.top;
-        for folder in file.ancestors().skip(1).take_while(|folder| folder.components().count() >= top) {
-            let files = self.folders.entry(folder.to_owned()).or_insert_with(|| scene_files(folder));
+        for folder in file
+            .ancestors()
+            .skip(1)
+            .take_while(|folder| folder.components().count() >= top)
+        {
+            let files = self
+                .folders
+                .entry(folder.to_owned())
+                .or_insert_with(|| scene_files(folder));
             let named = |file: &&SceneFile| match &file.scene_id {
                 Some(id) => id == scene_id,
                 None => file.path.file_stem().is_some_and(|stem| stem == scene_id),
@@ -140,21 +196,38 @@ impl SceneFinder {
 /// The files of a folder, and of its folder `scenes`, that may be scenes.
 fn scene_files(folder: &Path) -> Vec<SceneFile> {
     let list = |folder: &Path| -> Vec<PathBuf> {
-        let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-        let mut paths: Vec<PathBuf> =
-            entries.filter(|path| path.extension().is_some_and(|extension| extension == "json")).take(FILES_MAX).collect();
+        let entries = fs::read_dir(folder)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|entry| entry.path());
+        let mut paths: Vec<PathBuf> = entries
+            .filter(|path| {
+                path.extension()
+                    .is_some_and(|extension| extension == "json")
+            })
+            .take(FILES_MAX)
+            .collect();
         paths.sort();
         paths
     };
     let file = |path: PathBuf| {
-        let header = read_file(&path, "").ok().map(|text| serde_json::from_str::<Header>(&text));
+        let header = read_file(&path, "")
+            .ok()
+            .map(|text| serde_json::from_str::<Header>(&text));
         let scene_id = header.and_then(Result::ok).map(|header| header.scene_id);
         SceneFile { path, scene_id }
     };
-    list(folder).into_iter().chain(list(&folder.join(SCENES))).map(file).collect()
+    list(folder)
+        .into_iter()
+        .chain(list(&folder.join(SCENES)))
+        .map(file)
+        .collect()
 }
 
 /// A path from the root, where that can be told.
 fn absolute(path: &Path) -> PathBuf {
-    fs::canonicalize(path).or_else(|_| std::path::absolute(path)).unwrap_or_else(|_| path.to_owned())
+    fs::canonicalize(path)
+        .or_else(|_| std::path::absolute(path))
+        .unwrap_or_else(|_| path.to_owned())
 }

@@ -39,7 +39,8 @@ pub enum OddityKind {
     UnplaceableReceptacle,
     /// The file's initial graph and its placements disagree; the placements are taken.
     InitialGraphDisagrees,
-    /// `objects`, `placements` and `final_positions` do not list the same objects in the same places.
+    /// `objects`, `placements` and `final_positions` do not list the same objects in the same
+    /// places.
     ObjectsAndPlacementsDiffer,
 }
 
@@ -49,7 +50,9 @@ impl OddityKind {
         match self {
             OddityKind::SameAssetInSeveralPlaces => "same asset in several places",
             OddityKind::GoalDoesNotConserve => "goal graph does not conserve objects",
-            OddityKind::DestinationAmongSourceDistractors => "destination among the source distractors",
+            OddityKind::DestinationAmongSourceDistractors => {
+                "destination among the source distractors"
+            }
             OddityKind::CategoryAlias => "category alias",
             OddityKind::ZeroSizeDistractor => "zero-size distractor",
             OddityKind::ThinObject => "thin object",

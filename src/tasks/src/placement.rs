@@ -1,4 +1,5 @@
-//! The static filter: where an object may stand on a surface (paper, Two-Stage Task Filtering; SPEC section 3).
+//! The static filter: where an object may stand on a surface (paper, Two-Stage Task Filtering; SPEC
+//! section 3).
 
 use std::collections::BTreeMap;
 
@@ -33,13 +34,19 @@ pub(crate) enum Misfit {
 /// Whether an object fits an empty receptacle at all.
 pub(crate) fn fits(receptacle: &Receptacle, [width, depth, height]: [f64; 3]) -> bool {
     let Rect { min, max } = receptacle.surface_rect();
-    let wide_enough = max[0] - min[0] >= width + 2.0 * MARGIN_M && max[1] - min[1] >= depth + 2.0 * MARGIN_M;
+    let wide_enough =
+        max[0] - min[0] >= width + 2.0 * MARGIN_M && max[1] - min[1] >= depth + 2.0 * MARGIN_M;
     wide_enough && (!receptacle.door.exists() || height <= DOOR_CLEARANCE_M)
 }
 
 impl Occupancy {
     /// Finds a free place on a receptacle and takes it; gives the centre of the object's box.
-    pub fn place(&mut self, receptacle: &Receptacle, size: [f64; 3], stream: &mut Stream) -> Result<[f64; 3], Misfit> {
+    pub fn place(
+        &mut self,
+        receptacle: &Receptacle,
+        size: [f64; 3],
+        stream: &mut Stream,
+    ) -> Result<[f64; 3], Misfit> {
         if !fits(receptacle, size) {
             return Err(Misfit::TooLarge);
         }
@@ -51,10 +58,18 @@ impl Occupancy {
                 let inset = half[axis] + MARGIN_M;
                 round_mm(stream.between(surface.min[axis] + inset, surface.max[axis] - inset))
             });
-            let edges = [0, 1].map(|axis| (centre[axis] - surface.min[axis]).min(surface.max[axis] - centre[axis]));
-            let footprint =
-                Rect { min: [centre[0] - half[0], centre[1] - half[1]], max: [centre[0] + half[0], centre[1] + half[1]] };
-            if edges[0].min(edges[1]) <= REACH_M && !taken.iter().any(|other| nearer_than_margin(&footprint, other)) {
+            let edges = [0, 1].map(|axis| {
+                (centre[axis] - surface.min[axis]).min(surface.max[axis] - centre[axis])
+            });
+            let footprint = Rect {
+                min: [centre[0] - half[0], centre[1] - half[1]],
+                max: [centre[0] + half[0], centre[1] + half[1]],
+            };
+            if edges[0].min(edges[1]) <= REACH_M
+                && !taken
+                    .iter()
+                    .any(|other| nearer_than_margin(&footprint, other))
+            {
                 taken.push(footprint);
                 let z = receptacle.surface_height() + size[2] / 2.0 + SPAWN_GAP_M;
                 return Ok([centre[0], centre[1], (z * 10_000.0).round() / 10_000.0]);
@@ -81,7 +96,8 @@ mod tests {
         let scene = crate::home();
         let table = scene.receptacle(&"table_2".into()).unwrap();
         let (mut occupancy, mut stream) = (Occupancy::default(), Stream::new(1, "test", 0));
-        let misfit = (0..100).find_map(|_| occupancy.place(table, [0.2, 0.2, 0.1], &mut stream).err());
+        let misfit =
+            (0..100).find_map(|_| occupancy.place(table, [0.2, 0.2, 0.1], &mut stream).err());
         assert_eq!(misfit, Some(Misfit::TriesExceeded));
         let placed = &occupancy.taken[&table.id];
         assert!((3..=8).contains(&placed.len()), "{placed:?}");
@@ -98,7 +114,10 @@ mod tests {
             Occupancy::default().place(receptacle, size, &mut Stream::new(1, "test", 0))
         };
         assert_eq!(place("table_2", [0.95, 0.2, 0.1]), Err(Misfit::TooLarge));
-        assert_eq!(place("microwave_1", [0.1, 0.1, 0.26]), Err(Misfit::TooLarge));
+        assert_eq!(
+            place("microwave_1", [0.1, 0.1, 0.26]),
+            Err(Misfit::TooLarge)
+        );
         assert!(place("table_2", [0.1, 0.1, 0.26]).is_ok());
     }
 }

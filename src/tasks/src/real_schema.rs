@@ -1,11 +1,14 @@
 //! The YAML schema of REAL-Bench (SPEC section 10) read into a [`Task`].
 //!
-//! Takes the published oddities without complaint and lists them. Fields it does not use are kept in
-//! [`Task::extra`] under their path in the document, e.g. `episodes[0].global_index`.
+//! Takes the published oddities without complaint and lists them. Fields it does not use are kept
+//! in [`Task::extra`] under their path in the document, e.g. `episodes[0].global_index`.
 
 use std::collections::BTreeMap;
 
-use reel_world::{Attributes, DoorState, Family, InstanceId, ObjectInstance, PlanStep, ReceptacleId, Scene, Task, WorldGraph};
+use reel_world::{
+    Attributes, DoorState, Family, InstanceId, ObjectInstance, PlanStep, ReceptacleId, Scene, Task,
+    WorldGraph,
+};
 use serde_json::Value;
 
 use crate::{Oddity, OddityKind, attributes, error::Problem, field::Field};
@@ -18,7 +21,15 @@ pub(crate) const DROP_M: f64 = 0.1;
 const LARGEST_M: f64 = 5.0;
 
 const ROOT_FIELDS: &[&str] = &["scene_id", "objects", "episodes"];
-const OBJECT_FIELDS: &[&str] = &["original_id", "category", "detailed_caption", "attributes", "position", "size", "yaw"];
+const OBJECT_FIELDS: &[&str] = &[
+    "original_id",
+    "category",
+    "detailed_caption",
+    "attributes",
+    "position",
+    "size",
+    "yaw",
+];
 const EPISODE_FIELDS: &[&str] = &[
     "benchmark_task_id",
     "task_id",
@@ -53,9 +64,19 @@ pub(crate) fn read(root: &Field<'_>, scene: &Scene) -> Result<(Task, Vec<Oddity>
     let [episode] = items.as_slice() else {
         return Err(episodes.problem(format!("expected 1 episode, found {}", items.len())));
     };
-    let mut reader = Reader { root, episode, scene, extra: BTreeMap::new(), oddities: Vec::new() };
+    let mut reader = Reader {
+        root,
+        episode,
+        scene,
+        extra: BTreeMap::new(),
+        oddities: Vec::new(),
+    };
     let task = reader.task()?;
-    let of_task = |(kind, detail)| Oddity { task_id: task.task_id.clone(), kind, detail };
+    let of_task = |(kind, detail)| Oddity {
+        task_id: task.task_id.clone(),
+        kind,
+        detail,
+    };
     let oddities = reader.oddities.into_iter().map(of_task).collect();
     Ok((task, oddities))
 }
@@ -74,8 +95,10 @@ impl<'a> Reader<'a> {
         let (task_id, family) = self.identity()?;
         let scene_id = self.scene_id()?;
         let (instruction, precise_instruction) = self.instructions()?;
-        // Published files of other families have no fuzzy instruction; tasks that were annotated have.
-        let told_less = episode.find("fuzzy_task_description")?.is_some() && instruction != precise_instruction;
+        // Published files of other families have no fuzzy instruction; tasks that were annotated
+        // have.
+        let told_less =
+            episode.find("fuzzy_task_description")?.is_some() && instruction != precise_instruction;
         let src = episode.get("src")?.receptacle(self.scene)?;
         let dest_field = episode.get("dest")?;
         let dest = dest_field.receptacle(self.scene)?;
@@ -85,7 +108,11 @@ impl<'a> Reader<'a> {
         let src_distractors = self.episode.receptacles("src_distractors", self.scene)?;
         let dest_distractors = self.episode.receptacles("dest_distractors", self.scene)?;
         let object_distractors = match episode.find("obj_distractors")? {
-            Some(list) => list.items()?.iter().map(|item| Ok(item.text()?.into())).collect::<Result<_, Problem>>()?,
+            Some(list) => list
+                .items()?
+                .iter()
+                .map(|item| Ok(item.text()?.into()))
+                .collect::<Result<_, Problem>>()?,
             None => Vec::new(),
         };
 
@@ -136,7 +163,9 @@ impl<'a> Reader<'a> {
             (None, Some(short)) => format!("{family}/{short}"),
             (None, None) => return Err(self.episode.missing("benchmark_task_id")),
         };
-        self.keep_unless("task_id", |value| task_id.rsplit('/').next() == value.as_str())?;
+        self.keep_unless("task_id", |value| {
+            task_id.rsplit('/').next() == value.as_str()
+        })?;
         Ok((task_id, family))
     }
 
@@ -144,7 +173,10 @@ impl<'a> Reader<'a> {
         let field = self.root.get("scene_id")?;
         let scene_id = field.text()?;
         if scene_id != self.scene.scene_id {
-            return Err(field.problem(format!("is {scene_id}, but the scene given is {}", self.scene.scene_id)));
+            return Err(field.problem(format!(
+                "is {scene_id}, but the scene given is {}",
+                self.scene.scene_id
+            )));
         }
         self.keep_unless("scene_id", |value| value == scene_id)?;
         Ok(scene_id.to_owned())
@@ -152,9 +184,14 @@ impl<'a> Reader<'a> {
 
     fn instructions(&mut self) -> Result<(String, String), Problem> {
         let text = |key| text_of(self.episode, key);
-        let (told, fuzzy) = (text("benchmark_instruction")?, text("fuzzy_task_description")?);
+        let (told, fuzzy) = (
+            text("benchmark_instruction")?,
+            text("fuzzy_task_description")?,
+        );
         let (physics, plain) = (text("physics_task_description")?, text("task_description")?);
-        let Some(instruction) = told.or(fuzzy).or(plain.clone()) else { return Err(self.episode.missing("task_description")) };
+        let Some(instruction) = told.or(fuzzy).or(plain.clone()) else {
+            return Err(self.episode.missing("task_description"));
+        };
         let precise = physics.or(plain).unwrap_or_else(|| instruction.clone());
         for key in ["fuzzy_task_description", "task_description"] {
             self.keep_unless(key, |value| *value == instruction || *value == precise)?;
@@ -170,13 +207,23 @@ impl<'a> Reader<'a> {
         let mut objects = Vec::new();
         for (key, field) in listed.entries()? {
             let Some(placement) = placements.find(key)? else {
-                self.odd(OddityKind::ObjectsAndPlacementsDiffer, format!("{key} has no placement and is left out"));
+                self.odd(
+                    OddityKind::ObjectsAndPlacementsDiffer,
+                    format!("{key} has no placement and is left out"),
+                );
                 self.extra.insert(field.path().to_owned(), field.json());
                 continue;
             };
-            let rest = rests.as_ref().map(|rests| rests.find(key)).transpose()?.flatten();
+            let rest = rests
+                .as_ref()
+                .map(|rests| rests.find(key))
+                .transpose()?
+                .flatten();
             if rests.is_some() && rest.is_none() {
-                self.odd(OddityKind::ObjectsAndPlacementsDiffer, format!("{key} has no final position"));
+                self.odd(
+                    OddityKind::ObjectsAndPlacementsDiffer,
+                    format!("{key} has no final position"),
+                );
             }
             let object = self.object(key, &field, &placement, rest.as_ref())?;
             objects.push(object);
@@ -186,7 +233,10 @@ impl<'a> Reader<'a> {
         for (name, section) in [("placements", Some(placements)), ("final_positions", rests)] {
             for (key, field) in section.map_or(Ok(Vec::new()), |section| section.entries())? {
                 if listed.find(key)?.is_none() {
-                    self.odd(OddityKind::ObjectsAndPlacementsDiffer, format!("{key} of {name} is not among the objects"));
+                    self.odd(
+                        OddityKind::ObjectsAndPlacementsDiffer,
+                        format!("{key} of {name} is not among the objects"),
+                    );
                     self.extra.insert(field.path().to_owned(), field.json());
                 }
             }
@@ -201,8 +251,12 @@ impl<'a> Reader<'a> {
     fn placement_order(&self, objects: &[ObjectInstance]) -> Result<Vec<InstanceId>, Problem> {
         let placements = self.episode.get("placements")?.entries_as_written()?;
         let placed = placements.into_iter().map(|(key, _)| InstanceId::from(key));
-        let order: Vec<InstanceId> = placed.filter(|key| objects.iter().any(|object| object.instance == *key)).collect();
-        let is_sorted = order.iter().eq(objects.iter().map(|object| &object.instance));
+        let order: Vec<InstanceId> = placed
+            .filter(|key| objects.iter().any(|object| object.instance == *key))
+            .collect();
+        let is_sorted = order
+            .iter()
+            .eq(objects.iter().map(|object| &object.instance));
         Ok(if is_sorted { Vec::new() } else { order })
     }
 
@@ -218,34 +272,57 @@ impl<'a> Reader<'a> {
         let receptacle = placement.get("furniture")?.receptacle(self.scene)?;
         let size_field = field.get("size")?;
         let size = size_field.vector()?;
-        if size.iter().any(|length| *length <= 0.0 || *length > LARGEST_M) {
-            return Err(size_field.problem(format!("expected lengths above 0 and at most {LARGEST_M} m, found {size:?}")));
+        if size
+            .iter()
+            .any(|length| *length <= 0.0 || *length > LARGEST_M)
+        {
+            return Err(size_field.problem(format!(
+                "expected lengths above 0 and at most {LARGEST_M} m, found {size:?}"
+            )));
         }
         let position = placement.get("position")?.vector()?;
         if let Some(other) = field.find("position")?
             && other.vector()? != position
         {
-            self.odd(OddityKind::ObjectsAndPlacementsDiffer, format!("{key} stands elsewhere in its placement"));
+            self.odd(
+                OddityKind::ObjectsAndPlacementsDiffer,
+                format!("{key} stands elsewhere in its placement"),
+            );
         }
         if let Some(other) = placement.find("original_id")?
             && other.text()? != asset
         {
-            self.odd(OddityKind::ObjectsAndPlacementsDiffer, format!("{key} is another asset in its placement"));
+            self.odd(
+                OddityKind::ObjectsAndPlacementsDiffer,
+                format!("{key} is another asset in its placement"),
+            );
         }
         if !key.starts_with(&format!("{asset}_on_{receptacle}_at_")) {
-            self.odd(OddityKind::ObjectsAndPlacementsDiffer, format!("{key} is not named after {asset} on {receptacle}"));
+            self.odd(
+                OddityKind::ObjectsAndPlacementsDiffer,
+                format!("{key} is not named after {asset} on {receptacle}"),
+            );
         }
         if size.iter().any(|length| *length <= THIN_M) {
-            self.odd(OddityKind::ThinObject, format!("{key} has the size {size:?}"));
+            self.odd(
+                OddityKind::ThinObject,
+                format!("{key} has the size {size:?}"),
+            );
         }
         let caption = text_of(field, "detailed_caption")?;
         Ok(ObjectInstance {
             instance: key.into(),
             asset: asset.into(),
-            reference_rest: rest.map(|rest| self.rest(key, &category, position, rest)).transpose()?.flatten(),
+            reference_rest: rest
+                .map(|rest| self.rest(key, &category, position, rest))
+                .transpose()?
+                .flatten(),
             attributes: match field.find("attributes")? {
                 Some(attributes) => words(&attributes)?,
-                None => caption.as_deref().map(attributes::from_caption).unwrap_or_default(),
+                None => caption
+                    .as_deref()
+                    .map(attributes::from_caption)
+                    .unwrap_or_default(),
             },
             category,
             caption,
@@ -256,11 +333,20 @@ impl<'a> Reader<'a> {
         })
     }
 
-    fn rest(&mut self, key: &str, category: &str, position: [f64; 3], rest: &Field<'_>) -> Result<Option<[f64; 3]>, Problem> {
+    fn rest(
+        &mut self,
+        key: &str,
+        category: &str,
+        position: [f64; 3],
+        rest: &Field<'_>,
+    ) -> Result<Option<[f64; 3]>, Problem> {
         if let Some(field) = rest.find("category")? {
             let other = field.text()?;
             if other != category {
-                self.odd(OddityKind::CategoryAlias, format!("{key} is {category:?} and {other:?}"));
+                self.odd(
+                    OddityKind::CategoryAlias,
+                    format!("{key} is {category:?} and {other:?}"),
+                );
                 self.extra.insert(field.path().to_owned(), field.json());
             }
         }
@@ -271,8 +357,13 @@ impl<'a> Reader<'a> {
                 self.extra.insert(field.path().to_owned(), field.json());
             }
         }
-        self.keep_unknown(rest, &["category", "initial_pos", "final_pos", "original_id"])?;
-        rest.find("final_pos")?.map(|field| field.vector()).transpose()
+        self.keep_unknown(
+            rest,
+            &["category", "initial_pos", "final_pos", "original_id"],
+        )?;
+        rest.find("final_pos")?
+            .map(|field| field.vector())
+            .transpose()
     }
 
     /// The scene's receptacles with the placed objects; doors as the file has them, else closed.
@@ -285,38 +376,60 @@ impl<'a> Reader<'a> {
                 return Err(state.problem(format!("{name} is no receptacle of the scene")));
             };
             listed.push(receptacle.id.clone());
-            let mut here: Vec<&str> =
-                objects.iter().filter(|object| object.receptacle == receptacle.id).map(|o| o.asset.as_str()).collect();
+            let mut here: Vec<&str> = objects
+                .iter()
+                .filter(|object| object.receptacle == receptacle.id)
+                .map(|o| o.asset.as_str())
+                .collect();
             let mut said = contents(&state)?;
             here.sort_unstable();
             said.sort_unstable();
             if here != said {
-                self.odd(OddityKind::InitialGraphDisagrees, format!("{name} holds {said:?}, placed there are {here:?}"));
+                self.odd(
+                    OddityKind::InitialGraphDisagrees,
+                    format!("{name} holds {said:?}, placed there are {here:?}"),
+                );
             }
             if let Some(room) = state.find("room")?
                 && room.text()? != receptacle.room
             {
-                self.odd(OddityKind::InitialGraphDisagrees, format!("{name} is in {}, not in {}", receptacle.room, room.text()?));
+                self.odd(
+                    OddityKind::InitialGraphDisagrees,
+                    format!("{name} is in {}, not in {}", receptacle.room, room.text()?),
+                );
             }
             match (
                 state.find("door")?,
-                &mut graph.receptacles.get_mut(name).expect("every receptacle of the scene is in it").door,
+                &mut graph
+                    .receptacles
+                    .get_mut(name)
+                    .expect("every receptacle of the scene is in it")
+                    .door,
             ) {
                 (Some(door), Some(in_graph)) => *in_graph = door_state(&door)?,
-                (Some(_), None) => self.odd(OddityKind::InitialGraphDisagrees, format!("{name} has no door in the scene")),
+                (Some(_), None) => self.odd(
+                    OddityKind::InitialGraphDisagrees,
+                    format!("{name} has no door in the scene"),
+                ),
                 (None, _) => {}
             }
             self.keep_unknown(&state, &["room", "content", "door"])?;
         }
-        let omitted: Vec<&str> =
-            self.scene.receptacles.iter().filter(|receptacle| !listed.contains(&receptacle.id)).map(|r| r.id.as_str()).collect();
+        let omitted: Vec<&str> = self
+            .scene
+            .receptacles
+            .iter()
+            .filter(|receptacle| !listed.contains(&receptacle.id))
+            .map(|r| r.id.as_str())
+            .collect();
         if !omitted.is_empty() {
             self.odd(OddityKind::GraphOmitsReceptacles, omitted.join(", "));
         }
         Ok(graph)
     }
 
-    /// The target at the destination, or what `moves` says: a field of our own, for tasks that move several objects.
+    /// The target at the destination, or what `moves` says: a field of our own, for tasks that move
+    /// several objects.
     fn goal(
         &self,
         initial: &WorldGraph,
@@ -342,22 +455,39 @@ impl<'a> Reader<'a> {
         Ok(goal)
     }
 
-    fn target(&self, field: &Field<'_>, objects: &[ObjectInstance], src: &ReceptacleId) -> Result<InstanceId, Problem> {
+    fn target(
+        &self,
+        field: &Field<'_>,
+        objects: &[ObjectInstance],
+        src: &ReceptacleId,
+    ) -> Result<InstanceId, Problem> {
         let asset = field.text()?;
-        let is_target = |object: &&ObjectInstance| object.asset.as_str() == asset && object.receptacle == *src;
+        let is_target =
+            |object: &&ObjectInstance| object.asset.as_str() == asset && object.receptacle == *src;
         let target = objects.iter().find(is_target);
-        target.map(|object| object.instance.clone()).ok_or_else(|| field.problem(format!("no {asset} stands on {src}")))
+        target
+            .map(|object| object.instance.clone())
+            .ok_or_else(|| field.problem(format!("no {asset} stands on {src}")))
     }
 
     fn plan(&mut self) -> Result<Vec<PlanStep>, Problem> {
-        let Some(list) = self.episode.find("execution_plan")? else { return Ok(Vec::new()) };
+        let Some(list) = self.episode.find("execution_plan")? else {
+            return Ok(Vec::new());
+        };
         let mut plan = Vec::new();
         for step in list.items()? {
             let args = match step.find("args")? {
-                Some(args) => args.entries()?.into_iter().map(|(key, value)| (key.to_owned(), value.json())).collect(),
+                Some(args) => args
+                    .entries()?
+                    .into_iter()
+                    .map(|(key, value)| (key.to_owned(), value.json()))
+                    .collect(),
                 None => BTreeMap::new(),
             };
-            plan.push(PlanStep { action: step.get("action")?.text()?.to_owned(), args });
+            plan.push(PlanStep {
+                action: step.get("action")?.text()?.to_owned(),
+                args,
+            });
             self.keep_unknown(&step, &["action", "args"])?;
         }
         Ok(plan)
@@ -366,12 +496,19 @@ impl<'a> Reader<'a> {
     /// `obj_meta` and `obj_distractor_meta`: kept where they say more than the objects do.
     fn metas(&mut self, objects: &[ObjectInstance]) -> Result<(), Problem> {
         for section in ["obj_meta", "obj_distractor_meta"] {
-            for (asset, meta) in self.episode.find(section)?.map_or(Ok(Vec::new()), |metas| metas.entries())? {
+            for (asset, meta) in self
+                .episode
+                .find(section)?
+                .map_or(Ok(Vec::new()), |metas| metas.entries())?
+            {
                 let placed = objects.iter().find(|object| object.asset.as_str() == asset);
                 if let (Some(size), None) = (meta.find("size")?, placed)
                     && size.vector()?.contains(&0.0)
                 {
-                    self.odd(OddityKind::ZeroSizeDistractor, format!("{asset} has the size {:?}", size.vector()?));
+                    self.odd(
+                        OddityKind::ZeroSizeDistractor,
+                        format!("{asset} has the size {:?}", size.vector()?),
+                    );
                 }
                 let json = meta.json();
                 if placed.is_none_or(|object| object.asset_meta() != json) {
@@ -395,22 +532,42 @@ impl<'a> Reader<'a> {
             };
             let (before, after) = (assets(&initial)?, assets(&goal)?);
             if before != after {
-                self.odd(OddityKind::GoalDoesNotConserve, format!("{} objects before, {} after", before.len(), after.len()));
+                self.odd(
+                    OddityKind::GoalDoesNotConserve,
+                    format!("{} objects before, {} after", before.len(), after.len()),
+                );
             }
         }
         let mut places: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
         for object in objects {
-            places.entry(object.asset.as_str()).or_default().push(object.receptacle.as_str());
+            places
+                .entry(object.asset.as_str())
+                .or_default()
+                .push(object.receptacle.as_str());
         }
-        for (asset, receptacles) in places.into_iter().filter(|(_, receptacles)| receptacles.len() > 1) {
-            self.odd(OddityKind::SameAssetInSeveralPlaces, format!("{asset} on {}", receptacles.join(", ")));
+        for (asset, receptacles) in places
+            .into_iter()
+            .filter(|(_, receptacles)| receptacles.len() > 1)
+        {
+            self.odd(
+                OddityKind::SameAssetInSeveralPlaces,
+                format!("{asset} on {}", receptacles.join(", ")),
+            );
         }
         Ok(())
     }
 
-    fn place_oddities(&mut self, objects: &[ObjectInstance], dest: &ReceptacleId, src_distractors: &[ReceptacleId]) {
+    fn place_oddities(
+        &mut self,
+        objects: &[ObjectInstance],
+        dest: &ReceptacleId,
+        src_distractors: &[ReceptacleId],
+    ) {
         if src_distractors.contains(dest) {
-            self.odd(OddityKind::DestinationAmongSourceDistractors, dest.to_string());
+            self.odd(
+                OddityKind::DestinationAmongSourceDistractors,
+                dest.to_string(),
+            );
         }
         let scene = self.scene;
         for receptacle in &scene.receptacles {
@@ -418,7 +575,12 @@ impl<'a> Reader<'a> {
             if wanted && receptacle.extra.get("synthetic") == Some(&Value::Bool(true)) {
                 self.odd(OddityKind::DestinationWithoutGeometry, dest.to_string());
             }
-            if !receptacle.placeable && (wanted || objects.iter().any(|object| object.receptacle == receptacle.id)) {
+            if !receptacle.placeable
+                && (wanted
+                    || objects
+                        .iter()
+                        .any(|object| object.receptacle == receptacle.id))
+            {
                 self.odd(OddityKind::UnplaceableReceptacle, receptacle.id.to_string());
             }
         }
@@ -439,27 +601,43 @@ impl<'a> Reader<'a> {
     }
 
     fn keep_unknown(&mut self, mapping: &Field<'_>, known: &[&str]) -> Result<(), Problem> {
-        let unknown = mapping.entries()?.into_iter().filter(|(key, _)| !known.contains(key));
-        self.extra.extend(unknown.map(|(_, field)| (field.path().to_owned(), field.json())));
+        let unknown = mapping
+            .entries()?
+            .into_iter()
+            .filter(|(key, _)| !known.contains(key));
+        self.extra
+            .extend(unknown.map(|(_, field)| (field.path().to_owned(), field.json())));
         Ok(())
     }
 }
 
 fn text_of(mapping: &Field<'_>, key: &str) -> Result<Option<String>, Problem> {
-    mapping.find(key)?.map(|field| field.text().map(str::to_owned)).transpose()
+    mapping
+        .find(key)?
+        .map(|field| field.text().map(str::to_owned))
+        .transpose()
 }
 
 /// Attribute words by kind.
 fn words(field: &Field<'_>) -> Result<Attributes, Problem> {
     let kind = |(kind, words): (&str, Field<'_>)| {
-        let words = words.items()?.iter().map(|word| Ok(word.text()?.to_owned())).collect::<Result<_, Problem>>()?;
+        let words = words
+            .items()?
+            .iter()
+            .map(|word| Ok(word.text()?.to_owned()))
+            .collect::<Result<_, Problem>>()?;
         Ok((kind.to_owned(), words))
     };
     field.entries()?.into_iter().map(kind).collect()
 }
 
 fn contents<'a>(state: &Field<'a>) -> Result<Vec<&'a str>, Problem> {
-    state.find("content")?.map_or(Ok(Vec::new()), |list| list.items())?.iter().map(Field::text).collect()
+    state
+        .find("content")?
+        .map_or(Ok(Vec::new()), |list| list.items())?
+        .iter()
+        .map(Field::text)
+        .collect()
 }
 
 /// `false` is closed, as published.

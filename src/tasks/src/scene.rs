@@ -26,8 +26,8 @@ pub fn load(path: &Path) -> Result<LoadedScene, TaskError> {
 
 /// Reads a scene from the text of a file; `file` is its name in errors.
 ///
-/// Furniture without attribute words gets those of its captions. A lid (category ending in `lid`) without
-/// `placeable` in the file cannot be placed upon, and covers the receptacle under it.
+/// Furniture without attribute words gets those of its captions. A lid (category ending in `lid`)
+/// without `placeable` in the file cannot be placed upon, and covers the receptacle under it.
 ///
 /// # Errors
 /// When it is no scene or contradicts itself.
@@ -39,9 +39,15 @@ pub fn parse(text: &str, file: &str) -> Result<LoadedScene, TaskError> {
     };
     let mut scene: Scene = serde_json::from_str(text).map_err(syntax)?;
     let raw: serde_json::Value = serde_json::from_str(text).map_err(syntax)?;
-    check(&scene).map_err(|(field, problem)| TaskError::Scene { file: file.to_owned(), field, problem })?;
+    check(&scene).map_err(|(field, problem)| TaskError::Scene {
+        file: file.to_owned(),
+        field,
+        problem,
+    })?;
     for index in 0..scene.receptacles.len() {
-        if scene.receptacles[index].category.ends_with("lid") && raw["receptacles"][index].get("placeable").is_none() {
+        if scene.receptacles[index].category.ends_with("lid")
+            && raw["receptacles"][index].get("placeable").is_none()
+        {
             let covers = covered_by(&scene, &scene.receptacles[index]);
             let lid = &mut scene.receptacles[index];
             lid.placeable = false;
@@ -49,7 +55,8 @@ pub fn parse(text: &str, file: &str) -> Result<LoadedScene, TaskError> {
         }
         let receptacle = &mut scene.receptacles[index];
         if receptacle.attributes.is_empty() {
-            receptacle.attributes = attributes::from_furniture_captions(receptacle.captions.keys().map(String::as_str));
+            receptacle.attributes =
+                attributes::from_furniture_captions(receptacle.captions.keys().map(String::as_str));
         }
     }
     let warnings = warnings(&scene);
@@ -58,7 +65,9 @@ pub fn parse(text: &str, file: &str) -> Result<LoadedScene, TaskError> {
 
 /// The scene of our own: 18 receptacles in 6 rooms, three of them with doors.
 pub fn home() -> Scene {
-    parse(include_str!("data/home.json"), "home.json").expect("the committed scene is well formed").scene
+    parse(include_str!("data/home.json"), "home.json")
+        .expect("the committed scene is well formed")
+        .scene
 }
 
 type Fault = (String, String);
@@ -73,7 +82,10 @@ fn check(scene: &Scene) -> Result<(), Fault> {
     }
     for (index, room) in scene.rooms.iter().enumerate() {
         let field = format!("rooms[{index}] ({})", room.name);
-        if scene.rooms[..index].iter().any(|other| other.name == room.name) {
+        if scene.rooms[..index]
+            .iter()
+            .any(|other| other.name == room.name)
+        {
             return fault(field, "this name stands twice");
         }
         for rect in room.footprint() {
@@ -82,7 +94,14 @@ fn check(scene: &Scene) -> Result<(), Fault> {
     }
     for (index, wall) in scene.walls.iter().flatten().enumerate() {
         let field = format!("walls[{index}]");
-        if wall.from.iter().zip(&wall.to).filter(|(from, to)| from != to).count() != 1 {
+        if wall
+            .from
+            .iter()
+            .zip(&wall.to)
+            .filter(|(from, to)| from != to)
+            .count()
+            != 1
+        {
             return fault(field, "is not a straight line along x or y");
         }
         if wall.height <= 0.0 {
@@ -94,17 +113,27 @@ fn check(scene: &Scene) -> Result<(), Fault> {
         if receptacle.id.as_str() == reel_world::FLOOR || receptacle.id.as_str().is_empty() {
             return fault(field, "this id is reserved");
         }
-        if scene.receptacles[..index].iter().any(|other| other.id == receptacle.id) {
+        if scene.receptacles[..index]
+            .iter()
+            .any(|other| other.id == receptacle.id)
+        {
             return fault(field, "this id stands twice");
         }
         if !scene.rooms.iter().any(|room| room.name == receptacle.room) {
-            return Err((field, format!("its room {:?} is no room of the scene", receptacle.room)));
+            return Err((
+                field,
+                format!("its room {:?} is no room of the scene", receptacle.room),
+            ));
         }
-        check_range(&receptacle.surface_min, &receptacle.surface_max).map_err(|problem| (field.clone(), problem))?;
+        check_range(&receptacle.surface_min, &receptacle.surface_max)
+            .map_err(|problem| (field.clone(), problem))?;
         if let Some(covered) = &receptacle.covers
             && (scene.receptacle(covered).is_none() || *covered == receptacle.id)
         {
-            return Err((field, format!("covers {covered}, which is no other receptacle of the scene")));
+            return Err((
+                field,
+                format!("covers {covered}, which is no other receptacle of the scene"),
+            ));
         }
     }
     Ok(())
@@ -114,23 +143,42 @@ fn check_range(min: &[f64], max: &[f64]) -> Result<(), String> {
     if min.iter().zip(max).all(|(min, max)| min < max) {
         return Ok(());
     }
-    Err(format!("its minimum {min:?} is not below its maximum {max:?}"))
+    Err(format!(
+        "its minimum {min:?} is not below its maximum {max:?}"
+    ))
 }
 
 fn warnings(scene: &Scene) -> Vec<String> {
     let mut warnings = Vec::new();
     for receptacle in &scene.receptacles {
-        let room = scene.rooms.iter().find(|room| room.name == receptacle.room).expect("checked: the room is there");
+        let room = scene
+            .rooms
+            .iter()
+            .find(|room| room.name == receptacle.room)
+            .expect("checked: the room is there");
         let Rect { min, max } = receptacle.surface_rect();
         let corners = [min, max, [min[0], max[1]], [max[0], min[1]]];
-        if !corners.iter().all(|corner| room.footprint().iter().any(|rect| rect.contains(*corner))) {
-            warnings.push(format!("{} reaches out of its room {}", receptacle.id, room.name));
+        if !corners
+            .iter()
+            .all(|corner| room.footprint().iter().any(|rect| rect.contains(*corner)))
+        {
+            warnings.push(format!(
+                "{} reaches out of its room {}",
+                receptacle.id, room.name
+            ));
         }
     }
-    let unnamed: Vec<&str> =
-        scene.receptacles.iter().filter(|receptacle| receptacle.captions.is_empty()).map(|r| r.id.as_str()).collect();
+    let unnamed: Vec<&str> = scene
+        .receptacles
+        .iter()
+        .filter(|receptacle| receptacle.captions.is_empty())
+        .map(|r| r.id.as_str())
+        .collect();
     if !unnamed.is_empty() {
-        warnings.push(format!("no instruction can name what has no caption: {}", unnamed.join(", ")));
+        warnings.push(format!(
+            "no instruction can name what has no caption: {}",
+            unnamed.join(", ")
+        ));
     }
     warnings
 }
@@ -139,9 +187,13 @@ fn warnings(scene: &Scene) -> Vec<String> {
 fn covered_by(scene: &Scene, lid: &Receptacle) -> Option<ReceptacleId> {
     let centre = [0, 1].map(|axis| (lid.surface_min[axis] + lid.surface_max[axis]) / 2.0);
     let under = scene.receptacles.iter().filter(|other| {
-        other.id != lid.id && other.surface_rect().contains(centre) && other.surface_height() < lid.surface_height()
+        other.id != lid.id
+            && other.surface_rect().contains(centre)
+            && other.surface_height() < lid.surface_height()
     });
-    under.max_by(|a, b| a.surface_height().total_cmp(&b.surface_height())).map(|receptacle| receptacle.id.clone())
+    under
+        .max_by(|a, b| a.surface_height().total_cmp(&b.surface_height()))
+        .map(|receptacle| receptacle.id.clone())
 }
 
 /// The message of a JSON error without "at line 1 column 2", which stands before it already.

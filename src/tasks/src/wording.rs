@@ -34,20 +34,31 @@ impl Phrases<'_> {
     /// Words an instruction about an object.
     pub fn word(&self, template: &str, object: &str) -> String {
         let at = if self.into { "in" } else { "on" };
-        template.replace("{src}", self.src).replace("{dest}", self.dest).replace("{object}", object).replace("{at}", at)
+        template
+            .replace("{src}", self.src)
+            .replace("{dest}", self.dest)
+            .replace("{object}", object)
+            .replace("{at}", at)
     }
 }
 
-/// A caption as a phrase that means one thing: `A small red mug.` as `the small red mug`; empty for an empty caption.
+/// A caption as a phrase that means one thing: `A small red mug.` as `the small red mug`; empty for
+/// an empty caption.
 pub fn definite(caption: &str) -> String {
     let caption = caption.trim().trim_end_matches(['.', ',']);
     let bare = |article: &str| {
         let head = caption.get(..article.len())?;
-        head.eq_ignore_ascii_case(article).then(|| caption[article.len()..].trim_start())
+        head.eq_ignore_ascii_case(article)
+            .then(|| caption[article.len()..].trim_start())
     };
-    let caption = ["a ", "an ", "the "].iter().find_map(|article| bare(article)).unwrap_or(caption);
+    let caption = ["a ", "an ", "the "]
+        .iter()
+        .find_map(|article| bare(article))
+        .unwrap_or(caption);
     let mut letters = caption.chars();
-    let Some(first) = letters.next() else { return String::new() };
+    let Some(first) = letters.next() else {
+        return String::new();
+    };
     format!("the {}{}", first.to_lowercase(), letters.as_str())
 }
 
@@ -67,11 +78,15 @@ pub fn naming_category(caption: &str, category: &str) -> String {
     if caption.to_lowercase().contains(&category.to_lowercase()) {
         return caption.to_owned();
     }
-    format!("{}, {}", caption.trim_end().trim_end_matches('.'), indefinite(category))
+    format!(
+        "{}, {}",
+        caption.trim_end().trim_end_matches('.'),
+        indefinite(category)
+    )
 }
 
-/// The two parts of a receptacle's id: `chestofdrawers_3` is number 3 of the type `chestofdrawers`. What ends with no number has
-/// number 0.
+/// The two parts of a receptacle's id: `chestofdrawers_3` is number 3 of the type `chestofdrawers`.
+/// What ends with no number has number 0.
 pub fn furniture(id: &str) -> (&str, u32) {
     let (kind, number) = id.rsplit_once('_').unwrap_or((id, ""));
     (kind, number.parse().unwrap_or(0))
@@ -93,23 +108,49 @@ mod tests {
 
     #[test]
     fn phrases_read_as_english() {
-        let phrases = Phrases { src: "the couch", dest: "the microwave", into: true };
+        let phrases = Phrases {
+            src: "the couch",
+            dest: "the microwave",
+            into: true,
+        };
         let template = "Take {object} from {src} and put it {at} {dest}.";
-        assert_eq!(phrases.word(template, &indefinite("apple")), "Take an apple from the couch and put it in the microwave.");
-        assert_eq!(definite("Small red mug with a rim."), "the small red mug with a rim");
+        assert_eq!(
+            phrases.word(template, &indefinite("apple")),
+            "Take an apple from the couch and put it in the microwave."
+        );
+        assert_eq!(
+            definite("Small red mug with a rim."),
+            "the small red mug with a rim"
+        );
         assert_eq!(definite("The Tall vase,"), "the tall vase");
         assert_eq!(definite("Theatre mask"), "the theatre mask");
-        assert_eq!((definite(" ."), article("Umbrella"), article("jar")), (String::new(), "an", "a"));
+        assert_eq!(
+            (definite(" ."), article("Umbrella"), article("jar")),
+            (String::new(), "an", "a")
+        );
     }
 
     #[test]
     fn a_caption_names_its_category_and_an_id_its_type() {
-        assert_eq!(naming_category("Tall blue VASE.", "vase"), "Tall blue VASE.");
-        assert_eq!(naming_category("Tall and blue.", "urn"), "Tall and blue, an urn");
         assert_eq!(
-            (furniture("shoe_rack_12"), furniture("rug"), furniture("lamp_b")),
+            naming_category("Tall blue VASE.", "vase"),
+            "Tall blue VASE."
+        );
+        assert_eq!(
+            naming_category("Tall and blue.", "urn"),
+            "Tall and blue, an urn"
+        );
+        assert_eq!(
+            (
+                furniture("shoe_rack_12"),
+                furniture("rug"),
+                furniture("lamp_b")
+            ),
             (("shoe_rack", 12), ("rug", 0), ("lamp", 0))
         );
-        assert_eq!((furniture_name("tvstand"), furniture_name("desk")), ("TV stand", "desk"));
+        assert_eq!(
+            (furniture_name("tvstand"), furniture_name("desk")),
+            ("TV stand", "desk")
+        );
     }
 }

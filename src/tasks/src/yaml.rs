@@ -7,7 +7,8 @@ use crate::{attributes, real_schema::DROP_M};
 
 /// Writes a task as the text of a YAML file.
 pub fn write(task: &Task, scene: &Scene) -> String {
-    let mut root = json!({ "scene_id": task.scene_id, "objects": {}, "episodes": [episode(task, scene)] });
+    let mut root =
+        json!({ "scene_id": task.scene_id, "objects": {}, "episodes": [episode(task, scene)] });
     for object in &task.objects {
         root["objects"][object.instance.as_str()] = object_entry(object);
     }
@@ -29,7 +30,10 @@ pub fn graph(task: &Task, graph: &WorldGraph, scene: &Scene) -> Value {
     let mut states = Map::new();
     for receptacle in &scene.receptacles {
         let objects = graph.objects_on(&receptacle.id);
-        let assets = objects.iter().map(|instance| task.object(instance).map_or(instance.asset(), |object| object.asset.clone()));
+        let assets = objects.iter().map(|instance| {
+            task.object(instance)
+                .map_or(instance.asset(), |object| object.asset.clone())
+        });
         let mut state = json!({ "room": receptacle.room, "content": assets.collect::<Vec<_>>() });
         if let Some(door) = graph.door(&receptacle.id) {
             state["door"] = json!(door == DoorState::Open);
@@ -53,18 +57,39 @@ fn object_entry(object: &ObjectInstance) -> Value {
         entry["detailed_caption"] = json!(caption);
     }
     // What the caption says of it, its reader knows.
-    if object.attributes != object.caption.as_deref().map(attributes::from_caption).unwrap_or_default() {
+    if object.attributes
+        != object
+            .caption
+            .as_deref()
+            .map(attributes::from_caption)
+            .unwrap_or_default()
+    {
         entry["attributes"] = json!(object.attributes);
     }
     entry
 }
 
-/// Where the goal wants the objects that move, where that is more than the target to the destination.
+/// Where the goal wants the objects that move, where that is more than the target to the
+/// destination.
 fn moves(task: &Task) -> Option<Value> {
-    let place = |graph: &WorldGraph, object: &ObjectInstance| graph.place_of(&object.instance).cloned();
-    let moved = task.objects.iter().filter(|object| place(&task.initial, object) != place(&task.goal, object));
-    let moves: Map<String, Value> = moved.map(|object| (object.instance.to_string(), json!(place(&task.goal, object)))).collect();
-    let is_usual = moves.len() == 1 && moves.get(task.target.as_str()).is_some_and(|to| *to == json!(task.dest));
+    let place =
+        |graph: &WorldGraph, object: &ObjectInstance| graph.place_of(&object.instance).cloned();
+    let moved = task
+        .objects
+        .iter()
+        .filter(|object| place(&task.initial, object) != place(&task.goal, object));
+    let moves: Map<String, Value> = moved
+        .map(|object| {
+            (
+                object.instance.to_string(),
+                json!(place(&task.goal, object)),
+            )
+        })
+        .collect();
+    let is_usual = moves.len() == 1
+        && moves
+            .get(task.target.as_str())
+            .is_some_and(|to| *to == json!(task.dest));
     (!is_usual).then_some(Value::Object(moves))
 }
 
@@ -98,8 +123,7 @@ fn episode(task: &Task, scene: &Scene) -> Value {
     });
     for object in task.placed().into_iter().map(|index| &task.objects[index]) {
         let key = object.instance.as_str();
-        episode["placements"][key] =
-            json!({ "position": object.position, "furniture": object.receptacle, "original_id": object.asset });
+        episode["placements"][key] = json!({ "position": object.position, "furniture": object.receptacle, "original_id": object.asset });
         if task.object_distractors.contains(&object.asset) {
             episode["obj_distractor_meta"][object.asset.as_str()] = object.asset_meta();
         }
@@ -114,18 +138,33 @@ fn episode(task: &Task, scene: &Scene) -> Value {
         }
     }
     let fields = episode.as_object_mut().expect("made as an object");
-    let optional = |key: &str| key == "final_positions" || (key == "obj_distractor_meta" && task.family == Family::FDO);
+    let optional = |key: &str| {
+        key == "final_positions" || (key == "obj_distractor_meta" && task.family == Family::FDO)
+    };
     fields.retain(|key, value| !value.is_null() && (!optional(key) || *value != json!({})));
     episode
 }
 
-/// Puts a value where its path says (see [`Task::extra`]). Keys may hold dots: the longest key that is there wins.
+/// Puts a value where its path says (see [`Task::extra`]). Keys may hold dots: the longest key that
+/// is there wins.
 fn insert(at: &mut Value, path: &str, value: Value) {
     match at {
         Value::Object(entries) => {
-            let below = |key: &&String| path.strip_prefix(key.as_str()).is_some_and(|rest| rest.starts_with(['.', '[']));
-            match entries.keys().filter(below).max_by_key(|key| key.len()).cloned() {
-                Some(key) => insert(&mut entries[&key], path[key.len()..].trim_start_matches('.'), value),
+            let below = |key: &&String| {
+                path.strip_prefix(key.as_str())
+                    .is_some_and(|rest| rest.starts_with(['.', '[']))
+            };
+            match entries
+                .keys()
+                .filter(below)
+                .max_by_key(|key| key.len())
+                .cloned()
+            {
+                Some(key) => insert(
+                    &mut entries[&key],
+                    path[key.len()..].trim_start_matches('.'),
+                    value,
+                ),
                 // A mapping that would hold nothing else is not written (see `episode`).
                 None => match path.split_once('.') {
                     Some((key @ "final_positions", rest)) => {
@@ -140,7 +179,10 @@ fn insert(at: &mut Value, path: &str, value: Value) {
         Value::Array(items) => {
             let index = path.strip_prefix('[').and_then(|rest| rest.split_once(']'));
             if let Some((index, rest)) = index
-                && let Some(item) = index.parse().ok().and_then(|index: usize| items.get_mut(index))
+                && let Some(item) = index
+                    .parse()
+                    .ok()
+                    .and_then(|index: usize| items.get_mut(index))
             {
                 insert(item, rest.trim_start_matches('.'), value);
             }
@@ -198,11 +240,16 @@ fn scalar(value: &Value) -> String {
     let is_plain = |text: &&str| {
         let reserved = ["true", "false", "null", "yes", "no", "on", "off", "y", "n"];
         text.starts_with(|first: char| first.is_ascii_alphabetic() || first == '_')
-            && text.chars().all(|c| c.is_ascii_alphanumeric() || "_-/ ".contains(c))
+            && text
+                .chars()
+                .all(|c| c.is_ascii_alphanumeric() || "_-/ ".contains(c))
             && !text.ends_with(' ')
             && !reserved.contains(&text.to_lowercase().as_str())
     };
-    value.as_str().filter(is_plain).map_or_else(|| value.to_string(), str::to_owned)
+    value
+        .as_str()
+        .filter(is_plain)
+        .map_or_else(|| value.to_string(), str::to_owned)
 }
 
 #[cfg(test)]
@@ -228,6 +275,9 @@ mod tests {
         insert(&mut root, "a.b.c[0].e", json!(2));
         insert(&mut root, "a.x", json!(3));
         insert(&mut root, "new", json!(4));
-        assert_eq!(root, json!({ "a.b": { "c": [{ "d": 1, "e": 2 }] }, "a": { "x": 3 }, "new": 4 }));
+        assert_eq!(
+            root,
+            json!({ "a.b": { "c": [{ "d": 1, "e": 2 }] }, "a": { "x": 3 }, "new": 4 })
+        );
     }
 }

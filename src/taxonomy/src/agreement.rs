@@ -1,4 +1,5 @@
-//! How well two opinions agree: precision, recall and F1 of every class, Cohen's kappa (Cohen 1960), the confusion matrix.
+//! How well two opinions agree: precision, recall and F1 of every class, Cohen's kappa (Cohen
+//! 1960), the confusion matrix.
 
 use serde::Serialize;
 
@@ -9,13 +10,15 @@ pub struct Agreement {
     pub episodes: usize,
     /// Share on which they agree.
     pub accuracy: f64,
-    /// Agreement beyond chance: 1 is perfect, 0 is chance. None where chance alone would agree always.
+    /// Agreement beyond chance: 1 is perfect, 0 is chance. None where chance alone would agree
+    /// always.
     pub kappa: Option<f64>,
     /// Mean F1 of the classes that occur in the truth.
     pub macro_f1: f64,
     /// By class, in the order of the names given, then as they occur.
     pub classes: Vec<ClassAgreement>,
-    /// How often a class of the truth (row) was found as another (column), in the order of `classes`.
+    /// How often a class of the truth (row) was found as another (column), in the order of
+    /// `classes`.
     pub confusion: Vec<Vec<usize>>,
 }
 
@@ -37,12 +40,31 @@ pub struct ClassAgreement {
 }
 
 /// Compares pairs of (truth, found). `order` names classes that shall stand first.
-pub fn agreement<'a>(pairs: impl IntoIterator<Item = (&'a str, &'a str)>, order: &[&str]) -> Agreement {
+pub fn agreement<'a>(
+    pairs: impl IntoIterator<Item = (&'a str, &'a str)>,
+    order: &[&str],
+) -> Agreement {
     let pairs: Vec<(&str, &str)> = pairs.into_iter().collect();
-    let mut names: Vec<&str> = pairs.iter().flat_map(|(truth, found)| [*truth, *found]).collect();
-    names.sort_unstable_by_key(|name| (order.iter().position(|known| known == name).unwrap_or(usize::MAX), *name));
+    let mut names: Vec<&str> = pairs
+        .iter()
+        .flat_map(|(truth, found)| [*truth, *found])
+        .collect();
+    names.sort_unstable_by_key(|name| {
+        (
+            order
+                .iter()
+                .position(|known| known == name)
+                .unwrap_or(usize::MAX),
+            *name,
+        )
+    });
     names.dedup();
-    let index = |name: &str| names.iter().position(|known| *known == name).expect("every name was listed");
+    let index = |name: &str| {
+        names
+            .iter()
+            .position(|known| *known == name)
+            .expect("every name was listed")
+    };
     let mut confusion = vec![vec![0; names.len()]; names.len()];
     for (truth, found) in &pairs {
         confusion[index(truth)][index(found)] += 1;
@@ -65,13 +87,24 @@ pub fn agreement<'a>(pairs: impl IntoIterator<Item = (&'a str, &'a str)>, order:
         })
         .collect();
     let agreed: usize = (0..names.len()).map(|class| confusion[class][class]).sum();
-    let accuracy = if pairs.is_empty() { 0.0 } else { agreed as f64 / total };
-    let by_chance: f64 = (0..names.len()).map(|class| support(class) as f64 / total * (found(class) as f64 / total)).sum();
-    let true_ones: Vec<f64> = classes.iter().filter(|class| class.support > 0).map(|class| class.f1).collect();
+    let accuracy = if pairs.is_empty() {
+        0.0
+    } else {
+        agreed as f64 / total
+    };
+    let by_chance: f64 = (0..names.len())
+        .map(|class| support(class) as f64 / total * (found(class) as f64 / total))
+        .sum();
+    let true_ones: Vec<f64> = classes
+        .iter()
+        .filter(|class| class.support > 0)
+        .map(|class| class.f1)
+        .collect();
     Agreement {
         episodes: pairs.len(),
         accuracy,
-        kappa: (!pairs.is_empty() && by_chance < 1.0).then(|| (accuracy - by_chance) / (1.0 - by_chance)),
+        kappa: (!pairs.is_empty() && by_chance < 1.0)
+            .then(|| (accuracy - by_chance) / (1.0 - by_chance)),
         macro_f1: true_ones.iter().sum::<f64>() / true_ones.len().max(1) as f64,
         classes,
         confusion,
@@ -85,14 +118,24 @@ mod tests {
     /// The worked example of Cohen's kappa that textbooks use: 20, 5, 10, 15 of 50, kappa 0.4.
     #[test]
     fn kappa_is_that_of_the_textbook() {
-        let cells = [("yes", "yes", 20), ("yes", "no", 5), ("no", "yes", 10), ("no", "no", 15)];
-        let pairs = cells.iter().flat_map(|(truth, found, count)| std::iter::repeat_n((*truth, *found), *count));
+        let cells = [
+            ("yes", "yes", 20),
+            ("yes", "no", 5),
+            ("no", "yes", 10),
+            ("no", "no", 15),
+        ];
+        let pairs = cells
+            .iter()
+            .flat_map(|(truth, found, count)| std::iter::repeat_n((*truth, *found), *count));
         let found = agreement(pairs, &["yes", "no"]);
         assert!((found.kappa.unwrap() - 0.4).abs() < 1e-12);
         assert!((found.accuracy - 0.7).abs() < 1e-12);
         assert_eq!(found.confusion, [[20, 5], [10, 15]]);
         let yes = &found.classes[0];
-        assert_eq!((yes.precision, yes.recall), (Some(20.0 / 30.0), Some(20.0 / 25.0)));
+        assert_eq!(
+            (yes.precision, yes.recall),
+            (Some(20.0 / 30.0), Some(20.0 / 25.0))
+        );
         let (yes, no) = (40.0 / 55.0, 30.0 / 45.0);
         assert!((found.macro_f1 - (yes + no) / 2.0).abs() < 1e-12);
     }
@@ -102,7 +145,10 @@ mod tests {
         assert_eq!(agreement([], &[]).kappa, None);
         assert_eq!(agreement([("a", "a"), ("a", "a")], &[]).kappa, None);
         let never_found = agreement([("a", "b"), ("b", "b")], &[]);
-        assert_eq!((never_found.classes[0].precision, never_found.classes[0].f1), (None, 0.0));
+        assert_eq!(
+            (never_found.classes[0].precision, never_found.classes[0].f1),
+            (None, 0.0)
+        );
         // a class that is never true counts in no mean
         assert_eq!(agreement([("a", "a"), ("a", "c")], &[]).macro_f1, 2.0 / 3.0);
     }

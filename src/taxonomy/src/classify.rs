@@ -1,5 +1,5 @@
-//! The rules over the episodes: asks all of them in one pass and picks the class of each failed episode. Reads no labels and
-//! writes nothing.
+//! The rules over the episodes: asks all of them in one pass and picks the class of each failed
+//! episode. Reads no labels and writes nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -41,7 +41,11 @@ struct Verdict {
 ///
 /// # Errors
 /// When a rule or the condition cannot be asked.
-pub fn classify(session: &Session, rules: &RuleSet, condition: Option<&str>) -> Result<Verdicts, TaxonomyError> {
+pub fn classify(
+    session: &Session,
+    rules: &RuleSet,
+    condition: Option<&str>,
+) -> Result<Verdicts, TaxonomyError> {
     let questions: Vec<_> = rules.rules().iter().map(|rule| &rule.question).collect();
     let filter = match condition {
         Some(condition) => format!("NOT success AND ({condition})"),
@@ -50,28 +54,58 @@ pub fn classify(session: &Session, rules: &RuleSet, condition: Option<&str>) -> 
     let batches = session.run(&fuse(&KEEP, &questions, &filter))?;
     let mut found = Vec::new();
     for (batch_index, batch) in batches.iter().enumerate() {
-        let answers = rules.rules().iter().enumerate().map(|(index, rule)| Answer::new(batch, index, rule));
+        let answers = rules
+            .rules()
+            .iter()
+            .enumerate()
+            .map(|(index, rule)| Answer::new(batch, index, rule));
         let answers = answers.collect::<Result<Vec<_>, _>>()?;
         for row in 0..batch.num_rows() {
             let mut findings: Vec<(u16, i32, i32)> = (0_u16..)
                 .zip(&answers)
-                .filter_map(|(rule, answer)| answer.at(row).map(|(first, last)| (rule, first, last)))
+                .filter_map(|(rule, answer)| {
+                    answer.at(row).map(|(first, last)| (rule, first, last))
+                })
                 .collect();
             // the rules stand in the order of their priority
-            findings.sort_by_key(|(rule, first, _)| (rules.rules()[usize::from(*rule)].priority, *first, *rule));
-            found.push(Verdict { batch: batch_index as u32, row: row as u32, findings });
+            findings.sort_by_key(|(rule, first, _)| {
+                (rules.rules()[usize::from(*rule)].priority, *first, *rule)
+            });
+            found.push(Verdict {
+                batch: batch_index as u32,
+                row: row as u32,
+                findings,
+            });
         }
     }
-    let fields = rules.rules().iter().map(|rule| looked_at(session, rule)).collect::<Result<Vec<_>, _>>()?;
+    let fields = rules
+        .rules()
+        .iter()
+        .map(|rule| looked_at(session, rule))
+        .collect::<Result<Vec<_>, _>>()?;
     let (rules, version) = (rules.rules().to_vec(), rules.version().to_string());
-    Ok(Verdicts { rules, version, fields, batches, found, measured: measured(session)? })
+    Ok(Verdicts {
+        rules,
+        version,
+        fields,
+        batches,
+        found,
+        measured: measured(session)?,
+    })
 }
 
 /// What `reel blame` measured, where it did.
 fn measured(session: &Session) -> Result<BTreeMap<(String, String), i32>, QueryError> {
-    let batches = session.run("SELECT episode_id, trace_digest, step FROM blame WHERE step IS NOT NULL")?;
+    let batches =
+        session.run("SELECT episode_id, trace_digest, step FROM blame WHERE step IS NOT NULL")?;
     let rows = batches.iter().flat_map(|batch| {
-        let text = |column: usize, row: usize| batch.column(column).as_string::<i32>().value(row).to_owned();
+        let text = |column: usize, row: usize| {
+            batch
+                .column(column)
+                .as_string::<i32>()
+                .value(row)
+                .to_owned()
+        };
         let steps = batch.column(2).as_primitive::<Int32Type>();
         (0..batch.num_rows()).map(move |row| ((text(0, row), text(1, row)), steps.value(row)))
     });
@@ -80,7 +114,13 @@ fn measured(session: &Session) -> Result<BTreeMap<(String, String), i32>, QueryE
 
 /// The columns of `episodes` that a rule reads, steps by their fields.
 fn looked_at(session: &Session, rule: &Rule) -> Result<Vec<String>, QueryError> {
-    let mut fields: BTreeSet<String> = rule.question.columns().iter().filter(|name| *name != "steps").cloned().collect();
+    let mut fields: BTreeSet<String> = rule
+        .question
+        .columns()
+        .iter()
+        .filter(|name| *name != "steps")
+        .cloned()
+        .collect();
     if rule.question.columns().contains("steps") {
         let of_steps = session.step_fields(&rule.sql)?.unwrap_or_default();
         fields.extend(of_steps.into_iter().map(|field| format!("steps.{field}")));
@@ -97,25 +137,49 @@ struct Answer {
 
 impl Answer {
     fn new(batch: &RecordBatch, index: usize, rule: &Rule) -> Result<Self, TaxonomyError> {
-        let wrong = |reason: &str| TaxonomyError::Rule { rule: rule.name.clone(), reason: reason.to_owned() };
-        let found = batch.column_by_name(&format!("found_{index}")).expect("it was asked");
+        let wrong = |reason: &str| TaxonomyError::Rule {
+            rule: rule.name.clone(),
+            reason: reason.to_owned(),
+        };
+        let found = batch
+            .column_by_name(&format!("found_{index}"))
+            .expect("it was asked");
         let no_struct = "`found` has to be a struct with whole numbers `first` and `last`, as sequence_find gives";
         let found = found.as_struct_opt().ok_or_else(|| wrong(no_struct))?;
         let number = |name: &str| -> Result<Int32Array, TaxonomyError> {
             let column = found.column_by_name(name).ok_or_else(|| wrong(no_struct))?;
             let numbers = cast(column, &DataType::Int32).map_err(|_| wrong(no_struct))?;
-            let numbers = numbers.as_primitive_opt::<Int32Type>().ok_or_else(|| wrong(no_struct))?;
+            let numbers = numbers
+                .as_primitive_opt::<Int32Type>()
+                .ok_or_else(|| wrong(no_struct))?;
             // a struct that is null hides what its fields hold
             let nulls = arrow::buffer::NullBuffer::union(numbers.nulls(), found.nulls());
             Ok(Int32Array::new(numbers.values().clone(), nulls))
         };
-        let holds = batch.column_by_name(&format!("holds_{index}")).expect("it was asked").as_boolean().clone();
-        Ok(Self { first: number("first")?, last: number("last")?, holds })
+        let holds = batch
+            .column_by_name(&format!("holds_{index}"))
+            .expect("it was asked")
+            .as_boolean()
+            .clone();
+        Ok(Self {
+            first: number("first")?,
+            last: number("last")?,
+            holds,
+        })
     }
 
     fn at(&self, row: usize) -> Option<(i32, i32)> {
         let found = self.holds.value(row) && self.first.is_valid(row);
-        found.then(|| (self.first.value(row), if self.last.is_valid(row) { self.last.value(row) } else { self.first.value(row) }))
+        found.then(|| {
+            (
+                self.first.value(row),
+                if self.last.is_valid(row) {
+                    self.last.value(row)
+                } else {
+                    self.first.value(row)
+                },
+            )
+        })
     }
 }
 
@@ -139,7 +203,10 @@ impl Verdicts {
             let mut secondary: Vec<Finding<'_>> = Vec::new();
             for finding in rest {
                 let other = self.rule(*finding);
-                let said = other.sub_class == rule.sub_class || secondary.iter().any(|known| known.sub_class == other.sub_class);
+                let said = other.sub_class == rule.sub_class
+                    || secondary
+                        .iter()
+                        .any(|known| known.sub_class == other.sub_class);
                 if other.secondary && !said {
                     let (_, step, last_step) = *finding;
                     secondary.push(Finding {
@@ -152,7 +219,10 @@ impl Verdicts {
                 }
             }
             let (episode_id, trace_digest) = (text("episode_id"), text("trace_digest"));
-            let measured = self.measured.get(&(episode_id.to_owned(), trace_digest.to_owned())).copied();
+            let measured = self
+                .measured
+                .get(&(episode_id.to_owned(), trace_digest.to_owned()))
+                .copied();
             let step = measured.unwrap_or(primary.1);
             Some(Class {
                 episode_id,
@@ -164,7 +234,11 @@ impl Verdicts {
                 step,
                 last_step: primary.2.max(step),
                 fields: &self.fields[usize::from(primary.0)],
-                evidence: if text("backend") == "sim" { "full" } else { "reduced" },
+                evidence: if text("backend") == "sim" {
+                    "full"
+                } else {
+                    "reduced"
+                },
                 secondary,
             })
         })
@@ -172,7 +246,10 @@ impl Verdicts {
 
     /// Family and policy of the episodes, in the order of [`Verdicts::classes`].
     pub fn groups(&self) -> impl Iterator<Item = (&str, &str)> {
-        let some = self.found.iter().filter(|verdict| !verdict.findings.is_empty());
+        let some = self
+            .found
+            .iter()
+            .filter(|verdict| !verdict.findings.is_empty());
         some.map(|verdict| (self.text(verdict, "family"), self.text(verdict, "policy")))
     }
 

@@ -1,5 +1,6 @@
-//! Between two sets of episodes: which classes of failure grew, and whether more than chance explains. Fisher's exact test,
-//! two-sided, with Holm's correction for the number of classes (Holm 1979).
+//! Between two sets of episodes: which classes of failure grew, and whether more than chance
+//! explains. Fisher's exact test, two-sided, with Holm's correction for the number of classes (Holm
+//! 1979).
 
 use serde::Serialize;
 
@@ -22,8 +23,8 @@ pub struct Drift {
     pub significant: bool,
 }
 
-/// Compares counts of classes (name, before, after) in `before` and `after` episodes, successes included. The strongest
-/// evidence first.
+/// Compares counts of classes (name, before, after) in `before` and `after` episodes, successes
+/// included. The strongest evidence first.
 pub fn drift(counts: &[(String, u64, u64)], before: u64, after: u64) -> Vec<Drift> {
     let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
     let mut found: Vec<Drift> = counts
@@ -38,7 +39,11 @@ pub fn drift(counts: &[(String, u64, u64)], before: u64, after: u64) -> Vec<Drif
             significant: false,
         })
         .collect();
-    found.sort_by(|one, other| one.p.total_cmp(&other.p).then_with(|| one.name.cmp(&other.name)));
+    found.sort_by(|one, other| {
+        one.p
+            .total_cmp(&other.p)
+            .then_with(|| one.name.cmp(&other.name))
+    });
     let (count, mut least) = (found.len(), 0.0_f64);
     for (index, class) in found.iter_mut().enumerate() {
         least = least.max((class.p * (count - index) as f64).min(1.0));
@@ -48,7 +53,8 @@ pub fn drift(counts: &[(String, u64, u64)], before: u64, after: u64) -> Vec<Drif
     found
 }
 
-/// Two-sided: the probability of all tables with these margins that are no likelier than the one given.
+/// Two-sided: the probability of all tables with these margins that are no likelier than the one
+/// given.
 fn fisher_exact(a: u64, b: u64, c: u64, d: u64) -> f64 {
     let (row, other_row, column) = (a + b, c + d, a + c);
     let log_choose = |n: u64, k: u64| log_factorial(n) - log_factorial(k) - log_factorial(n - k);
@@ -86,8 +92,9 @@ mod tests {
 
     #[test]
     fn many_classes_need_stronger_evidence() {
-        let counts: Vec<_> =
-            [("grew", 2, 30), ("same", 10, 11), ("a bit", 4, 13)].map(|(name, one, other)| (name.to_owned(), one, other)).into();
+        let counts: Vec<_> = [("grew", 2, 30), ("same", 10, 11), ("a bit", 4, 13)]
+            .map(|(name, one, other)| (name.to_owned(), one, other))
+            .into();
         let found = drift(&counts, 100, 100);
         assert_eq!(found[0].name, "grew");
         assert!(found[0].significant && (found[0].difference - 0.28).abs() < 1e-12);

@@ -1,9 +1,11 @@
-//! A model's opinion on why an episode failed, through any OpenAI-compatible endpoint. Optional: no rule needs it.
+//! A model's opinion on why an episode failed, through any OpenAI-compatible endpoint. Optional: no
+//! rule needs it.
 //!
-//! Owns what the model is shown, how its answer is read, and what its word counts. The judge is blind: it sees what the agent
-//! did and was told, never what the rules concluded, so that its agreement with them means something. It can never overturn
-//! what the simulator proved. What is in an episode is data to it: recorded words stand as JSON strings between lines that they
-//! cannot forge. Never reads tables, never writes files: replies are kept and calls logged by the client.
+//! Owns what the model is shown, how its answer is read, and what its word counts. The judge is
+//! blind: it sees what the agent did and was told, never what the rules concluded, so that its
+//! agreement with them means something. It can never overturn what the simulator proved. What is in
+//! an episode is data to it: recorded words stand as JSON strings between lines that they cannot
+//! forge. Never reads tables, never writes files: replies are kept and calls logged by the client.
 
 mod answer;
 mod error;
@@ -37,8 +39,8 @@ pub struct Case {
     pub transcript: Vec<Turn>,
     /// Pictures in the order of their steps.
     pub frames: Vec<Picture>,
-    /// What the rules found in the simulator's record, if anything; not shown to the model. Of a reduced trace it is binding
-    /// all the same: leave it out where words alone are not enough.
+    /// What the rules found in the simulator's record, if anything; not shown to the model. Of a
+    /// reduced trace it is binding all the same: leave it out where words alone are not enough.
     pub proven: Option<Proven>,
     /// Whether the trace has no simulator behind it, so that evidence is words alone.
     pub reduced: bool,
@@ -96,10 +98,15 @@ pub struct Proven {
 }
 
 impl Proven {
-    /// Whether it says why. `Other` does so only where something was seen to happen: that the budget ended does not.
+    /// Whether it says why. `Other` does so only where something was seen to happen: that the
+    /// budget ended does not.
     pub fn explains(&self) -> bool {
         let seen = ["invalid_output", "physical_failure", "primitive_failure"];
-        self.class != FailureClass::Other.as_str() || self.sub_class.as_deref().is_some_and(|sub_class| seen.contains(&sub_class))
+        self.class != FailureClass::Other.as_str()
+            || self
+                .sub_class
+                .as_deref()
+                .is_some_and(|sub_class| seen.contains(&sub_class))
     }
 }
 
@@ -164,8 +171,8 @@ pub struct Verdict {
 /// How much of an episode is shown.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Options {
-    /// Most bytes of the record, pictures apart; what is over it is left out in the middle. At least
-    /// [`Options::TRANSCRIPT_BYTES_MIN`] are used.
+    /// Most bytes of the record, pictures apart; what is over it is left out in the middle. At
+    /// least [`Options::TRANSCRIPT_BYTES_MIN`] are used.
     pub transcript_bytes: usize,
     /// Most pictures, spread evenly over the episode; 0 for a model without eyes.
     pub frames: usize,
@@ -179,11 +186,15 @@ impl Options {
 impl Default for Options {
     /// 60,000 bytes, which is about 15,000 tokens, and 8 pictures.
     fn default() -> Self {
-        Self { transcript_bytes: 60_000, frames: 8 }
+        Self {
+            transcript_bytes: 60_000,
+            frames: 8,
+        }
     }
 }
 
-/// Asks for an opinion on one case; a second time, with what is wrong, if the answer cannot be read.
+/// Asks for an opinion on one case; a second time, with what is wrong, if the answer cannot be
+/// read.
 ///
 /// # Errors
 /// When the case has no steps, the model cannot be asked, or what it says is no answer twice.
@@ -191,9 +202,10 @@ pub fn judge(case: &Case, client: &Client, options: &Options) -> Result<Verdict,
     judged(case, client, options, &Reached::default())
 }
 
-/// Asks for an opinion on every case, several at a time. Results stand in the order of the cases; one that fails leaves the
-/// others alone. When [`REFUSED_MAX`] calls in a row find nobody at the endpoint, what is left gets kept replies or fails without a call.
-/// `progress` is told how many are done.
+/// Asks for an opinion on every case, several at a time. Results stand in the order of the cases;
+/// one that fails leaves the others alone. When [`REFUSED_MAX`] calls in a row find nobody at the
+/// endpoint, what is left gets kept replies or fails without a call. `progress` is told how many
+/// are done.
 pub fn judge_all(
     cases: &[Case],
     client: &Client,
@@ -201,10 +213,18 @@ pub fn judge_all(
     threads: usize,
     progress: impl Fn(usize) + Sync,
 ) -> Vec<Result<Verdict, JudgeError>> {
-    let pool = match rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).build() {
+    let pool = match rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.max(1))
+        .build()
+    {
         Ok(pool) => pool,
         Err(error) => {
-            let failed = |_| Err(JudgeError::Workers { threads, message: error.to_string() });
+            let failed = |_| {
+                Err(JudgeError::Workers {
+                    threads,
+                    message: error.to_string(),
+                })
+            };
             return cases.iter().map(failed).collect();
         }
     };
@@ -218,38 +238,61 @@ pub fn judge_all(
     pool.install(|| cases.par_iter().with_max_len(1).map(each).collect())
 }
 
-fn judged(case: &Case, client: &Client, options: &Options, reached: &Reached) -> Result<Verdict, JudgeError> {
+fn judged(
+    case: &Case,
+    client: &Client,
+    options: &Options,
+    reached: &Reached,
+) -> Result<Verdict, JudgeError> {
     let episode_id = || case.episode_id.clone();
     if case.transcript.is_empty() {
-        return Err(JudgeError::NoSteps { episode_id: episode_id() });
+        return Err(JudgeError::NoSteps {
+            episode_id: episode_id(),
+        });
     }
     let ask = |request: &Request| -> Result<Reply, JudgeError> {
         if reached.is_hopeless() {
-            let stopped = || JudgeError::Stopped { episode_id: episode_id(), refused: REFUSED_MAX };
+            let stopped = || JudgeError::Stopped {
+                episode_id: episode_id(),
+                refused: REFUSED_MAX,
+            };
             return client.kept(request).ok_or_else(stopped);
         }
         let result = client.complete(request);
         reached.note(&result);
-        result.map_err(|source| JudgeError::Model { episode_id: episode_id(), source })
+        result.map_err(|source| JudgeError::Model {
+            episode_id: episode_id(),
+            source,
+        })
     };
     let mut request = prompt::request(case, options);
     let first = ask(&request)?;
     let (reply, opinion) = match answer::parse(&first.text, case) {
         Ok(opinion) => (first, opinion),
         Err(what) => {
-            request.messages.push(Message::text(Role::Assistant, first.text));
-            request.messages.push(Message::text(Role::User, prompt::again(&what)));
+            request
+                .messages
+                .push(Message::text(Role::Assistant, first.text));
+            request
+                .messages
+                .push(Message::text(Role::User, prompt::again(&what)));
             let second = ask(&request)?;
-            let opinion = answer::parse(&second.text, case).map_err(|what| JudgeError::Unreadable {
-                episode_id: episode_id(),
-                what,
-                truncated: second.truncated,
-                excerpt: answer::one_line(&second.text, 300),
-            })?;
+            let opinion =
+                answer::parse(&second.text, case).map_err(|what| JudgeError::Unreadable {
+                    episode_id: episode_id(),
+                    what,
+                    truncated: second.truncated,
+                    excerpt: answer::one_line(&second.text, 300),
+                })?;
             (second, opinion)
         }
     };
-    Ok(verdict(case, opinion, &client.endpoint().model, reply.request))
+    Ok(verdict(
+        case,
+        opinion,
+        &client.endpoint().model,
+        reply.request,
+    ))
 }
 
 /// What is proven stays; the opinion stands beside it, or is a proposal where nothing is.
@@ -258,8 +301,18 @@ fn verdict(case: &Case, mut opinion: Opinion, model: &str, request: Digest) -> V
     let agrees = binding.map(|proven| proven.class == opinion.class);
     opinion.overruled = agrees == Some(false);
     let (class, sub_class, step, source) = match binding {
-        Some(proven) => (proven.class.clone(), proven.sub_class.clone(), proven.step, Source::Proven),
-        None => (opinion.class.clone(), opinion.sub_class.clone(), opinion.step, Source::Judge),
+        Some(proven) => (
+            proven.class.clone(),
+            proven.sub_class.clone(),
+            proven.step,
+            Source::Proven,
+        ),
+        None => (
+            opinion.class.clone(),
+            opinion.sub_class.clone(),
+            opinion.step,
+            Source::Judge,
+        ),
     };
     Verdict {
         episode_id: case.episode_id.clone(),

@@ -1,5 +1,5 @@
-//! What people, judges and injected faults say about episodes: in from CSV and JSON and out again, and one label an episode
-//! out of several. Stores nothing.
+//! What people, judges and injected faults say about episodes: in from CSV and JSON and out again,
+//! and one label an episode out of several. Stores nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,7 +13,17 @@ use crate::{CLASSES, TaxonomyError};
 pub type LabelSet = BTreeMap<String, Label>;
 
 /// The columns of a label in CSV.
-const COLUMNS: [&str; 9] = ["episode_id", "author", "kind", "class", "sub_class", "step", "confidence", "note", "at_ms"];
+const COLUMNS: [&str; 9] = [
+    "episode_id",
+    "author",
+    "kind",
+    "class",
+    "sub_class",
+    "step",
+    "confidence",
+    "note",
+    "at_ms",
+];
 
 /// What a line that leaves it out says.
 #[derive(Clone, Copy, Debug)]
@@ -38,21 +48,40 @@ struct Written {
     at_ms: Option<i64>,
 }
 
-/// Reads CSV with a header line; needed are `episode_id` and `class`. `place` is what messages call the text.
+/// Reads CSV with a header line; needed are `episode_id` and `class`. `place` is what messages call
+/// the text.
 ///
 /// # Errors
 /// The first line that is no label.
-pub fn from_csv(text: &str, place: &str, defaults: Defaults<'_>) -> Result<Vec<Label>, TaxonomyError> {
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let wrong = |reason: String| TaxonomyError::Label { place: place.to_owned(), reason };
-    let header = reader.headers().map_err(|error| wrong(error.to_string()))?.clone();
+pub fn from_csv(
+    text: &str,
+    place: &str,
+    defaults: Defaults<'_>,
+) -> Result<Vec<Label>, TaxonomyError> {
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let wrong = |reason: String| TaxonomyError::Label {
+        place: place.to_owned(),
+        reason,
+    };
+    let header = reader
+        .headers()
+        .map_err(|error| wrong(error.to_string()))?
+        .clone();
     if let Some(unknown) = header.iter().find(|column| !COLUMNS.contains(column)) {
-        return Err(wrong(format!("the column '{unknown}' is unknown; there are {}", COLUMNS.join(", "))));
+        return Err(wrong(format!(
+            "the column '{unknown}' is unknown; there are {}",
+            COLUMNS.join(", ")
+        )));
     }
     let mut labels = Vec::new();
     for (line, row) in (2..).zip(reader.deserialize::<Written>()) {
         let place = format!("{place}, line {line}");
-        let row = row.map_err(|error| TaxonomyError::Label { place: place.clone(), reason: error.to_string() })?;
+        let row = row.map_err(|error| TaxonomyError::Label {
+            place: place.clone(),
+            reason: error.to_string(),
+        })?;
         labels.push(row.checked(&place, defaults)?);
     }
     Ok(labels)
@@ -62,37 +91,56 @@ pub fn from_csv(text: &str, place: &str, defaults: Defaults<'_>) -> Result<Vec<L
 ///
 /// # Errors
 /// The first that is no label.
-pub fn from_json(text: &str, place: &str, defaults: Defaults<'_>) -> Result<Vec<Label>, TaxonomyError> {
-    let wrong = |place: &str, error: serde_json::Error| TaxonomyError::Label { place: place.into(), reason: error.to_string() };
+pub fn from_json(
+    text: &str,
+    place: &str,
+    defaults: Defaults<'_>,
+) -> Result<Vec<Label>, TaxonomyError> {
+    let wrong = |place: &str, error: serde_json::Error| TaxonomyError::Label {
+        place: place.into(),
+        reason: error.to_string(),
+    };
     if text.trim_start().starts_with('[') {
         let rows: Vec<Written> = serde_json::from_str(text).map_err(|error| wrong(place, error))?;
-        return (1..).zip(rows).map(|(number, row)| row.checked(&format!("{place}, label {number}"), defaults)).collect();
+        return (1..)
+            .zip(rows)
+            .map(|(number, row)| row.checked(&format!("{place}, label {number}"), defaults))
+            .collect();
     }
-    let lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
+    let lines = (1..)
+        .zip(text.lines())
+        .filter(|(_, line)| !line.trim().is_empty());
     lines
         .map(|(number, line)| {
             let place = format!("{place}, line {number}");
-            serde_json::from_str::<Written>(line).map_err(|error| wrong(&place, error))?.checked(&place, defaults)
+            serde_json::from_str::<Written>(line)
+                .map_err(|error| wrong(&place, error))?
+                .checked(&place, defaults)
         })
         .collect()
 }
 
-/// The label that a fault left beside its trace (`<trace>.label.json`); none where it did not cost the success.
+/// The label that a fault left beside its trace (`<trace>.label.json`); none where it did not cost
+/// the success.
 ///
 /// # Errors
 /// When the file is no such label.
 pub fn injected(text: &str, place: &str, at_ms: i64) -> Result<Option<Label>, TaxonomyError> {
-    let wrong = |reason: String| TaxonomyError::Label { place: place.to_owned(), reason };
+    let wrong = |reason: String| TaxonomyError::Label {
+        place: place.to_owned(),
+        reason,
+    };
     let file: Value = serde_json::from_str(text).map_err(|error| wrong(error.to_string()))?;
     let primary = &file["primary"];
     if primary.is_null() && file.get("primary").is_some() {
         return Ok(None);
     }
     let said = |value: &Value, name: &str| {
-        value[name]
-            .as_str()
-            .map(str::to_owned)
-            .ok_or_else(|| wrong(format!("it has no text `{name}`: no label of an injected fault")))
+        value[name].as_str().map(str::to_owned).ok_or_else(|| {
+            wrong(format!(
+                "it has no text `{name}`: no label of an injected fault"
+            ))
+        })
     };
     let label = Written {
         episode_id: said(&file, "episode_id")?,
@@ -100,21 +148,41 @@ pub fn injected(text: &str, place: &str, at_ms: i64) -> Result<Option<Label>, Ta
         author: None,
         kind: Some("injected".into()),
         sub_class: Some(said(primary, "sub_class")?),
-        step: primary["step"].as_i64().and_then(|step| i32::try_from(step).ok()),
+        step: primary["step"]
+            .as_i64()
+            .and_then(|step| i32::try_from(step).ok()),
         confidence: None,
         note: None,
         at_ms: None,
     };
-    label.checked(place, Defaults { author: "injected", at_ms }).map(Some)
+    label
+        .checked(
+            place,
+            Defaults {
+                author: "injected",
+                at_ms,
+            },
+        )
+        .map(Some)
 }
 
 impl Written {
     fn checked(self, place: &str, defaults: Defaults<'_>) -> Result<Label, TaxonomyError> {
-        let wrong = |reason: String| TaxonomyError::Label { place: place.to_owned(), reason };
+        let wrong = |reason: String| TaxonomyError::Label {
+            place: place.to_owned(),
+            reason,
+        };
         if !CLASSES.contains(&self.class.as_str()) {
-            return Err(wrong(format!("the class '{}' is none of {}", self.class, CLASSES.join(", "))));
+            return Err(wrong(format!(
+                "the class '{}' is none of {}",
+                self.class,
+                CLASSES.join(", ")
+            )));
         }
-        if self.confidence.is_some_and(|confidence| !(0.0..=1.0).contains(&confidence)) {
+        if self
+            .confidence
+            .is_some_and(|confidence| !(0.0..=1.0).contains(&confidence))
+        {
             return Err(wrong("the confidence has to lie between 0 and 1".into()));
         }
         if self.episode_id.is_empty() {
@@ -150,22 +218,32 @@ pub fn to_csv(labels: &[Label]) -> String {
 
 /// Labels as one JSON object a line, which [`from_json`] reads.
 pub fn to_json(labels: &[Label]) -> String {
-    labels.iter().map(|label| serde_json::to_string(label).expect("a label is JSON") + "\n").collect()
+    labels
+        .iter()
+        .map(|label| serde_json::to_string(label).expect("a label is JSON") + "\n")
+        .collect()
 }
 
-/// One label an episode: of an author, of a kind, or `agreed`: what was adjudicated, else what all people say who labelled
-/// it. Of several by the same author the latest counts; of several authors of a kind, the one that was adjudicated or said
-/// last.
+/// One label an episode: of an author, of a kind, or `agreed`: what was adjudicated, else what all
+/// people say who labelled it. Of several by the same author the latest counts; of several authors
+/// of a kind, the one that was adjudicated or said last.
 pub fn label_set(labels: &[Label], name: &str) -> LabelSet {
     let mut sorted: Vec<&Label> = labels.iter().collect();
     sorted.sort_by(|one, other| (one.at_ms, &one.author).cmp(&(other.at_ms, &other.author)));
     if name != "agreed" {
-        let of_set = sorted.into_iter().filter(|label| label.author == name || label.kind == name);
-        return of_set.map(|label| (label.episode_id.clone(), label.clone())).collect();
+        let of_set = sorted
+            .into_iter()
+            .filter(|label| label.author == name || label.kind == name);
+        return of_set
+            .map(|label| (label.episode_id.clone(), label.clone()))
+            .collect();
     }
     let mut agreed = LabelSet::new();
     for (episode, labels) in by_episode(&sorted) {
-        let adjudicated = labels.iter().rev().find(|label| label.kind == "adjudicated");
+        let adjudicated = labels
+            .iter()
+            .rev()
+            .find(|label| label.kind == "adjudicated");
         let classes: BTreeSet<&str> = labels.iter().map(|label| label.class.as_str()).collect();
         if let Some(label) = adjudicated.or_else(|| labels.last().filter(|_| classes.len() == 1)) {
             agreed.insert(episode.to_owned(), (*label).clone());
@@ -182,13 +260,17 @@ pub fn disputed(labels: &[Label]) -> BTreeMap<String, Vec<Label>> {
         let classes: BTreeSet<&str> = labels.iter().map(|label| label.class.as_str()).collect();
         classes.len() > 1 && labels.iter().all(|label| label.kind != "adjudicated")
     });
-    open.map(|(episode, labels)| (episode.to_owned(), labels.into_iter().cloned().collect())).collect()
+    open.map(|(episode, labels)| (episode.to_owned(), labels.into_iter().cloned().collect()))
+        .collect()
 }
 
 /// What people said, the last word of each, by episode.
 fn by_episode<'a>(sorted: &[&'a Label]) -> BTreeMap<&'a str, Vec<&'a Label>> {
     let mut last: BTreeMap<(&str, &str, &str), &Label> = BTreeMap::new();
-    for label in sorted.iter().filter(|label| label.kind == "human" || label.kind == "adjudicated") {
+    for label in sorted
+        .iter()
+        .filter(|label| label.kind == "human" || label.kind == "adjudicated")
+    {
         last.insert((&label.episode_id, &label.author, &label.kind), label);
     }
     let mut episodes: BTreeMap<&str, Vec<&Label>> = BTreeMap::new();
@@ -205,7 +287,10 @@ fn by_episode<'a>(sorted: &[&'a Label]) -> BTreeMap<&'a str, Vec<&'a Label>> {
 mod tests {
     use super::*;
 
-    const DEFAULTS: Defaults<'_> = Defaults { author: "ann", at_ms: 5 };
+    const DEFAULTS: Defaults<'_> = Defaults {
+        author: "ann",
+        at_ms: 5,
+    };
 
     fn label(episode: &str, author: &str, kind: &str, class: &str, at_ms: i64) -> Label {
         let (sub_class, step, confidence, note) = (None, None, None, None);
@@ -224,7 +309,10 @@ mod tests {
 
     #[test]
     fn labels_survive_csv_and_json() {
-        let mut labels = vec![label("a", "ann", "human", "Other", 5), label("b", "bob", "human", "Lost Memory", 6)];
+        let mut labels = vec![
+            label("a", "ann", "human", "Other", 5),
+            label("b", "bob", "human", "Lost Memory", 6),
+        ];
         labels[0].note = Some("commas, \"quotes\"\nand lines".into());
         labels[1].step = Some(3);
         labels[1].confidence = Some(0.5);
@@ -234,24 +322,56 @@ mod tests {
         assert_eq!(from_csv(&to_csv(&[]), "x", DEFAULTS).unwrap(), []);
         let short = from_csv("episode_id,class\na,Other\n", "x", DEFAULTS).unwrap();
         assert_eq!(short, [label("a", "ann", "human", "Other", 5)]);
-        let list = from_json("[{\"episode_id\": \"a\", \"class\": \"Other\"}]", "x", DEFAULTS).unwrap();
+        let list = from_json(
+            "[{\"episode_id\": \"a\", \"class\": \"Other\"}]",
+            "x",
+            DEFAULTS,
+        )
+        .unwrap();
         assert_eq!(list, short);
     }
 
     #[test]
     fn what_is_no_label_is_named_with_its_line() {
         for (text, place, complaint) in [
-            ("episode_id,class\na,Other\nb,Bad Luck\n", "labels.csv, line 3", "none of Object Confusion"),
+            (
+                "episode_id,class\na,Other\nb,Bad Luck\n",
+                "labels.csv, line 3",
+                "none of Object Confusion",
+            ),
             ("episode_id,klass\n", "labels.csv", "'klass' is unknown"),
             ("episode_id\na\n", "labels.csv, line 2", "class"),
-            ("episode_id,class,confidence\na,Other,7\n", "labels.csv, line 2", "between 0 and 1"),
-            ("episode_id,class,step\na,Other,x\n", "labels.csv, line 2", "invalid digit"),
-            ("episode_id,class\n,Other\n", "labels.csv, line 2", "names no episode"),
+            (
+                "episode_id,class,confidence\na,Other,7\n",
+                "labels.csv, line 2",
+                "between 0 and 1",
+            ),
+            (
+                "episode_id,class,step\na,Other,x\n",
+                "labels.csv, line 2",
+                "invalid digit",
+            ),
+            (
+                "episode_id,class\n,Other\n",
+                "labels.csv, line 2",
+                "names no episode",
+            ),
         ] {
-            let refused = from_csv(text, "labels.csv", DEFAULTS).unwrap_err().to_string();
-            assert!(refused.starts_with(place) && refused.contains(complaint), "{refused}");
+            let refused = from_csv(text, "labels.csv", DEFAULTS)
+                .unwrap_err()
+                .to_string();
+            assert!(
+                refused.starts_with(place) && refused.contains(complaint),
+                "{refused}"
+            );
         }
-        let refused = from_json("{\"episode_id\": \"a\", \"class\": \"Other\"}\n{", "l", DEFAULTS).unwrap_err().to_string();
+        let refused = from_json(
+            "{\"episode_id\": \"a\", \"class\": \"Other\"}\n{",
+            "l",
+            DEFAULTS,
+        )
+        .unwrap_err()
+        .to_string();
         assert!(refused.starts_with("l, line 2"), "{refused}");
     }
 
@@ -272,8 +392,18 @@ mod tests {
             label("one", "model", "judge", "Lost Memory", 9),
         ];
         let agreed = label_set(&labels, "agreed");
-        let classes: Vec<_> = agreed.iter().map(|(episode, label)| (episode.as_str(), label.class.as_str())).collect();
-        assert_eq!(classes, [("four", "Lost Memory"), ("one", "Other"), ("three", "Object Confusion")]);
+        let classes: Vec<_> = agreed
+            .iter()
+            .map(|(episode, label)| (episode.as_str(), label.class.as_str()))
+            .collect();
+        assert_eq!(
+            classes,
+            [
+                ("four", "Lost Memory"),
+                ("one", "Other"),
+                ("three", "Object Confusion")
+            ]
+        );
         assert_eq!(disputed(&labels).keys().collect::<Vec<_>>(), ["two"]);
         assert_eq!(label_set(&labels, "judge")["one"].class, "Lost Memory");
         assert_eq!(label_set(&labels, "ann")["four"].class, "Lost Memory");
@@ -283,8 +413,18 @@ mod tests {
     fn an_injected_fault_is_a_label() {
         let file = r#"{"episode_id": "e", "primary": {"class": "Other", "sub_class": "timeout", "step": 3}}"#;
         let found = injected(file, "x", 1).unwrap().unwrap();
-        assert_eq!((found.author.as_str(), found.sub_class.as_deref(), found.step), ("injected", Some("timeout"), Some(3)));
-        assert_eq!(injected(r#"{"episode_id": "e", "primary": null}"#, "x", 1).unwrap(), None);
+        assert_eq!(
+            (
+                found.author.as_str(),
+                found.sub_class.as_deref(),
+                found.step
+            ),
+            ("injected", Some("timeout"), Some(3))
+        );
+        assert_eq!(
+            injected(r#"{"episode_id": "e", "primary": null}"#, "x", 1).unwrap(),
+            None
+        );
         assert!(injected("{}", "x", 1).is_err());
     }
 }

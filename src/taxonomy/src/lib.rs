@@ -1,7 +1,9 @@
-//! Why episodes fail: a versioned set of rules in SQL gives every failed episode a class with its evidence (paper, Failure
-//! Mode Taxonomy; SPEC section 7), and labels of people, judges and injected faults tell how often the rules are right.
+//! Why episodes fail: a versioned set of rules in SQL gives every failed episode a class with its
+//! evidence (paper, Failure Mode Taxonomy; SPEC section 7), and labels of people, judges and
+//! injected faults tell how often the rules are right.
 //!
-//! The rules see the table `episodes` and nothing else, never a label. Nothing here reads a trace or runs physics.
+//! The rules see the table `episodes` and nothing else, never a label. Nothing here reads a trace
+//! or runs physics.
 
 mod agreement;
 mod classify;
@@ -17,7 +19,9 @@ use std::path::PathBuf;
 pub use agreement::{Agreement, ClassAgreement, agreement};
 pub use classify::{Verdicts, classify};
 pub use drift::{Drift, drift};
-pub use labels::{Defaults, LabelSet, disputed, from_csv, from_json, injected, label_set, to_csv, to_json};
+pub use labels::{
+    Defaults, LabelSet, disputed, from_csv, from_json, injected, label_set, to_csv, to_json,
+};
 pub use rules::{CLASSES, Rule, RuleSet};
 pub use stored::{Stored, baseline, stored};
 

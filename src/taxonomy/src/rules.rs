@@ -1,5 +1,5 @@
-//! Rules: a file each, with its class, sub-class, priority, prose and one question about a single episode. Reads and checks
-//! them; never asks them.
+//! Rules: a file each, with its class, sub-class, priority, prose and one question about a single
+//! episode. Reads and checks them; never asks them.
 
 use std::{fs, path::Path};
 
@@ -24,7 +24,8 @@ pub struct Rule {
     pub class: &'static str,
     /// What within it.
     pub sub_class: String,
-    /// Of several rules that hold the one with the lowest number decides; of equal ones that whose evidence comes first.
+    /// Of several rules that hold the one with the lowest number decides; of equal ones that whose
+    /// evidence comes first.
     pub priority: u32,
     /// Whether it is told beside what decides; what is left when nothing else was found is not.
     pub secondary: bool,
@@ -49,16 +50,28 @@ impl RuleSet {
     /// # Panics
     /// When one of them is no rule, which a test rules out.
     pub fn built_in() -> Self {
-        Self::new(BUILT_IN.iter().map(|(name, sql)| (*name, (*sql).to_owned()))).expect("a test reads every rule")
+        Self::new(
+            BUILT_IN
+                .iter()
+                .map(|(name, sql)| (*name, (*sql).to_owned())),
+        )
+        .expect("a test reads every rule")
     }
 
-    /// The built-in rules and those of a folder; one with the name of a built-in one takes its place.
+    /// The built-in rules and those of a folder; one with the name of a built-in one takes its
+    /// place.
     ///
     /// # Errors
     /// When the folder cannot be read or a file is no rule.
     pub fn with_folder(folder: &Path) -> Result<Self, TaxonomyError> {
-        let failed = |source| TaxonomyError::Io { path: folder.to_owned(), source };
-        let mut files: Vec<(String, String)> = BUILT_IN.iter().map(|(name, sql)| ((*name).into(), (*sql).into())).collect();
+        let failed = |source| TaxonomyError::Io {
+            path: folder.to_owned(),
+            source,
+        };
+        let mut files: Vec<(String, String)> = BUILT_IN
+            .iter()
+            .map(|(name, sql)| ((*name).into(), (*sql).into()))
+            .collect();
         let mut paths = Vec::new();
         for entry in fs::read_dir(folder).map_err(failed)? {
             paths.push(entry.map_err(failed)?.path());
@@ -66,19 +79,36 @@ impl RuleSet {
         paths.retain(|path| path.extension().is_some_and(|extension| extension == "sql"));
         paths.sort();
         for path in paths {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            let sql = fs::read_to_string(&path).map_err(|source| TaxonomyError::Io { path: path.clone(), source })?;
+            let name = path
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            let sql = fs::read_to_string(&path).map_err(|source| TaxonomyError::Io {
+                path: path.clone(),
+                source,
+            })?;
             files.retain(|(known, _)| *known != name);
             files.push((name, sql));
         }
         Self::new(files.into_iter())
     }
 
-    fn new(files: impl Iterator<Item = (impl Into<String>, String)>) -> Result<Self, TaxonomyError> {
-        let mut rules = files.map(|(name, sql)| Rule::parse(name.into(), sql)).collect::<Result<Vec<_>, _>>()?;
+    fn new(
+        files: impl Iterator<Item = (impl Into<String>, String)>,
+    ) -> Result<Self, TaxonomyError> {
+        let mut rules = files
+            .map(|(name, sql)| Rule::parse(name.into(), sql))
+            .collect::<Result<Vec<_>, _>>()?;
         rules.sort_by(|one, other| (one.priority, &one.name).cmp(&(other.priority, &other.name)));
-        let text: String = rules.iter().map(|rule| format!("{}\n{}\n", rule.name, rule.sql)).collect();
-        Ok(Self { rules, version: Digest::of(text.as_bytes()) })
+        let text: String = rules
+            .iter()
+            .map(|rule| format!("{}\n{}\n", rule.name, rule.sql))
+            .collect();
+        Ok(Self {
+            rules,
+            version: Digest::of(text.as_bytes()),
+        })
     }
 
     /// The rules in the order of their priority.
@@ -93,41 +123,87 @@ impl RuleSet {
 
     /// The class of a sub-class.
     pub fn class_of(&self, sub_class: &str) -> Option<&'static str> {
-        self.rules.iter().find(|rule| rule.sub_class == sub_class).map(|rule| rule.class)
+        self.rules
+            .iter()
+            .find(|rule| rule.sub_class == sub_class)
+            .map(|rule| rule.class)
     }
 }
 
 impl Rule {
     fn parse(name: String, sql: String) -> Result<Self, TaxonomyError> {
-        let wrong = |reason: String| TaxonomyError::Rule { rule: name.clone(), reason };
-        let header: Vec<&str> = sql.lines().map_while(|line| line.strip_prefix("--")).map(str::trim).collect();
+        let wrong = |reason: String| TaxonomyError::Rule {
+            rule: name.clone(),
+            reason,
+        };
+        let header: Vec<&str> = sql
+            .lines()
+            .map_while(|line| line.strip_prefix("--"))
+            .map(str::trim)
+            .collect();
         let field = |key: &str| {
-            let line = header.iter().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'));
+            let line = header
+                .iter()
+                .find_map(|line| line.strip_prefix(key)?.strip_prefix(':'));
             line.map(str::trim)
                 .filter(|value| !value.is_empty())
                 .ok_or_else(|| wrong(format!("its header has no line `-- {key}: ...`")))
         };
         let class = field("Class")?;
         let class = CLASSES.iter().find(|known| **known == class);
-        let class = class.ok_or_else(|| wrong(format!("its class is none of {}", CLASSES.join(", "))))?;
+        let class =
+            class.ok_or_else(|| wrong(format!("its class is none of {}", CLASSES.join(", "))))?;
         let sub_class = field("Sub-class")?.to_owned();
-        if !sub_class.chars().all(|letter| letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_') {
-            return Err(wrong(format!("its sub-class '{sub_class}' has other characters than a-z, 0-9 and _")));
+        if !sub_class
+            .chars()
+            .all(|letter| letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_')
+        {
+            return Err(wrong(format!(
+                "its sub-class '{sub_class}' has other characters than a-z, 0-9 and _"
+            )));
         }
-        let priority = field("Priority")?.parse().map_err(|_| wrong("its priority is no whole number".into()))?;
+        let priority = field("Priority")?
+            .parse()
+            .map_err(|_| wrong("its priority is no whole number".into()))?;
         let secondary = match field("Secondary") {
             Ok("never") => false,
-            Ok(other) => return Err(wrong(format!("`-- Secondary: {other}` has to be `never`, or to be left out"))),
+            Ok(other) => {
+                return Err(wrong(format!(
+                    "`-- Secondary: {other}` has to be `never`, or to be left out"
+                )));
+            }
             Err(_) => true,
         };
-        let is_prose =
-            |line: &&&str| !["Class:", "Sub-class:", "Priority:", "Secondary:"].iter().any(|key| line.starts_with(key));
-        let prose = header.iter().skip(1).filter(is_prose).copied().collect::<Vec<_>>().join(" ").trim().to_owned();
+        let is_prose = |line: &&&str| {
+            !["Class:", "Sub-class:", "Priority:", "Secondary:"]
+                .iter()
+                .any(|key| line.starts_with(key))
+        };
+        let prose = header
+            .iter()
+            .skip(1)
+            .filter(is_prose)
+            .copied()
+            .collect::<Vec<_>>()
+            .join(" ")
+            .trim()
+            .to_owned();
         if prose.is_empty() {
-            return Err(wrong("its header does not say in words what it finds".into()));
+            return Err(wrong(
+                "its header does not say in words what it finds".into(),
+            ));
         }
         let question = RowQuestion::parse(&sql).map_err(wrong)?;
-        Ok(Self { class, sub_class, priority, secondary, prose, question, name, sql })
+        Ok(Self {
+            class,
+            sub_class,
+            priority,
+            secondary,
+            prose,
+            question,
+            name,
+            sql,
+        })
     }
 }
 
@@ -140,7 +216,15 @@ mod tests {
     #[test]
     fn a_file_is_a_rule_or_says_why_not() {
         let rule = Rule::parse("x".into(), GOOD.into()).unwrap();
-        assert_eq!((rule.class, rule.sub_class.as_str(), rule.priority, rule.prose.as_str()), ("Other", "x", 7, "Words."));
+        assert_eq!(
+            (
+                rule.class,
+                rule.sub_class.as_str(),
+                rule.priority,
+                rule.prose.as_str()
+            ),
+            ("Other", "x", 7, "Words.")
+        );
         for (from, to, complaint) in [
             ("Other", "Bad Luck", "none of Object Confusion"),
             ("-- Class: Other\n", "", "no line `-- Class: ...`"),
@@ -150,8 +234,13 @@ mod tests {
             ("FROM episodes", "FROM labels", "from `episodes`"),
             ("SELECT", "SELEKT", "xpected"),
         ] {
-            let refused = Rule::parse("x".into(), GOOD.replace(from, to)).unwrap_err().to_string();
-            assert!(refused.starts_with("rule 'x'") && refused.contains(complaint), "{refused}");
+            let refused = Rule::parse("x".into(), GOOD.replace(from, to))
+                .unwrap_err()
+                .to_string();
+            assert!(
+                refused.starts_with("rule 'x'") && refused.contains(complaint),
+                "{refused}"
+            );
         }
     }
 
@@ -164,14 +253,25 @@ mod tests {
         names.dedup();
         assert_eq!(names.len(), set.rules().len());
         for class in CLASSES {
-            assert!(set.rules().iter().any(|rule| rule.class == class), "{class}");
+            assert!(
+                set.rules().iter().any(|rule| rule.class == class),
+                "{class}"
+            );
         }
         // a sub-class belongs to one class
         for rule in set.rules() {
-            assert_eq!(set.class_of(&rule.sub_class), Some(rule.class), "{}", rule.name);
+            assert_eq!(
+                set.class_of(&rule.sub_class),
+                Some(rule.class),
+                "{}",
+                rule.name
+            );
         }
         let folder = tempfile::TempDir::new().unwrap();
-        assert_eq!(RuleSet::with_folder(folder.path()).unwrap().version(), set.version());
+        assert_eq!(
+            RuleSet::with_folder(folder.path()).unwrap().version(),
+            set.version()
+        );
         fs::write(folder.path().join("mine.sql"), GOOD).unwrap();
         let more = RuleSet::with_folder(folder.path()).unwrap();
         assert_ne!(more.version(), set.version());

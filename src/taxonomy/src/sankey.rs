@@ -1,5 +1,5 @@
-//! Owns the Sankey diagram of failures, family -> class -> sub-class, as SVG and as PNG from one layout. Never decides
-//! why an episode failed, and reads and writes no file.
+//! Owns the Sankey diagram of failures, family -> class -> sub-class, as SVG and as PNG from one
+//! layout. Never decides why an episode failed, and reads and writes no file.
 
 mod layout;
 mod palette;
@@ -29,8 +29,9 @@ pub struct Flow {
 
 /// The diagram, laid out. Same input, same bytes.
 ///
-/// Names may be anything: what cannot be shown is replaced, what is too long is shortened in labels (the tooltips of
-/// the SVG have all of it), and where there are very many names the smallest are drawn together as "n more".
+/// Names may be anything: what cannot be shown is replaced, what is too long is shortened in labels
+/// (the tooltips of the SVG have all of it), and where there are very many names the smallest are
+/// drawn together as "n more".
 pub struct Sankey {
     scene: Scene,
 }
@@ -39,7 +40,9 @@ pub struct Sankey {
 #[derive(Debug, thiserror::Error)]
 pub enum SankeyError {
     /// The scale is outside [`Sankey::SCALES`], or not a number.
-    #[error("a Sankey diagram cannot be drawn at scale {found}: choose one from {smallest} to {largest}")]
+    #[error(
+        "a Sankey diagram cannot be drawn at scale {found}: choose one from {smallest} to {largest}"
+    )]
     Scale {
         /// The scale asked for.
         found: f32,
@@ -65,23 +68,36 @@ impl Sankey {
     /// The scales that [`Sankey::png`] takes.
     pub const SCALES: std::ops::RangeInclusive<f32> = 0.5..=4.0;
 
-    /// Lays out the failures of a set of runs; `successes` of the `episodes_total` episodes did not fail. Failures in no
-    /// flow count as not classified.
-    pub fn new(title: &str, subtitle: &str, flows: &[Flow], episodes_total: u64, successes: u64) -> Self {
+    /// Lays out the failures of a set of runs; `successes` of the `episodes_total` episodes did not
+    /// fail. Failures in no flow count as not classified.
+    pub fn new(
+        title: &str,
+        subtitle: &str,
+        flows: &[Flow],
+        episodes_total: u64,
+        successes: u64,
+    ) -> Self {
         let layout = Layout::of(flows);
-        Self { scene: Scene::of(title, subtitle, &layout, episodes_total, successes) }
+        Self {
+            scene: Scene::of(title, subtitle, &layout, episodes_total, successes),
+        }
     }
 
-    /// The diagram as an SVG document: accessible, with exact counts in the tooltips, without scripts or outside fonts.
+    /// The diagram as an SVG document: accessible, with exact counts in the tooltips, without
+    /// scripts or outside fonts.
     pub fn svg(&self) -> String {
         svg::write(&self.scene)
     }
 
-    /// The diagram as a PNG file, `scale` pixels to a unit of the SVG. Text is ASCII from a bitmap font, sharpest at
-    /// scales 1 and 2; other characters become `?`.
+    /// The diagram as a PNG file, `scale` pixels to a unit of the SVG. Text is ASCII from a bitmap
+    /// font, sharpest at scales 1 and 2; other characters become `?`.
     pub fn png(&self, scale: f32) -> Result<Vec<u8>, SankeyError> {
         if !Self::SCALES.contains(&scale) {
-            return Err(SankeyError::Scale { found: scale, smallest: *Self::SCALES.start(), largest: *Self::SCALES.end() });
+            return Err(SankeyError::Scale {
+                found: scale,
+                smallest: *Self::SCALES.start(),
+                largest: *Self::SCALES.end(),
+            });
         }
         png::draw(&self.scene, scale)
     }

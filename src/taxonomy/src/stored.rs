@@ -1,4 +1,5 @@
-//! The classes that a store holds, with what people name an episode by, and a naive classifier to compare with. Reads only.
+//! The classes that a store holds, with what people name an episode by, and a naive classifier to
+//! compare with. Reads only.
 
 use arrow::{
     array::{Array, AsArray, RecordBatch},
@@ -39,8 +40,9 @@ pub fn stored(session: &Session) -> Result<Vec<Stored>, QueryError> {
     )
 }
 
-/// What one gets who knows no better than the last call that failed: its error decides the class; without one, Object
-/// Confusion where something was placed, else Other. The yardstick that every rule set has to beat.
+/// What one gets who knows no better than the last call that failed: its error decides the class;
+/// without one, Object Confusion where something was placed, else Other. The yardstick that every
+/// rule set has to beat.
 ///
 /// # Errors
 /// When the store cannot be read.
@@ -61,16 +63,37 @@ pub fn baseline(session: &Session) -> Result<Vec<Stored>, QueryError> {
 
 /// Codes of errors with the class and sub-class that they suggest.
 const BY_ERROR: [(&str, FailureClass, &str); 4] = [
-    ("'door_closed', 'no_door', 'hand_not_free'", FailureClass::KeyActionMissing, "missing_open"),
-    ("'nothing_held', 'no_landmark', 'nothing_found', 'no_viewpoint'", FailureClass::KeyActionMissing, "missing_pick"),
-    ("'unknown_marker', 'marker_not_in_view', 'no_marker_map'", FailureClass::LostMemory, "stale_marker"),
-    ("'unknown_tool', 'bad_arguments', 'unparsable_output'", FailureClass::Other, "invalid_output"),
+    (
+        "'door_closed', 'no_door', 'hand_not_free'",
+        FailureClass::KeyActionMissing,
+        "missing_open",
+    ),
+    (
+        "'nothing_held', 'no_landmark', 'nothing_found', 'no_viewpoint'",
+        FailureClass::KeyActionMissing,
+        "missing_pick",
+    ),
+    (
+        "'unknown_marker', 'marker_not_in_view', 'no_marker_map'",
+        FailureClass::LostMemory,
+        "stale_marker",
+    ),
+    (
+        "'unknown_tool', 'bad_arguments', 'unparsable_output'",
+        FailureClass::Other,
+        "invalid_output",
+    ),
 ];
 
 fn cases(value: impl Fn(FailureClass, &'static str) -> &'static str) -> String {
     BY_ERROR
         .iter()
-        .map(|(codes, class, sub_class)| format!("WHEN code IN ({codes}) THEN '{}' ", value(*class, sub_class)))
+        .map(|(codes, class, sub_class)| {
+            format!(
+                "WHEN code IN ({codes}) THEN '{}' ",
+                value(*class, sub_class)
+            )
+        })
         .collect()
 }
 
@@ -82,7 +105,13 @@ fn read(session: &Session, columns: &str, join: &str) -> Result<Vec<Stored>, Que
 }
 
 fn rows(batch: &RecordBatch) -> Vec<Stored> {
-    let text = |column: usize, row: usize| batch.column(column).as_string::<i32>().value(row).to_owned();
+    let text = |column: usize, row: usize| {
+        batch
+            .column(column)
+            .as_string::<i32>()
+            .value(row)
+            .to_owned()
+    };
     let step = batch.column(6).as_primitive::<Int32Type>();
     (0..batch.num_rows())
         .map(|row| Stored {
@@ -92,7 +121,11 @@ fn rows(batch: &RecordBatch) -> Vec<Stored> {
             trace: text(3, row),
             class: text(4, row),
             sub_class: text(5, row),
-            step: if step.is_valid(row) { step.value(row) } else { 0 },
+            step: if step.is_valid(row) {
+                step.value(row)
+            } else {
+                0
+            },
         })
         .collect()
 }

@@ -1,5 +1,6 @@
-//! Many traces from a few: each is written again under other episode ids, hash chain and all, so that an ingest of tens of
-//! thousands can be measured. What they hold was not played under these ids: they replay as refused.
+//! Many traces from a few: each is written again under other episode ids, hash chain and all, so
+//! that an ingest of tens of thousands can be measured. What they hold was not played under these
+//! ids: they replay as refused.
 //!
 //! `cargo run --release -p reel-trace --example trace_copies -- OUT COUNT TRACES...`
 
@@ -10,14 +11,23 @@ use reel_world::chain;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
-    let [out, count, paths @ ..] = arguments.as_slice() else { return Err("usage: trace_copies OUT COUNT TRACES...".into()) };
-    let traces = paths.iter().map(|path| Trace::read(Path::new(path))).collect::<Result<Vec<_>, _>>()?;
+    let [out, count, paths @ ..] = arguments.as_slice() else {
+        return Err("usage: trace_copies OUT COUNT TRACES...".into());
+    };
+    let traces = paths
+        .iter()
+        .map(|path| Trace::read(Path::new(path)))
+        .collect::<Result<Vec<_>, _>>()?;
     if traces.is_empty() {
         return Err("no traces".into());
     }
     fs::create_dir_all(out)?;
     for number in 0..count.parse::<usize>()? {
-        copy(&traces[number % traces.len()], number, &Path::new(out).join(format!("{number:06}.mcap")))?;
+        copy(
+            &traces[number % traces.len()],
+            number,
+            &Path::new(out).join(format!("{number:06}.mcap")),
+        )?;
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
-//! The bare loop that ingest is measured against: reads each trace, checks the container's checksums, decodes every message
-//! into its generated type and drops it. Prints JSON: episodes, messages, CPU seconds.
+//! The bare loop that ingest is measured against: reads each trace, checks the container's
+//! checksums, decodes every message into its generated type and drops it. Prints JSON: episodes,
+//! messages, CPU seconds.
 //!
 //! `cargo run --release -p reel-trace --example trace_decode -- TRACES...`
 
@@ -21,7 +22,11 @@ fn main() {
     let paths: Vec<String> = env::args().skip(1).collect();
     let before = cpu_s();
     let messages: u64 = paths.iter().map(|path| decode_all(path)).sum();
-    println!("{{\"episodes\": {}, \"messages\": {messages}, \"cpu_s\": {:.4}}}", paths.len(), cpu_s() - before);
+    println!(
+        "{{\"episodes\": {}, \"messages\": {messages}, \"cpu_s\": {:.4}}}",
+        paths.len(),
+        cpu_s() - before
+    );
 }
 
 fn decode_all(path: &str) -> u64 {
@@ -66,7 +71,12 @@ fn decode<M: Message + Default>(data: &[u8]) {
 /// User and system time of this process, seconds.
 fn cpu_s() -> f64 {
     let stat = fs::read_to_string("/proc/self/stat").expect("Linux tells");
-    let fields: Vec<&str> = stat.rsplit_once(')').expect("a name in brackets").1.split_whitespace().collect();
+    let fields: Vec<&str> = stat
+        .rsplit_once(')')
+        .expect("a name in brackets")
+        .1
+        .split_whitespace()
+        .collect();
     let ticks = |index: usize| fields[index].parse::<f64>().expect("a number");
     (ticks(11) + ticks(12)) / 100.0
 }

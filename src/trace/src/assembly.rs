@@ -11,8 +11,8 @@ use prost::Message;
 use reel_world::{
     Digest, Outcome, Scene, Task, ToolCall, chain,
     record::{
-        EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, PolicyOutput, RewardTerm, StartRecord, StepInput, StepRecord,
-        UserReply,
+        EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, PolicyOutput, RewardTerm,
+        StartRecord, StepInput, StepRecord, UserReply,
     },
 };
 use serde::de::DeserializeOwned;
@@ -20,7 +20,10 @@ use serde::de::DeserializeOwned;
 use crate::{
     Timing, Trace, TraceError, codec,
     container::Item,
-    journal::{HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment, header_metadata},
+    journal::{
+        HEADER_METADATA, RECOVERY_METADATA, SCENE_ATTACHMENT, TASK_ATTACHMENT, check_attachment,
+        header_metadata,
+    },
     picture,
     reader::{Known, Parsed},
     robot::{CameraImage, RobotLog},
@@ -117,7 +120,10 @@ impl<'a> Assembly<'a> {
 
     /// Leaves out the pictures.
     pub(crate) fn records_only(path: &'a Path, known: &'a Known) -> Self {
-        Self { records_only: Some(known), ..Self::new(path) }
+        Self {
+            records_only: Some(known),
+            ..Self::new(path)
+        }
     }
 
     /// How many steps are whole.
@@ -131,20 +137,38 @@ impl<'a> Assembly<'a> {
             Item::Metadata(metadata) if metadata.name == HEADER_METADATA => {
                 self.metadata = Some(metadata.metadata.clone());
             }
-            Item::Metadata(metadata) if metadata.name == RECOVERY_METADATA => self.recoveries.push(metadata.metadata.clone()),
+            Item::Metadata(metadata) if metadata.name == RECOVERY_METADATA => {
+                self.recoveries.push(metadata.metadata.clone())
+            }
             Item::Attachment { header, data } => {
-                let twice = self.attachments.insert(header.name.clone(), data.to_vec()).is_some();
+                let twice = self
+                    .attachments
+                    .insert(header.name.clone(), data.to_vec())
+                    .is_some();
                 let what = format!("the attachment {} stands there twice", header.name);
-                let damaged = TraceError::Damaged { path: self.path.to_owned(), offset, what };
+                let damaged = TraceError::Damaged {
+                    path: self.path.to_owned(),
+                    offset,
+                    what,
+                };
                 return if twice { Err(damaged) } else { Ok(()) };
             }
-            Item::Message { header, topic, data } => {
-                return self.message(offset, header, topic, data).map_err(|refusal| match refusal {
-                    Refusal::Error(error) => error,
-                    Refusal::What(what) => {
-                        TraceError::Message { path: self.path.to_owned(), offset, topic: topic.to_owned(), what }
-                    }
-                });
+            Item::Message {
+                header,
+                topic,
+                data,
+            } => {
+                return self.message(offset, header, topic, data).map_err(
+                    |refusal| match refusal {
+                        Refusal::Error(error) => error,
+                        Refusal::What(what) => TraceError::Message {
+                            path: self.path.to_owned(),
+                            offset,
+                            topic: topic.to_owned(),
+                            what,
+                        },
+                    },
+                );
             }
             // Metadata of others, and what the container is made of.
             _ => {}
@@ -155,9 +179,23 @@ impl<'a> Assembly<'a> {
     /// The call that was received, but of which nothing came that is whole.
     pub(crate) fn under_way(&self) -> Option<(u32, StepInput)> {
         self.draft.as_ref().map(|draft| {
-            let Draft { call, policy, user_reply, lookup, .. } = draft;
+            let Draft {
+                call,
+                policy,
+                user_reply,
+                lookup,
+                ..
+            } = draft;
             let (policy, user_reply, lookup) = (policy.clone(), user_reply.clone(), lookup.clone());
-            (self.step_count(), StepInput { call: call.clone(), policy, user_reply, lookup })
+            (
+                self.step_count(),
+                StepInput {
+                    call: call.clone(),
+                    policy,
+                    user_reply,
+                    lookup,
+                },
+            )
         })
     }
 
@@ -170,33 +208,56 @@ impl<'a> Assembly<'a> {
     pub(crate) fn nothing_restored(&self) -> Option<TraceError> {
         let last = self.recoveries.last().filter(|_| self.start.is_none())?;
         let of = |key: &str| last.get(key).cloned().unwrap_or_default();
-        Some(TraceError::NothingRestored { path: self.path.to_owned(), source_name: of("source"), lost: of("lost") })
+        Some(TraceError::NothingRestored {
+            path: self.path.to_owned(),
+            source_name: of("source"),
+            lost: of("lost"),
+        })
     }
 
     /// What is known before the first call, if all of it can be read.
     pub(crate) fn head(&self) -> Result<(EpisodeHeader, Arc<Task>, Arc<Scene>), TraceError> {
-        let Some(header) = self.header.clone() else { return Err(self.missing("header of an episode")) };
+        let Some(header) = self.header.clone() else {
+            return Err(self.missing("header of an episode"));
+        };
         let task = self.attachment(TASK_ATTACHMENT, header.task_digest, |known| &known.tasks)?;
-        let scene = self.attachment(SCENE_ATTACHMENT, header.scene_digest, |known| &known.scenes)?;
+        let scene =
+            self.attachment(SCENE_ATTACHMENT, header.scene_digest, |known| &known.scenes)?;
         Ok((header, task, scene))
     }
 
     /// What a finished file must hold besides.
     pub(crate) fn check_finished(&self) -> Result<(), TraceError> {
-        if self.end.is_some() { Ok(()) } else { Err(self.missing("end of the episode")) }
+        if self.end.is_some() {
+            Ok(())
+        } else {
+            Err(self.missing("end of the episode"))
+        }
     }
 
     /// Whether an unfinished recording ends with a whole step.
     pub(crate) fn check_open(&self, bytes: u64) -> Result<(), TraceError> {
         let (offset, lost) = match &self.draft {
-            Some(draft) => {
-                (draft.offset, format!("call {} was received, {}, but not what came of it", self.steps.len(), draft.call))
-            }
+            Some(draft) => (
+                draft.offset,
+                format!(
+                    "call {} was received, {}, but not what came of it",
+                    self.steps.len(),
+                    draft.call
+                ),
+            ),
             None if self.start.is_none() => (bytes, "the state after settling".to_owned()),
-            None if self.end_graphs.is_some() && self.end.is_none() => (bytes, "the end of the episode".to_owned()),
+            None if self.end_graphs.is_some() && self.end.is_none() => {
+                (bytes, "the end of the episode".to_owned())
+            }
             None => return Ok(()),
         };
-        Err(TraceError::Torn { path: self.path.to_owned(), offset, steps_readable: self.step_count(), lost })
+        Err(TraceError::Torn {
+            path: self.path.to_owned(),
+            offset,
+            steps_readable: self.step_count(),
+            lost,
+        })
     }
 
     /// The trace up to here.
@@ -205,7 +266,9 @@ impl<'a> Assembly<'a> {
     /// When there is no state after settling.
     pub(crate) fn into_trace(mut self, bytes: u64) -> Result<Trace, TraceError> {
         let (header, task, scene) = self.head()?;
-        let Some(start) = self.start.take() else { return Err(self.missing("state after settling")) };
+        let Some(start) = self.start.take() else {
+            return Err(self.missing("state after settling"));
+        };
         Ok(Trace {
             path: self.path.to_owned(),
             header,
@@ -225,8 +288,16 @@ impl<'a> Assembly<'a> {
         })
     }
 
-    fn message(&mut self, offset: u64, header: &MessageHeader, topic: &str, data: &[u8]) -> Result<(), Refusal> {
-        let Some(channel) = schema::channel(topic) else { return Ok(()) };
+    fn message(
+        &mut self,
+        offset: u64,
+        header: &MessageHeader,
+        topic: &str,
+        data: &[u8],
+    ) -> Result<(), Refusal> {
+        let Some(channel) = schema::channel(topic) else {
+            return Ok(());
+        };
         if self.end.is_some() {
             return Err("the episode is already over".into());
         }
@@ -235,7 +306,10 @@ impl<'a> Assembly<'a> {
         }
         self.log_time = header.log_time;
         match channel {
-            schema::EPISODE => match decode::<reel::EpisodeEvent>(data)?.event.ok_or("it holds no event")? {
+            schema::EPISODE => match decode::<reel::EpisodeEvent>(data)?
+                .event
+                .ok_or("it holds no event")?
+            {
                 Event::Start(start) => self.episode_start(start),
                 Event::Settled(settled) => once(&mut self.settled, settled),
                 Event::End(end) => self.episode_end(end),
@@ -249,8 +323,11 @@ impl<'a> Assembly<'a> {
             }
             schema::LOGPROBS => {
                 let message: reel::TokenLogprobs = decode(data)?;
-                let policy =
-                    self.draft(message.step)?.policy.as_mut().ok_or("the policy output of its step is missing before it")?;
+                let policy = self
+                    .draft(message.step)?
+                    .policy
+                    .as_mut()
+                    .ok_or("the policy output of its step is missing before it")?;
                 once(&mut policy.logprobs, codec::read_logprobs(message)?)
             }
             schema::USER_DIALOGUE => {
@@ -270,7 +347,10 @@ impl<'a> Assembly<'a> {
             schema::TIMING => {
                 let message: reel::Timing = decode(data)?;
                 self.draft(message.step)?;
-                let timing = Timing { called_unix_ns: message.called_unix_ns, took_ns: message.took_ns };
+                let timing = Timing {
+                    called_unix_ns: message.called_unix_ns,
+                    took_ns: message.took_ns,
+                };
                 match self.timings.insert(message.step, timing) {
                     None => Ok(()),
                     Some(_) => Err("it was already said".into()),
@@ -303,7 +383,13 @@ impl<'a> Assembly<'a> {
             schema::CAMERA_ORIGINAL if self.records_only.is_some() => Ok(()),
             schema::CAMERA_ORIGINAL => {
                 let image: CompressedImage = decode(data)?;
-                once(&mut self.original, CameraImage { format: image.format, data: image.data })
+                once(
+                    &mut self.original,
+                    CameraImage {
+                        format: image.format,
+                        data: image.data,
+                    },
+                )
             }
             schema::WORLD_DIFF => {
                 let message: reel::WorldDiff = decode(data)?;
@@ -324,10 +410,17 @@ impl<'a> Assembly<'a> {
 
     fn episode_start(&mut self, message: reel::EpisodeStart) -> Result<(), Refusal> {
         let header = codec::read_header(message)?;
-        let listed = self.metadata.as_ref().ok_or("there is no metadata record of the header")?;
+        let listed = self
+            .metadata
+            .as_ref()
+            .ok_or("there is no metadata record of the header")?;
         for (key, value) in header_metadata(&header) {
             if listed.get(&key).is_some_and(|listed| *listed != value) {
-                return Err(format!("{key} is {value:?}, but {:?} in the metadata record", listed[&key]).into());
+                return Err(format!(
+                    "{key} is {value:?}, but {:?} in the metadata record",
+                    listed[&key]
+                )
+                .into());
             }
         }
         once(&mut self.header, header)
@@ -336,15 +429,25 @@ impl<'a> Assembly<'a> {
     fn world_graph(&mut self, message: reel::WorldGraphs) -> Result<(), Refusal> {
         match (message.moment.as_str(), self.start.is_some()) {
             ("start", false) => once(&mut self.start_graphs, codec::read_graphs(message)?),
-            ("end", true) if self.draft.is_none() => once(&mut self.end_graphs, codec::read_graphs(message)?),
+            ("end", true) if self.draft.is_none() => {
+                once(&mut self.end_graphs, codec::read_graphs(message)?)
+            }
             (moment, _) => Err(format!("the graphs of {moment:?} are out of place").into()),
         }
     }
 
     fn tool_call(&mut self, offset: u64, message: reel::ToolCall) -> Result<(), Refusal> {
         let expected = self.step_count();
-        if self.start.is_none() || self.draft.is_some() || self.end_graphs.is_some() || message.step != expected {
-            return Err(format!("call {} is out of place, {expected} whole steps are before it", message.step).into());
+        if self.start.is_none()
+            || self.draft.is_some()
+            || self.end_graphs.is_some()
+            || message.step != expected
+        {
+            return Err(format!(
+                "call {} is out of place, {expected} whole steps are before it",
+                message.step
+            )
+            .into());
         }
         let (call, lookup) = codec::read_tool_call(message)?;
         self.draft = Some(Draft {
@@ -362,9 +465,17 @@ impl<'a> Assembly<'a> {
     }
 
     fn reward(&mut self, message: reel::Reward) -> Result<(), Refusal> {
-        let preset = self.header.as_ref().map(|header| header.reward_preset.clone()).unwrap_or_default();
+        let preset = self
+            .header
+            .as_ref()
+            .map(|header| header.reward_preset.clone())
+            .unwrap_or_default();
         if message.preset != preset {
-            return Err(format!("the preset is {:?}, but {preset:?} in the header", message.preset).into());
+            return Err(format!(
+                "the preset is {:?}, but {preset:?} in the header",
+                message.preset
+            )
+            .into());
         }
         let draft = self.draft(message.step)?;
         once(&mut draft.reward, codec::read_reward(message.terms)?)
@@ -375,9 +486,12 @@ impl<'a> Assembly<'a> {
         let (at, found) = (moment.step, moment.digests.chain);
         let expected = match moment.step {
             None => {
-                let (Some(header), Some(settled), Some(graphs)) = (&self.header, self.settled.take(), self.start_graphs.take())
+                let (Some(header), Some(settled), Some(graphs)) =
+                    (&self.header, self.settled.take(), self.start_graphs.take())
                 else {
-                    return Err("header, settled state or graphs of the start are missing before it".into());
+                    return Err(
+                        "header, settled state or graphs of the start are missing before it".into(),
+                    );
                 };
                 let start = StartRecord {
                     graphs,
@@ -409,7 +523,12 @@ impl<'a> Assembly<'a> {
                 None => self.start = None,
                 Some(_) => drop((self.steps.pop(), self.offsets.pop())),
             }
-            return Err(Refusal::Error(TraceError::ChainBroken { path: self.path.to_owned(), step: at, expected, found }));
+            return Err(Refusal::Error(TraceError::ChainBroken {
+                path: self.path.to_owned(),
+                step: at,
+                expected,
+                found,
+            }));
         }
         if let Some(image) = self.image.take() {
             self.images.insert(at, image);
@@ -424,21 +543,38 @@ impl<'a> Assembly<'a> {
         if self.draft.is_some() {
             return Err("a step before it is not whole".into());
         }
-        let graphs = self.end_graphs.clone().ok_or("the graphs of the end are missing before it")?;
+        let graphs = self
+            .end_graphs
+            .clone()
+            .ok_or("the graphs of the end are missing before it")?;
         let end = codec::read_end(message, graphs)?;
         let expected = self.last_link();
         if end.chain != expected {
             let (path, step) = (PathBuf::from(self.path), self.step_count().checked_sub(1));
-            return Err(Refusal::Error(TraceError::ChainBroken { path, step, expected, found: end.chain }));
+            return Err(Refusal::Error(TraceError::ChainBroken {
+                path,
+                step,
+                expected,
+                found: end.chain,
+            }));
         }
         if end.steps != self.step_count() {
-            return Err(format!("it speaks of {} steps, but there are {}", end.steps, self.step_count()).into());
+            return Err(format!(
+                "it speaks of {} steps, but there are {}",
+                end.steps,
+                self.step_count()
+            )
+            .into());
         }
         once(&mut self.end, end)
     }
 
     fn last_link(&self) -> Digest {
-        let start = self.start.as_ref().map(|start| start.digests.chain).unwrap_or_default();
+        let start = self
+            .start
+            .as_ref()
+            .map(|start| start.digests.chain)
+            .unwrap_or_default();
         self.steps.last().map_or(start, |step| step.digests.chain)
     }
 
@@ -456,7 +592,9 @@ impl<'a> Assembly<'a> {
         let expected = self.step_count();
         match &mut self.draft {
             Some(draft) if step == expected => Ok(draft),
-            Some(_) => Err(format!("it belongs to step {step}, but stands in step {expected}").into()),
+            Some(_) => {
+                Err(format!("it belongs to step {step}, but stands in step {expected}").into())
+            }
             None => Err(format!("the call of step {step} is missing before it").into()),
         }
     }
@@ -467,17 +605,21 @@ impl<'a> Assembly<'a> {
         expected: Digest,
         parsed: fn(&Known) -> &Parsed<T>,
     ) -> Result<Arc<T>, TraceError> {
-        let Some(json) = self.attachments.get(name) else { return Err(self.missing(name)) };
+        let Some(json) = self.attachments.get(name) else {
+            return Err(self.missing(name));
+        };
         let parsed = self.records_only.map(parsed);
         if let Some(value) = parsed.and_then(|parsed| parsed.get(&expected, json)) {
             return Ok(value);
         }
         check_attachment(self.path, name, expected, json)?;
-        let value = serde_json::from_slice(json).map(Arc::new).map_err(|error| TraceError::Damaged {
-            path: self.path.to_owned(),
-            offset: 0,
-            what: format!("the attachment {name} is not what it should be ({error})"),
-        })?;
+        let value = serde_json::from_slice(json)
+            .map(Arc::new)
+            .map_err(|error| TraceError::Damaged {
+                path: self.path.to_owned(),
+                offset: 0,
+                what: format!("the attachment {name} is not what it should be ({error})"),
+            })?;
         if let Some(parsed) = parsed {
             parsed.keep(expected, json, &value);
         }
@@ -485,7 +627,10 @@ impl<'a> Assembly<'a> {
     }
 
     fn missing(&self, what: &'static str) -> TraceError {
-        TraceError::Missing { path: self.path.to_owned(), what }
+        TraceError::Missing {
+            path: self.path.to_owned(),
+            what,
+        }
     }
 }
 
@@ -494,7 +639,12 @@ impl Draft {
         let (outcome, result) = self.result.ok_or("the result of its step is missing")?;
         Ok(StepRecord {
             step,
-            input: StepInput { call: self.call, policy: self.policy, user_reply: self.user_reply, lookup: self.lookup },
+            input: StepInput {
+                call: self.call,
+                policy: self.policy,
+                user_reply: self.user_reply,
+                lookup: self.lookup,
+            },
             outcome,
             tool: result.tool,
             reply: self.answer,
@@ -504,7 +654,9 @@ impl Draft {
             object: result.object.map(Into::into),
             receptacle: result.receptacle.map(Into::into),
             held: result.held.map(Into::into),
-            changes: self.changes.ok_or("the world changes of its step are missing")?,
+            changes: self
+                .changes
+                .ok_or("the world changes of its step are missing")?,
             bodies: moment.bodies,
             robot: moment.robot,
             sim_step: moment.sim_step,

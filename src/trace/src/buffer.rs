@@ -1,4 +1,5 @@
-//! Memory that a thread uses again for the next file: what is fresh from the system costs more to get than to fill.
+//! Memory that a thread uses again for the next file: what is fresh from the system costs more to
+//! get than to fill.
 
 use std::{
     cell::RefCell,

@@ -1,5 +1,5 @@
-//! MCAP as a container: walking over its records with every checksum verified, and turning an unchunked
-//! recording into a finished file. Knows nothing of what messages mean.
+//! MCAP as a container: walking over its records with every checksum verified, and turning an
+//! unchunked recording into a finished file. Knows nothing of what messages mean.
 
 use std::{
     borrow::Cow,
@@ -24,7 +24,10 @@ const FOOTER: usize = RECORD_PREFIX + 20;
 /// A thing found in the data section.
 pub(crate) enum Item<'a> {
     /// A schema.
-    Schema { header: &'a records::SchemaHeader, data: &'a [u8] },
+    Schema {
+        header: &'a records::SchemaHeader,
+        data: &'a [u8],
+    },
     /// A channel.
     Channel(&'a records::Channel),
     /// A chunk, before what it holds.
@@ -34,9 +37,16 @@ pub(crate) enum Item<'a> {
     /// A metadata record.
     Metadata(&'a records::Metadata),
     /// An attachment.
-    Attachment { header: &'a records::AttachmentHeader, data: &'a [u8] },
+    Attachment {
+        header: &'a records::AttachmentHeader,
+        data: &'a [u8],
+    },
     /// A message.
-    Message { header: &'a records::MessageHeader, topic: &'a str, data: &'a [u8] },
+    Message {
+        header: &'a records::MessageHeader,
+        topic: &'a str,
+        data: &'a [u8],
+    },
 }
 
 /// Where an item stands.
@@ -52,7 +62,8 @@ pub(crate) struct At {
     pub verified: bool,
 }
 
-/// Takes what [`walk`] finds. Closures over [`At`] and [`Item`] are visitors that stop at the first problem.
+/// Takes what [`walk`] finds. Closures over [`At`] and [`Item`] are visitors that stop at the first
+/// problem.
 pub(crate) trait Visitor {
     /// The next thing of the file.
     fn item(&mut self, at: At, item: Item) -> Result<(), TraceError>;
@@ -80,17 +91,32 @@ pub(crate) enum Closing {
     Torn,
 }
 
-/// Walks over the data section in file order and hands every item to the visitor. Each byte of a finished file
-/// is covered by a checksum or compared with the only value it may have. A visitor that goes on after a problem
-/// gets what still can be read: the rest of the file, and the records of a torn chunk as far as it decompresses.
+/// Walks over the data section in file order and hands every item to the visitor. Each byte of a
+/// finished file is covered by a checksum or compared with the only value it may have. A visitor
+/// that goes on after a problem gets what still can be read: the rest of the file, and the records
+/// of a torn chunk as far as it decompresses.
 ///
 /// # Errors
-/// What the visitor returns; by itself only [`TraceError::NotMcap`]. A torn end is a [`TraceError::Torn`]
-/// without the count of steps.
-pub(crate) fn walk(bytes: &[u8], path: &Path, limits: &Limits, visitor: &mut dyn Visitor) -> Result<Closing, TraceError> {
-    let mut walk = Walk { bytes, path, limits, topics: BTreeMap::new(), schemas: BTreeMap::new(), chunked: false };
+/// What the visitor returns; by itself only [`TraceError::NotMcap`]. A torn end is a
+/// [`TraceError::Torn`] without the count of steps.
+pub(crate) fn walk(
+    bytes: &[u8],
+    path: &Path,
+    limits: &Limits,
+    visitor: &mut dyn Visitor,
+) -> Result<Closing, TraceError> {
+    let mut walk = Walk {
+        bytes,
+        path,
+        limits,
+        topics: BTreeMap::new(),
+        schemas: BTreeMap::new(),
+        chunked: false,
+    };
     if !bytes.starts_with(MAGIC) {
-        return Err(TraceError::NotMcap { path: path.to_owned() });
+        return Err(TraceError::NotMcap {
+            path: path.to_owned(),
+        });
     }
     let mut position = MAGIC.len();
     loop {
@@ -122,14 +148,21 @@ pub(crate) fn walk(bytes: &[u8], path: &Path, limits: &Limits, visitor: &mut dyn
 /// The first record: opcode, body, and what is behind it. None where it is not whole.
 pub(crate) fn first_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
     let (prefix, rest) = bytes.split_at_checked(RECORD_PREFIX)?;
-    let length = u64::from_le_bytes(prefix[1..].try_into().expect("a prefix is an opcode and eight bytes"));
+    let length = u64::from_le_bytes(
+        prefix[1..]
+            .try_into()
+            .expect("a prefix is an opcode and eight bytes"),
+    );
     let (body, after) = rest.split_at_checked(usize::try_from(length).ok()?)?;
     Some((prefix[0], body, after))
 }
 
 /// What the record at an offset is called.
 pub(crate) fn record_name(bytes: &[u8], offset: u64) -> &'static str {
-    let opcode = usize::try_from(offset).ok().and_then(|offset| bytes.get(offset)).copied();
+    let opcode = usize::try_from(offset)
+        .ok()
+        .and_then(|offset| bytes.get(offset))
+        .copied();
     match opcode {
         None => "end of the file",
         Some(_) if offset < MAGIC.len() as u64 => "magic bytes",
@@ -154,21 +187,38 @@ pub(crate) fn record_name(bytes: &[u8], offset: u64) -> &'static str {
 
 /// Writes the finished form of an unchunked recording: same items, chunks, index and checksums.
 pub(crate) fn finish(part: &[u8], path: &Path, limits: &Limits) -> Result<Vec<u8>, TraceError> {
-    let failed = |error: McapError| TraceError::Io { action: "finish", path: path.to_owned(), source: io::Error::other(error) };
-    let options = WriteOptions::new().library(LIBRARY).chunk_size(Some(CHUNK_BYTES)).compression_threads(0);
-    let mut writer = options.create(io::Cursor::new(Vec::new())).map_err(failed)?;
+    let failed = |error: McapError| TraceError::Io {
+        action: "finish",
+        path: path.to_owned(),
+        source: io::Error::other(error),
+    };
+    let options = WriteOptions::new()
+        .library(LIBRARY)
+        .chunk_size(Some(CHUNK_BYTES))
+        .compression_threads(0);
+    let mut writer = options
+        .create(io::Cursor::new(Vec::new()))
+        .map_err(failed)?;
     let mut announced = BTreeSet::new();
     let mut write = |_: At, item: Item| match item {
         Item::Metadata(metadata) => writer.write_metadata(metadata).map_err(failed),
-        Item::Attachment { header, data } => writer.attach(&attachment(header.clone(), data)).map_err(failed),
-        Item::Message { header, topic, data } => {
+        Item::Attachment { header, data } => writer
+            .attach(&attachment(header.clone(), data))
+            .map_err(failed),
+        Item::Message {
+            header,
+            topic,
+            data,
+        } => {
             let data = match topic == schema::CAMERA.topic {
                 true => picture::finished_message(data),
                 false => Some(Cow::Borrowed(data)),
             };
             // What is no picture cannot be shown: it is left out.
             let Some(data) = data else { return Ok(()) };
-            if let Some(channel) = schema::channel(topic).filter(|channel| announced.insert(channel.id)) {
+            if let Some(channel) =
+                schema::channel(topic).filter(|channel| announced.insert(channel.id))
+            {
                 announce(&mut writer, &channel).map_err(failed)?;
             }
             writer.write_to_known_channel(header, &data).map_err(failed)
@@ -182,15 +232,25 @@ pub(crate) fn finish(part: &[u8], path: &Path, limits: &Limits) -> Result<Vec<u8
 }
 
 /// A finished file that holds nothing but a metadata record.
-pub(crate) fn only_metadata(name: &str, metadata: BTreeMap<String, String>) -> Result<Vec<u8>, TraceError> {
+pub(crate) fn only_metadata(
+    name: &str,
+    metadata: BTreeMap<String, String>,
+) -> Result<Vec<u8>, TraceError> {
     let write = || {
         let options = WriteOptions::new().library(LIBRARY).compression_threads(0);
         let mut writer = options.create(io::Cursor::new(Vec::new()))?;
-        writer.write_metadata(&records::Metadata { name: name.to_owned(), metadata })?;
+        writer.write_metadata(&records::Metadata {
+            name: name.to_owned(),
+            metadata,
+        })?;
         writer.finish()?;
         Ok(writer.into_inner().into_inner())
     };
-    write().map_err(|error: McapError| TraceError::Io { action: "finish", path: name.into(), source: io::Error::other(error) })
+    write().map_err(|error: McapError| TraceError::Io {
+        action: "finish",
+        path: name.into(),
+        source: io::Error::other(error),
+    })
 }
 
 /// Bytes of messages in a chunk before it is closed.
@@ -203,15 +263,37 @@ pub(crate) fn announce<W: io::Write + io::Seek>(
     writer: &mut mcap::Writer<W>,
     channel: &schema::Channel,
 ) -> Result<(), McapError> {
-    writer.add_schema_with_id(channel.id, channel.message, "protobuf", schema::descriptor_set(channel))?;
-    writer.add_channel_with_id(channel.id, channel.id, channel.topic, "protobuf", &BTreeMap::new())?;
+    writer.add_schema_with_id(
+        channel.id,
+        channel.message,
+        "protobuf",
+        schema::descriptor_set(channel),
+    )?;
+    writer.add_channel_with_id(
+        channel.id,
+        channel.id,
+        channel.topic,
+        "protobuf",
+        &BTreeMap::new(),
+    )?;
     Ok(())
 }
 
 /// An attachment in the form that the writer takes.
 pub(crate) fn attachment(header: records::AttachmentHeader, data: &[u8]) -> mcap::Attachment<'_> {
-    let records::AttachmentHeader { log_time, create_time, name, media_type } = header;
-    mcap::Attachment { log_time, create_time, name, media_type, data: data.into() }
+    let records::AttachmentHeader {
+        log_time,
+        create_time,
+        name,
+        media_type,
+    } = header;
+    mcap::Attachment {
+        log_time,
+        create_time,
+        name,
+        media_type,
+        data: data.into(),
+    }
 }
 
 struct Walk<'a> {
@@ -230,13 +312,25 @@ impl<'a> Walk<'a> {
         if rest.is_empty() {
             return Ok(None);
         }
-        let (opcode, body, _) = first_record(rest).ok_or_else(|| self.torn(position, "the last record is not whole"))?;
+        let (opcode, body, _) = first_record(rest)
+            .ok_or_else(|| self.torn(position, "the last record is not whole"))?;
         Ok(Some((opcode, body)))
     }
 
-    fn data_record(&mut self, offset: usize, opcode: u8, body: &[u8], visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+    fn data_record(
+        &mut self,
+        offset: usize,
+        opcode: u8,
+        body: &[u8],
+        visitor: &mut dyn Visitor,
+    ) -> Result<(), TraceError> {
         let length = RECORD_PREFIX + body.len();
-        let at = At { offset: offset as u64, length: length as u64, in_chunk: None, verified: true };
+        let at = At {
+            offset: offset as u64,
+            length: length as u64,
+            in_chunk: None,
+            verified: true,
+        };
         if opcode != op::CHUNK {
             return self.record(at, opcode, body, visitor);
         }
@@ -255,18 +349,32 @@ impl<'a> Walk<'a> {
     }
 
     /// The records of a sound chunk.
-    fn unpacked_records(&mut self, chunk: At, unpacked: &Unpacked, visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+    fn unpacked_records(
+        &mut self,
+        chunk: At,
+        unpacked: &Unpacked,
+        visitor: &mut dyn Visitor,
+    ) -> Result<(), TraceError> {
         let mut position = 0;
         unpacked.records().try_for_each(|(opcode, body)| {
-            let at = At { in_chunk: Some(position), ..chunk };
+            let at = At {
+                in_chunk: Some(position),
+                ..chunk
+            };
             position += (RECORD_PREFIX + body.len()) as u64;
             self.record(at, opcode, body, visitor)
         })
     }
 
-    /// The records of a chunk, one after the other. Where the chunk is not whole or its checksum does not hold, those that can be
-    /// decompressed, as not verified.
-    fn chunk_records(&mut self, offset: usize, chunk: &[u8], whole: bool, visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+    /// The records of a chunk, one after the other. Where the chunk is not whole or its checksum
+    /// does not hold, those that can be decompressed, as not verified.
+    fn chunk_records(
+        &mut self,
+        offset: usize,
+        chunk: &[u8],
+        whole: bool,
+        visitor: &mut dyn Visitor,
+    ) -> Result<(), TraceError> {
         self.chunked = true;
         let mut verify = whole;
         loop {
@@ -275,7 +383,13 @@ impl<'a> Walk<'a> {
                 .with_skip_end_magic(true)
                 .with_prevalidate_chunk_crcs(verify)
                 .with_record_length_limit(self.limits.chunk_bytes);
-            match self.read_chunk(offset, chunk, LinearReader::new_with_options(options), verify, visitor)? {
+            match self.read_chunk(
+                offset,
+                chunk,
+                LinearReader::new_with_options(options),
+                verify,
+                visitor,
+            )? {
                 Some((error, any)) if verify => {
                     visitor.problem(self.damaged(offset, &error))?;
                     if any {
@@ -286,8 +400,12 @@ impl<'a> Walk<'a> {
             }
             verify = false;
             // What the header promises bounds what decompression may give.
-            let promised = chunk.get(RECORD_PREFIX + 16..RECORD_PREFIX + 24).and_then(|size| size.first_chunk());
-            if promised.is_none_or(|size| u64::from_le_bytes(*size) > self.limits.chunk_bytes as u64) {
+            let promised = chunk
+                .get(RECORD_PREFIX + 16..RECORD_PREFIX + 24)
+                .and_then(|size| size.first_chunk());
+            if promised
+                .is_none_or(|size| u64::from_le_bytes(*size) > self.limits.chunk_bytes as u64)
+            {
                 return Ok(());
             }
         }
@@ -302,7 +420,12 @@ impl<'a> Walk<'a> {
         verified: bool,
         visitor: &mut dyn Visitor,
     ) -> Result<Option<(McapError, bool)>, TraceError> {
-        let mut at = At { offset: offset as u64, length: chunk.len() as u64, in_chunk: Some(0), verified };
+        let mut at = At {
+            offset: offset as u64,
+            length: chunk.len() as u64,
+            in_chunk: Some(0),
+            verified,
+        };
         let mut input = chunk;
         while let Some(event) = reader.next_event() {
             match event {
@@ -315,14 +438,22 @@ impl<'a> Walk<'a> {
                 }
                 Ok(LinearReadEvent::Record { opcode, data }) => {
                     self.record(at, opcode, data, visitor)?;
-                    at.in_chunk = at.in_chunk.map(|position| position + (RECORD_PREFIX + data.len()) as u64);
+                    at.in_chunk = at
+                        .in_chunk
+                        .map(|position| position + (RECORD_PREFIX + data.len()) as u64);
                 }
             }
         }
         Ok(None)
     }
 
-    fn record(&mut self, at: At, opcode: u8, body: &[u8], visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+    fn record(
+        &mut self,
+        at: At,
+        opcode: u8,
+        body: &[u8],
+        visitor: &mut dyn Visitor,
+    ) -> Result<(), TraceError> {
         let offset = at.offset as usize;
         if opcode == op::ATTACHMENT && !attachment_is_whole(body) {
             return visitor.problem(self.damaged(offset, &"an attachment is shorter than it says"));
@@ -333,8 +464,15 @@ impl<'a> Walk<'a> {
         };
         match record {
             Record::Schema { header, data } => {
-                visitor.item(at, Item::Schema { header: &header, data: &data })?;
-                self.schemas.insert(header.id, (header.name, header.encoding));
+                visitor.item(
+                    at,
+                    Item::Schema {
+                        header: &header,
+                        data: &data,
+                    },
+                )?;
+                self.schemas
+                    .insert(header.id, (header.name, header.encoding));
                 Ok(())
             }
             Record::Channel(channel) => {
@@ -342,9 +480,22 @@ impl<'a> Walk<'a> {
                 self.add_channel(at.offset, channel, visitor)
             }
             Record::Metadata(metadata) => visitor.item(at, Item::Metadata(&metadata)),
-            Record::Attachment { header, data, .. } => visitor.item(at, Item::Attachment { header: &header, data: &data }),
+            Record::Attachment { header, data, .. } => visitor.item(
+                at,
+                Item::Attachment {
+                    header: &header,
+                    data: &data,
+                },
+            ),
             Record::Message { header, data } => match self.topics.get(&header.channel_id) {
-                Some(topic) => visitor.item(at, Item::Message { header: &header, topic, data: &data }),
+                Some(topic) => visitor.item(
+                    at,
+                    Item::Message {
+                        header: &header,
+                        topic,
+                        data: &data,
+                    },
+                ),
                 None => {
                     let what = format!("a message names the unknown channel {}", header.channel_id);
                     visitor.problem(self.damaged(offset, &what))
@@ -352,19 +503,39 @@ impl<'a> Walk<'a> {
             },
             Record::MessageIndex(index) => visitor.item(at, Item::MessageIndex(&index)),
             Record::Header(_) => Ok(()),
-            _ => visitor.problem(self.damaged(offset, &format!("a record with opcode {opcode:#04x} is out of place"))),
+            _ => visitor.problem(self.damaged(
+                offset,
+                &format!("a record with opcode {opcode:#04x} is out of place"),
+            )),
         }
     }
 
-    fn add_channel(&mut self, offset: u64, channel: records::Channel, visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+    fn add_channel(
+        &mut self,
+        offset: u64,
+        channel: records::Channel,
+        visitor: &mut dyn Visitor,
+    ) -> Result<(), TraceError> {
         let mut topic = channel.topic;
         if let Some(known) = schema::channel(&topic) {
-            let schema = self.schemas.get(&channel.schema_id).map(|(name, encoding)| (name.as_str(), encoding.as_str()));
-            if schema != Some((known.message, "protobuf")) || channel.message_encoding != "protobuf" {
-                let what = format!("its schema is {schema:?}, but must be {} in protobuf", known.message);
+            let schema = self
+                .schemas
+                .get(&channel.schema_id)
+                .map(|(name, encoding)| (name.as_str(), encoding.as_str()));
+            if schema != Some((known.message, "protobuf")) || channel.message_encoding != "protobuf"
+            {
+                let what = format!(
+                    "its schema is {schema:?}, but must be {} in protobuf",
+                    known.message
+                );
                 // Its messages are nobody's then.
                 let topic = std::mem::take(&mut topic);
-                visitor.problem(TraceError::Message { path: self.path.into(), offset, topic, what })?;
+                visitor.problem(TraceError::Message {
+                    path: self.path.into(),
+                    offset,
+                    topic,
+                    what,
+                })?;
             }
         }
         self.topics.insert(channel.id, topic);
@@ -372,39 +543,66 @@ impl<'a> Walk<'a> {
     }
 
     /// Everything from the end of the data section on, and the checksum over all that is before it.
-    fn verify_closing(&self, data_end: usize, body: &[u8], visitor: &mut dyn Visitor) -> Result<(), TraceError> {
+    fn verify_closing(
+        &self,
+        data_end: usize,
+        body: &[u8],
+        visitor: &mut dyn Visitor,
+    ) -> Result<(), TraceError> {
         let summary = data_end + RECORD_PREFIX + body.len();
-        let Some(footer) = self.bytes.len().checked_sub(FOOTER + MAGIC.len()).filter(|footer| *footer >= summary) else {
+        let Some(footer) = self
+            .bytes
+            .len()
+            .checked_sub(FOOTER + MAGIC.len())
+            .filter(|footer| *footer >= summary)
+        else {
             return visitor.problem(self.torn(data_end, "the index is not whole"));
         };
         if !self.bytes.ends_with(MAGIC) {
-            return visitor.problem(self.torn(data_end, "the file does not end with the magic bytes"));
+            return visitor
+                .problem(self.torn(data_end, "the file does not end with the magic bytes"));
         }
         if *body != crc32fast::hash(&self.bytes[..data_end]).to_le_bytes() {
-            visitor.problem(self.damaged(data_end, &"the checksum of the data section is wrong"))?;
+            visitor
+                .problem(self.damaged(data_end, &"the checksum of the data section is wrong"))?;
         }
         let (prefix, fields) = self.bytes[footer..].split_at(RECORD_PREFIX);
-        if prefix != [op::FOOTER, 20, 0, 0, 0, 0, 0, 0, 0] || fields[..8] != (summary as u64).to_le_bytes() {
+        if prefix != [op::FOOTER, 20, 0, 0, 0, 0, 0, 0, 0]
+            || fields[..8] != (summary as u64).to_le_bytes()
+        {
             visitor.problem(self.damaged(footer, &"the footer is wrong"))?;
         }
-        if fields[16..20] != crc32fast::hash(&self.bytes[summary..footer + RECORD_PREFIX + 16]).to_le_bytes() {
+        if fields[16..20]
+            != crc32fast::hash(&self.bytes[summary..footer + RECORD_PREFIX + 16]).to_le_bytes()
+        {
             visitor.problem(self.damaged(footer, &"the checksum of the index is wrong"))?;
         }
         Ok(())
     }
 
     fn torn(&self, offset: usize, lost: &str) -> TraceError {
-        TraceError::Torn { path: self.path.into(), offset: offset as u64, steps_readable: 0, lost: lost.into() }
+        TraceError::Torn {
+            path: self.path.into(),
+            offset: offset as u64,
+            steps_readable: 0,
+            lost: lost.into(),
+        }
     }
 
     fn damaged(&self, offset: usize, what: &dyn std::fmt::Display) -> TraceError {
-        TraceError::Damaged { path: self.path.into(), offset: offset as u64, what: what.to_string() }
+        TraceError::Damaged {
+            path: self.path.into(),
+            offset: offset as u64,
+            what: what.to_string(),
+        }
     }
 }
 
 /// Whether an attachment's lengths fit its record; the parser trusts them.
 fn attachment_is_whole(body: &[u8]) -> bool {
-    let text = |body: &[u8]| -> Option<usize> { Some(u32::from_le_bytes(*body.first_chunk()?) as usize + 4) };
+    let text = |body: &[u8]| -> Option<usize> {
+        Some(u32::from_le_bytes(*body.first_chunk()?) as usize + 4)
+    };
     let header = || {
         let name = 16 + text(body.get(16..)?)?;
         let media_type = name + text(body.get(name..)?)?;

@@ -9,8 +9,8 @@ use crate::{
     limits::Limits,
 };
 
-/// Bytes of a trace by what they are: each channel's messages and each attachment as they are before chunks are
-/// compressed, the container around them, and the whole `file` as it is stored.
+/// Bytes of a trace by what they are: each channel's messages and each attachment as they are
+/// before chunks are compressed, the container around them, and the whole `file` as it is stored.
 ///
 /// # Errors
 /// When the file cannot be read or its container is damaged.
@@ -22,9 +22,14 @@ pub fn content(path: &Path) -> Result<BTreeMap<String, u64>, TraceError> {
         let (what, length) = match item {
             Item::Message { topic, data, .. } => (topic.to_owned(), data.len()),
             Item::Attachment { header, data } => (header.name.clone(), data.len()),
-            Item::Metadata(metadata) => {
-                ("metadata".to_owned(), metadata.metadata.iter().map(|(key, value)| key.len() + value.len()).sum())
-            }
+            Item::Metadata(metadata) => (
+                "metadata".to_owned(),
+                metadata
+                    .metadata
+                    .iter()
+                    .map(|(key, value)| key.len() + value.len())
+                    .sum(),
+            ),
             Item::Schema { data, .. } => ("schemas".to_owned(), data.len()),
             _ => return Ok(()),
         };

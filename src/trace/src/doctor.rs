@@ -1,5 +1,5 @@
-//! Examining a trace: everything that is wrong with it, where, and what to do. Owns the comparison of index and content;
-//! all else is what the reader checks anyway. Never changes a file.
+//! Examining a trace: everything that is wrong with it, where, and what to do. Owns the comparison
+//! of index and content; all else is what the reader checks anyway. Never changes a file.
 
 use std::{
     collections::BTreeMap,
@@ -42,7 +42,8 @@ pub struct Examination {
 /// Something that is wrong.
 #[derive(Clone, PartialEq, Eq, Debug, Serialize)]
 pub struct Finding {
-    /// Byte offset of the record (of its chunk, for a message in a chunk); none where it is not one place.
+    /// Byte offset of the record (of its chunk, for a message in a chunk); none where it is not one
+    /// place.
     pub offset: Option<u64>,
     /// What stands there, in words: `chunk`, `message on /tool/call`, `picture`, `hash chain`.
     pub record: String,
@@ -64,18 +65,27 @@ impl std::fmt::Display for Finding {
     }
 }
 
-/// Examines a trace or an unfinished recording: magic bytes, structure, every checksum, index against content, schemas
-/// against ours, order, hash chain, attachments and pictures against their digests.
+/// Examines a trace or an unfinished recording: magic bytes, structure, every checksum, index
+/// against content, schemas against ours, order, hash chain, attachments and pictures against their
+/// digests.
 ///
 /// # Errors
 /// When the file cannot be read at all.
 pub fn examine(path: &Path) -> Result<Examination, TraceError> {
     let limits = Limits::default();
     let bytes = files::read(path, &limits)?;
-    let mut examiner = Examiner { reading: Reading::new(path), content: Content::default(), findings: Vec::new() };
+    let mut examiner = Examiner {
+        reading: Reading::new(path),
+        content: Content::default(),
+        findings: Vec::new(),
+    };
     let walked = container::walk(&bytes, path, &limits, &mut examiner);
     let closing = walked.as_ref().ok().copied();
-    let Examiner { reading, content, mut findings } = examiner;
+    let Examiner {
+        reading,
+        content,
+        mut findings,
+    } = examiner;
     let loaded = reading.finish(walked, bytes.len() as u64);
 
     let mut notes = content.notes;
@@ -88,35 +98,61 @@ pub fn examine(path: &Path) -> Result<Examination, TraceError> {
         findings: Vec::new(),
         notes: Vec::new(),
     };
-    let sound = !loaded.problems.iter().any(|p| matches!(p.error, TraceError::Damaged { .. } | TraceError::Torn { .. }));
-    findings.splice(0..0, loaded.problems.iter().map(|problem| finding(&problem.error, problem.steps_before, &bytes)));
+    let sound = !loaded.problems.iter().any(|p| {
+        matches!(
+            p.error,
+            TraceError::Damaged { .. } | TraceError::Torn { .. }
+        )
+    });
+    findings.splice(
+        0..0,
+        loaded
+            .problems
+            .iter()
+            .map(|problem| finding(&problem.error, problem.steps_before, &bytes)),
+    );
     match &loaded.trace {
         Ok(trace) => {
             examination.steps = trace.steps.len() as u32;
             examination.pictures = trace.image_count();
             examination.end = trace.end.as_ref().map(|end| end.reason);
-            let pictures = trace.images.keys().filter_map(|step| trace.frame_rgb(*step).err());
+            let pictures = trace
+                .images
+                .keys()
+                .filter_map(|step| trace.frame_rgb(*step).err());
             findings.extend(pictures.map(|error| finding(&error, 0, &bytes)));
             if let Some(origin) = trace.header.backend.origin() {
                 notes.push(format!("recorded {origin}: nothing to re-execute"));
             } else if trace.image_count() == 0 {
-                notes.push(format!("no pictures; version {} of the simulator can draw them", trace.header.sim_version));
+                notes.push(format!(
+                    "no pictures; version {} of the simulator can draw them",
+                    trace.header.sim_version
+                ));
             }
             for recovery in &trace.recoveries {
                 let of = |key: &str| recovery.get(key).map_or("", String::as_str);
-                notes.push(format!("recovered from {}, {} steps, end {}", of("source"), of("steps_restored"), of("end")));
+                notes.push(format!(
+                    "recovered from {}, {} steps, end {}",
+                    of("source"),
+                    of("steps_restored"),
+                    of("end")
+                ));
             }
         }
         // No fault of the file: it says so itself.
         Err(error @ TraceError::NothingRestored { .. }) => notes.push(error.to_string()),
-        Err(error) if loaded.problems.is_empty() || matches!(error, TraceError::Attachment { .. }) => {
+        Err(error)
+            if loaded.problems.is_empty() || matches!(error, TraceError::Attachment { .. }) =>
+        {
             findings.push(finding(error, 0, &bytes));
         }
         Err(_) => {}
     }
     match closing {
         Some(Closing::Finished) if sound => findings.extend(content.index.compare(&bytes)),
-        Some(Closing::Finished) => notes.push("the index was not compared with the damaged content".to_owned()),
+        Some(Closing::Finished) => {
+            notes.push("the index was not compared with the damaged content".to_owned())
+        }
         Some(Closing::Open) if sound => {
             let steps = examination.steps;
             let torn = TraceError::Torn {
@@ -129,7 +165,11 @@ pub fn examine(path: &Path) -> Result<Examination, TraceError> {
         }
         _ => {}
     }
-    Ok(Examination { findings, notes, ..examination })
+    Ok(Examination {
+        findings,
+        notes,
+        ..examination
+    })
 }
 
 /// Lets the reader read and notes what the container says of itself.
@@ -153,7 +193,13 @@ impl Visitor for Examiner<'_> {
     fn item(&mut self, at: At, item: Item) -> Result<(), TraceError> {
         let step = self.reading.step_count().checked_sub(1);
         let mut wrong = |record: String, what: String, advice: &str| {
-            self.findings.push(Finding { offset: Some(at.offset), record, step, what, advice: advice.to_owned() });
+            self.findings.push(Finding {
+                offset: Some(at.offset),
+                record,
+                step,
+                what,
+                advice: advice.to_owned(),
+            });
         };
         let content = &mut self.content;
         match &item {
@@ -161,33 +207,69 @@ impl Visitor for Examiner<'_> {
                 content.schemas.insert(header.id, data.to_vec());
             }
             Item::Channel(channel) => match schema::channel(&channel.topic) {
-                None => content.notes.push(format!("the channel {} is not ours", channel.topic)),
-                Some(ours) => match schema::compare(&ours, content.schemas.get(&channel.schema_id).map_or(&[], Vec::as_slice)) {
+                None => content
+                    .notes
+                    .push(format!("the channel {} is not ours", channel.topic)),
+                Some(ours) => match schema::compare(
+                    &ours,
+                    content
+                        .schemas
+                        .get(&channel.schema_id)
+                        .map_or(&[], Vec::as_slice),
+                ) {
                     Likeness::Same => {}
-                    Likeness::Extended(what) => content.notes.push(format!("the schema of {}: {what}", channel.topic)),
+                    Likeness::Extended(what) => content
+                        .notes
+                        .push(format!("the schema of {}: {what}", channel.topic)),
                     Likeness::Other(what) => {
-                        wrong(format!("schema of {}", channel.topic), what, "read it with the version of reel that wrote it");
+                        wrong(
+                            format!("schema of {}", channel.topic),
+                            what,
+                            "read it with the version of reel that wrote it",
+                        );
                     }
                 },
             },
             Item::Message { header, topic, .. } => {
                 let last = content.sequences.insert(header.channel_id, header.sequence);
-                if schema::channel(topic).is_some() && last.is_some_and(|last| header.sequence <= last) {
-                    let what = format!("its number {} does not come after {}", header.sequence, last.unwrap_or_default());
-                    wrong(format!("message on {topic}"), what, "it was changed; take another copy");
+                if schema::channel(topic).is_some()
+                    && last.is_some_and(|last| header.sequence <= last)
+                {
+                    let what = format!(
+                        "its number {} does not come after {}",
+                        header.sequence,
+                        last.unwrap_or_default()
+                    );
+                    wrong(
+                        format!("message on {topic}"),
+                        what,
+                        "it was changed; take another copy",
+                    );
                 }
             }
             Item::MessageIndex(index) => {
                 let chunk = content.index.chunks.last_mut();
-                let mut listed: Vec<(u64, u64)> = index.records.iter().map(|entry| (entry.log_time, entry.offset)).collect();
+                let mut listed: Vec<(u64, u64)> = index
+                    .records
+                    .iter()
+                    .map(|entry| (entry.log_time, entry.offset))
+                    .collect();
                 listed.sort_unstable();
-                let found = chunk.as_ref().and_then(|chunk| chunk.messages.get(&index.channel_id));
+                let found = chunk
+                    .as_ref()
+                    .and_then(|chunk| chunk.messages.get(&index.channel_id));
                 if found != Some(&listed) {
-                    let what = format!("it does not list the messages of channel {} in the chunk before it", index.channel_id);
+                    let what = format!(
+                        "it does not list the messages of channel {} in the chunk before it",
+                        index.channel_id
+                    );
                     wrong("message index".to_owned(), what, INDEX_ADVICE);
                 }
                 if let Some(chunk) = chunk {
-                    chunk.index.message_index_offsets.insert(index.channel_id, at.offset);
+                    chunk
+                        .index
+                        .message_index_offsets
+                        .insert(index.channel_id, at.offset);
                     chunk.index.message_index_length += at.length;
                 }
             }
@@ -225,11 +307,17 @@ struct Chunk {
 impl Index {
     fn note(&mut self, at: At, item: &Item) {
         match item {
-            Item::Schema { header, .. } => drop(self.schemas.insert(header.id, header.name.clone())),
+            Item::Schema { header, .. } => {
+                drop(self.schemas.insert(header.id, header.name.clone()))
+            }
             Item::Channel(channel) => drop(self.channels.insert(channel.id, channel.topic.clone())),
             Item::Chunk(header) => self.chunks.push(Chunk::new(at, header)),
             Item::Metadata(metadata) => {
-                self.metadata.push(MetadataIndex { offset: at.offset, length: at.length, name: metadata.name.clone() });
+                self.metadata.push(MetadataIndex {
+                    offset: at.offset,
+                    length: at.length,
+                    name: metadata.name.clone(),
+                });
             }
             Item::Attachment { header, data } => self.attachments.push(AttachmentIndex {
                 offset: at.offset,
@@ -244,7 +332,11 @@ impl Index {
                 *self.messages.entry(header.channel_id).or_insert(0) += 1;
                 widen(&mut self.span, header.log_time);
                 if let (Some(position), Some(chunk)) = (at.in_chunk, self.chunks.last_mut()) {
-                    chunk.messages.entry(header.channel_id).or_default().push((header.log_time, position));
+                    chunk
+                        .messages
+                        .entry(header.channel_id)
+                        .or_default()
+                        .push((header.log_time, position));
                     widen(&mut chunk.span, header.log_time);
                 }
             }
@@ -257,7 +349,13 @@ impl Index {
         let mut findings = Vec::new();
         let mut differs = |offset: Option<u64>, record: &str, what: String| {
             let (record, advice) = (record.to_owned(), INDEX_ADVICE.to_owned());
-            findings.push(Finding { offset, record, step: None, what, advice });
+            findings.push(Finding {
+                offset,
+                record,
+                step: None,
+                what,
+                advice,
+            });
         };
         let summary = match mcap::Summary::read(bytes) {
             Ok(Some(summary)) => summary,
@@ -273,9 +371,14 @@ impl Index {
         let mut chunks = summary.chunk_indexes;
         chunks.sort_by_key(|index| index.chunk_start_offset);
         let expected: Vec<&ChunkIndex> = self.chunks.iter().map(|chunk| &chunk.index).collect();
-        if let Some(at) = first_difference(&chunks, &expected, |found, expected| found == *expected) {
+        if let Some(at) = first_difference(&chunks, &expected, |found, expected| found == *expected)
+        {
             let offset = expected.get(at).map(|chunk| chunk.chunk_start_offset);
-            differs(offset, "chunk index", format!("chunk {at} is not where or what it says"));
+            differs(
+                offset,
+                "chunk index",
+                format!("chunk {at} is not where or what it says"),
+            );
         }
         for chunk in &self.chunks {
             let found = (chunk.index.message_start_time, chunk.index.message_end_time);
@@ -284,18 +387,43 @@ impl Index {
                 differs(Some(chunk.index.chunk_start_offset), "chunk", what);
             }
         }
-        if let Some(at) = first_difference(&summary.attachment_indexes, &self.attachments, PartialEq::eq) {
+        if let Some(at) = first_difference(
+            &summary.attachment_indexes,
+            &self.attachments,
+            PartialEq::eq,
+        ) {
             let offset = self.attachments.get(at).map(|attachment| attachment.offset);
-            differs(offset, "attachment index", format!("attachment {at} is not where or what it says"));
+            differs(
+                offset,
+                "attachment index",
+                format!("attachment {at} is not where or what it says"),
+            );
         }
-        if let Some(at) = first_difference(&summary.metadata_indexes, &self.metadata, PartialEq::eq) {
+        if let Some(at) = first_difference(&summary.metadata_indexes, &self.metadata, PartialEq::eq)
+        {
             let offset = self.metadata.get(at).map(|metadata| metadata.offset);
-            differs(offset, "metadata index", format!("metadata record {at} is not where or what it says"));
+            differs(
+                offset,
+                "metadata index",
+                format!("metadata record {at} is not where or what it says"),
+            );
         }
-        let channels: BTreeMap<u16, String> = summary.channels.iter().map(|(id, channel)| (*id, channel.topic.clone())).collect();
-        let schemas: BTreeMap<u16, String> = summary.schemas.iter().map(|(id, schema)| (*id, schema.name.clone())).collect();
+        let channels: BTreeMap<u16, String> = summary
+            .channels
+            .iter()
+            .map(|(id, channel)| (*id, channel.topic.clone()))
+            .collect();
+        let schemas: BTreeMap<u16, String> = summary
+            .schemas
+            .iter()
+            .map(|(id, schema)| (*id, schema.name.clone()))
+            .collect();
         if channels != self.channels || schemas != self.schemas {
-            differs(None, "index", "its channels and schemas are not those of the content".to_owned());
+            differs(
+                None,
+                "index",
+                "its channels and schemas are not those of the content".to_owned(),
+            );
         }
         let Some(stats) = summary.stats else {
             differs(None, "statistics", "there are none".to_owned());
@@ -303,22 +431,58 @@ impl Index {
         };
         let (first, last) = self.span.unwrap_or_default();
         let counts = [
-            ("messages", stats.message_count, self.messages.values().sum()),
-            ("schemas", stats.schema_count.into(), self.schemas.len() as u64),
-            ("channels", stats.channel_count.into(), self.channels.len() as u64),
-            ("attachments", stats.attachment_count.into(), self.attachments.len() as u64),
-            ("metadata records", stats.metadata_count.into(), self.metadata.len() as u64),
+            (
+                "messages",
+                stats.message_count,
+                self.messages.values().sum(),
+            ),
+            (
+                "schemas",
+                stats.schema_count.into(),
+                self.schemas.len() as u64,
+            ),
+            (
+                "channels",
+                stats.channel_count.into(),
+                self.channels.len() as u64,
+            ),
+            (
+                "attachments",
+                stats.attachment_count.into(),
+                self.attachments.len() as u64,
+            ),
+            (
+                "metadata records",
+                stats.metadata_count.into(),
+                self.metadata.len() as u64,
+            ),
             ("chunks", stats.chunk_count.into(), self.chunks.len() as u64),
-            ("nanoseconds at the first message", stats.message_start_time, first),
-            ("nanoseconds at the last message", stats.message_end_time, last),
+            (
+                "nanoseconds at the first message",
+                stats.message_start_time,
+                first,
+            ),
+            (
+                "nanoseconds at the last message",
+                stats.message_end_time,
+                last,
+            ),
         ];
         for (what, said, found) in counts {
             if said != found {
-                differs(None, "statistics", format!("{said} {what}, but there are {found}"));
+                differs(
+                    None,
+                    "statistics",
+                    format!("{said} {what}, but there are {found}"),
+                );
             }
         }
         if stats.channel_message_counts != self.messages {
-            differs(None, "statistics", "the messages of each channel are miscounted".to_owned());
+            differs(
+                None,
+                "statistics",
+                "the messages of each channel are miscounted".to_owned(),
+            );
         }
         findings
     }
@@ -337,12 +501,17 @@ impl Chunk {
             compressed_size: header.compressed_size,
             uncompressed_size: header.uncompressed_size,
         };
-        Self { index, messages: BTreeMap::new(), span: None }
+        Self {
+            index,
+            messages: BTreeMap::new(),
+            span: None,
+        }
     }
 }
 
 /// The data is there in full; only finding it is not.
-const INDEX_ADVICE: &str = "the content is whole: write the trace again with `reel compact` or `reel expand`";
+const INDEX_ADVICE: &str =
+    "the content is whole: write the trace again with `reel compact` or `reel expand`";
 
 fn widen(span: &mut Option<(u64, u64)>, time: u64) {
     let (first, last) = span.unwrap_or((time, time));
@@ -358,22 +527,51 @@ fn first_difference<A, B>(a: &[A], b: &[B], equal: impl Fn(&A, &B) -> bool) -> O
 fn finding(error: &TraceError, steps_before: u32, bytes: &[u8]) -> Finding {
     const RECOVER: &str = "`reel recover` restores the whole steps";
     const COPY: &str = "take another copy; `reel recover` restores the whole steps before it";
-    const CHANGED: &str = "it was changed or written by another program; `reel recover` restores the steps before it";
+    const CHANGED: &str =
+        "it was changed or written by another program; `reel recover` restores the steps before it";
     let offset = error.offset();
-    let at = |offset: Option<u64>| offset.map_or("trace", |offset| container::record_name(bytes, offset)).to_owned();
+    let at = |offset: Option<u64>| {
+        offset
+            .map_or("trace", |offset| container::record_name(bytes, offset))
+            .to_owned()
+    };
     let mut step = steps_before.checked_sub(1);
     let (record, what, advice) = match error {
-        TraceError::NotMcap { .. } => (at(offset), "they are not those of an MCAP file".to_owned(), RECOVER),
+        TraceError::NotMcap { .. } => (
+            at(offset),
+            "they are not those of an MCAP file".to_owned(),
+            RECOVER,
+        ),
         TraceError::Torn { lost, .. } => (at(offset), lost.clone(), RECOVER),
         TraceError::Damaged { what, .. } => (at(offset), what.clone(), COPY),
-        TraceError::Message { topic, what, .. } => (format!("message on {topic}"), what.clone(), CHANGED),
-        TraceError::Missing { what, .. } => ("trace".to_owned(), format!("it holds no {what}"), CHANGED),
-        TraceError::Attachment { attachment, expected, found, .. } => {
-            (format!("attachment {attachment}"), format!("its digest is {found}, but {expected} in the header"), COPY)
+        TraceError::Message { topic, what, .. } => {
+            (format!("message on {topic}"), what.clone(), CHANGED)
         }
-        TraceError::ChainBroken { step: broken, expected, found, .. } => {
+        TraceError::Missing { what, .. } => {
+            ("trace".to_owned(), format!("it holds no {what}"), CHANGED)
+        }
+        TraceError::Attachment {
+            attachment,
+            expected,
+            found,
+            ..
+        } => (
+            format!("attachment {attachment}"),
+            format!("its digest is {found}, but {expected} in the header"),
+            COPY,
+        ),
+        TraceError::ChainBroken {
+            step: broken,
+            expected,
+            found,
+            ..
+        } => {
             step = *broken;
-            ("hash chain".to_owned(), format!("the records give {expected}, but {found} is written"), CHANGED)
+            (
+                "hash chain".to_owned(),
+                format!("the records give {expected}, but {found} is written"),
+                CHANGED,
+            )
         }
         TraceError::Picture { step: of, what, .. } => {
             step = *of;
@@ -382,5 +580,11 @@ fn finding(error: &TraceError, steps_before: u32, bytes: &[u8]) -> Finding {
         }
         other => ("trace".to_owned(), other.to_string(), COPY),
     };
-    Finding { offset, record, step, what, advice: advice.to_owned() }
+    Finding {
+        offset,
+        record,
+        step,
+        what,
+        advice: advice.to_owned(),
+    }
 }

@@ -8,7 +8,9 @@ use reel_world::{Digest, LogprobError};
 #[derive(Debug, thiserror::Error)]
 pub enum TraceError {
     /// The operating system refused.
-    #[error("cannot {action} a trace: {source}; check that the folder exists and has space: {path}")]
+    #[error(
+        "cannot {action} a trace: {source}; check that the folder exists and has space: {path}"
+    )]
     Io {
         /// What was tried.
         action: &'static str,
@@ -47,7 +49,9 @@ pub enum TraceError {
         path: PathBuf,
     },
     /// A file that recovery wrote because it could restore nothing.
-    #[error("nothing of the recording {source_name} could be restored ({lost}); this file only says so: {path}")]
+    #[error(
+        "nothing of the recording {source_name} could be restored ({lost}); this file only says so: {path}"
+    )]
     NothingRestored {
         /// The file.
         path: PathBuf,
@@ -69,7 +73,9 @@ pub enum TraceError {
         part: PathBuf,
     },
     /// The file is larger than the reader's limit.
-    #[error("the trace has {found} bytes, more than the limit of {limit}; raise the limit if it is yours: {path}")]
+    #[error(
+        "the trace has {found} bytes, more than the limit of {limit}; raise the limit if it is yours: {path}"
+    )]
     TooLarge {
         /// The file.
         path: PathBuf,
@@ -85,7 +91,9 @@ pub enum TraceError {
         path: PathBuf,
     },
     /// The file ends too early.
-    #[error("the trace is torn at byte {offset}: {lost}; {steps_readable} steps are readable, recover them: {path}")]
+    #[error(
+        "the trace is torn at byte {offset}: {lost}; {steps_readable} steps are readable, recover them: {path}"
+    )]
     Torn {
         /// The file.
         path: PathBuf,
@@ -97,7 +105,9 @@ pub enum TraceError {
         lost: String,
     },
     /// A checksum or a record of the container is wrong.
-    #[error("the trace is damaged at byte {offset}: {what}; take another copy or record it again: {path}")]
+    #[error(
+        "the trace is damaged at byte {offset}: {what}; take another copy or record it again: {path}"
+    )]
     Damaged {
         /// The file.
         path: PathBuf,
@@ -107,7 +117,9 @@ pub enum TraceError {
         what: String,
     },
     /// A message is not what its schema says, or is missing, twice or in the wrong place.
-    #[error("{topic} at byte {offset} does not belong in a trace: {what}; it was changed or written by another program: {path}")]
+    #[error(
+        "{topic} at byte {offset} does not belong in a trace: {what}; it was changed or written by another program: {path}"
+    )]
     Message {
         /// The file.
         path: PathBuf,
@@ -127,7 +139,9 @@ pub enum TraceError {
         what: &'static str,
     },
     /// An attachment is not the one that the header names, or no valid one.
-    #[error("{attachment} is not the one of this episode (expected digest {expected}, found {found}): {path}")]
+    #[error(
+        "{attachment} is not the one of this episode (expected digest {expected}, found {found}): {path}"
+    )]
     Attachment {
         /// The file.
         path: PathBuf,
@@ -171,7 +185,9 @@ pub enum TraceError {
         source: LogprobError,
     },
     /// A decision without recorded tokens.
-    #[error("step {step} has no recorded tokens to score; record the episode with `reel bench --logprobs`: {path}")]
+    #[error(
+        "step {step} has no recorded tokens to score; record the episode with `reel bench --logprobs`: {path}"
+    )]
     NoTokens {
         /// Path of the trace that has no such decision.
         path: PathBuf,
@@ -206,9 +222,9 @@ impl TraceError {
     /// Where in the file it is wrong, if that is one place.
     pub fn offset(&self) -> Option<u64> {
         match self {
-            TraceError::Torn { offset, .. } | TraceError::Damaged { offset, .. } | TraceError::Message { offset, .. } => {
-                Some(*offset)
-            }
+            TraceError::Torn { offset, .. }
+            | TraceError::Damaged { offset, .. }
+            | TraceError::Message { offset, .. } => Some(*offset),
             TraceError::NotMcap { .. } => Some(0),
             _ => None,
         }
@@ -217,7 +233,10 @@ impl TraceError {
 
 /// What is acknowledged, in words.
 fn acknowledged(steps: Option<u32>) -> String {
-    steps.map_or_else(|| "nothing".to_owned(), |steps| format!("the start and {steps} calls"))
+    steps.map_or_else(
+        || "nothing".to_owned(),
+        |steps| format!("the start and {steps} calls"),
+    )
 }
 
 /// A step in words.

@@ -1,5 +1,5 @@
-//! Files of traces: names, reading within a limit, and putting a finished file in its place at once. Knows nothing of
-//! what is in them.
+//! Files of traces: names, reading within a limit, and putting a finished file in its place at
+//! once. Knows nothing of what is in them.
 
 use std::{
     ffi::OsString,
@@ -27,7 +27,11 @@ pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
         if source.kind() == io::ErrorKind::NotFound && part.exists() {
             return TraceError::Unfinished { part };
         }
-        TraceError::Io { action: "read", path: path.to_owned(), source }
+        TraceError::Io {
+            action: "read",
+            path: path.to_owned(),
+            source,
+        }
     };
     let limit = limits.file_bytes;
     let file = remote::local(path).and_then(File::open).map_err(failed)?;
@@ -36,16 +40,22 @@ pub(crate) fn read(path: &Path, limits: &Limits) -> Result<Buffer, TraceError> {
     if found <= limit {
         // one more than there is: the end is seen without growing
         bytes.reserve_exact(usize::try_from(found).unwrap_or(0) + 1);
-        file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(failed)?;
+        file.take(limit.saturating_add(1))
+            .read_to_end(&mut bytes)
+            .map_err(failed)?;
     }
     match found.max(bytes.len() as u64) {
-        found if found > limit => Err(TraceError::TooLarge { path: path.to_owned(), limit, found }),
+        found if found > limit => Err(TraceError::TooLarge {
+            path: path.to_owned(),
+            limit,
+            found,
+        }),
         _ => Ok(bytes),
     }
 }
 
-/// Puts a file in its place at once: whoever looks finds what was there before, or all of it. The content is on
-/// the disk before the name is, and the name before this returns.
+/// Puts a file in its place at once: whoever looks finds what was there before, or all of it. The
+/// content is on the disk before the name is, and the name before this returns.
 pub(crate) fn publish(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let temporary = with_suffix(path, ".tmp");
     let write = || {
@@ -62,7 +72,10 @@ pub(crate) fn publish(path: &Path, bytes: &[u8]) -> io::Result<()> {
 pub(crate) fn sync_folder(path: &Path) -> io::Result<()> {
     // Only Unix can open a folder to do so.
     if cfg!(unix) {
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = path
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty())
+            .unwrap_or(Path::new("."));
         File::open(folder)?.sync_all()?;
     }
     Ok(())

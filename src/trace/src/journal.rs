@@ -1,5 +1,5 @@
-//! The records of an episode as MCAP messages, in their one order, onto anything that can be written to. Checks the
-//! turn and the hash chain. Knows no files.
+//! The records of an episode as MCAP messages, in their one order, onto anything that can be
+//! written to. Checks the turn and the hash chain. Knows no files.
 
 use std::{
     collections::BTreeMap,
@@ -14,7 +14,10 @@ use mcap::{
 use prost::Message;
 use reel_world::{
     Digest, FRAME_HEIGHT, FRAME_WIDTH, Scene, Task, canonical_json, chain,
-    record::{Backend, BodyState, EndRecord, EpisodeHeader, RobotState, StartRecord, StepInput, StepRecord, VisibleObject},
+    record::{
+        Backend, BodyState, EndRecord, EpisodeHeader, RobotState, StartRecord, StepInput,
+        StepRecord, VisibleObject,
+    },
 };
 
 use crate::{
@@ -26,7 +29,8 @@ use crate::{
 
 /// Log time of simulation time zero: 2020-01-01T00:00:00Z in nanoseconds since 1970.
 const EPOCH_NS: u64 = 1_577_836_800_000_000_000;
-/// Most time of policies that moves log times, ten years in nanoseconds: a clock that cannot overflow.
+/// Most time of policies that moves log times, ten years in nanoseconds: a clock that cannot
+/// overflow.
 const POLICY_NS_MAX: u64 = 315_360_000_000_000_000;
 /// Physics steps in a second of simulation time.
 const STEPS_PER_S: u128 = 240;
@@ -50,14 +54,16 @@ pub(crate) enum Picture<'a> {
     Base64(&'a str),
 }
 
-/// Writes one episode. Calls come in the order `start`, then `input` and `step` for each step, then `end`.
+/// Writes one episode. Calls come in the order `start`, then `input` and `step` for each step, then
+/// `end`.
 pub(crate) struct Journal<W: Write + Seek> {
     /// For messages.
     path: PathBuf,
     images: Images,
     reward_preset: String,
     header: EpisodeHeader,
-    /// Always there until `into_inner` or drop; taken then, because the writer of the library would close the file.
+    /// Always there until `into_inner` or drop; taken then, because the writer of the library would
+    /// close the file.
     writer: Option<mcap::Writer<W>>,
     /// Messages written so far, by channel.
     written: BTreeMap<u16, u32>,
@@ -95,10 +101,24 @@ impl<W: Write + Seek> Journal<W> {
         recoveries: &[BTreeMap<String, String>],
     ) -> Result<Self, TraceError> {
         let (task_json, scene_json) = (canonical_json(task), canonical_json(scene));
-        check_attachment(path, TASK_ATTACHMENT, header.task_digest, task_json.as_bytes())?;
-        check_attachment(path, SCENE_ATTACHMENT, header.scene_digest, scene_json.as_bytes())?;
-        let options = WriteOptions::new().library(container::LIBRARY).use_chunks(false);
-        let writer = options.create(sink).map_err(|error| write_failed(path, error))?;
+        check_attachment(
+            path,
+            TASK_ATTACHMENT,
+            header.task_digest,
+            task_json.as_bytes(),
+        )?;
+        check_attachment(
+            path,
+            SCENE_ATTACHMENT,
+            header.scene_digest,
+            scene_json.as_bytes(),
+        )?;
+        let options = WriteOptions::new()
+            .library(container::LIBRARY)
+            .use_chunks(false);
+        let writer = options
+            .create(sink)
+            .map_err(|error| write_failed(path, error))?;
         let mut journal = Journal {
             path: path.to_owned(),
             images,
@@ -115,10 +135,16 @@ impl<W: Write + Seek> Journal<W> {
         };
         journal.attach(TASK_ATTACHMENT, &task_json)?;
         journal.attach(SCENE_ATTACHMENT, &scene_json)?;
-        let metadata = Metadata { name: HEADER_METADATA.to_owned(), metadata: header_metadata(header) };
+        let metadata = Metadata {
+            name: HEADER_METADATA.to_owned(),
+            metadata: header_metadata(header),
+        };
         journal.with_writer(|writer| writer.write_metadata(&metadata))?;
         for recovery in recoveries {
-            let metadata = Metadata { name: RECOVERY_METADATA.to_owned(), metadata: recovery.clone() };
+            let metadata = Metadata {
+                name: RECOVERY_METADATA.to_owned(),
+                metadata: recovery.clone(),
+            };
             journal.with_writer(|writer| writer.write_metadata(&metadata))?;
         }
         journal.message(schema::EPISODE, &codec::episode_start(header))?;
@@ -132,21 +158,46 @@ impl<W: Write + Seek> Journal<W> {
     }
 
     /// Records the state after settling.
-    pub(crate) fn start(&mut self, record: &StartRecord, picture: Option<Picture>) -> Result<(), TraceError> {
+    pub(crate) fn start(
+        &mut self,
+        record: &StartRecord,
+        picture: Option<Picture>,
+    ) -> Result<(), TraceError> {
         if !matches!(self.turn, Turn::Start) {
             return Err(self.out_of_turn("the start"));
         }
-        self.link(None, chain::start_link(&self.header, record), record.digests.chain)?;
+        self.link(
+            None,
+            chain::start_link(&self.header, record),
+            record.digests.chain,
+        )?;
         self.turn = Turn::Failed;
         self.message(schema::EPISODE, &codec::episode_settled(record))?;
-        self.message(schema::WORLD_GRAPH, &codec::world_graphs("start", &record.graphs))?;
-        self.derived(None, picture, &record.visible, &record.robot, &record.bodies)?;
+        self.message(
+            schema::WORLD_GRAPH,
+            &codec::world_graphs("start", &record.graphs),
+        )?;
+        self.derived(
+            None,
+            picture,
+            &record.visible,
+            &record.robot,
+            &record.bodies,
+        )?;
         let header = &self.header;
         let line = format!(
             "episode {}: task {} ({}), scene {}, seed {}, policy {}",
-            header.episode_id, header.task_id, header.family, header.scene_id, header.seed, header.policy.name
+            header.episode_id,
+            header.task_id,
+            header.family,
+            header.scene_id,
+            header.seed,
+            header.policy.name
         );
-        self.message(schema::LOG, &viewer::line(self.time_ns(), Level::Info, line))?;
+        self.message(
+            schema::LOG,
+            &viewer::line(self.time_ns(), Level::Info, line),
+        )?;
         let digest = codec::sim_digest(None, 0, &record.bodies, &record.robot, &record.digests);
         self.message(schema::SIM_DIGEST, &digest)?;
         self.flush()?;
@@ -161,10 +212,17 @@ impl<W: Write + Seek> Journal<W> {
         }
         self.turn = Turn::Failed;
         if self.header.backend != Backend::Sim {
-            let latency_ns = input.policy.as_ref().and_then(|policy| policy.latency_ns).unwrap_or(0);
+            let latency_ns = input
+                .policy
+                .as_ref()
+                .and_then(|policy| policy.latency_ns)
+                .unwrap_or(0);
             self.policy_ns = self.policy_ns.saturating_add(latency_ns).min(POLICY_NS_MAX);
         }
-        self.message(schema::TOOL_CALL, &codec::tool_call(step, &input.call, input.lookup.as_ref()))?;
+        self.message(
+            schema::TOOL_CALL,
+            &codec::tool_call(step, &input.call, input.lookup.as_ref()),
+        )?;
         if let Some(policy) = &input.policy {
             self.message(schema::POLICY_OUTPUT, &codec::policy_output(step, policy))?;
             if let Some(logprobs) = &policy.logprobs {
@@ -172,10 +230,16 @@ impl<W: Write + Seek> Journal<W> {
             }
         }
         if let Some(reply) = &input.user_reply {
-            self.message(schema::USER_DIALOGUE, &codec::user_dialogue(step, "outside", reply))?;
+            self.message(
+                schema::USER_DIALOGUE,
+                &codec::user_dialogue(step, "outside", reply),
+            )?;
         }
         self.flush()?;
-        self.turn = Turn::Step { step, input: Box::new(input.clone()) };
+        self.turn = Turn::Step {
+            step,
+            input: Box::new(input.clone()),
+        };
         Ok(())
     }
 
@@ -213,52 +277,102 @@ impl<W: Write + Seek> Journal<W> {
 
     /// Records everything that a log holds of a moment.
     pub(crate) fn robot(&mut self, step: Option<u32>, log: &RobotLog) -> Result<(), TraceError> {
-        log.odometry.iter().filter(|it| it.step == step).try_for_each(|it| self.odometry(it))?;
-        log.primitives.iter().filter(|it| it.step == step).try_for_each(|it| self.primitive(it))?;
-        log.vla.iter().filter(|it| it.step == step).try_for_each(|it| self.vla(it))?;
-        log.alignments.iter().filter(|it| it.step == step).try_for_each(|it| self.alignment(it))
+        log.odometry
+            .iter()
+            .filter(|it| it.step == step)
+            .try_for_each(|it| self.odometry(it))?;
+        log.primitives
+            .iter()
+            .filter(|it| it.step == step)
+            .try_for_each(|it| self.primitive(it))?;
+        log.vla
+            .iter()
+            .filter(|it| it.step == step)
+            .try_for_each(|it| self.vla(it))?;
+        log.alignments
+            .iter()
+            .filter(|it| it.step == step)
+            .try_for_each(|it| self.alignment(it))
     }
 
     /// Records the camera's picture as it came.
-    pub(crate) fn original(&mut self, step: Option<u32>, image: &CameraImage) -> Result<(), TraceError> {
+    pub(crate) fn original(
+        &mut self,
+        step: Option<u32>,
+        image: &CameraImage,
+    ) -> Result<(), TraceError> {
         self.expect_moment(step, "the picture of the camera")?;
         if self.images == Images::None {
             return Ok(());
         }
-        self.message(schema::CAMERA_ORIGINAL, &viewer::picture(self.time_ns(), &image.format, image.data.clone()))
+        self.message(
+            schema::CAMERA_ORIGINAL,
+            &viewer::picture(self.time_ns(), &image.format, image.data.clone()),
+        )
     }
 
     /// What a robot measured belongs to the step under way, or stands before the start.
     fn expect_moment(&self, step: Option<u32>, what: &str) -> Result<(), TraceError> {
         match (&self.turn, step) {
             (Turn::Start, None) => Ok(()),
-            (Turn::Step { step: under_way, .. }, Some(step)) if *under_way == step => Ok(()),
+            (
+                Turn::Step {
+                    step: under_way, ..
+                },
+                Some(step),
+            ) if *under_way == step => Ok(()),
             (_, None) => Err(self.out_of_turn(&format!("{what} of before the first step"))),
             (_, Some(step)) => Err(self.out_of_turn(&format!("{what} of step {step}"))),
         }
     }
 
     /// Records what came of a step.
-    pub(crate) fn step(&mut self, record: &StepRecord, picture: Option<Picture>) -> Result<(), TraceError> {
-        if !matches!(&self.turn, Turn::Step { step, input } if *step == record.step && **input == record.input) {
+    pub(crate) fn step(
+        &mut self,
+        record: &StepRecord,
+        picture: Option<Picture>,
+    ) -> Result<(), TraceError> {
+        if !matches!(&self.turn, Turn::Step { step, input } if *step == record.step && **input == record.input)
+        {
             return Err(self.out_of_turn(&format!("step {} ({})", record.step, record.input.call)));
         }
-        self.link(Some(record.step), chain::step_link(&self.link, record), record.digests.chain)?;
+        self.link(
+            Some(record.step),
+            chain::step_link(&self.link, record),
+            record.digests.chain,
+        )?;
         self.turn = Turn::Failed;
         self.sim_step = record.sim_step;
         self.message(schema::TOOL_RESULT, &codec::tool_result(record))?;
         if let Some(reply) = &record.reply {
-            self.message(schema::USER_DIALOGUE, &codec::user_dialogue(record.step, "answer", reply))?;
+            self.message(
+                schema::USER_DIALOGUE,
+                &codec::user_dialogue(record.step, "answer", reply),
+            )?;
         }
         self.message(schema::WORLD_DIFF, &codec::world_diff(record))?;
         let reward = codec::reward(&self.reward_preset, record);
         self.message(schema::REWARD, &reward)?;
-        self.derived(Some(record.step), picture, &record.visible, &record.robot, &record.bodies)?;
+        self.derived(
+            Some(record.step),
+            picture,
+            &record.visible,
+            &record.robot,
+            &record.bodies,
+        )?;
         self.message(schema::LOG, &viewer::step_line(self.time_ns(), record))?;
-        let digest = codec::sim_digest(Some(record.step), record.sim_step, &record.bodies, &record.robot, &record.digests);
+        let digest = codec::sim_digest(
+            Some(record.step),
+            record.sim_step,
+            &record.bodies,
+            &record.robot,
+            &record.digests,
+        );
         self.message(schema::SIM_DIGEST, &digest)?;
         self.flush()?;
-        self.turn = Turn::InputOrEnd { step: record.step + 1 };
+        self.turn = Turn::InputOrEnd {
+            step: record.step + 1,
+        };
         Ok(())
     }
 
@@ -269,7 +383,10 @@ impl<W: Write + Seek> Journal<W> {
         }
         self.link(record.steps.checked_sub(1), self.link, record.chain)?;
         self.turn = Turn::Failed;
-        self.message(schema::WORLD_GRAPH, &codec::world_graphs("end", &record.graphs))?;
+        self.message(
+            schema::WORLD_GRAPH,
+            &codec::world_graphs("end", &record.graphs),
+        )?;
         let metrics = &record.metrics;
         let line = format!(
             "{} after {} steps: success {}, completion {:.2}, total reward {:.3}",
@@ -279,7 +396,10 @@ impl<W: Write + Seek> Journal<W> {
             metrics.completion,
             metrics.total_reward
         );
-        self.message(schema::LOG, &viewer::line(self.time_ns(), Level::Info, line))?;
+        self.message(
+            schema::LOG,
+            &viewer::line(self.time_ns(), Level::Info, line),
+        )?;
         self.message(schema::EPISODE, &codec::episode_end(record))?;
         self.flush()
     }
@@ -297,12 +417,17 @@ impl<W: Write + Seek> Journal<W> {
         self.link
     }
 
-    /// Lets go of what was written, without the library's closing records, which belong to finished files only.
+    /// Lets go of what was written, without the library's closing records, which belong to finished
+    /// files only.
     pub(crate) fn into_inner(mut self) -> W {
-        self.writer.take().expect("it is taken only here and on drop").into_inner()
+        self.writer
+            .take()
+            .expect("it is taken only here and on drop")
+            .into_inner()
     }
 
-    /// The current moment as log time: simulation time, and the policy's where the world is not simulated here.
+    /// The current moment as log time: simulation time, and the policy's where the world is not
+    /// simulated here.
     fn time_ns(&self) -> u64 {
         let ns = u128::from(self.sim_step) * 1_000_000_000 / STEPS_PER_S;
         (EPOCH_NS + self.policy_ns).saturating_add(u64::try_from(ns).unwrap_or(u64::MAX))
@@ -336,15 +461,29 @@ impl<W: Write + Seek> Journal<W> {
         let (expected, found) = (FRAME_WIDTH * FRAME_HEIGHT * 3, rgb.len());
         if expected != found {
             let what = format!("has {found} bytes instead of {expected}");
-            return Err(TraceError::Picture { path: self.path.clone(), step, what });
+            return Err(TraceError::Picture {
+                path: self.path.clone(),
+                step,
+                what,
+            });
         }
         Ok(encode_webp(rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
     }
 
     /// Takes the next link of the chain, if the record holds it.
-    fn link(&mut self, step: Option<u32>, expected: Digest, found: Digest) -> Result<(), TraceError> {
+    fn link(
+        &mut self,
+        step: Option<u32>,
+        expected: Digest,
+        found: Digest,
+    ) -> Result<(), TraceError> {
         if expected != found {
-            return Err(TraceError::ChainBroken { path: self.path.clone(), step, expected, found });
+            return Err(TraceError::ChainBroken {
+                path: self.path.clone(),
+                step,
+                expected,
+                found,
+            });
         }
         self.link = expected;
         Ok(())
@@ -368,8 +507,12 @@ impl<W: Write + Seek> Journal<W> {
         }
         let sequence = self.written.entry(channel.id).or_insert(0);
         *sequence += 1;
-        let header =
-            MessageHeader { channel_id: channel.id, sequence: *sequence, log_time: self.log_time, publish_time: self.log_time };
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: *sequence,
+            log_time: self.log_time,
+            publish_time: self.log_time,
+        };
         self.with_writer(|writer| writer.write_to_known_channel(&header, &message.encode_to_vec()))
     }
 
@@ -378,19 +521,34 @@ impl<W: Write + Seek> Journal<W> {
         self.with_writer(|writer| writer.flush())
     }
 
-    fn with_writer(&mut self, write: impl FnOnce(&mut mcap::Writer<W>) -> Result<(), McapError>) -> Result<(), TraceError> {
-        let writer = self.writer.as_mut().expect("the writer is taken only by into_inner and drop");
+    fn with_writer(
+        &mut self,
+        write: impl FnOnce(&mut mcap::Writer<W>) -> Result<(), McapError>,
+    ) -> Result<(), TraceError> {
+        let writer = self
+            .writer
+            .as_mut()
+            .expect("the writer is taken only by into_inner and drop");
         write(writer).map_err(|error| write_failed(&self.path, error))
     }
 
     fn out_of_turn(&self, what: &str) -> TraceError {
         let expected = match &self.turn {
             Turn::Start => "the start".to_owned(),
-            Turn::InputOrEnd { step } => format!("the input of step {step}, or the end after {step} steps,"),
-            Turn::Step { step, input } => format!("step {step} ({}) with the inputs recorded before", input.call),
+            Turn::InputOrEnd { step } => {
+                format!("the input of step {step}, or the end after {step} steps,")
+            }
+            Turn::Step { step, input } => format!(
+                "step {step} ({}) with the inputs recorded before",
+                input.call
+            ),
             Turn::Failed => "nothing (writing failed)".to_owned(),
         };
-        TraceError::OutOfTurn { path: self.path.clone(), what: what.to_owned(), expected }
+        TraceError::OutOfTurn {
+            path: self.path.clone(),
+            what: what.to_owned(),
+            expected,
+        }
     }
 }
 
@@ -418,13 +576,30 @@ pub(crate) fn header_metadata(header: &EpisodeHeader) -> BTreeMap<String, String
         ("policy", header.policy.name.clone()),
         ("backend", codec::word(&header.backend)),
     ];
-    fields.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    fields
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
 }
 
 /// Checks that an attachment is the one that the header names.
-pub(crate) fn check_attachment(path: &Path, attachment: &'static str, expected: Digest, json: &[u8]) -> Result<(), TraceError> {
+pub(crate) fn check_attachment(
+    path: &Path,
+    attachment: &'static str,
+    expected: Digest,
+    json: &[u8],
+) -> Result<(), TraceError> {
     let found = Digest::of(json);
-    if found == expected { Ok(()) } else { Err(TraceError::Attachment { path: path.to_owned(), attachment, expected, found }) }
+    if found == expected {
+        Ok(())
+    } else {
+        Err(TraceError::Attachment {
+            path: path.to_owned(),
+            attachment,
+            expected,
+            found,
+        })
+    }
 }
 
 fn write_failed(path: &Path, error: McapError) -> TraceError {
@@ -432,5 +607,9 @@ fn write_failed(path: &Path, error: McapError) -> TraceError {
         McapError::Io(source) => source,
         other => io::Error::other(other),
     };
-    TraceError::Io { action: "write", path: path.to_owned(), source }
+    TraceError::Io {
+        action: "write",
+        path: path.to_owned(),
+        source,
+    }
 }

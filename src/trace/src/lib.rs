@@ -1,11 +1,13 @@
-//! Episodes to MCAP and back: a recorder that survives being killed, and a reader that believes nothing.
+//! Episodes to MCAP and back: a recorder that survives being killed, and a reader that believes
+//! nothing.
 //!
-//! A trace is one MCAP file: our protobuf messages (`schemas/reel/v1`), one type a channel, beside Foxglove's
-//! well-known ones for viewers, and task and scene as attachments. While it is recorded it is `<path>.part`,
-//! without chunks; every message reached the operating system before the call returns. The finished file is
-//! compressed, indexed, and covered by checksums and the hash chain. Equal records give equal bytes: log times
-//! are simulation time after a fixed epoch; of episodes that were not simulated here, the time their policy took.
-//! What a robot measured (`/robot/...`, `/camera/original`) stands beside the records, with the clock of the robot in it.
+//! A trace is one MCAP file: our protobuf messages (`schemas/reel/v1`), one type a channel, beside
+//! Foxglove's well-known ones for viewers, and task and scene as attachments. While it is recorded
+//! it is `<path>.part`, without chunks; every message reached the operating system before the call
+//! returns. The finished file is compressed, indexed, and covered by checksums and the hash chain.
+//! Equal records give equal bytes: log times are simulation time after a fixed epoch; of episodes
+//! that were not simulated here, the time their policy took. What a robot measured (`/robot/...`,
+//! `/camera/original`) stands beside the records, with the clock of the robot in it.
 //!
 //! Never: physics, a clock, threads. A trace opens without the simulator.
 

@@ -11,6 +11,9 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { file_bytes: 2 << 30, chunk_bytes: 256 << 20 }
+        Self {
+            file_bytes: 2 << 30,
+            chunk_bytes: 256 << 20,
+        }
     }
 }

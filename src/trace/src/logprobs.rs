@@ -1,5 +1,5 @@
-//! Log-probabilities of other policies over the tokens that an episode recorded: as lines of JSON, or from the trace of another
-//! checkpoint that wrote the same tokens. Never computes with them.
+//! Log-probabilities of other policies over the tokens that an episode recorded: as lines of JSON,
+//! or from the trace of another checkpoint that wrote the same tokens. Never computes with them.
 
 use std::path::Path;
 
@@ -31,7 +31,10 @@ impl ScoredTokens {
     /// # Errors
     /// The first line that is none.
     pub fn read_lines(text: &str, path: &Path) -> Result<Vec<ScoredTokens>, TraceError> {
-        let lines = text.lines().zip(1..).filter(|(line, _)| !line.trim().is_empty());
+        let lines = text
+            .lines()
+            .zip(1..)
+            .filter(|(line, _)| !line.trim().is_empty());
         let read = |(text, line): (&str, u32)| {
             serde_json::from_str(text).map_err(|error| TraceError::ScoredLine {
                 path: path.to_owned(),
@@ -46,20 +49,28 @@ impl ScoredTokens {
 impl Trace {
     /// The decisions whose tokens were recorded, in order.
     pub fn logprobs(&self) -> impl Iterator<Item = (u32, &TokenLogprobs)> {
-        self.steps.iter().filter_map(|step| Some((step.step, step.input.policy.as_ref()?.logprobs.as_ref()?)))
+        self.steps
+            .iter()
+            .filter_map(|step| Some((step.step, step.input.policy.as_ref()?.logprobs.as_ref()?)))
     }
 
     /// The same as lines: one for each decision and policy.
     pub fn scored_tokens(&self) -> impl Iterator<Item = ScoredTokens> {
-        self.logprobs()
-            .flat_map(move |(step, of)| of.policies().map(move |(policy, logprobs)| self.line(step, policy, of, logprobs)))
+        self.logprobs().flat_map(move |(step, of)| {
+            of.policies()
+                .map(move |(policy, logprobs)| self.line(step, policy, of, logprobs))
+        })
     }
 
-    /// What the policy of this trace gave its own tokens, as lines about another episode by the name of `policy`.
+    /// What the policy of this trace gave its own tokens, as lines about another episode by the
+    /// name of `policy`.
     pub fn sampled_as(&self, episode_id: &str, policy: &str) -> Vec<ScoredTokens> {
         let line = |(step, of): (u32, &TokenLogprobs)| {
             let line = self.line(step, policy, of, of.of(OLD_POLICY)?);
-            Some(ScoredTokens { episode_id: episode_id.to_owned(), ..line })
+            Some(ScoredTokens {
+                episode_id: episode_id.to_owned(),
+                ..line
+            })
         };
         self.logprobs().filter_map(line).collect()
     }
@@ -79,34 +90,58 @@ impl Trace {
     /// # Errors
     /// Fails if the decision has no recorded tokens, or the log-probabilities are not of them.
     pub fn add_scored(&mut self, scored: &ScoredTokens) -> Result<(), TraceError> {
-        let ScoredTokens { step, policy, tokens, logprobs, .. } = scored;
+        let ScoredTokens {
+            step,
+            policy,
+            tokens,
+            logprobs,
+            ..
+        } = scored;
         let path = self.path.clone();
         let record = self.steps.get_mut(*step as usize);
         match record.and_then(|record| record.input.policy.as_mut()?.logprobs.as_mut()) {
             None => Err(TraceError::NoTokens { path, step: *step }),
-            Some(recorded) => recorded.add(policy, logprobs.clone(), tokens.as_deref()).map_err(|source| TraceError::Logprobs {
-                path,
-                step: *step,
-                source,
-            }),
+            Some(recorded) => recorded
+                .add(policy, logprobs.clone(), tokens.as_deref())
+                .map_err(|source| TraceError::Logprobs {
+                    path,
+                    step: *step,
+                    source,
+                }),
         }
     }
 
-    /// Writes the trace again in its place, its pictures as they are; it is on the disk when this returns.
+    /// Writes the trace again in its place, its pictures as they are; it is on the disk when this
+    /// returns.
     ///
     /// # Errors
     /// Fails if the trace has no end, or the file cannot be written.
     pub fn save(&self) -> Result<TraceSummary, TraceError> {
         let Some(end) = &self.end else {
-            return Err(TraceError::Missing { path: self.path.clone(), what: "end of the episode" });
+            return Err(TraceError::Missing {
+                path: self.path.clone(),
+                what: "end of the episode",
+            });
         };
-        let images = if self.image_count() + self.originals.len() > 0 { Images::Full } else { Images::None };
+        let images = if self.image_count() + self.originals.len() > 0 {
+            Images::Full
+        } else {
+            Images::None
+        };
         let webp = |step| Ok(self.image(step).map(|webp| Encoding::Webp(webp.to_vec())));
         let bytes = self.rendered(&self.path, images, &self.recoveries, end, webp)?;
         // What does not read is not written.
         Trace::from_bytes(&self.path, &bytes, &Limits::default())?;
-        let failed = |source| TraceError::Io { action: "write", path: self.path.clone(), source };
+        let failed = |source| TraceError::Io {
+            action: "write",
+            path: self.path.clone(),
+            source,
+        };
         files::publish(&self.path, &bytes).map_err(failed)?;
-        Ok(TraceSummary { path: self.path.clone(), bytes: bytes.len() as u64, chain: self.chain() })
+        Ok(TraceSummary {
+            path: self.path.clone(),
+            bytes: bytes.len() as u64,
+            chain: self.chain(),
+        })
     }
 }

@@ -16,20 +16,25 @@ pub(crate) const BASE64_PNG: &str = "png;base64";
 /// Encodes 8-bit RGB, row by row from the top left, without loss.
 ///
 /// # Panics
-/// When `rgb` is not `width * height * 3` bytes long or a side is 0 or above 16384: a programmer's error.
+/// When `rgb` is not `width * height * 3` bytes long or a side is 0 or above 16384: a programmer's
+/// error.
 pub fn encode_webp(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
     let mut bytes = Vec::new();
     let encoder = WebPEncoder::new(&mut bytes);
-    encoder.encode(rgb, width, height, ColorType::Rgb8).expect("the picture has the size it says and memory does not fail");
+    encoder
+        .encode(rgb, width, height, ColorType::Rgb8)
+        .expect("the picture has the size it says and memory does not fail");
     bytes
 }
 
-/// Decodes a WebP picture to 8-bit RGB with its width and height; none when it is no such picture or has more
-/// than `pixels_max` pixels.
+/// Decodes a WebP picture to 8-bit RGB with its width and height; none when it is no such picture
+/// or has more than `pixels_max` pixels.
 pub fn decode_webp(bytes: &[u8], pixels_max: u32) -> Option<(Vec<u8>, u32, u32)> {
     let mut decoder = WebPDecoder::new(Cursor::new(bytes)).ok()?;
     let (width, height) = decoder.dimensions();
-    let fits = width.checked_mul(height).is_some_and(|pixels| pixels <= pixels_max);
+    let fits = width
+        .checked_mul(height)
+        .is_some_and(|pixels| pixels <= pixels_max);
     if !fits || decoder.has_alpha() || decoder.is_animated() {
         return None;
     }
@@ -47,8 +52,12 @@ pub fn encode_png(rgb: &[u8], width: u32, height: u32) -> Vec<u8> {
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_compression(png::Compression::Fast);
-    let mut writer = encoder.write_header().expect("writing to memory does not fail");
-    writer.write_image_data(rgb).expect("the picture has the size it says");
+    let mut writer = encoder
+        .write_header()
+        .expect("writing to memory does not fail");
+    writer
+        .write_image_data(rgb)
+        .expect("the picture has the size it says");
     writer.finish().expect("writing to memory does not fail");
     bytes
 }
@@ -64,36 +73,56 @@ pub fn decode_png(bytes: &[u8], expected: (usize, usize)) -> Result<Vec<u8>, Str
     let mut reader = decoder.read_info().map_err(refused)?;
     let size = (reader.info().width as usize, reader.info().height as usize);
     if size != expected {
-        return Err(format!("a picture of {} x {} pixels instead of {} x {}", size.0, size.1, expected.0, expected.1));
+        return Err(format!(
+            "a picture of {} x {} pixels instead of {} x {}",
+            size.0, size.1, expected.0, expected.1
+        ));
     }
-    let size = reader.output_buffer_size().ok_or("a picture too large for memory")?;
+    let size = reader
+        .output_buffer_size()
+        .ok_or("a picture too large for memory")?;
     let mut pixels = vec![0; size];
     let info = reader.next_frame(&mut pixels).map_err(refused)?;
     pixels.truncate(info.buffer_size());
     match info.color_type {
         png::ColorType::Rgb => Ok(pixels),
-        png::ColorType::Rgba => Ok(pixels.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect()),
+        png::ColorType::Rgba => Ok(pixels
+            .chunks_exact(4)
+            .flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
+            .collect()),
         png::ColorType::Grayscale => Ok(pixels.iter().flat_map(|grey| [*grey; 3]).collect()),
-        png::ColorType::GrayscaleAlpha => Ok(pixels.chunks_exact(2).flat_map(|pixel| [pixel[0]; 3]).collect()),
+        png::ColorType::GrayscaleAlpha => Ok(pixels
+            .chunks_exact(2)
+            .flat_map(|pixel| [pixel[0]; 3])
+            .collect()),
         png::ColorType::Indexed => Err("a picture whose palette cannot be read".to_owned()),
     }
 }
 
-/// A picture of an unfinished recording in the form of a finished one; none where it cannot be read.
+/// A picture of an unfinished recording in the form of a finished one; none where it cannot be
+/// read.
 pub(crate) fn finished(image: CompressedImage) -> Option<CompressedImage> {
     if image.format != BASE64_PNG {
         return Some(image);
     }
-    let png = base64::engine::general_purpose::STANDARD.decode(&image.data).ok()?;
+    let png = base64::engine::general_purpose::STANDARD
+        .decode(&image.data)
+        .ok()?;
     let rgb = decode_png(&png, (FRAME_WIDTH, FRAME_HEIGHT)).ok()?;
     let webp = encode_webp(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
-    Some(CompressedImage { data: webp, format: "webp".to_owned(), ..image })
+    Some(CompressedImage {
+        data: webp,
+        format: "webp".to_owned(),
+        ..image
+    })
 }
 
 /// [`finished`] for an encoded message of the camera.
 pub(crate) fn finished_message(data: &[u8]) -> Option<Cow<'_, [u8]>> {
     match CompressedImage::decode(data) {
-        Ok(image) if image.format == BASE64_PNG => finished(image).map(|image| image.encode_to_vec().into()),
+        Ok(image) if image.format == BASE64_PNG => {
+            finished(image).map(|image| image.encode_to_vec().into())
+        }
         _ => Some(data.into()),
     }
 }

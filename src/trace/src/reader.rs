@@ -1,4 +1,5 @@
-//! Reading a trace: what the container holds, put together to records and checked against the hash chain.
+//! Reading a trace: what the container holds, put together to records and checked against the hash
+//! chain.
 
 use std::{
     collections::BTreeMap,
@@ -32,7 +33,8 @@ pub struct Trace {
     pub task: Arc<Task>,
     /// The scene.
     pub scene: Arc<Scene>,
-    /// The meshes that the header names, as far as [`Trace::with_meshes`] found them: no trace holds any.
+    /// The meshes that the header names, as far as [`Trace::with_meshes`] found them: no trace
+    /// holds any.
     pub meshes: Meshes,
     /// The state after settling.
     pub start: StartRecord,
@@ -42,7 +44,8 @@ pub struct Trace {
     pub end: Option<EndRecord>,
     /// Size of the file.
     pub bytes: u64,
-    /// What [`recover`](crate::recover()) did to get this trace, if it did, in the order it happened.
+    /// What [`recover`](crate::recover()) did to get this trace, if it did, in the order it
+    /// happened.
     pub recoveries: Vec<BTreeMap<String, String>>,
     /// By step, the clock of episodes that were recorded while they were played elsewhere.
     pub timings: BTreeMap<u32, Timing>,
@@ -57,9 +60,9 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Reads a finished trace, or an unfinished recording that ends with a whole step, and verifies it: every
-    /// checksum, the schemas, the order, and the hash chain over all records. Pictures are verified when they
-    /// are decoded.
+    /// Reads a finished trace, or an unfinished recording that ends with a whole step, and verifies
+    /// it: every checksum, the schemas, the order, and the hash chain over all records. Pictures
+    /// are verified when they are decoded.
     ///
     /// # Errors
     /// The first thing that is wrong. [`TraceError::Torn`]: use [`Trace::read_partial`].
@@ -75,7 +78,8 @@ impl Trace {
         Self::from_bytes(path, &files::read(path, limits)?, limits)
     }
 
-    /// [`Trace::read`] for bytes that are already in memory; `path` says in messages where they came from.
+    /// [`Trace::read`] for bytes that are already in memory; `path` says in messages where they
+    /// came from.
     ///
     /// # Errors
     /// As [`Trace::read`].
@@ -83,8 +87,9 @@ impl Trace {
         load(path, bytes, limits).sound()
     }
 
-    /// Reads the whole steps that there are, and says what is wrong first; nothing is, where [`Trace::read`]
-    /// succeeds. The hash chain vouches for the steps, also for those of a torn or damaged chunk.
+    /// Reads the whole steps that there are, and says what is wrong first; nothing is, where
+    /// [`Trace::read`] succeeds. The hash chain vouches for the steps, also for those of a torn or
+    /// damaged chunk.
     ///
     /// # Errors
     /// When not even the state after settling can be read.
@@ -111,7 +116,8 @@ impl Trace {
         self.images.get(&step).map(Vec::as_slice)
     }
 
-    /// The picture after a step (none: of the start) as the robot's camera gave it, if the trace holds it.
+    /// The picture after a step (none: of the start) as the robot's camera gave it, if the trace
+    /// holds it.
     pub fn original(&self, step: Option<u32>) -> Option<&CameraImage> {
         self.originals.get(&step)
     }
@@ -121,17 +127,27 @@ impl Trace {
         self.images.len()
     }
 
-    /// The picture after a step (none: of the start), decoded to RGB and checked against its recorded digest.
+    /// The picture after a step (none: of the start), decoded to RGB and checked against its
+    /// recorded digest.
     ///
     /// # Errors
     /// When the picture cannot be decoded or is not the recorded one.
     pub fn frame_rgb(&self, step: Option<u32>) -> Result<Option<Vec<u8>>, TraceError> {
-        let Some(webp) = self.image(step) else { return Ok(None) };
-        let refuse = |what: String| TraceError::Picture { path: self.path.clone(), step, what };
+        let Some(webp) = self.image(step) else {
+            return Ok(None);
+        };
+        let refuse = |what: String| TraceError::Picture {
+            path: self.path.clone(),
+            step,
+            what,
+        };
         let pixels = (FRAME_WIDTH * FRAME_HEIGHT) as u32;
-        let (rgb, width, height) = decode_webp(webp, pixels).ok_or_else(|| refuse("cannot be decoded as RGB in WebP".into()))?;
+        let (rgb, width, height) = decode_webp(webp, pixels)
+            .ok_or_else(|| refuse("cannot be decoded as RGB in WebP".into()))?;
         if (width as usize, height as usize) != (FRAME_WIDTH, FRAME_HEIGHT) {
-            return Err(refuse(format!("has {width} x {height} pixels instead of {FRAME_WIDTH} x {FRAME_HEIGHT}")));
+            return Err(refuse(format!(
+                "has {width} x {height} pixels instead of {FRAME_WIDTH} x {FRAME_HEIGHT}"
+            )));
         }
         self.check_rgb(step, &rgb)?;
         Ok(Some(rgb))
@@ -142,23 +158,31 @@ impl Trace {
     /// # Errors
     /// The first picture that is wrong.
     pub fn verify_images(&self) -> Result<(), TraceError> {
-        self.images.keys().try_for_each(|step| self.frame_rgb(*step).map(drop))
+        self.images
+            .keys()
+            .try_for_each(|step| self.frame_rgb(*step).map(drop))
     }
 
     /// The last link of the hash chain.
     pub fn chain(&self) -> Digest {
-        self.steps.last().map_or(self.start.digests.chain, |step| step.digests.chain)
+        self.steps
+            .last()
+            .map_or(self.start.digests.chain, |step| step.digests.chain)
     }
 
-    /// Where a step's first message stands in the file: the offset of its chunk, or of the message itself in
-    /// an unfinished recording. The end of the file for a step that is not there.
+    /// Where a step's first message stands in the file: the offset of its chunk, or of the message
+    /// itself in an unfinished recording. The end of the file for a step that is not there.
     pub fn offset(&self, step: u32) -> u64 {
-        self.offsets.get(step as usize).copied().unwrap_or(self.bytes)
+        self.offsets
+            .get(step as usize)
+            .copied()
+            .unwrap_or(self.bytes)
     }
 }
 
-/// Reads many traces, from several threads at a time, where their pictures are not asked for: verified as [`Trace::read`]
-/// does, but no picture is kept, and a task or scene that traces share is parsed once.
+/// Reads many traces, from several threads at a time, where their pictures are not asked for:
+/// verified as [`Trace::read`] does, but no picture is kept, and a task or scene that traces share
+/// is parsed once.
 #[derive(Default)]
 pub struct RecordsReader {
     limits: Limits,
@@ -172,7 +196,11 @@ impl RecordsReader {
     /// As [`Trace::read`].
     pub fn read(&self, path: &Path) -> Result<Trace, TraceError> {
         let bytes = files::read(path, &self.limits)?;
-        let mut reading = Reading { assembly: Assembly::records_only(path, &self.known), problems: Vec::new(), refused: false };
+        let mut reading = Reading {
+            assembly: Assembly::records_only(path, &self.known),
+            problems: Vec::new(),
+            refused: false,
+        };
         let walked = container::walk(&bytes, path, &self.limits, &mut reading);
         reading.finish(walked, bytes.len() as u64).sound()
     }
@@ -206,7 +234,12 @@ impl<T> Parsed<T> {
 
     /// The value of a JSON text that has this digest for sure: one of the same bytes had it.
     pub(crate) fn get(&self, digest: &Digest, json: &[u8]) -> Option<Arc<T>> {
-        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner).get(digest).cloned()?;
+        let known = self
+            .0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get(digest)
+            .cloned()?;
         (known.json == json).then(|| known.value.clone())
     }
 
@@ -215,7 +248,13 @@ impl<T> Parsed<T> {
         if values.len() >= Self::MAX {
             values.clear();
         }
-        values.insert(digest, Arc::new(Document { json: json.to_vec(), value: value.clone() }));
+        values.insert(
+            digest,
+            Arc::new(Document {
+                json: json.to_vec(),
+                value: value.clone(),
+            }),
+        );
     }
 }
 
@@ -277,7 +316,10 @@ impl Visitor for Reading<'_> {
 
     fn problem(&mut self, error: TraceError) -> Result<(), TraceError> {
         if self.problems.len() < PROBLEMS_MAX {
-            self.problems.push(Problem { error, steps_before: self.assembly.step_count() });
+            self.problems.push(Problem {
+                error,
+                steps_before: self.assembly.step_count(),
+            });
         }
         Ok(())
     }
@@ -285,7 +327,11 @@ impl Visitor for Reading<'_> {
 
 impl<'a> Reading<'a> {
     pub(crate) fn new(path: &'a Path) -> Self {
-        Self { assembly: Assembly::new(path), problems: Vec::new(), refused: false }
+        Self {
+            assembly: Assembly::new(path),
+            problems: Vec::new(),
+            refused: false,
+        }
     }
 
     /// How many steps are whole so far.
@@ -307,7 +353,10 @@ impl<'a> Reading<'a> {
         if let Err(error) = ending
             && self.problems.is_empty()
         {
-            self.problems.push(Problem { error, steps_before });
+            self.problems.push(Problem {
+                error,
+                steps_before,
+            });
         }
         for problem in &mut self.problems {
             if let TraceError::Torn { steps_readable, .. } = &mut problem.error {
@@ -315,10 +364,22 @@ impl<'a> Reading<'a> {
             }
         }
         let under_way = self.assembly.under_way();
-        let head = if self.assembly.has_start() { None } else { self.assembly.head().ok() };
+        let head = if self.assembly.has_start() {
+            None
+        } else {
+            self.assembly.head().ok()
+        };
         let nothing = self.assembly.nothing_restored();
-        let trace = self.assembly.into_trace(bytes).map_err(|missing| nothing.unwrap_or(missing));
-        Loaded { trace, head, under_way, problems: self.problems }
+        let trace = self
+            .assembly
+            .into_trace(bytes)
+            .map_err(|missing| nothing.unwrap_or(missing));
+        Loaded {
+            trace,
+            head,
+            under_way,
+            problems: self.problems,
+        }
     }
 }
 

@@ -1,4 +1,5 @@
-//! Writing a trace: inputs before they are used, records as they come, the finished file at the end.
+//! Writing a trace: inputs before they are used, records as they come, the finished file at the
+//! end.
 
 use std::{
     fs::{self, File},
@@ -33,10 +34,12 @@ pub enum Images {
 /// What an acknowledged call survives. `docs/durability.md` says what each costs.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub enum Durability {
-    /// The death of the process: what a call wrote has reached the operating system when it returns.
+    /// The death of the process: what a call wrote has reached the operating system when it
+    /// returns.
     #[default]
     Write,
-    /// The loss of power too: what a call wrote is on the disk when it returns, as far as the disk is honest.
+    /// The loss of power too: what a call wrote is on the disk when it returns, as far as the disk
+    /// is honest.
     Fsync,
 }
 
@@ -51,7 +54,9 @@ impl Durability {
 
     /// Reads what [`Durability::name`] wrote.
     pub fn parse(text: &str) -> Option<Self> {
-        [Durability::Write, Durability::Fsync].into_iter().find(|durability| durability.name() == text)
+        [Durability::Write, Durability::Fsync]
+            .into_iter()
+            .find(|durability| durability.name() == text)
     }
 }
 
@@ -66,7 +71,10 @@ pub struct RecordOptions {
 
 impl From<Images> for RecordOptions {
     fn from(images: Images) -> Self {
-        Self { images, ..Self::default() }
+        Self {
+            images,
+            ..Self::default()
+        }
     }
 }
 
@@ -90,11 +98,13 @@ pub struct TraceSummary {
     pub chain: Digest,
 }
 
-/// Records one episode. Calls come in the order `start`, then `input` and `step` for each step, then `end`.
+/// Records one episode. Calls come in the order `start`, then `input` and `step` for each step,
+/// then `end`.
 ///
-/// A call that returned is acknowledged: what it wrote survives what [`Durability`] says. A recorder dropped before
-/// `end` leaves `<path>.part`, which [`Trace::read`](crate::Trace::read) opens and [`recover`](crate::recover())
-/// turns into a finished trace. While it lives it holds a lock on the part, so that nobody recovers it meanwhile.
+/// A call that returned is acknowledged: what it wrote survives what [`Durability`] says. A
+/// recorder dropped before `end` leaves `<path>.part`, which [`Trace::read`](crate::Trace::read)
+/// opens and [`recover`](crate::recover()) turns into a finished trace. While it lives it holds a
+/// lock on the part, so that nobody recovers it meanwhile.
 pub struct Recorder {
     path: PathBuf,
     part: PathBuf,
@@ -110,8 +120,8 @@ impl Recorder {
     /// Opens `<path>.part` and writes the inputs that are known before the first call.
     ///
     /// # Errors
-    /// When an unfinished recording is in the way, the file cannot be written, or task or scene are not the
-    /// ones the header names. No part stays then.
+    /// When an unfinished recording is in the way, the file cannot be written, or task or scene are
+    /// not the ones the header names. No part stays then.
     pub fn create(
         path: &Path,
         header: &EpisodeHeader,
@@ -123,7 +133,11 @@ impl Recorder {
         let part = files::with_suffix(path, PART);
         let failed = |source: io::Error| match source.kind() {
             io::ErrorKind::AlreadyExists => TraceError::PartExists { part: part.clone() },
-            _ => TraceError::Io { action: "create", path: part.clone(), source },
+            _ => TraceError::Io {
+                action: "create",
+                path: part.clone(),
+                source,
+            },
         };
         let file = File::create_new(&part).map_err(failed)?;
         let begin = || {
@@ -132,12 +146,21 @@ impl Recorder {
             let sink = BufWriter::with_capacity(1 << 18, file.try_clone().map_err(failed)?);
             let journal = Journal::create(sink, &part, (header, task, scene), images, &[])?;
             if durability == Durability::Fsync {
-                file.sync_data().and_then(|()| files::sync_folder(&part)).map_err(failed)?;
+                file.sync_data()
+                    .and_then(|()| files::sync_folder(&part))
+                    .map_err(failed)?;
             }
             Ok(journal)
         };
         match begin() {
-            Ok(journal) => Ok(Recorder { path: path.to_owned(), part, durability, journal, file, acknowledged: None }),
+            Ok(journal) => Ok(Recorder {
+                path: path.to_owned(),
+                part,
+                durability,
+                journal,
+                file,
+                acknowledged: None,
+            }),
             Err(error) => {
                 let _ = fs::remove_file(&part);
                 Err(error)
@@ -148,8 +171,8 @@ impl Recorder {
     /// Records the state after settling.
     ///
     /// # Errors
-    /// When it is called out of turn, the record's chain digest is not the header's and its own, or the file
-    /// cannot be written.
+    /// When it is called out of turn, the record's chain digest is not the header's and its own, or
+    /// the file cannot be written.
     pub fn start(&mut self, record: &StartRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
         let written = self.journal.start(record, rgb(frame));
         self.acknowledge(written)
@@ -164,21 +187,26 @@ impl Recorder {
         self.acknowledge(written)
     }
 
-    /// Records the clock of a step, between its input and what came of it; acknowledged with the latter.
+    /// Records the clock of a step, between its input and what came of it; acknowledged with the
+    /// latter.
     ///
     /// # Errors
     /// When it is called out of turn or the file cannot be written.
     pub fn timing(&mut self, step: u32, timing: &Timing) -> Result<(), TraceError> {
-        self.journal.timing(step, timing).map_err(|error| self.unwritten(error))
+        self.journal
+            .timing(step, timing)
+            .map_err(|error| self.unwritten(error))
     }
 
-    /// Records where the robot was: of a step between its input and what came of it, of no step before the start. Acknowledged
-    /// with what follows, as all that a robot measured.
+    /// Records where the robot was: of a step between its input and what came of it, of no step
+    /// before the start. Acknowledged with what follows, as all that a robot measured.
     ///
     /// # Errors
     /// When it is called out of turn or the file cannot be written.
     pub fn odometry(&mut self, measured: &Odometry) -> Result<(), TraceError> {
-        self.journal.odometry(measured).map_err(|error| self.unwritten(error))
+        self.journal
+            .odometry(measured)
+            .map_err(|error| self.unwritten(error))
     }
 
     /// Records what one execution of a skill came to, in turn as [`Recorder::odometry`].
@@ -186,15 +214,20 @@ impl Recorder {
     /// # Errors
     /// As [`Recorder::odometry`].
     pub fn primitive(&mut self, outcome: &PrimitiveOutcome) -> Result<(), TraceError> {
-        self.journal.primitive(outcome).map_err(|error| self.unwritten(error))
+        self.journal
+            .primitive(outcome)
+            .map_err(|error| self.unwritten(error))
     }
 
-    /// Records how long an inference of the low-level model took, in turn as [`Recorder::odometry`].
+    /// Records how long an inference of the low-level model took, in turn as
+    /// [`Recorder::odometry`].
     ///
     /// # Errors
     /// As [`Recorder::odometry`].
     pub fn vla(&mut self, measured: &VlaLatency) -> Result<(), TraceError> {
-        self.journal.vla(measured).map_err(|error| self.unwritten(error))
+        self.journal
+            .vla(measured)
+            .map_err(|error| self.unwritten(error))
     }
 
     /// Records how far the robot was off, in turn as [`Recorder::odometry`].
@@ -202,39 +235,46 @@ impl Recorder {
     /// # Errors
     /// As [`Recorder::odometry`].
     pub fn alignment(&mut self, measured: &Alignment) -> Result<(), TraceError> {
-        self.journal.alignment(measured).map_err(|error| self.unwritten(error))
+        self.journal
+            .alignment(measured)
+            .map_err(|error| self.unwritten(error))
     }
 
-    /// Records everything that a log holds of a step (none: of before the start), in turn as [`Recorder::odometry`].
+    /// Records everything that a log holds of a step (none: of before the start), in turn as
+    /// [`Recorder::odometry`].
     ///
     /// # Errors
     /// As [`Recorder::odometry`].
     pub fn robot(&mut self, step: Option<u32>, log: &RobotLog) -> Result<(), TraceError> {
-        self.journal.robot(step, log).map_err(|error| self.unwritten(error))
+        self.journal
+            .robot(step, log)
+            .map_err(|error| self.unwritten(error))
     }
 
-    /// Records a picture of the camera as it came, beside the one of 640 x 480 that the step holds; in turn as
-    /// [`Recorder::odometry`], once a step. With [`Images::None`] it is left out.
+    /// Records a picture of the camera as it came, beside the one of 640 x 480 that the step holds;
+    /// in turn as [`Recorder::odometry`], once a step. With [`Images::None`] it is left out.
     ///
     /// # Errors
     /// As [`Recorder::odometry`].
     pub fn original(&mut self, step: Option<u32>, image: &CameraImage) -> Result<(), TraceError> {
-        self.journal.original(step, image).map_err(|error| self.unwritten(error))
+        self.journal
+            .original(step, image)
+            .map_err(|error| self.unwritten(error))
     }
 
     /// Records what came of a step.
     ///
     /// # Errors
-    /// When it is called out of turn or with other inputs than [`Recorder::input`], the record's chain digest
-    /// is not that of the records, or the file cannot be written.
+    /// When it is called out of turn or with other inputs than [`Recorder::input`], the record's
+    /// chain digest is not that of the records, or the file cannot be written.
     pub fn step(&mut self, record: &StepRecord, frame: Option<&Frame>) -> Result<(), TraceError> {
         let written = self.journal.step(record, rgb(frame));
         self.acknowledge(written)
     }
 
-    /// [`Recorder::start`] with a picture as a protocol brings it, a PNG file in Base64: kept as it came until the end, then as all
-    /// pictures. It is not decoded before, so the record cannot have its digest; what is no picture is left out of the finished
-    /// file.
+    /// [`Recorder::start`] with a picture as a protocol brings it, a PNG file in Base64: kept as it
+    /// came until the end, then as all pictures. It is not decoded before, so the record cannot
+    /// have its digest; what is no picture is left out of the finished file.
     ///
     /// # Errors
     /// As [`Recorder::start`].
@@ -252,33 +292,47 @@ impl Recorder {
         self.acknowledge(written)
     }
 
-    /// Records the end, writes the finished file under its name and deletes the part, in this order: at every
-    /// moment there is a whole part, a whole trace, or both.
+    /// Records the end, writes the finished file under its name and deletes the part, in this
+    /// order: at every moment there is a whole part, a whole trace, or both.
     ///
     /// # Errors
-    /// When it is called out of turn, the end does not fit the steps, or a file cannot be written. The part
-    /// stays then.
+    /// When it is called out of turn, the end does not fit the steps, or a file cannot be written.
+    /// The part stays then.
     pub fn end(mut self, record: &EndRecord) -> Result<TraceSummary, TraceError> {
-        self.journal.end(record).map_err(|error| self.unwritten(error))?;
+        self.journal
+            .end(record)
+            .map_err(|error| self.unwritten(error))?;
         if self.durability == Durability::Fsync {
-            self.file.sync_data().map_err(|source| self.write_failed(source))?;
+            self.file
+                .sync_data()
+                .map_err(|source| self.write_failed(source))?;
         }
         let failed = |action| {
             let path = self.path.clone();
-            move |source| TraceError::Io { action, path, source }
+            move |source| TraceError::Io {
+                action,
+                path,
+                source,
+            }
         };
         let part = fs::read(&self.part).map_err(failed("read back"))?;
         let bytes = container::finish(&part, &self.path, &Limits::default())?;
         files::publish(&self.path, &bytes).map_err(|source| self.write_failed(source))?;
         fs::remove_file(&self.part).map_err(failed("delete the part of"))?;
-        Ok(TraceSummary { path: self.path.clone(), bytes: bytes.len() as u64, chain: self.journal.chain() })
+        Ok(TraceSummary {
+            path: self.path.clone(),
+            bytes: bytes.len() as u64,
+            chain: self.journal.chain(),
+        })
     }
 
     /// Makes what was written last as much as is promised.
     fn acknowledge(&mut self, written: Result<(), TraceError>) -> Result<(), TraceError> {
         written.map_err(|error| self.unwritten(error))?;
         if self.durability == Durability::Fsync {
-            self.file.sync_data().map_err(|source| self.write_failed(source))?;
+            self.file
+                .sync_data()
+                .map_err(|source| self.write_failed(source))?;
         }
         self.acknowledged = self.journal.steps();
         Ok(())
@@ -292,7 +346,11 @@ impl Recorder {
     }
 
     fn write_failed(&self, source: io::Error) -> TraceError {
-        TraceError::Write { part: self.part.clone(), steps: self.acknowledged, source }
+        TraceError::Write {
+            part: self.part.clone(),
+            steps: self.acknowledged,
+            source,
+        }
     }
 }
 

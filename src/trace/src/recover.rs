@@ -1,5 +1,6 @@
-//! Saving what an unfinished, torn or damaged recording holds: its whole steps, in a finished trace that says in a
-//! metadata record where it came from. Never changes the recording; deletes it only when all of it is in the trace.
+//! Saving what an unfinished, torn or damaged recording holds: its whole steps, in a finished trace
+//! that says in a metadata record where it came from. Never changes the recording; deletes it only
+//! when all of it is in the trace.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -10,7 +11,10 @@ use std::{
 
 use reel_world::{
     ErrorCode, Outcome, Tool, chain,
-    record::{Backend, EndReason, EndRecord, GraphChanges, Graphs, Metrics, RewardTerm, StateDigests, StepInput, StepRecord},
+    record::{
+        Backend, EndReason, EndRecord, GraphChanges, Graphs, Metrics, RewardTerm, StateDigests,
+        StepInput, StepRecord,
+    },
 };
 use serde::Serialize;
 
@@ -80,29 +84,43 @@ impl<F: Fn(&Trace, &Graphs) -> Metrics> Scoring for F {
     }
 }
 
-/// Restores every whole step of a recording: an unfinished `.part`, or a finished trace that is torn or damaged.
+/// Restores every whole step of a recording: an unfinished `.part`, or a finished trace that is
+/// torn or damaged.
 ///
-/// Writes `<name>.mcap` for `<name>.mcap.part` and `<name>.recovered.mcap` where that is taken or the recording is
-/// a trace itself; with `folder`, there instead of beside the recording. A file that is in place is never replaced:
-/// if it is a whole trace with all these steps, nothing is left to do. The recording is deleted only if it is a
-/// part, nothing of it was lost, and no folder was given. Without a recorded end the trace ends as
-/// [`EndReason::Aborted`] with the graphs that follow from the steps, and `score` gives its metrics from the trace
-/// so far and these graphs.
+/// Writes `<name>.mcap` for `<name>.mcap.part` and `<name>.recovered.mcap` where that is taken or
+/// the recording is a trace itself; with `folder`, there instead of beside the recording. A file
+/// that is in place is never replaced: if it is a whole trace with all these steps, nothing is left
+/// to do. The recording is deleted only if it is a part, nothing of it was lost, and no folder was
+/// given. Without a recorded end the trace ends as [`EndReason::Aborted`] with the graphs that
+/// follow from the steps, and `score` gives its metrics from the trace so far and these graphs.
 ///
-/// A call that was under way did nothing in our simulator. Where the world is another one, it was passed on before the recording
-/// broke off: it is restored as a step that failed, its result not known, if `score` gives the terms of one.
+/// A call that was under way did nothing in our simulator. Where the world is another one, it was
+/// passed on before the recording broke off: it is restored as a step that failed, its result not
+/// known, if `score` gives the terms of one.
 ///
 /// # Errors
-/// When the recording cannot be read at all, is still being written, other files take both names, or the disk
-/// refuses.
-pub fn recover(source: &Path, folder: Option<&Path>, score: impl Scoring) -> Result<Recovery, TraceError> {
-    let is_part = source.extension().is_some_and(|extension| *extension == *PART.trim_start_matches('.'));
+/// When the recording cannot be read at all, is still being written, other files take both names,
+/// or the disk refuses.
+pub fn recover(
+    source: &Path,
+    folder: Option<&Path>,
+    score: impl Scoring,
+) -> Result<Recovery, TraceError> {
+    let is_part = source
+        .extension()
+        .is_some_and(|extension| *extension == *PART.trim_start_matches('.'));
     let limits = Limits::default();
     let bytes = files::read(source, &limits)?;
     // Held until the recording may have been deleted.
     let _lock = if is_part { Some(lock(source)?) } else { None };
     let name = PathBuf::from(source.file_name().unwrap_or(source.as_os_str()));
-    let Loaded { mut trace, head, under_way, problems, .. } = load(&name, &bytes, &limits);
+    let Loaded {
+        mut trace,
+        head,
+        under_way,
+        problems,
+        ..
+    } = load(&name, &bytes, &limits);
     let completed = match (&mut trace, &under_way) {
         (Ok(trace), Some((_, input))) if is_part => complete(trace, input, &score),
         _ => false,
@@ -116,35 +134,60 @@ pub fn recover(source: &Path, folder: Option<&Path>, score: impl Scoring) -> Res
         steps: trace.as_ref().map_or(0, |trace| trace.steps.len() as u32),
         end_recorded: trace.as_ref().is_ok_and(|trace| trace.end.is_some()),
         bytes: bytes.len() as u64,
-        bytes_readable: problems.first().and_then(|problem| problem.error.offset()).unwrap_or(bytes.len() as u64),
-        problems: problems.iter().map(|problem| problem.error.to_string()).collect(),
+        bytes_readable: problems
+            .first()
+            .and_then(|problem| problem.error.offset())
+            .unwrap_or(bytes.len() as u64),
+        problems: problems
+            .iter()
+            .map(|problem| problem.error.to_string())
+            .collect(),
         lost: Vec::new(),
         source_deleted: false,
     };
     if problems.is_empty() && (recovery.end_recorded && !is_part || nothing_there) {
         return Ok(recovery);
     }
-    if let Some(first) = problems.first().filter(|_| !recovery.end_recorded && !completed) {
+    if let Some(first) = problems
+        .first()
+        .filter(|_| !recovery.end_recorded && !completed)
+    {
         recovery.lost.push(match (&first.error, under_way) {
-            (TraceError::Torn { .. }, Some((step, input))) => format!("call {step} `{}` was under way and is lost", input.call),
+            (TraceError::Torn { .. }, Some((step, input))) => {
+                format!("call {step} `{}` was under way and is lost", input.call)
+            }
             (error, _) => {
                 let rest = recovery.bytes.saturating_sub(recovery.bytes_readable);
                 format!("the last {rest} bytes hold nothing whole: {error}")
             }
         });
         if !is_part {
-            recovery.lost.push("how many calls came after that is not known".to_owned());
+            recovery
+                .lost
+                .push("how many calls came after that is not known".to_owned());
         }
     }
     let spoilt = trace.as_ref().map(spoilt_pictures).unwrap_or_default();
     recovery.lost.extend(spoilt.values().cloned());
 
     let rendered = |recovery: &Recovery, path: &Path| match &trace {
-        Ok(trace) => restored(trace, recovery, path, &spoilt.keys().copied().collect(), score),
+        Ok(trace) => restored(
+            trace,
+            recovery,
+            path,
+            &spoilt.keys().copied().collect(),
+            score,
+        ),
         Err(_) => match &head {
             Some((header, task, scene)) => {
                 let recoveries = [metadata(recovery)];
-                let journal = Journal::create(Cursor::new(Vec::new()), path, (header, task, scene), Images::None, &recoveries)?;
+                let journal = Journal::create(
+                    Cursor::new(Vec::new()),
+                    path,
+                    (header, task, scene),
+                    Images::None,
+                    &recoveries,
+                )?;
                 container::finish(&journal.into_inner().into_inner(), path, &limits)
             }
             None => container::only_metadata(crate::journal::RECOVERY_METADATA, metadata(recovery)),
@@ -155,7 +198,11 @@ pub fn recover(source: &Path, folder: Option<&Path>, score: impl Scoring) -> Res
     if there {
         recovery.restored = Restored::Before;
     } else {
-        recovery.restored = if trace.is_ok() { Restored::Written } else { Restored::Nothing };
+        recovery.restored = if trace.is_ok() {
+            Restored::Written
+        } else {
+            Restored::Nothing
+        };
         let bytes = rendered(&recovery, &recovery.trace)?;
         // What does not read is not written.
         match Trace::from_bytes(&recovery.trace, &bytes, &limits) {
@@ -163,11 +210,19 @@ pub fn recover(source: &Path, folder: Option<&Path>, score: impl Scoring) -> Res
             Err(TraceError::NothingRestored { .. }) if trace.is_err() => {}
             Err(error) => return Err(error),
         }
-        let failed = |source| TraceError::Io { action: "write", path: recovery.trace.clone(), source };
+        let failed = |source| TraceError::Io {
+            action: "write",
+            path: recovery.trace.clone(),
+            source,
+        };
         files::publish(&recovery.trace, &bytes).map_err(failed)?;
     }
     if is_part && folder.is_none() && recovery.lost.is_empty() {
-        fs::remove_file(source).map_err(|error| TraceError::Io { action: "delete", path: source.to_owned(), source: error })?;
+        fs::remove_file(source).map_err(|error| TraceError::Io {
+            action: "delete",
+            path: source.to_owned(),
+            source: error,
+        })?;
         recovery.source_deleted = true;
     }
     Ok(recovery)
@@ -182,10 +237,22 @@ fn restored(
     score: impl Scoring,
 ) -> Result<Vec<u8>, TraceError> {
     let end = trace.end.clone().unwrap_or_else(|| aborted(trace, score));
-    let recoveries: Vec<_> = trace.recoveries.iter().cloned().chain([metadata(recovery)]).collect();
-    let images = if trace.image_count() + trace.originals.len() > 0 { Images::Full } else { Images::None };
+    let recoveries: Vec<_> = trace
+        .recoveries
+        .iter()
+        .cloned()
+        .chain([metadata(recovery)])
+        .collect();
+    let images = if trace.image_count() + trace.originals.len() > 0 {
+        Images::Full
+    } else {
+        Images::None
+    };
     trace.rendered(path, images, &recoveries, &end, |step| {
-        Ok(trace.image(step).filter(|_| !spoilt.contains(&step)).map(|webp| Encoding::Webp(webp.to_vec())))
+        Ok(trace
+            .image(step)
+            .filter(|_| !spoilt.contains(&step))
+            .map(|webp| Encoding::Webp(webp.to_vec())))
     })
 }
 
@@ -198,8 +265,13 @@ fn complete(trace: &mut Trace, input: &StepInput, score: &impl Scoring) -> bool 
     let mut record = StepRecord {
         step,
         input: input.clone(),
-        outcome: Outcome::error(ErrorCode::BackendError, "no result: the recording broke off before it was written"),
-        tool: Tool::parse(&input.call).ok().map(|tool| tool.paper_name().to_owned()),
+        outcome: Outcome::error(
+            ErrorCode::BackendError,
+            "no result: the recording broke off before it was written",
+        ),
+        tool: Tool::parse(&input.call)
+            .ok()
+            .map(|tool| tool.paper_name().to_owned()),
         reply: None,
         markers: last.map(|last| last.markers.clone()).unwrap_or_default(),
         visible: Vec::new(),
@@ -214,7 +286,9 @@ fn complete(trace: &mut Trace, input: &StepInput, score: &impl Scoring) -> bool 
         reward: Vec::new(),
         digests: StateDigests::default(),
     };
-    let Some(terms) = score.terms(trace, &record) else { return false };
+    let Some(terms) = score.terms(trace, &record) else {
+        return false;
+    };
     record.reward = terms;
     record.digests.chain = chain::step_link(&trace.chain(), &record);
     trace.steps.push(record);
@@ -230,19 +304,37 @@ fn aborted(trace: &Trace, score: impl Scoring) -> EndRecord {
         graphs.registry.apply(&step.changes.registry);
     }
     let metrics = score.metrics(trace, &graphs);
-    EndRecord { reason: EndReason::Aborted, metrics, chain: trace.chain(), steps: trace.steps.len() as u32, graphs }
+    EndRecord {
+        reason: EndReason::Aborted,
+        metrics,
+        chain: trace.chain(),
+        steps: trace.steps.len() as u32,
+        graphs,
+    }
 }
 
 /// The pictures that are not the recorded ones, and why.
 fn spoilt_pictures(trace: &Trace) -> BTreeMap<Option<u32>, String> {
     let steps = std::iter::once(None).chain((0..trace.steps.len()).map(|step| Some(step as u32)));
     let refused = steps.filter_map(|step| Some((step, trace.frame_rgb(step).err()?)));
-    refused.map(|(step, error)| (step, format!("the picture of {} is left out: {error}", moment(step)))).collect()
+    refused
+        .map(|(step, error)| {
+            (
+                step,
+                format!("the picture of {} is left out: {error}", moment(step)),
+            )
+        })
+        .collect()
 }
 
 /// What the recovered file says of its past.
 fn metadata(recovery: &Recovery) -> BTreeMap<String, String> {
-    let name = recovery.source.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let name = recovery
+        .source
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
     let end = match (recovery.restored, recovery.end_recorded) {
         (Restored::Nothing, _) => "none",
         (_, true) => "recorded",
@@ -257,12 +349,24 @@ fn metadata(recovery: &Recovery) -> BTreeMap<String, String> {
         ("problems", recovery.problems.join("\n")),
         ("lost", recovery.lost.join("\n")),
     ];
-    fields.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    fields
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
 }
 
 /// Where the trace goes, and whether a file is there that already holds all of it.
-fn target(source: &Path, folder: Option<&Path>, is_part: bool, trace: Option<&Trace>) -> Result<(PathBuf, bool), TraceError> {
-    let finished = if is_part { source.with_extension("") } else { source.to_owned() };
+fn target(
+    source: &Path,
+    folder: Option<&Path>,
+    is_part: bool,
+    trace: Option<&Trace>,
+) -> Result<(PathBuf, bool), TraceError> {
+    let finished = if is_part {
+        source.with_extension("")
+    } else {
+        source.to_owned()
+    };
     let finished = match (folder, finished.file_name()) {
         (Some(folder), Some(name)) => folder.join(name),
         _ => finished,
@@ -279,16 +383,24 @@ fn target(source: &Path, folder: Option<&Path>, is_part: bool, trace: Option<&Tr
             return Ok((path.clone(), true));
         }
     }
-    Err(TraceError::InTheWay { of: source.to_owned(), path: second })
+    Err(TraceError::InTheWay {
+        of: source.to_owned(),
+        path: second,
+    })
 }
 
 /// Whether a file is whole and holds everything that could be read of a recording.
 fn holds(path: &Path, recording: Option<&Trace>) -> bool {
     let Some(recording) = recording else {
         // Where nothing was read, a file that says so is as good as any whole trace.
-        return matches!(Trace::read(path), Ok(_) | Err(TraceError::NothingRestored { .. }));
+        return matches!(
+            Trace::read(path),
+            Ok(_) | Err(TraceError::NothingRestored { .. })
+        );
     };
-    let Ok(whole) = Trace::read(path) else { return false };
+    let Ok(whole) = Trace::read(path) else {
+        return false;
+    };
     // The chain is over the header, the start and every step.
     let link = match recording.steps.len() {
         0 => Some(whole.start.digests.chain),
@@ -300,22 +412,39 @@ fn holds(path: &Path, recording: Option<&Trace>) -> bool {
     let robot = whole.robot.before(recording.steps.len() as u32) == read;
     // Nor are log-probabilities.
     let logprobs = |trace: &Trace, step: usize| {
-        trace.steps.get(step).and_then(|step| step.input.policy.as_ref()).and_then(|policy| policy.logprobs.clone())
+        trace
+            .steps
+            .get(step)
+            .and_then(|step| step.input.policy.as_ref())
+            .and_then(|policy| policy.logprobs.clone())
     };
-    let logprobs = (0..recording.steps.len()).all(|step| logprobs(recording, step) == logprobs(&whole, step));
+    let logprobs =
+        (0..recording.steps.len()).all(|step| logprobs(recording, step) == logprobs(&whole, step));
     link == Some(recording.chain())
         && end
         && robot
         && logprobs
-        && recording.images.keys().all(|step| whole.images.contains_key(step))
-        && recording.originals.keys().all(|step| whole.originals.contains_key(step))
+        && recording
+            .images
+            .keys()
+            .all(|step| whole.images.contains_key(step))
+        && recording
+            .originals
+            .keys()
+            .all(|step| whole.originals.contains_key(step))
 }
 
 /// Keeps a recorder out, or says that there is one.
 fn lock(part: &Path) -> Result<File, TraceError> {
-    let file = File::open(part).map_err(|source| TraceError::Io { action: "read", path: part.to_owned(), source })?;
+    let file = File::open(part).map_err(|source| TraceError::Io {
+        action: "read",
+        path: part.to_owned(),
+        source,
+    })?;
     match file.try_lock() {
-        Err(TryLockError::WouldBlock) => Err(TraceError::InUse { part: part.to_owned() }),
+        Err(TryLockError::WouldBlock) => Err(TraceError::InUse {
+            part: part.to_owned(),
+        }),
         // Where there are no locks, nobody can be asked.
         Ok(()) | Err(TryLockError::Error(_)) => Ok(file),
     }

@@ -1,5 +1,6 @@
-//! Traces that do not lie on this machine, under names like `s3://bucket/folder/trace.mcap`. This crate reaches none of them:
-//! the program says once who does ([`reach`]), and from then on they are read like files.
+//! Traces that do not lie on this machine, under names like `s3://bucket/folder/trace.mcap`. This
+//! crate reaches none of them: the program says once who does ([`reach`]), and from then on they
+//! are read like files.
 
 use std::{
     io,
@@ -55,8 +56,14 @@ pub fn is_remote(path: &Path) -> bool {
 /// # Errors
 /// When nobody reaches it.
 pub fn list_remote(folder: &Path) -> io::Result<Vec<PathBuf>> {
-    let Some(name) = url(folder) else { return Err(nobody(folder)) };
-    Ok(remote(folder)?.list(name)?.into_iter().map(PathBuf::from).collect())
+    let Some(name) = url(folder) else {
+        return Err(nobody(folder));
+    };
+    Ok(remote(folder)?
+        .list(name)?
+        .into_iter()
+        .map(PathBuf::from)
+        .collect())
 }
 
 /// What is known of a file, wherever it lies.
@@ -68,9 +75,17 @@ pub fn file_facts(path: &Path) -> io::Result<FileFacts> {
         return remote(path)?.facts(name);
     }
     let data = std::fs::metadata(path)?;
-    let since = data.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok());
-    let modified_ns = since.and_then(|since| i64::try_from(since.as_nanos()).ok()).unwrap_or(0);
-    Ok(FileFacts { bytes: data.len(), modified_ns })
+    let since = data
+        .modified()
+        .ok()
+        .and_then(|time| time.duration_since(UNIX_EPOCH).ok());
+    let modified_ns = since
+        .and_then(|since| i64::try_from(since.as_nanos()).ok())
+        .unwrap_or(0);
+    Ok(FileFacts {
+        bytes: data.len(),
+        modified_ns,
+    })
 }
 
 /// Where a file lies on this machine, once it is brought here.
@@ -89,9 +104,15 @@ fn url(path: &Path) -> Option<&str> {
 }
 
 fn remote(path: &Path) -> io::Result<&'static dyn Remote> {
-    REMOTE.get().map(|remote| &**remote).ok_or_else(|| nobody(path))
+    REMOTE
+        .get()
+        .map(|remote| &**remote)
+        .ok_or_else(|| nobody(path))
 }
 
 fn nobody(path: &Path) -> io::Error {
-    io::Error::other(format!("this build of reel reaches no files of other machines: {}", path.display()))
+    io::Error::other(format!(
+        "this build of reel reaches no files of other machines: {}",
+        path.display()
+    ))
 }

@@ -1,4 +1,5 @@
-//! Writing a trace again from its records: without its pictures, or with pictures that were drawn again.
+//! Writing a trace again from its records: without its pictures, or with pictures that were drawn
+//! again.
 
 use std::{collections::BTreeMap, io::Cursor, path::Path};
 
@@ -11,15 +12,16 @@ use crate::{
 };
 
 impl Trace {
-    /// Writes the trace again, as a recording of the same records would have been: with [`Images::None`] byte for
-    /// byte as if recorded without pictures; with [`Images::Full`] and the recorded pictures as if recorded with
-    /// them. `rgb` gives the picture after a step (none: of the start), 8-bit RGB, row by row from the top left;
-    /// it is asked only with [`Images::Full`], and what it does not give is left out. What is in place at `path`
-    /// (this very trace, too) is replaced at once; it is on the disk when this returns.
+    /// Writes the trace again, as a recording of the same records would have been: with
+    /// [`Images::None`] byte for byte as if recorded without pictures; with [`Images::Full`] and
+    /// the recorded pictures as if recorded with them. `rgb` gives the picture after a step (none:
+    /// of the start), 8-bit RGB, row by row from the top left; it is asked only with
+    /// [`Images::Full`], and what it does not give is left out. What is in place at `path` (this
+    /// very trace, too) is replaced at once; it is on the disk when this returns.
     ///
     /// # Errors
-    /// When the trace has no end, a picture is not the one whose digest was recorded, or the file cannot be
-    /// written.
+    /// When the trace has no end, a picture is not the one whose digest was recorded, or the file
+    /// cannot be written.
     pub fn rewrite(
         &self,
         path: &Path,
@@ -27,15 +29,28 @@ impl Trace {
         mut rgb: impl FnMut(Option<u32>) -> Option<Vec<u8>>,
     ) -> Result<TraceSummary, TraceError> {
         let Some(end) = &self.end else {
-            return Err(TraceError::Missing { path: self.path.clone(), what: "end of the episode" });
+            return Err(TraceError::Missing {
+                path: self.path.clone(),
+                what: "end of the episode",
+            });
         };
         let bytes = self.rendered(path, images, &self.recoveries, end, |step| match images {
             Images::None => Ok(None),
-            Images::Full => rgb(step).map(|rgb| self.check_rgb(step, &rgb).map(|()| Encoding::Rgb(rgb))).transpose(),
+            Images::Full => rgb(step)
+                .map(|rgb| self.check_rgb(step, &rgb).map(|()| Encoding::Rgb(rgb)))
+                .transpose(),
         })?;
-        let failed = |source| TraceError::Io { action: "write", path: path.to_owned(), source };
+        let failed = |source| TraceError::Io {
+            action: "write",
+            path: path.to_owned(),
+            source,
+        };
         files::publish(path, &bytes).map_err(failed)?;
-        Ok(TraceSummary { path: path.to_owned(), bytes: bytes.len() as u64, chain: self.chain() })
+        Ok(TraceSummary {
+            path: path.to_owned(),
+            bytes: bytes.len() as u64,
+            chain: self.chain(),
+        })
     }
 
     /// The bytes of a finished trace with these records.
@@ -63,7 +78,10 @@ impl Trace {
             if let Some(original) = self.original(Some(step.step)) {
                 journal.original(Some(step.step), original)?;
             }
-            journal.step(step, picture(Some(step.step))?.as_ref().map(Encoding::picture))?;
+            journal.step(
+                step,
+                picture(Some(step.step))?.as_ref().map(Encoding::picture),
+            )?;
         }
         journal.end(end)?;
         container::finish(&journal.into_inner().into_inner(), path, &Limits::default())
@@ -75,13 +93,19 @@ impl Trace {
             None => Some(&self.start.digests),
             Some(step) => self.steps.get(step as usize).map(|record| &record.digests),
         };
-        let Some(expected) = digests.and_then(|digests| digests.frame.as_ref()) else { return Ok(()) };
+        let Some(expected) = digests.and_then(|digests| digests.frame.as_ref()) else {
+            return Ok(());
+        };
         let found = Digest::of(rgb);
         if found == expected.rgb {
             return Ok(());
         }
         let what = format!("has the digest {found} instead of {}", expected.rgb);
-        Err(TraceError::Picture { path: self.path.clone(), step, what })
+        Err(TraceError::Picture {
+            path: self.path.clone(),
+            step,
+            what,
+        })
     }
 }
 

@@ -1,5 +1,5 @@
-//! What a robot measured while it played an episode. Stands beside the records: no digest of the hash chain covers it.
-//! Knows no files.
+//! What a robot measured while it played an episode. Stands beside the records: no digest of the
+//! hash chain covers it. Knows no files.
 
 use serde::Serialize;
 
@@ -69,7 +69,8 @@ pub struct Alignment {
     pub image_rmse_px: Option<f64>,
 }
 
-/// Everything that a robot measured in an episode, each list in the order of the trace; empty for episodes without a robot.
+/// Everything that a robot measured in an episode, each list in the order of the trace; empty for
+/// episodes without a robot.
 #[derive(Clone, PartialEq, Debug, Default, Serialize)]
 pub struct RobotLog {
     /// From `/robot/odometry`.
@@ -85,7 +86,10 @@ pub struct RobotLog {
 impl RobotLog {
     /// Whether nothing was measured.
     pub fn is_empty(&self) -> bool {
-        self.odometry.is_empty() && self.primitives.is_empty() && self.vla.is_empty() && self.alignments.is_empty()
+        self.odometry.is_empty()
+            && self.primitives.is_empty()
+            && self.vla.is_empty()
+            && self.alignments.is_empty()
     }
 
     /// What belongs to the first so many steps.

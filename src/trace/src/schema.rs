@@ -1,4 +1,5 @@
-//! The channels of a trace: topic, message type, and the generated protobuf types. Owns no conversion.
+//! The channels of a trace: topic, message type, and the generated protobuf types. Owns no
+//! conversion.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -68,22 +69,38 @@ channels! {
 
 /// Finds a channel by its topic.
 pub(crate) fn channel(topic: &str) -> Option<Channel> {
-    CHANNELS.iter().copied().find(|channel| channel.topic == topic)
+    CHANNELS
+        .iter()
+        .copied()
+        .find(|channel| channel.topic == topic)
 }
 
 /// The encoded `FileDescriptorSet` of a channel's message type: its file and what that imports.
 pub(crate) fn descriptor_set(channel: &Channel) -> &'static [u8] {
     static SETS: LazyLock<BTreeMap<u16, Vec<u8>>> = LazyLock::new(|| {
-        let all = FileDescriptorSet::decode(DESCRIPTORS).expect("the build script wrote the descriptors");
-        CHANNELS.iter().map(|channel| (channel.id, closure(channel, &all))).collect()
+        let all =
+            FileDescriptorSet::decode(DESCRIPTORS).expect("the build script wrote the descriptors");
+        CHANNELS
+            .iter()
+            .map(|channel| (channel.id, closure(channel, &all)))
+            .collect()
     });
     &SETS[&channel.id]
 }
 
 fn closure(channel: &Channel, all: &FileDescriptorSet) -> Vec<u8> {
-    let (package, name) = channel.message.rsplit_once('.').expect("message types are in a package");
-    let defines = |file: &&FileDescriptorProto| file.package() == package && file.message_type.iter().any(|m| m.name() == name);
-    let root = all.file.iter().find(defines).expect("every channel's message type has a schema");
+    let (package, name) = channel
+        .message
+        .rsplit_once('.')
+        .expect("message types are in a package");
+    let defines = |file: &&FileDescriptorProto| {
+        file.package() == package && file.message_type.iter().any(|m| m.name() == name)
+    };
+    let root = all
+        .file
+        .iter()
+        .find(defines)
+        .expect("every channel's message type has a schema");
     let mut wanted = BTreeSet::from([root.name()]);
     // Files stand behind what they import, so that one pass from the back finds everything.
     for file in all.file.iter().rev() {
@@ -91,7 +108,12 @@ fn closure(channel: &Channel, all: &FileDescriptorSet) -> Vec<u8> {
             wanted.extend(file.dependency.iter().map(String::as_str));
         }
     }
-    let file = all.file.iter().filter(|file| wanted.contains(file.name())).cloned().collect();
+    let file = all
+        .file
+        .iter()
+        .filter(|file| wanted.contains(file.name()))
+        .cloned()
+        .collect();
     FileDescriptorSet { file }.encode_to_vec()
 }
 
@@ -125,13 +147,21 @@ pub(crate) fn compare(channel: &Channel, found: &[u8]) -> Likeness {
     let (Some(theirs), Some(ours)) = (fields(found), fields(ours)) else {
         return Likeness::Other("it is no protobuf descriptor".to_owned());
     };
-    if let Some((field, _)) = theirs.iter().find(|(field, kind)| ours.get(*field).is_some_and(|ours| ours != *kind)) {
+    if let Some((field, _)) = theirs
+        .iter()
+        .find(|(field, kind)| ours.get(*field).is_some_and(|ours| ours != *kind))
+    {
         let (name, number) = field;
-        return Likeness::Other(format!("field {number} of {name} is {:?}, but {:?} here", theirs[field], ours[field]));
+        return Likeness::Other(format!(
+            "field {number} of {name} is {:?}, but {:?} here",
+            theirs[field], ours[field]
+        ));
     }
     let only = |a: &Fields, b: &Fields| a.keys().filter(|field| !b.contains_key(*field)).count();
     let (more, less) = (only(&theirs, &ours), only(&ours, &theirs));
-    Likeness::Extended(format!("of another version, with {more} fields more and {less} less than here"))
+    Likeness::Extended(format!(
+        "of another version, with {more} fields more and {less} less than here"
+    ))
 }
 
 /// By message and number: name and type.
@@ -140,7 +170,13 @@ type Fields = BTreeMap<(String, i32), String>;
 fn note_fields(scope: &str, message: &DescriptorProto, fields: &mut Fields) {
     let name = format!("{scope}.{}", message.name());
     for field in &message.field {
-        let kind = format!("{} {:?} {:?} {}", field.name(), field.label(), field.r#type(), field.type_name());
+        let kind = format!(
+            "{} {:?} {:?} {}",
+            field.name(),
+            field.label(),
+            field.r#type(),
+            field.type_name()
+        );
         fields.insert((name.clone(), field.number()), kind);
     }
     for nested in &message.nested_type {
@@ -159,10 +195,21 @@ mod tests {
             let set = FileDescriptorSet::decode(bytes).unwrap();
             let names: BTreeSet<_> = set.file.iter().map(|file| file.name()).collect();
             for file in &set.file {
-                assert!(file.dependency.iter().all(|import| names.contains(import.as_str())), "{}", channel.topic);
+                assert!(
+                    file.dependency
+                        .iter()
+                        .all(|import| names.contains(import.as_str())),
+                    "{}",
+                    channel.topic
+                );
                 assert!(file.source_code_info.is_none());
             }
-            assert!(bytes.len() < 8 << 10, "{} takes {} bytes in every trace", channel.message, bytes.len());
+            assert!(
+                bytes.len() < 8 << 10,
+                "{} takes {} bytes in every trace",
+                channel.message,
+                bytes.len()
+            );
         }
     }
 }

@@ -18,13 +18,16 @@ thread_local! {
 pub(crate) struct Unpacked(Buffer);
 
 impl Unpacked {
-    /// Decompresses a chunk. None where its checksum does not hold, where it is larger than the limit, or where it is not made of
-    /// whole schemas, channels and messages.
+    /// Decompresses a chunk. None where its checksum does not hold, where it is larger than the
+    /// limit, or where it is not made of whole schemas, channels and messages.
     pub(crate) fn of(header: &ChunkHeader, data: &[u8], limit: usize) -> Option<Self> {
-        let size = usize::try_from(header.uncompressed_size).ok().filter(|size| *size <= limit)?;
+        let size = usize::try_from(header.uncompressed_size)
+            .ok()
+            .filter(|size| *size <= limit)?;
         let mut unpacked = Self(Buffer::take());
         unpacked.fill(&header.compression, data, size)?;
-        let sound = unpacked.0.len() == size && crc32fast::hash(&unpacked.0) == header.uncompressed_crc;
+        let sound =
+            unpacked.0.len() == size && crc32fast::hash(&unpacked.0) == header.uncompressed_crc;
         (sound && unpacked.is_whole()).then_some(unpacked)
     }
 
@@ -102,14 +105,35 @@ mod tests {
             let expected: [(u8, &[u8]); 2] = [(op::MESSAGE, &[1, 2, 3]), (op::CHANNEL, &[])];
             assert!(unpacked.records().eq(expected));
 
-            assert!(Unpacked::of(&header, data, content.len() - 1).is_none(), "too large");
-            assert!(Unpacked::of(&header, &data[..data.len() - 1], LIMIT).is_none(), "cut off");
+            assert!(
+                Unpacked::of(&header, data, content.len() - 1).is_none(),
+                "too large"
+            );
+            assert!(
+                Unpacked::of(&header, &data[..data.len() - 1], LIMIT).is_none(),
+                "cut off"
+            );
             for wrong in [
-                ChunkHeader { uncompressed_crc: 1, ..header.clone() },
-                ChunkHeader { uncompressed_size: header.uncompressed_size - 1, ..header.clone() },
-                ChunkHeader { uncompressed_size: header.uncompressed_size + 1, ..header.clone() },
-                ChunkHeader { uncompressed_size: u64::MAX, ..header.clone() },
-                ChunkHeader { compression: "lz4".into(), ..header.clone() },
+                ChunkHeader {
+                    uncompressed_crc: 1,
+                    ..header.clone()
+                },
+                ChunkHeader {
+                    uncompressed_size: header.uncompressed_size - 1,
+                    ..header.clone()
+                },
+                ChunkHeader {
+                    uncompressed_size: header.uncompressed_size + 1,
+                    ..header.clone()
+                },
+                ChunkHeader {
+                    uncompressed_size: u64::MAX,
+                    ..header.clone()
+                },
+                ChunkHeader {
+                    compression: "lz4".into(),
+                    ..header.clone()
+                },
             ] {
                 assert!(Unpacked::of(&wrong, data, LIMIT).is_none(), "{wrong:?}");
             }
@@ -118,9 +142,15 @@ mod tests {
             (&content[..content.len() - 1], "a prefix is cut"),
             (&content[..11], "a body is cut"),
             (&[op::CHUNK, 0, 0, 0, 0, 0, 0, 0, 0], "out of place"),
-            (&[op::MESSAGE, 255, 255, 255, 255, 255, 255, 255, 255], "longer than anything"),
+            (
+                &[op::MESSAGE, 255, 255, 255, 255, 255, 255, 255, 255],
+                "longer than anything",
+            ),
         ] {
-            assert!(Unpacked::of(&header(torn, ""), torn, LIMIT).is_none(), "{why}");
+            assert!(
+                Unpacked::of(&header(torn, ""), torn, LIMIT).is_none(),
+                "{why}"
+            );
         }
     }
 }

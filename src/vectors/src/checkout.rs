@@ -1,4 +1,5 @@
-//! A public checkout in small: the layout of the published repository around the task files that are here, complete in itself.
+//! A public checkout in small: the layout of the published repository around the task files that
+//! are here, complete in itself.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -6,8 +7,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Writes `<root>/benchmark` with every `step`th task file of `data`, numbered anew so that none is missing, and without a scene.
-/// Gives the number of tasks by family.
+/// Writes `<root>/benchmark` with every `step`th task file of `data`, numbered anew so that none is
+/// missing, and without a scene. Gives the number of tasks by family.
 ///
 /// # Panics
 /// Panics if a file cannot be read or written.
@@ -23,7 +24,11 @@ pub fn write(data: &Path, root: &Path, step: usize) -> BTreeMap<String, usize> {
         for file in sorted(&family).into_iter().step_by(step) {
             let mut text = String::new();
             for line in fs::read_to_string(&file).unwrap().lines() {
-                if let Some(mesh) = line.trim().strip_prefix("usd_path: ").filter(|path| !path.contains('$')) {
+                if let Some(mesh) = line
+                    .trim()
+                    .strip_prefix("usd_path: ")
+                    .filter(|path| !path.contains('$'))
+                {
                     meshes.insert(mesh.to_owned());
                 }
                 match line.split_once("global_index: ") {
@@ -38,22 +43,36 @@ pub fn write(data: &Path, root: &Path, step: usize) -> BTreeMap<String, usize> {
     }
     let list: String = meshes.iter().map(|mesh| format!("{mesh}\n")).collect();
     fs::write(benchmark.join("mesa_required.txt"), list).unwrap();
-    fs::write(benchmark.join("manifest.yaml"), manifest(&counts, meshes.len())).unwrap();
+    fs::write(
+        benchmark.join("manifest.yaml"),
+        manifest(&counts, meshes.len()),
+    )
+    .unwrap();
     counts
 }
 
-/// The text of a `manifest.yaml` that states these numbers of tasks by family and this number of meshes.
+/// The text of a `manifest.yaml` that states these numbers of tasks by family and this number of
+/// meshes.
 pub fn manifest(counts: &BTreeMap<String, usize>, meshes: usize) -> String {
     let total: usize = counts.values().sum();
-    let families: String = counts.iter().map(|(family, count)| format!("  {family}: {count}\n")).collect();
-    let order: String = counts.keys().map(|family| format!("- {family}\n")).collect();
+    let families: String = counts
+        .iter()
+        .map(|(family, count)| format!("  {family}: {count}\n"))
+        .collect();
+    let order: String = counts
+        .keys()
+        .map(|family| format!("- {family}\n"))
+        .collect();
     format!(
         "benchmark: REAL-Bench\ntotal_tasks: {total}\nfamily_counts:\n{families}family_order:\n{order}mesa_required_count: {meshes}\n"
     )
 }
 
 fn sorted(folder: &Path) -> Vec<PathBuf> {
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
     paths.sort();
     paths
 }

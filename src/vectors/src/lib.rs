@@ -1,6 +1,7 @@
-//! Test fixture: what tests read of REAL from outside the repository, and a report that compares ours with it. Only tests depend on
-//! it. Vector files hold inputs and outputs of REAL's published code: `REEL_REAL_CONTRACT` names their folder,
-//! `../shared/real-contract/vectors` beside the checkout is the default. [`real_bench`] finds the benchmark.
+//! Test fixture: what tests read of REAL from outside the repository, and a report that compares
+//! ours with it. Only tests depend on it. Vector files hold inputs and outputs of REAL's published
+//! code: `REEL_REAL_CONTRACT` names their folder, `../shared/real-contract/vectors` beside the
+//! checkout is the default. [`real_bench`] finds the benchmark.
 //!
 //! ```no_run
 //! use reel_vectors::{Report, load};
@@ -50,17 +51,22 @@ pub enum KeyOrder {
     Same,
 }
 
-/// The folder of the vector files, or `None` if there is none. Prints where it looked, beginning with `skipped:`, so that a run
-/// without the files cannot be mistaken for one that compared them.
+/// The folder of the vector files, or `None` if there is none. Prints where it looked, beginning
+/// with `skipped:`, so that a run without the files cannot be mistaken for one that compared them.
 ///
 /// # Panics
 /// Panics if `REEL_REAL_CONTRACT` names a folder that does not exist.
 pub fn folder() -> Option<PathBuf> {
-    outside("REEL_REAL_CONTRACT", "real-contract/vectors", "vector files of REAL's published code")
+    outside(
+        "REEL_REAL_CONTRACT",
+        "real-contract/vectors",
+        "vector files of REAL's published code",
+    )
 }
 
-/// The folder of REAL-Bench's tasks, or `None` if there is none; it prints then where it looked, beginning with `skipped:`.
-/// `REEL_REAL_BENCH` names the folder, `../shared/real-bench` beside the checkout is the default.
+/// The folder of REAL-Bench's tasks, or `None` if there is none; it prints then where it looked,
+/// beginning with `skipped:`. `REEL_REAL_BENCH` names the folder, `../shared/real-bench` beside the
+/// checkout is the default.
 ///
 /// # Panics
 /// Panics if `REEL_REAL_BENCH` names a folder that does not exist.
@@ -71,14 +77,21 @@ pub fn real_bench() -> Option<PathBuf> {
 fn outside(variable: &str, beside: &str, what: &str) -> Option<PathBuf> {
     if let Some(named) = std::env::var_os(variable) {
         let named = PathBuf::from(named);
-        assert!(named.is_dir(), "{variable} names {}, which is no folder", named.display());
+        assert!(
+            named.is_dir(),
+            "{variable} names {}, which is no folder",
+            named.display()
+        );
         return Some(named);
     }
     let beside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared")).join(beside);
     if beside.is_dir() {
         return Some(beside);
     }
-    eprintln!("skipped: no {what} at {} (set {variable})", beside.display());
+    eprintln!(
+        "skipped: no {what} at {} (set {variable})",
+        beside.display()
+    );
     None
 }
 
@@ -88,7 +101,8 @@ fn outside(variable: &str, beside: &str, what: &str) -> Option<PathBuf> {
 /// Panics if the folder is there and the file is not, or is no JSON.
 pub fn load(file: &str) -> Option<Value> {
     let path = folder()?.join(file);
-    let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let text =
+        fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     Some(serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display())))
 }
 
@@ -97,7 +111,9 @@ pub fn load(file: &str) -> Option<Value> {
 /// # Panics
 /// Panics if the value is no array.
 pub fn items(value: &Value) -> &[Value] {
-    value.as_array().unwrap_or_else(|| panic!("expected an array, found {value}"))
+    value
+        .as_array()
+        .unwrap_or_else(|| panic!("expected an array, found {value}"))
 }
 
 /// A text of a vector file.
@@ -105,11 +121,13 @@ pub fn items(value: &Value) -> &[Value] {
 /// # Panics
 /// Panics if the value is no string.
 pub fn text(value: &Value) -> &str {
-    value.as_str().unwrap_or_else(|| panic!("expected a string, found {value}"))
+    value
+        .as_str()
+        .unwrap_or_else(|| panic!("expected a string, found {value}"))
 }
 
-/// Where two values differ first, as a path and both values, or `None` if they are equal. Numbers are equal within 1e-9 if both
-/// are integers or both are floats.
+/// Where two values differ first, as a path and both values, or `None` if they are equal. Numbers
+/// are equal within 1e-9 if both are integers or both are floats.
 pub fn difference(expected: &Value, found: &Value, order: KeyOrder) -> Option<String> {
     differ("", expected, found, order)
 }
@@ -118,7 +136,13 @@ impl Report {
     /// A report of one part of a file, e.g. `cases` of `reward.json`.
     pub fn new(file: &str, part: &str) -> Self {
         let (file, part) = (file.to_owned(), part.to_owned());
-        Self { file, part, equal: 0, differences: Vec::new(), deviations: BTreeMap::new() }
+        Self {
+            file,
+            part,
+            equal: 0,
+            differences: Vec::new(),
+            deviations: BTreeMap::new(),
+        }
     }
 
     /// Counts a case whose keys may come in any order.
@@ -149,7 +173,13 @@ impl Report {
     /// # Panics
     /// Panics if a case is different, or if there was no case.
     pub fn finish(self) {
-        let Self { file, part, equal, differences, deviations } = self;
+        let Self {
+            file,
+            part,
+            equal,
+            differences,
+            deviations,
+        } = self;
         let (different, deviating) = (differences.len(), deviations.values().sum::<usize>());
         let cases = equal + different + deviating;
         println!("real-contract\t{file}\t{part}\t{cases}\t{equal}\t{different}\t{deviating}");
@@ -157,8 +187,16 @@ impl Report {
             println!("real-contract-cause\t{file}\t{part}\t{count}\t{cause}");
         }
         assert!(cases > 0, "{file}, {part}: no case was compared");
-        let shown: Vec<_> = differences.iter().take(DIFFERENCES_SHOWN).map(String::as_str).collect();
-        assert!(different == 0, "{file}, {part}: {different} of {cases} cases differ:\n{}", shown.join("\n"));
+        let shown: Vec<_> = differences
+            .iter()
+            .take(DIFFERENCES_SHOWN)
+            .map(String::as_str)
+            .collect();
+        assert!(
+            different == 0,
+            "{file}, {part}: {different} of {cases} cases differ:\n{}",
+            shown.join("\n")
+        );
     }
 }
 
@@ -167,15 +205,21 @@ fn differ(path: &str, expected: &Value, found: &Value, order: KeyOrder) -> Optio
     match (expected, found) {
         (Value::Number(one), Value::Number(other)) => {
             let same_kind = one.is_f64() == other.is_f64();
-            let near =
-                one == other || one.as_f64().zip(other.as_f64()).is_some_and(|(one, other)| (one - other).abs() <= TOLERANCE);
+            let near = one == other
+                || one
+                    .as_f64()
+                    .zip(other.as_f64())
+                    .is_some_and(|(one, other)| (one - other).abs() <= TOLERANCE);
             if same_kind && near { None } else { unequal() }
         }
         (Value::Array(one), Value::Array(other)) => {
             if one.len() != other.len() {
                 return unequal();
             }
-            one.iter().zip(other).enumerate().find_map(|(at, (one, other))| differ(&format!("{path}[{at}]"), one, other, order))
+            one.iter()
+                .zip(other)
+                .enumerate()
+                .find_map(|(at, (one, other))| differ(&format!("{path}[{at}]"), one, other, order))
         }
         (Value::Object(one), Value::Object(other)) => {
             let (keys, others): (Vec<_>, Vec<_>) = (one.keys().collect(), other.keys().collect());
@@ -187,7 +231,9 @@ fn differ(path: &str, expected: &Value, found: &Value, order: KeyOrder) -> Optio
             if !same {
                 return Some(format!("{path}: expected keys {keys:?}, found {others:?}"));
             }
-            one.iter().find_map(|(key, value)| differ(&format!("{path}.{key}"), value, &other[key], order))
+            one.iter().find_map(|(key, value)| {
+                differ(&format!("{path}.{key}"), value, &other[key], order)
+            })
         }
         _ if expected == found => None,
         _ => unequal(),
@@ -203,9 +249,21 @@ mod tests {
     #[test]
     fn types_order_and_values_are_told_apart() {
         let equal = |one: Value, other: Value, order| difference(&one, &other, order).is_none();
-        assert!(equal(json!({"a": 1, "b": 0.1}), json!({"b": 0.1, "a": 1}), KeyOrder::Any));
-        assert!(!equal(json!({"a": 1, "b": 2}), json!({"b": 2, "a": 1}), KeyOrder::Same));
-        assert!(!equal(json!({"a": 1}), json!({"a": 1, "b": null}), KeyOrder::Any));
+        assert!(equal(
+            json!({"a": 1, "b": 0.1}),
+            json!({"b": 0.1, "a": 1}),
+            KeyOrder::Any
+        ));
+        assert!(!equal(
+            json!({"a": 1, "b": 2}),
+            json!({"b": 2, "a": 1}),
+            KeyOrder::Same
+        ));
+        assert!(!equal(
+            json!({"a": 1}),
+            json!({"a": 1, "b": null}),
+            KeyOrder::Any
+        ));
         assert!(!equal(json!(1), json!(1.0), KeyOrder::Any));
         assert!(!equal(json!("1"), json!(1), KeyOrder::Any));
         assert!(!equal(json!([1, 2]), json!([1]), KeyOrder::Any));

@@ -60,7 +60,11 @@ pub(crate) struct Canvas {
 
 impl Canvas {
     pub(crate) fn new(width: usize, height: usize, colour: Colour) -> Self {
-        Self { width, height, rgb: colour.repeat(width * height) }
+        Self {
+            width,
+            height,
+            rgb: colour.repeat(width * height),
+        }
     }
 
     /// Fills a rectangle, cut at the border.
@@ -82,11 +86,20 @@ impl Canvas {
     }
 
     /// Pastes an RGB picture at half its size: each pixel is the mean of four.
-    pub(crate) fn paste_halved(&mut self, x: usize, y: usize, rgb: &[u8], width: usize, height: usize) {
+    pub(crate) fn paste_halved(
+        &mut self,
+        x: usize,
+        y: usize,
+        rgb: &[u8],
+        width: usize,
+        height: usize,
+    ) {
         for row in 0..height / 2 {
             for column in 0..width / 2 {
                 let mean = |channel: usize| {
-                    let corner = |dx: usize, dy: usize| u16::from(rgb[((row * 2 + dy) * width + column * 2 + dx) * 3 + channel]);
+                    let corner = |dx: usize, dy: usize| {
+                        u16::from(rgb[((row * 2 + dy) * width + column * 2 + dx) * 3 + channel])
+                    };
                     ((corner(0, 0) + corner(1, 0) + corner(0, 1) + corner(1, 1) + 2) / 4) as u8
                 };
                 self.set(x + column, y + row, [mean(0), mean(1), mean(2)]);
@@ -98,7 +111,8 @@ impl Canvas {
     pub(crate) fn text(&mut self, x: usize, y: usize, text: &str, font: Font, colour: Colour) {
         let (weight, height) = font.parts();
         for (index, character) in text.chars().enumerate() {
-            let glyph = get_raster(character, weight, height).or_else(|| get_raster('?', weight, height));
+            let glyph =
+                get_raster(character, weight, height).or_else(|| get_raster('?', weight, height));
             let Some(glyph) = glyph else { continue };
             for (dy, row) in glyph.raster().iter().enumerate() {
                 for (dx, ink) in row.iter().enumerate() {
@@ -138,7 +152,11 @@ impl Canvas {
 }
 
 /// An RGB buffer as PNG.
-pub(crate) fn encode_png(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>, png::EncodingError> {
+pub(crate) fn encode_png(
+    rgb: &[u8],
+    width: u32,
+    height: u32,
+) -> Result<Vec<u8>, png::EncodingError> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(png::ColorType::Rgb);
@@ -148,8 +166,8 @@ pub(crate) fn encode_png(rgb: &[u8], width: u32, height: u32) -> Result<Vec<u8>,
     Ok(bytes)
 }
 
-/// Text as lines of at most so many characters, broken at spaces where possible; the last line is cut with `...` where
-/// there would be too many.
+/// Text as lines of at most so many characters, broken at spaces where possible; the last line is
+/// cut with `...` where there would be too many.
 pub(crate) fn wrap(text: &str, columns: usize, lines_max: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     let mut line = String::new();
@@ -174,7 +192,11 @@ pub(crate) fn wrap(text: &str, columns: usize, lines_max: usize) -> Vec<String> 
     if lines.len() > lines_max {
         lines.truncate(lines_max);
         if let Some(last) = lines.last_mut() {
-            *last = last.chars().take(columns.saturating_sub(3)).chain("...".chars()).collect();
+            *last = last
+                .chars()
+                .take(columns.saturating_sub(3))
+                .chain("...".chars())
+                .collect();
         }
     }
     lines
@@ -196,9 +218,14 @@ mod tests {
     fn text_leaves_ink_inside_its_box_only() {
         let mut canvas = Canvas::new(40, 30, [0; 3]);
         canvas.text(2, 3, "A\u{1F600}", Font::Small, [255; 3]);
-        let inked: Vec<usize> = (0..40 * 30).filter(|pixel| canvas.rgb[pixel * 3] > 0).collect();
+        let inked: Vec<usize> = (0..40 * 30)
+            .filter(|pixel| canvas.rgb[pixel * 3] > 0)
+            .collect();
         assert!(!inked.is_empty());
-        let inside = |pixel: &usize| (2..2 + 2 * Font::Small.width()).contains(&(pixel % 40)) && (3..19).contains(&(pixel / 40));
+        let inside = |pixel: &usize| {
+            (2..2 + 2 * Font::Small.width()).contains(&(pixel % 40))
+                && (3..19).contains(&(pixel / 40))
+        };
         assert!(inked.iter().all(inside));
     }
 }

@@ -34,8 +34,8 @@ struct Card {
     colour: Colour,
 }
 
-/// A grid of all pictures of an episode with captions, under a title, as PNG: 320 x 240 a picture, four a row. A step
-/// without a new picture has a grey card; a lean trace has grey cards only.
+/// A grid of all pictures of an episode with captions, under a title, as PNG: 320 x 240 a picture,
+/// four a row. A step without a new picture has a grey card; a lean trace has grey cards only.
 ///
 /// # Errors
 /// When a picture of the trace is damaged.
@@ -45,14 +45,21 @@ pub fn contact_sheet(trace: &Trace) -> Result<Vec<u8>, ViewError> {
     let rows = cards.len().div_ceil(columns);
     let width = MARGIN + columns.max(2) * (CARD_WIDTH + MARGIN);
     let (verdict, verdict_colour) = verdict(trace);
-    let title = format!("{}  ({}, seed {})", trace.header.task_id, trace.header.policy.name, trace.header.seed);
+    let title = format!(
+        "{}  ({}, seed {})",
+        trace.header.task_id, trace.header.policy.name, trace.header.seed
+    );
     let text_columns = (width - 2 * MARGIN) / Font::Title.width();
     let titles = wrap(&title, text_columns, 2);
     let small_columns = (width - 2 * MARGIN) / Font::Small.width();
     let instruction = wrap(&trace.task.instruction, small_columns, 4);
     let verdicts = wrap(&verdict, small_columns, 2);
     let header = MARGIN + titles.len() * 30 + (instruction.len() + verdicts.len()) * 20 + MARGIN;
-    let caption = cards.iter().map(|card| card.call.len() + card.outcome.len()).max().unwrap_or(0);
+    let caption = cards
+        .iter()
+        .map(|card| card.call.len() + card.outcome.len())
+        .max()
+        .unwrap_or(0);
     let card_height = STRIP + PICTURE_HEIGHT + 2 * PADDING + (1 + caption) * LINE;
     let mut canvas = Canvas::new(width, header + rows * (card_height + MARGIN), PAPER);
     let mut y = MARGIN;
@@ -67,7 +74,13 @@ pub fn contact_sheet(trace: &Trace) -> Result<Vec<u8>, ViewError> {
     write(&verdicts, Font::SmallBold, verdict_colour, 20);
     for (index, card) in cards.iter().enumerate() {
         let x = MARGIN + index % columns * (CARD_WIDTH + MARGIN);
-        draw(&mut canvas, card, x, header + index / columns * (card_height + MARGIN), card_height);
+        draw(
+            &mut canvas,
+            card,
+            x,
+            header + index / columns * (card_height + MARGIN),
+            card_height,
+        );
     }
     Ok(canvas.png()?)
 }
@@ -96,13 +109,20 @@ fn cards(trace: &Trace) -> Result<Vec<Card>, ViewError> {
 }
 
 fn lines(text: &str, lines_max: usize) -> Vec<String> {
-    wrap(text, (CARD_WIDTH - 2 * PADDING) / Font::Small.width(), lines_max)
+    wrap(
+        text,
+        (CARD_WIDTH - 2 * PADDING) / Font::Small.width(),
+        lines_max,
+    )
 }
 
 /// The tool and the values of its arguments.
 fn call(record: &StepRecord) -> String {
     let values: Vec<String> = match record.input.call.arguments.as_object() {
-        Some(map) => map.values().map(|value| value.as_str().map_or(value.to_string(), str::to_owned)).collect(),
+        Some(map) => map
+            .values()
+            .map(|value| value.as_str().map_or(value.to_string(), str::to_owned))
+            .collect(),
         None => Vec::new(),
     };
     format!("{} {}", record.input.call.name, values.join(", "))
@@ -118,9 +138,15 @@ pub(crate) fn outcome(record: &StepRecord) -> String {
 
 /// How it ended, in one line.
 fn verdict(trace: &Trace) -> (String, Colour) {
-    let Some(end) = &trace.end else { return ("the trace breaks off".into(), RED) };
+    let Some(end) = &trace.end else {
+        return ("the trace breaks off".into(), RED);
+    };
     let metrics = &end.metrics;
-    let (word, colour) = if metrics.success { ("success", GREEN) } else { ("failure", RED) };
+    let (word, colour) = if metrics.success {
+        ("success", GREEN)
+    } else {
+        ("failure", RED)
+    };
     let how = match end.reason {
         EndReason::Finished => "finished",
         EndReason::Horizon => "reached the horizon",
@@ -129,7 +155,10 @@ fn verdict(trace: &Trace) -> (String, Colour) {
     };
     let (done, reward) = (100.0 * metrics.completion, metrics.total_reward);
     (
-        format!("{word}: {how} after {} decisions, {done:.0}% done, reward {reward:+.2}, {} asks", metrics.length, metrics.asks),
+        format!(
+            "{word}: {how} after {} decisions, {done:.0}% done, reward {reward:+.2}, {} asks",
+            metrics.length, metrics.asks
+        ),
         colour,
     )
 }
@@ -143,7 +172,13 @@ fn draw(canvas: &mut Canvas, card: &Card, x: usize, y: usize, height: usize) {
             canvas.fill(x, y + STRIP, CARD_WIDTH, PICTURE_HEIGHT, NO_PICTURE);
             let note = "no new picture";
             let note_x = x + (CARD_WIDTH - note.len() * Font::Small.width()) / 2;
-            canvas.text(note_x, y + STRIP + (PICTURE_HEIGHT - Font::Small.height()) / 2, note, Font::Small, FAINT);
+            canvas.text(
+                note_x,
+                y + STRIP + (PICTURE_HEIGHT - Font::Small.height()) / 2,
+                note,
+                Font::Small,
+                FAINT,
+            );
         }
     }
     let (left, mut line) = (x + PADDING, y + STRIP + PICTURE_HEIGHT + PADDING);
@@ -151,7 +186,13 @@ fn draw(canvas: &mut Canvas, card: &Card, x: usize, y: usize, height: usize) {
     if let Some(reward) = card.reward {
         let text = format!("{reward:+.2}");
         let right = x + CARD_WIDTH - PADDING - text.len() * Font::SmallBold.width();
-        canvas.text(right, line, &text, Font::SmallBold, if reward < 0.0 { RED } else { GREEN });
+        canvas.text(
+            right,
+            line,
+            &text,
+            Font::SmallBold,
+            if reward < 0.0 { RED } else { GREEN },
+        );
     }
     line += LINE;
     for text in &card.call {

@@ -1,5 +1,6 @@
-//! An episode as moving pictures: one a call, with the call, what came of it and the reward beneath; two episodes side by
-//! side. Pictures come from whoever drew them; the film is a GIF, or raw pictures for an encoder.
+//! An episode as moving pictures: one a call, with the call, what came of it and the reward
+//! beneath; two episodes side by side. Pictures come from whoever drew them; the film is a GIF, or
+//! raw pictures for an encoder.
 
 use std::borrow::Cow;
 
@@ -57,9 +58,14 @@ struct Caption {
 }
 
 impl Film {
-    /// A film of one episode, or of several side by side, call by call; who is through first waits in its last picture.
+    /// A film of one episode, or of several side by side, call by call; who is through first waits
+    /// in its last picture.
     pub fn new(parts: &[Part<'_>]) -> Self {
-        let length = parts.iter().map(|part| part.pictures.len()).max().unwrap_or(0);
+        let length = parts
+            .iter()
+            .map(|part| part.pictures.len())
+            .max()
+            .unwrap_or(0);
         let width = parts.len() * FRAME_WIDTH + parts.len().saturating_sub(1) * GAP;
         let height = TITLE + FRAME_HEIGHT + CAPTION;
         let captions: Vec<Vec<Caption>> = parts.iter().map(|part| captions(part.trace)).collect();
@@ -68,28 +74,47 @@ impl Film {
             for (index, (part, captions)) in parts.iter().zip(&captions).enumerate() {
                 let at = moment.min(part.pictures.len().min(captions.len()).saturating_sub(1));
                 if let (Some(picture), Some(caption)) = (part.pictures.get(at), captions.get(at)) {
-                    draw(&mut canvas, index * (FRAME_WIDTH + GAP), part.trace, picture, caption);
+                    draw(
+                        &mut canvas,
+                        index * (FRAME_WIDTH + GAP),
+                        part.trace,
+                        picture,
+                        caption,
+                    );
                 }
             }
             canvas.into_rgb()
         };
-        Self { width, height, pictures: (0..length).map(picture).collect() }
+        Self {
+            width,
+            height,
+            pictures: (0..length).map(picture).collect(),
+        }
     }
 
-    /// As an animated GIF that plays for ever, so many pictures a second; the last one stays three times as long.
+    /// As an animated GIF that plays for ever, so many pictures a second; the last one stays three
+    /// times as long.
     ///
     /// # Errors
     /// When it is larger than a GIF can be.
     pub fn gif(&self, fps: f64) -> Result<Vec<u8>, ViewError> {
-        let size =
-            |pixels: usize| u16::try_from(pixels).map_err(|_| ViewError::FilmSize { width: self.width, height: self.height });
+        let size = |pixels: usize| {
+            u16::try_from(pixels).map_err(|_| ViewError::FilmSize {
+                width: self.width,
+                height: self.height,
+            })
+        };
         let (width, height) = (size(self.width)?, size(self.height)?);
         let delay = (100.0 / fps.clamp(0.01, 50.0)).round();
         let mut bytes = Vec::new();
         let mut encoder = gif::Encoder::new(&mut bytes, width, height, &[])?;
         encoder.set_repeat(gif::Repeat::Infinite)?;
         for (index, picture) in self.pictures.iter().enumerate() {
-            let times = if index + 1 == self.pictures.len() { LAST } else { 1 };
+            let times = if index + 1 == self.pictures.len() {
+                LAST
+            } else {
+                1
+            };
             let mut frame = gif::Frame::from_rgb_speed(width, height, picture, 10);
             frame.delay = (delay * times as f64).min(f64::from(u16::MAX)) as u16;
             encoder.write_frame(&frame)?;
@@ -100,7 +125,11 @@ impl Film {
 
     /// The pictures as a stream for an encoder that takes each equally long.
     pub fn stream(&self) -> impl Iterator<Item = &[u8]> {
-        let last = self.pictures.last().into_iter().flat_map(|picture| std::iter::repeat_n(picture.as_slice(), LAST - 1));
+        let last = self
+            .pictures
+            .last()
+            .into_iter()
+            .flat_map(|picture| std::iter::repeat_n(picture.as_slice(), LAST - 1));
         self.pictures.iter().map(Vec::as_slice).chain(last)
     }
 }
@@ -119,7 +148,11 @@ fn captions(trace: &Trace) -> Vec<Caption> {
         let reward = record.reward_total();
         total += reward;
         let is_last = index + 1 == trace.steps.len();
-        let success = trace.end.as_ref().filter(|_| is_last).map(|end| end.metrics.success);
+        let success = trace
+            .end
+            .as_ref()
+            .filter(|_| is_last)
+            .map(|end| end.metrics.success);
         let (verdict, verdict_colour) = match success {
             Some(true) => ("   SUCCESS", GREEN),
             Some(false) => ("   FAILURE", RED),
@@ -140,11 +173,28 @@ fn captions(trace: &Trace) -> Vec<Caption> {
 fn draw(canvas: &mut Canvas, x: usize, trace: &Trace, picture: &[u8], caption: &Caption) {
     let left = x + PADDING;
     let columns = (FRAME_WIDTH - 2 * PADDING) / Font::Medium.width();
-    let branch = trace.header.parent.as_ref().map_or(Cow::Borrowed(""), |parent| format!(" from call {}", parent.call).into());
-    let title = format!("{}  {}{branch}", trace.header.task_id, trace.header.policy.name);
-    let shorten = |text: &str, font: Font, lines: usize| wrap(text, (FRAME_WIDTH - 2 * PADDING) / font.width(), lines);
+    let branch = trace
+        .header
+        .parent
+        .as_ref()
+        .map_or(Cow::Borrowed(""), |parent| {
+            format!(" from call {}", parent.call).into()
+        });
+    let title = format!(
+        "{}  {}{branch}",
+        trace.header.task_id, trace.header.policy.name
+    );
+    let shorten = |text: &str, font: Font, lines: usize| {
+        wrap(text, (FRAME_WIDTH - 2 * PADDING) / font.width(), lines)
+    };
     for line in shorten(&title, Font::MediumBold, 1) {
-        canvas.text(left, (TITLE - Font::MediumBold.height()) / 2, &line, Font::MediumBold, INK);
+        canvas.text(
+            left,
+            (TITLE - Font::MediumBold.height()) / 2,
+            &line,
+            Font::MediumBold,
+            INK,
+        );
     }
     canvas.paste(x, TITLE, picture, FRAME_WIDTH);
     let top = TITLE + FRAME_HEIGHT;
@@ -157,8 +207,22 @@ fn draw(canvas: &mut Canvas, x: usize, trace: &Trace, picture: &[u8], caption: &
             y += LINE;
         }
     };
-    write(shorten(&caption.call, Font::MediumBold, 1), Font::MediumBold, INK);
-    write(wrap(&caption.told, columns, TOLD_LINES), Font::Medium, FAINT);
+    write(
+        shorten(&caption.call, Font::MediumBold, 1),
+        Font::MediumBold,
+        INK,
+    );
+    write(
+        wrap(&caption.told, columns, TOLD_LINES),
+        Font::Medium,
+        FAINT,
+    );
     let last = top + CAPTION - PADDING - LINE;
-    canvas.text(left, last, &caption.reward, Font::MediumBold, caption.reward_colour);
+    canvas.text(
+        left,
+        last,
+        &caption.reward,
+        Font::MediumBold,
+        caption.reward_colour,
+    );
 }

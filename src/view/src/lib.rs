@@ -1,5 +1,5 @@
-//! An episode for human eyes: a transcript, a contact sheet, a film, two side by side, a Rerun recording. A leaf: Rerun brings
-//! an Arrow of its own.
+//! An episode for human eyes: a transcript, a contact sheet, a film, two side by side, a Rerun
+//! recording. A leaf: Rerun brings an Arrow of its own.
 //!
 //! Shows what the trace holds; never runs physics, never judges.
 

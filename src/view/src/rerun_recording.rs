@@ -1,5 +1,6 @@
-//! An episode as a Rerun recording: the head camera, the robot, objects and receptacles in 3D, the transcript, the rewards.
-//! Timelines `step` (-1: before the first decision) and `sim_time`; no wall-clock time.
+//! An episode as a Rerun recording: the head camera, the robot, objects and receptacles in 3D, the
+//! transcript, the rewards. Timelines `step` (-1: before the first decision) and `sim_time`; no
+//! wall-clock time.
 
 use std::{
     borrow::Cow,
@@ -13,11 +14,12 @@ use reel_world::{
     record::{BodyState, RobotState, StepRecord},
 };
 use rerun::{
-    AsComponents, Boxes3D, EncodedImage, Pinhole, Quaternion, RecordingStream, RecordingStreamBuilder, RecordingStreamError,
-    Rgba32, Scalars, TextDocument, TextLog, TextLogLevel, Transform3D, ViewCoordinates,
+    AsComponents, Boxes3D, EncodedImage, Pinhole, Quaternion, RecordingStream,
+    RecordingStreamBuilder, RecordingStreamError, Rgba32, Scalars, TextDocument, TextLog,
+    TextLogLevel, Transform3D, ViewCoordinates,
     blueprint::{
-        Blueprint, BlueprintPanel, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs, TextDocumentView, TextLogView,
-        TimePanel, TimeSeriesView, Vertical, components::PanelState,
+        Blueprint, BlueprintPanel, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs,
+        TextDocumentView, TextLogView, TimePanel, TimeSeriesView, Vertical, components::PanelState,
     },
 };
 
@@ -35,30 +37,51 @@ const FURNITURE: Rgba32 = Rgba32::from_rgb(86, 104, 168);
 const DOOR: Rgba32 = Rgba32::from_rgb(150, 92, 170);
 const ROBOT: Rgba32 = Rgba32::from_rgb(40, 44, 52);
 
-/// The recording, as the content of an `.rrd` file, with a layout for it. Pictures that the trace does not hold are drawn again
-/// where it can be replayed.
+/// The recording, as the content of an `.rrd` file, with a layout for it. Pictures that the trace
+/// does not hold are drawn again where it can be replayed.
 ///
 /// # Errors
 /// When a picture of the trace is damaged.
 pub fn rrd(trace: &Trace) -> Result<Vec<u8>, ViewError> {
-    let builder = RecordingStreamBuilder::new("reel").recording_id(trace.header.episode_id.as_str());
-    let builder = builder.recording_name(format!("{} by {}", trace.header.task_id, trace.header.policy.name));
-    let (stream, storage) = builder.with_blueprint(layout()).memory().map_err(|error| failed(&error))?;
+    let builder =
+        RecordingStreamBuilder::new("reel").recording_id(trace.header.episode_id.as_str());
+    let builder = builder.recording_name(format!(
+        "{} by {}",
+        trace.header.task_id, trace.header.policy.name
+    ));
+    let (stream, storage) = builder
+        .with_blueprint(layout())
+        .memory()
+        .map_err(|error| failed(&error))?;
     stream.set_log_tick_enabled(false);
     stream.set_log_time_enabled(false);
     let mut drawn = BTreeMap::new();
     if trace.image_count() == 0 {
         let start = trace.start.digests.frame.as_ref().map(|_| None);
-        let steps = trace.steps.iter().filter(|record| record.digests.frame.is_some()).map(|record| Some(record.step));
+        let steps = trace
+            .steps
+            .iter()
+            .filter(|record| record.digests.frame.is_some())
+            .map(|record| Some(record.step));
         let moments: BTreeSet<_> = start.into_iter().chain(steps).collect();
         drawn = pictures_at(trace, &moments).unwrap_or_default();
     }
-    let recording = Recording { trace, stream, drawn };
+    let recording = Recording {
+        trace,
+        stream,
+        drawn,
+    };
     recording.scene()?;
     recording.moment(-1, 0, None, &trace.start.bodies, &trace.start.robot)?;
     let mut total = 0.0;
     for record in &trace.steps {
-        recording.moment(i64::from(record.step), record.sim_step, Some(record.step), &record.bodies, &record.robot)?;
+        recording.moment(
+            i64::from(record.step),
+            record.sim_step,
+            Some(record.step),
+            &record.bodies,
+            &record.robot,
+        )?;
         total += record.reward_total();
         recording.told(record, total)?;
     }
@@ -66,19 +89,32 @@ pub fn rrd(trace: &Trace) -> Result<Vec<u8>, ViewError> {
 }
 
 fn failed(error: &dyn std::error::Error) -> ViewError {
-    ViewError::Rerun { reason: error.to_string() }
+    ViewError::Rerun {
+        reason: error.to_string(),
+    }
 }
 
 /// The world beside what the robot sees and what is said, the rewards below; time goes by steps.
 fn layout() -> Blueprint {
     let told = Tabs::new([
-        TextLogView::new("Transcript").with_origin("transcript").into(),
-        TextDocumentView::new("Episode").with_origin("episode").into(),
+        TextLogView::new("Transcript")
+            .with_origin("transcript")
+            .into(),
+        TextDocumentView::new("Episode")
+            .with_origin("episode")
+            .into(),
     ]);
-    let seen = Vertical::new([Spatial2DView::new("Camera").with_origin("world/camera").into(), told.into()]);
+    let seen = Vertical::new([
+        Spatial2DView::new("Camera")
+            .with_origin("world/camera")
+            .into(),
+        told.into(),
+    ]);
     let world = Vertical::new([
         Spatial3DView::new("World").with_origin("world").into(),
-        TimeSeriesView::new("Rewards").with_contents(["reward/**", "return"]).into(),
+        TimeSeriesView::new("Rewards")
+            .with_contents(["reward/**", "return"])
+            .into(),
     ]);
     let world = world.with_row_shares([3.0, 1.0]);
     let sides = Horizontal::new([world.into(), seen.into()]).with_column_shares([3.0, 2.0]);
@@ -99,22 +135,54 @@ impl Recording<'_> {
     fn scene(&self) -> Result<(), ViewError> {
         let scene = &self.trace.scene;
         self.log_static("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
-        let floors = scene.rooms.iter().flat_map(|room| room.footprint().into_iter().map(|rect| (room.name.as_str(), rect)));
+        let floors = scene.rooms.iter().flat_map(|room| {
+            room.footprint()
+                .into_iter()
+                .map(|rect| (room.name.as_str(), rect))
+        });
         let floors: Vec<_> = floors.collect();
-        let mins = floors.iter().map(|(_, rect)| [rect.min[0] as f32, rect.min[1] as f32, -0.02]);
-        let sizes = floors.iter().map(|(_, rect)| [(rect.max[0] - rect.min[0]) as f32, (rect.max[1] - rect.min[1]) as f32, 0.02]);
-        let rooms = Boxes3D::from_mins_and_sizes(mins, sizes).with_labels(floors.iter().map(|(name, _)| *name));
+        let mins = floors
+            .iter()
+            .map(|(_, rect)| [rect.min[0] as f32, rect.min[1] as f32, -0.02]);
+        let sizes = floors.iter().map(|(_, rect)| {
+            [
+                (rect.max[0] - rect.min[0]) as f32,
+                (rect.max[1] - rect.min[1]) as f32,
+                0.02,
+            ]
+        });
+        let rooms = Boxes3D::from_mins_and_sizes(mins, sizes)
+            .with_labels(floors.iter().map(|(name, _)| *name));
         self.log_static("world/rooms", &rooms)?;
-        let mins = scene.receptacles.iter().map(|it| [it.surface_min[0] as f32, it.surface_min[1] as f32, 0.0]);
-        let size = |axis: usize, it: &reel_world::Receptacle| (it.surface_max[axis] - it.surface_min[axis]) as f32;
-        let sizes = scene.receptacles.iter().map(|it| [size(0, it), size(1, it), it.surface_height() as f32]);
+        let mins = scene
+            .receptacles
+            .iter()
+            .map(|it| [it.surface_min[0] as f32, it.surface_min[1] as f32, 0.0]);
+        let size = |axis: usize, it: &reel_world::Receptacle| {
+            (it.surface_max[axis] - it.surface_min[axis]) as f32
+        };
+        let sizes = scene
+            .receptacles
+            .iter()
+            .map(|it| [size(0, it), size(1, it), it.surface_height() as f32]);
         let furniture = Boxes3D::from_mins_and_sizes(mins, sizes)
             .with_labels(scene.receptacles.iter().map(|it| it.id.as_str()))
-            .with_colors(scene.receptacles.iter().map(|it| if it.door.exists() { DOOR } else { FURNITURE }));
+            .with_colors(
+                scene
+                    .receptacles
+                    .iter()
+                    .map(|it| if it.door.exists() { DOOR } else { FURNITURE }),
+            );
         self.log_static("world/receptacles", &furniture)?;
         let resolution = [FRAME_WIDTH as f32, FRAME_HEIGHT as f32];
-        self.log_static("world/camera", &Pinhole::from_focal_length_and_resolution([FOCAL_PX, FOCAL_PX], resolution))?;
-        self.log_static("episode", &TextDocument::from_markdown(format!("```\n{}```\n", transcript(self.trace))))
+        self.log_static(
+            "world/camera",
+            &Pinhole::from_focal_length_and_resolution([FOCAL_PX, FOCAL_PX], resolution),
+        )?;
+        self.log_static(
+            "episode",
+            &TextDocument::from_markdown(format!("```\n{}```\n", transcript(self.trace))),
+        )
     }
 
     fn moment(
@@ -126,13 +194,20 @@ impl Recording<'_> {
         robot: &RobotState,
     ) -> Result<(), ViewError> {
         self.stream.set_time_sequence("step", step);
-        self.stream.set_duration_secs("sim_time", sim_step as f64 * f64::from(DT_S));
+        self.stream
+            .set_duration_secs("sim_time", sim_step as f64 * f64::from(DT_S));
         let recorded = self.trace.frame_rgb(picture)?.map(Cow::Owned);
         if let Some(rgb) = recorded.or_else(|| self.drawn.get(&picture).map(Cow::Borrowed)) {
             let png = encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)?;
-            self.log("world/camera/image", &EncodedImage::new(png).with_media_type("image/png"))?;
+            self.log(
+                "world/camera/image",
+                &EncodedImage::new(png).with_media_type("image/png"),
+            )?;
         }
-        self.log("world/camera", &Transform3D::from_translation_mat3x3(robot.camera, world_from_camera(robot)))?;
+        self.log(
+            "world/camera",
+            &Transform3D::from_translation_mat3x3(robot.camera, world_from_camera(robot)),
+        )?;
         let base = [robot.base[0], robot.base[1], ROBOT_HALF_M[2]];
         let (sin, cos) = (robot.yaw / 2.0).sin_cos();
         let body = Boxes3D::from_centers_and_half_sizes([base], [ROBOT_HALF_M])
@@ -144,11 +219,24 @@ impl Recording<'_> {
     }
 
     fn told(&self, record: &StepRecord, total: f64) -> Result<(), ViewError> {
-        let level = if record.outcome.is_ok() { TextLogLevel::INFO } else { TextLogLevel::ERROR };
-        self.log("transcript", &TextLog::new(record.input.call.to_string()).with_level(TextLogLevel::INFO))?;
-        self.log("transcript", &TextLog::new(record.outcome.text.as_str()).with_level(level))?;
+        let level = if record.outcome.is_ok() {
+            TextLogLevel::INFO
+        } else {
+            TextLogLevel::ERROR
+        };
+        self.log(
+            "transcript",
+            &TextLog::new(record.input.call.to_string()).with_level(TextLogLevel::INFO),
+        )?;
+        self.log(
+            "transcript",
+            &TextLog::new(record.outcome.text.as_str()).with_level(level),
+        )?;
         for event in &record.changes.physics {
-            self.log("transcript", &TextLog::new(event.to_string()).with_level(TextLogLevel::DEBUG))?;
+            self.log(
+                "transcript",
+                &TextLog::new(event.to_string()).with_level(TextLogLevel::DEBUG),
+            )?;
         }
         let mut components: BTreeMap<&str, f64> = BTreeMap::new();
         for term in &record.reward {
@@ -161,29 +249,43 @@ impl Recording<'_> {
     }
 
     fn log(&self, entity: &str, what: &dyn AsComponents) -> Result<(), ViewError> {
-        self.stream.log(entity, what).map_err(|error: RecordingStreamError| failed(&error))
+        self.stream
+            .log(entity, what)
+            .map_err(|error: RecordingStreamError| failed(&error))
     }
 
     fn log_static(&self, entity: &str, what: &dyn AsComponents) -> Result<(), ViewError> {
-        self.stream.log_static(entity, what).map_err(|error: RecordingStreamError| failed(&error))
+        self.stream
+            .log_static(entity, what)
+            .map_err(|error: RecordingStreamError| failed(&error))
     }
 }
 
 /// Every object whose body is in the world; a held one is not.
 fn objects(task: &Task, bodies: &[BodyState]) -> Boxes3D {
-    let known = bodies.iter().filter_map(|body| Some((body, task.object(&InstanceId::from(body.body.as_str()))?)));
+    let known = bodies
+        .iter()
+        .filter_map(|body| Some((body, task.object(&InstanceId::from(body.body.as_str()))?)));
     let known: Vec<_> = known.collect();
     let colour = |object: &reel_world::ObjectInstance| {
-        let like_target = task.object(&task.target).is_some_and(|target| target.category == object.category);
+        let like_target = task
+            .object(&task.target)
+            .is_some_and(|target| target.category == object.category);
         match () {
             () if object.instance == task.target => TARGET,
             () if like_target || task.object_distractors.contains(&object.asset) => DISTRACTOR,
             () => OTHER,
         }
     };
-    let halves = known.iter().map(|(_, object)| object.size.map(|side| (side / 2.0) as f32));
+    let halves = known
+        .iter()
+        .map(|(_, object)| object.size.map(|side| (side / 2.0) as f32));
     Boxes3D::from_centers_and_half_sizes(known.iter().map(|(body, _)| body.position), halves)
-        .with_quaternions(known.iter().map(|(body, _)| Quaternion::from_xyzw(body.rotation)))
+        .with_quaternions(
+            known
+                .iter()
+                .map(|(body, _)| Quaternion::from_xyzw(body.rotation)),
+        )
         .with_labels(known.iter().map(|(_, object)| object.category.as_str()))
         .with_colors(known.iter().map(|(_, object)| colour(object)))
 }

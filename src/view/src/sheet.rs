@@ -38,12 +38,24 @@ pub fn sheet(title: &str, cards: &[Card]) -> Result<Vec<u8>, ViewError> {
     let columns = cards.len().clamp(2, COLUMNS_MAX);
     let width = MARGIN + columns * (WIDTH + MARGIN);
     let titles = wrap(title, (width - 2 * MARGIN) / Font::Title.width(), 2);
-    let texts: Vec<Vec<String>> =
-        cards.iter().map(|card| wrap(&card.text, (WIDTH - 2 * PADDING) / Font::Small.width(), TEXT_LINES)).collect();
+    let texts: Vec<Vec<String>> = cards
+        .iter()
+        .map(|card| {
+            wrap(
+                &card.text,
+                (WIDTH - 2 * PADDING) / Font::Small.width(),
+                TEXT_LINES,
+            )
+        })
+        .collect();
     let lines = 1 + texts.iter().map(Vec::len).max().unwrap_or(0);
     let card_height = HEIGHT + 2 * PADDING + lines * LINE;
     let header = 2 * MARGIN + titles.len() * 30;
-    let mut canvas = Canvas::new(width, header + cards.len().div_ceil(columns) * (card_height + MARGIN), PAPER);
+    let mut canvas = Canvas::new(
+        width,
+        header + cards.len().div_ceil(columns) * (card_height + MARGIN),
+        PAPER,
+    );
     for (index, line) in titles.iter().enumerate() {
         canvas.text(MARGIN, MARGIN + index * 30, line, Font::Title, INK);
     }

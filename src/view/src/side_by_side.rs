@@ -11,7 +11,8 @@ const COLUMN: usize = 58;
 /// Most lines that one call takes besides itself.
 const LINES_MAX: usize = 3;
 
-/// Two columns: the calls, what they came to, what they changed and their reward, then how each episode ended.
+/// Two columns: the calls, what they came to, what they changed and their reward, then how each
+/// episode ended.
 pub fn side_by_side(beside: &Beside) -> String {
     let mut text = String::new();
     for (name, episode) in ["A", "B"].into_iter().zip(&beside.episodes) {
@@ -45,41 +46,74 @@ pub fn side_by_side(beside: &Beside) -> String {
     }
     if !beside.graph.is_empty() {
         let events: Vec<String> = beside.graph.iter().map(ToString::to_string).collect();
-        let _ = writeln!(text, "the world of B in the end, beside that of A:\n  {}", events.join("\n  "));
+        let _ = writeln!(
+            text,
+            "the world of B in the end, beside that of A:\n  {}",
+            events.join("\n  ")
+        );
     }
     text
 }
 
 fn title(episode: &EpisodeTitle, beside: &Beside) -> String {
-    let file = episode.trace.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let file = episode
+        .trace
+        .file_name()
+        .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let lineage = episode.parent.as_ref().map_or_else(String::new, |parent| {
-        let of = ["A", "B"].into_iter().zip(&beside.episodes).find(|(_, other)| other.chain == parent.trace);
-        let whom = of.map_or_else(|| format!("trace {}", &parent.trace.to_string()[..12]), |(name, _)| name.to_owned());
+        let of = ["A", "B"]
+            .into_iter()
+            .zip(&beside.episodes)
+            .find(|(_, other)| other.chain == parent.trace);
+        let whom = of.map_or_else(
+            || format!("trace {}", &parent.trace.to_string()[..12]),
+            |(name, _)| name.to_owned(),
+        );
         format!(", branches from {whom} at call {}", parent.call)
     });
-    format!("{file}  ({}, seed {}{lineage})", episode.policy, episode.seed)
+    format!(
+        "{file}  ({}, seed {}{lineage})",
+        episode.policy, episode.seed
+    )
 }
 
-/// `=` where all is the same, `~` where the same call came to something else, `|` where the calls differ.
+/// `=` where all is the same, `~` where the same call came to something else, `|` where the calls
+/// differ.
 fn write_row(text: &mut String, row: &Row) {
     let mark = match (row.same_call, row.same_outcome) {
         (true, true) => "=",
         (true, false) => "~",
         (false, _) => "|",
     };
-    let [a, b] = [&row.a, &row.b].map(|deed| deed.as_ref().map_or_else(Vec::new, |deed| column(deed, row.same_outcome)));
+    let [a, b] = [&row.a, &row.b].map(|deed| {
+        deed.as_ref()
+            .map_or_else(Vec::new, |deed| column(deed, row.same_outcome))
+    });
     for index in 0..a.len().max(b.len()) {
         let part = |lines: &[(String, String)]| lines.get(index).cloned().unwrap_or_default();
-        let ([a_left, a_right], [b_left, b_right]) = (<[String; 2]>::from(part(&a)), <[String; 2]>::from(part(&b)));
-        line(text, (&a_left, &a_right), if index == 0 { mark } else { " " }, (&b_left, &b_right));
+        let ([a_left, a_right], [b_left, b_right]) =
+            (<[String; 2]>::from(part(&a)), <[String; 2]>::from(part(&b)));
+        line(
+            text,
+            (&a_left, &a_right),
+            if index == 0 { mark } else { " " },
+            (&b_left, &b_right),
+        );
     }
 }
 
 /// The lines of one call: left and right-aligned text.
 fn column(deed: &Deed, short: bool) -> Vec<(String, String)> {
-    let reward = if deed.reward == 0.0 { String::new() } else { format!("{:+.2}", deed.reward) };
+    let reward = if deed.reward == 0.0 {
+        String::new()
+    } else {
+        format!("{:+.2}", deed.reward)
+    };
     let mut what = wrap(&deed.what, COLUMN - 12, 2).into_iter();
-    let mut lines = vec![(format!("{:>3}  {}", deed.call, what.next().unwrap_or_default()), reward)];
+    let mut lines = vec![(
+        format!("{:>3}  {}", deed.call, what.next().unwrap_or_default()),
+        reward,
+    )];
     lines.extend(what.map(|line| (format!("     {line}"), String::new())));
     if short {
         return lines;
@@ -89,8 +123,13 @@ fn column(deed: &Deed, short: bool) -> Vec<(String, String)> {
         None => deed.text.clone(),
     };
     let changes = deed.changes.iter().map(|event| event.to_string());
-    let told = wrap(&told, COLUMN - 5, 2).into_iter().chain(changes.flat_map(|event| wrap(&event, COLUMN - 5, 2)));
-    lines.extend(told.take(LINES_MAX + deed.changes.len()).map(|line| (format!("     {line}"), String::new())));
+    let told = wrap(&told, COLUMN - 5, 2)
+        .into_iter()
+        .chain(changes.flat_map(|event| wrap(&event, COLUMN - 5, 2)));
+    lines.extend(
+        told.take(LINES_MAX + deed.changes.len())
+            .map(|line| (format!("     {line}"), String::new())),
+    );
     lines
 }
 

@@ -25,15 +25,40 @@ fn header(trace: &Trace, text: &mut String) {
         let _ = writeln!(text, "{name:<12} {value}");
     };
     line("episode", &header.episode_id);
-    line("task", &format!("{} ({}), scene {}", header.task_id, header.family, header.scene_id));
+    line(
+        "task",
+        &format!(
+            "{} ({}), scene {}",
+            header.task_id, header.family, header.scene_id
+        ),
+    );
     line("instruction", &task.instruction);
     if task.fuzzy {
         line("precisely", &task.precise_instruction);
     }
-    line("goal", &task.goal_changes().iter().map(ToString::to_string).collect::<Vec<_>>().join("  "));
-    line("policy", &format!("{}, seed {}, profile {}", header.policy.name, header.seed, header.profile.as_str()));
+    line(
+        "goal",
+        &task
+            .goal_changes()
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .join("  "),
+    );
+    line(
+        "policy",
+        &format!(
+            "{}, seed {}, profile {}",
+            header.policy.name,
+            header.seed,
+            header.profile.as_str()
+        ),
+    );
     match header.backend.origin() {
-        None => line("recorded by", &format!("reel {}, simulator {}", header.build, header.sim_version)),
+        None => line(
+            "recorded by",
+            &format!("reel {}, simulator {}", header.build, header.sim_version),
+        ),
         Some(origin) => line("recorded by", &format!("reel {}, {origin}", header.build)),
     }
 }
@@ -44,7 +69,11 @@ pub fn step(record: &StepRecord, timing: Option<&Timing>) -> String {
     let _ = writeln!(text, "\n{:>3}  {}", record.step, record.input.call);
     let mut line = |mark: &str, content: &str| {
         for (index, part) in content.trim_end().lines().enumerate() {
-            let _ = writeln!(text, "     {:<8} {part}", if index == 0 { mark } else { "" });
+            let _ = writeln!(
+                text,
+                "     {:<8} {part}",
+                if index == 0 { mark } else { "" }
+            );
         }
     };
     if let Some(policy) = &record.input.policy {
@@ -60,32 +89,63 @@ pub fn step(record: &StepRecord, timing: Option<&Timing>) -> String {
     line("change", &join(&record.changes.physics));
     if record.changes.registry != record.changes.physics {
         let changes = join(&record.changes.registry);
-        line("registry", if changes.is_empty() { "no change" } else { &changes });
+        line(
+            "registry",
+            if changes.is_empty() {
+                "no change"
+            } else {
+                &changes
+            },
+        );
     }
     let terms = record.reward.iter().map(|term| {
-        let reason = if term.reason.is_empty() { String::new() } else { format!(" ({})", term.reason) };
+        let reason = if term.reason.is_empty() {
+            String::new()
+        } else {
+            format!(" ({})", term.reason)
+        };
         format!("{} {:+.2}{reason}", term.component, term.value)
     });
     let terms: Vec<String> = terms.collect();
     if !terms.is_empty() {
-        line("reward", &format!("{:+.2} = {}", record.reward_total(), terms.join(", ")));
+        line(
+            "reward",
+            &format!("{:+.2} = {}", record.reward_total(), terms.join(", ")),
+        );
     }
     if let Some(timing) = timing {
         let seconds = |ns: u64| ns as f64 / 1e9;
-        let thought = record.input.policy.as_ref().and_then(|policy| policy.latency_ns);
-        let thought = thought.map(|ns| format!(", decided in {:.3} s", seconds(ns))).unwrap_or_default();
-        line("time", &format!("took {:.3} s{thought}", seconds(timing.took_ns)));
+        let thought = record
+            .input
+            .policy
+            .as_ref()
+            .and_then(|policy| policy.latency_ns);
+        let thought = thought
+            .map(|ns| format!(", decided in {:.3} s", seconds(ns)))
+            .unwrap_or_default();
+        line(
+            "time",
+            &format!("took {:.3} s{thought}", seconds(timing.took_ns)),
+        );
     }
     text
 }
 
 fn join(events: &[GraphEvent]) -> String {
-    events.iter().map(ToString::to_string).collect::<Vec<_>>().join("  ")
+    events
+        .iter()
+        .map(ToString::to_string)
+        .collect::<Vec<_>>()
+        .join("  ")
 }
 
 fn end(trace: &Trace, text: &mut String) {
     let Some(end) = &trace.end else {
-        let _ = writeln!(text, "\nthe trace breaks off after {} decisions", trace.steps.len());
+        let _ = writeln!(
+            text,
+            "\nthe trace breaks off after {} decisions",
+            trace.steps.len()
+        );
         return;
     };
     let metrics = &end.metrics;
@@ -95,9 +155,20 @@ fn end(trace: &Trace, text: &mut String) {
         EndReason::Fault => "a fault ended the episode",
         EndReason::Aborted => "the episode was aborted",
     };
-    let verdict = if metrics.success { "SUCCESS" } else { "FAILURE" };
-    let spl = metrics.spl.map(|spl| format!(", SPL {spl:.2}")).unwrap_or_default();
-    let _ = writeln!(text, "\n{verdict}: {reason} after {} decisions, {} asks{spl}", metrics.length, metrics.asks);
+    let verdict = if metrics.success {
+        "SUCCESS"
+    } else {
+        "FAILURE"
+    };
+    let spl = metrics
+        .spl
+        .map(|spl| format!(", SPL {spl:.2}"))
+        .unwrap_or_default();
+    let _ = writeln!(
+        text,
+        "\n{verdict}: {reason} after {} decisions, {} asks{spl}",
+        metrics.length, metrics.asks
+    );
     let _ = writeln!(
         text,
         "{:.0}% of the goal done, reward {:+.2} (discounted {:+.2}){}",
@@ -108,12 +179,18 @@ fn end(trace: &Trace, text: &mut String) {
     );
     let mut components: Vec<(&str, f64)> = Vec::new();
     for term in trace.steps.iter().flat_map(|step| &step.reward) {
-        match components.iter_mut().find(|(name, _)| *name == term.component) {
+        match components
+            .iter_mut()
+            .find(|(name, _)| *name == term.component)
+        {
             Some((_, sum)) => *sum += term.value,
             None => components.push((&term.component, term.value)),
         }
     }
-    let sums: Vec<String> = components.iter().map(|(name, sum)| format!("{name} {sum:+.2}")).collect();
+    let sums: Vec<String> = components
+        .iter()
+        .map(|(name, sum)| format!("{name} {sum:+.2}"))
+        .collect();
     let _ = writeln!(text, "{}", sums.join(", "));
 }
 
@@ -121,6 +198,12 @@ fn end(trace: &Trace, text: &mut String) {
 fn driven(trace: &Trace) -> String {
     match trace.header.backend {
         Backend::Proxy => String::new(),
-        _ => format!(", {:.1} m driven", trace.steps.last().map_or(0.0, |step| step.robot.path_length_m)),
+        _ => format!(
+            ", {:.1} m driven",
+            trace
+                .steps
+                .last()
+                .map_or(0.0, |step| step.robot.path_length_m)
+        ),
     }
 }

@@ -5,19 +5,25 @@ use std::{cmp::Ordering, io, ops::Range};
 use serde::Serialize;
 use serde_json::ser::{CharEscape, CompactFormatter, Formatter, Serializer};
 
-/// JSON with the keys of every object sorted by their UTF-8 bytes and no white space, so that equal values give equal bytes.
-/// Numbers are those of a [`serde_json::Value`]: an `f32` is written with the digits of the `f64` that equals it.
+/// JSON with the keys of every object sorted by their UTF-8 bytes and no white space, so that equal
+/// values give equal bytes. Numbers are those of a [`serde_json::Value`]: an `f32` is written with
+/// the digits of the `f64` that equals it.
 ///
 /// # Panics
 /// When the value cannot be JSON (a map with keys that are not strings): a programmer's error.
 pub fn canonical_json<T: Serialize + ?Sized>(value: &T) -> String {
-    let mut sorted = Sorted { out: Vec::with_capacity(4096), ..Sorted::default() };
-    value.serialize(&mut Serializer::with_formatter(io::sink(), &mut sorted)).expect("a value of ours is always JSON");
+    let mut sorted = Sorted {
+        out: Vec::with_capacity(4096),
+        ..Sorted::default()
+    };
+    value
+        .serialize(&mut Serializer::with_formatter(io::sink(), &mut sorted))
+        .expect("a value of ours is always JSON");
     String::from_utf8(sorted.out).expect("JSON is written as UTF-8")
 }
 
-/// Writes objects as they come and puts their entries in order when they end, which they mostly are already: no tree of
-/// values is built. What goes to the serializer's own writer is nothing.
+/// Writes objects as they come and puts their entries in order when they end, which they mostly are
+/// already: no tree of values is built. What goes to the serializer's own writer is nothing.
 #[derive(Default)]
 struct Sorted {
     out: Vec<u8>,
@@ -50,7 +56,12 @@ impl Sorted {
 
     fn sort_object(&mut self) {
         let entries = self.open.pop().map_or(0, |first| first)..;
-        let Self { out, entries: all, reordered, .. } = self;
+        let Self {
+            out,
+            entries: all,
+            reordered,
+            ..
+        } = self;
         let object = &mut all[entries.clone()];
         if !object.is_sorted_by(|a, b| order(out, a, b).is_lt()) {
             let start = object[0].key.start - 1;
@@ -58,7 +69,10 @@ impl Sorted {
             object.sort_by(|a, b| order(out, a, b));
             reordered.clear();
             for (index, entry) in object.iter().enumerate() {
-                if object.get(index + 1).is_some_and(|next| order(out, entry, next).is_eq()) {
+                if object
+                    .get(index + 1)
+                    .is_some_and(|next| order(out, entry, next).is_eq())
+                {
                     continue;
                 }
                 reordered.extend_from_slice(&out[entry.key.start - 1..entry.end]);
@@ -86,7 +100,8 @@ fn plain(key: &[u8]) -> String {
     serde_json::from_slice(&[b"\"", key, b"\""].concat()).expect("a key that was just written")
 }
 
-/// The first eight bytes as a number that is in order as they are; what is shorter is filled up with zeros.
+/// The first eight bytes as a number that is in order as they are; what is shorter is filled up
+/// with zeros.
 fn prefix(key: &[u8]) -> u64 {
     let mut first = [0; 8];
     let length = key.len().min(8);
@@ -142,12 +157,20 @@ impl Formatter for &mut Sorted {
         begin_object_value => b':';
     }
 
-    fn begin_array_value<W: ?Sized + io::Write>(&mut self, _: &mut W, first: bool) -> io::Result<()> {
+    fn begin_array_value<W: ?Sized + io::Write>(
+        &mut self,
+        _: &mut W,
+        first: bool,
+    ) -> io::Result<()> {
         self.comma(first);
         Ok(())
     }
 
-    fn write_char_escape<W: ?Sized + io::Write>(&mut self, _: &mut W, escape: CharEscape) -> io::Result<()> {
+    fn write_char_escape<W: ?Sized + io::Write>(
+        &mut self,
+        _: &mut W,
+        escape: CharEscape,
+    ) -> io::Result<()> {
         self.escaped = true;
         CompactFormatter.write_char_escape(&mut self.out, escape)
     }
@@ -162,11 +185,20 @@ impl Formatter for &mut Sorted {
         Ok(())
     }
 
-    fn begin_object_key<W: ?Sized + io::Write>(&mut self, _: &mut W, first: bool) -> io::Result<()> {
+    fn begin_object_key<W: ?Sized + io::Write>(
+        &mut self,
+        _: &mut W,
+        first: bool,
+    ) -> io::Result<()> {
         self.comma(first);
         self.escaped = false;
         let start = self.out.len() + 1;
-        self.entries.push(Entry { key: start..start, prefix: 0, escaped: false, end: start });
+        self.entries.push(Entry {
+            key: start..start,
+            prefix: 0,
+            escaped: false,
+            end: start,
+        });
         Ok(())
     }
 
@@ -208,7 +240,10 @@ mod tests {
             match value {
                 Value::Array(items) => items.into_iter().map(sorted).collect(),
                 Value::Object(map) => {
-                    let entries: BTreeMap<String, Value> = map.into_iter().map(|(key, value)| (key, sorted(value))).collect();
+                    let entries: BTreeMap<String, Value> = map
+                        .into_iter()
+                        .map(|(key, value)| (key, sorted(value)))
+                        .collect();
                     Value::Object(entries.into_iter().collect())
                 }
                 other => other,
@@ -222,7 +257,10 @@ mod tests {
         Unit,
         Newtype(f32),
         Tuple(i8, u64),
-        Struct { z: Option<char>, a: BTreeMap<u32, bool> },
+        Struct {
+            z: Option<char>,
+            a: BTreeMap<u32, bool>,
+        },
     }
 
     #[derive(Serialize)]
@@ -241,13 +279,18 @@ mod tests {
 
     #[test]
     fn objects_are_sorted_at_every_depth() {
-        let value: Value = serde_json::from_str(r#"{"b":1,"a":{"d":2,"c":[3,{"z":{},"y":[]}]}}"#).unwrap();
-        assert_eq!(canonical_json(&value), r#"{"a":{"c":[3,{"y":[],"z":{}}],"d":2},"b":1}"#);
+        let value: Value =
+            serde_json::from_str(r#"{"b":1,"a":{"d":2,"c":[3,{"z":{},"y":[]}]}}"#).unwrap();
+        assert_eq!(
+            canonical_json(&value),
+            r#"{"a":{"c":[3,{"y":[],"z":{}}],"d":2},"b":1}"#
+        );
     }
 
     #[test]
     fn keys_are_compared_as_they_read() {
-        // escaped, the line feed would come after the letter; a prefix would come after what it begins
+        // escaped, the line feed would come after the letter; a prefix would come after what it
+        // begins
         let value = json!({ "aB": 1, "a\n": 2, "a": 3, "a\"": 4, "ä": 5, "a\u{1F600}": 6 });
         assert_eq!(canonical_json(&value), by_definition(&value));
         assert!(canonical_json(&value).starts_with(r#"{"a":3,"a\n":2,"a\"":4,"aB":1"#));
@@ -257,9 +300,16 @@ mod tests {
     fn every_shape_of_serde() {
         let shapes = (
             [Kind::Unit, Kind::Newtype(0.1), Kind::Tuple(-3, u64::MAX)],
-            Kind::Struct { z: Some('"'), a: BTreeMap::from([(10, true), (9, false)]) },
+            Kind::Struct {
+                z: Some('"'),
+                a: BTreeMap::from([(10, true), (9, false)]),
+            },
             (f64::NAN, f32::INFINITY, -0.0_f64, 1e300, 1e-7_f32, i64::MIN),
-            Doubled { early: 1, inner: Inner { late: 2, early: 3 }, nothing: () },
+            Doubled {
+                early: 1,
+                inner: Inner { late: 2, early: 3 },
+                nothing: (),
+            },
         );
         assert_eq!(canonical_json(&shapes), by_definition(&shapes));
         assert!(canonical_json(&shapes).ends_with(r#"{"early":3,"late":2,"nothing":null}]"#));
@@ -278,7 +328,8 @@ mod tests {
             let keys = prop_oneof!["[a-c]{0,3}", any::<String>()];
             prop_oneof![
                 collection::vec(inner.clone(), 0..6).prop_map(Value::from),
-                collection::vec((keys, inner), 0..6).prop_map(|entries| Value::Object(Map::from_iter(entries))),
+                collection::vec((keys, inner), 0..6)
+                    .prop_map(|entries| Value::Object(Map::from_iter(entries))),
             ]
         })
     }

@@ -1,6 +1,7 @@
-//! The hash chain of an episode: each link covers the link before it, the step's inputs and its outputs, so
-//! that nothing can be changed, left out or put elsewhere without being seen. Wall-clock values,
-//! log-probabilities and the version of Reel are not covered: they do not belong to what an episode is a function of.
+//! The hash chain of an episode: each link covers the link before it, the step's inputs and its
+//! outputs, so that nothing can be changed, left out or put elsewhere without being seen.
+//! Wall-clock values, log-probabilities and the version of Reel are not covered: they do not belong
+//! to what an episode is a function of.
 
 use crate::{
     Digest, canonical_json,

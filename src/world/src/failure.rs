@@ -1,4 +1,5 @@
-//! The classes of failure (paper, Failure Mode Taxonomy; SPEC section 7). Names only: what belongs to a class is for the rules.
+//! The classes of failure (paper, Failure Mode Taxonomy; SPEC section 7). Names only: what belongs
+//! to a class is for the rules.
 
 use std::fmt;
 
@@ -23,11 +24,20 @@ pub enum FailureClass {
 
 impl FailureClass {
     /// All four, in the order of the paper's figure.
-    pub const ALL: [FailureClass; 4] =
-        [FailureClass::ObjectConfusion, FailureClass::KeyActionMissing, FailureClass::LostMemory, FailureClass::Other];
+    pub const ALL: [FailureClass; 4] = [
+        FailureClass::ObjectConfusion,
+        FailureClass::KeyActionMissing,
+        FailureClass::LostMemory,
+        FailureClass::Other,
+    ];
 
     /// Their names, in the same order.
-    pub const NAMES: [&str; 4] = [Self::ALL[0].as_str(), Self::ALL[1].as_str(), Self::ALL[2].as_str(), Self::ALL[3].as_str()];
+    pub const NAMES: [&str; 4] = [
+        Self::ALL[0].as_str(),
+        Self::ALL[1].as_str(),
+        Self::ALL[2].as_str(),
+        Self::ALL[3].as_str(),
+    ];
 
     /// Its name in the paper.
     pub const fn as_str(self) -> &'static str {

@@ -35,16 +35,27 @@ impl Frame {
     /// A black frame.
     pub fn new() -> Self {
         let pixels = FRAME_WIDTH * FRAME_HEIGHT;
-        Self { rgb: vec![0; pixels * 3], ids: vec![0; pixels], depth_mm: vec![0; pixels] }
+        Self {
+            rgb: vec![0; pixels * 3],
+            ids: vec![0; pixels],
+            depth_mm: vec![0; pixels],
+        }
     }
 
     /// Digests of the three buffers.
     pub fn digests(&self) -> FrameDigests {
         let le = |values: &[u16]| {
-            let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+            let bytes: Vec<u8> = values
+                .iter()
+                .flat_map(|value| value.to_le_bytes())
+                .collect();
             Digest::of(&bytes)
         };
-        FrameDigests { rgb: Digest::of(&self.rgb), ids: le(&self.ids), depth: le(&self.depth_mm) }
+        FrameDigests {
+            rgb: Digest::of(&self.rgb),
+            ids: le(&self.ids),
+            depth: le(&self.depth_mm),
+        }
     }
 }
 

@@ -36,7 +36,8 @@ pub struct ReceptacleState {
     pub content: BTreeMap<InstanceId, u32>,
 }
 
-/// `{receptacle -> multiset of object instances}` with door states. [`FLOOR`] is a place like any other.
+/// `{receptacle -> multiset of object instances}` with door states. [`FLOOR`] is a place like any
+/// other.
 #[derive(Clone, PartialEq, Eq, Debug, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct WorldGraph {
@@ -79,7 +80,15 @@ impl GraphEvent {
         match self.clone() {
             GraphEvent::Remove { object, receptacle } => GraphEvent::Add { object, receptacle },
             GraphEvent::Add { object, receptacle } => GraphEvent::Remove { object, receptacle },
-            GraphEvent::Door { receptacle, from, to } => GraphEvent::Door { receptacle, from: to, to: from },
+            GraphEvent::Door {
+                receptacle,
+                from,
+                to,
+            } => GraphEvent::Door {
+                receptacle,
+                from: to,
+                to: from,
+            },
         }
     }
 
@@ -94,9 +103,9 @@ impl GraphEvent {
     /// The receptacle it happened at.
     pub fn receptacle(&self) -> &ReceptacleId {
         match self {
-            GraphEvent::Remove { receptacle, .. } | GraphEvent::Add { receptacle, .. } | GraphEvent::Door { receptacle, .. } => {
-                receptacle
-            }
+            GraphEvent::Remove { receptacle, .. }
+            | GraphEvent::Add { receptacle, .. }
+            | GraphEvent::Door { receptacle, .. } => receptacle,
         }
     }
 }
@@ -106,7 +115,11 @@ impl fmt::Display for GraphEvent {
         match self {
             GraphEvent::Remove { object, receptacle } => write!(f, "-{object}@{receptacle}"),
             GraphEvent::Add { object, receptacle } => write!(f, "+{object}@{receptacle}"),
-            GraphEvent::Door { receptacle, from, to } => write!(f, "{receptacle}.door: {from} -> {to}"),
+            GraphEvent::Door {
+                receptacle,
+                from,
+                to,
+            } => write!(f, "{receptacle}.door: {from} -> {to}"),
         }
     }
 }
@@ -120,8 +133,12 @@ impl WorldGraph {
 
     /// Takes one instance away; false if it was not there.
     pub fn remove(&mut self, receptacle: &ReceptacleId, object: &InstanceId) -> bool {
-        let Some(state) = self.receptacles.get_mut(receptacle) else { return false };
-        let Some(count) = state.content.get_mut(object) else { return false };
+        let Some(state) = self.receptacles.get_mut(receptacle) else {
+            return false;
+        };
+        let Some(count) = state.content.get_mut(object) else {
+            return false;
+        };
         *count -= 1;
         if *count == 0 {
             state.content.remove(object);
@@ -131,12 +148,17 @@ impl WorldGraph {
 
     /// The first receptacle (or the floor) that holds the object.
     pub fn place_of(&self, object: &InstanceId) -> Option<&ReceptacleId> {
-        self.receptacles.iter().find(|(_, state)| state.content.contains_key(object)).map(|(id, _)| id)
+        self.receptacles
+            .iter()
+            .find(|(_, state)| state.content.contains_key(object))
+            .map(|(id, _)| id)
     }
 
     /// Objects on a receptacle, in identifier order, repeated by count.
     pub fn objects_on(&self, receptacle: &ReceptacleId) -> Vec<InstanceId> {
-        let Some(state) = self.receptacles.get(receptacle) else { return Vec::new() };
+        let Some(state) = self.receptacles.get(receptacle) else {
+            return Vec::new();
+        };
         let repeat = |(object, count): (&InstanceId, &u32)| vec![object.clone(); *count as usize];
         state.content.iter().flat_map(repeat).collect()
     }
@@ -148,7 +170,10 @@ impl WorldGraph {
 
     /// How many objects it holds in all.
     pub fn object_count(&self) -> u32 {
-        self.receptacles.values().flat_map(|state| state.content.values()).sum()
+        self.receptacles
+            .values()
+            .flat_map(|state| state.content.values())
+            .sum()
     }
 
     /// The signed difference `self (-) before`: what must happen to `before` to give `self`.
@@ -156,7 +181,11 @@ impl WorldGraph {
     pub fn difference(&self, before: &WorldGraph) -> Vec<GraphEvent> {
         let empty = ReceptacleState::default();
         let mut events = Vec::new();
-        let mut ids: Vec<&ReceptacleId> = self.receptacles.keys().chain(before.receptacles.keys()).collect();
+        let mut ids: Vec<&ReceptacleId> = self
+            .receptacles
+            .keys()
+            .chain(before.receptacles.keys())
+            .collect();
         ids.sort();
         ids.dedup();
         for receptacle in ids {
@@ -165,9 +194,14 @@ impl WorldGraph {
             if let (Some(from), Some(to)) = (old.door, new.door)
                 && from != to
             {
-                events.push(GraphEvent::Door { receptacle: receptacle.clone(), from, to });
+                events.push(GraphEvent::Door {
+                    receptacle: receptacle.clone(),
+                    from,
+                    to,
+                });
             }
-            let mut objects: Vec<&InstanceId> = new.content.keys().chain(old.content.keys()).collect();
+            let mut objects: Vec<&InstanceId> =
+                new.content.keys().chain(old.content.keys()).collect();
             objects.sort();
             objects.dedup();
             for object in objects {
@@ -175,9 +209,16 @@ impl WorldGraph {
                 let was = old.content.get(object).copied().unwrap_or(0);
                 let event = |add: bool| {
                     let (object, receptacle) = (object.clone(), receptacle.clone());
-                    if add { GraphEvent::Add { object, receptacle } } else { GraphEvent::Remove { object, receptacle } }
+                    if add {
+                        GraphEvent::Add { object, receptacle }
+                    } else {
+                        GraphEvent::Remove { object, receptacle }
+                    }
                 };
-                events.extend(std::iter::repeat_n(event(now > was), now.abs_diff(was) as usize));
+                events.extend(std::iter::repeat_n(
+                    event(now > was),
+                    now.abs_diff(was) as usize,
+                ));
             }
         }
         events.sort();
@@ -185,7 +226,8 @@ impl WorldGraph {
     }
 
     /// Applies events of a difference. The inverse of [`WorldGraph::difference`]:
-    /// `before.apply(after.difference(before)) == after` up to receptacles without content and door.
+    /// `before.apply(after.difference(before)) == after` up to receptacles without content and
+    /// door.
     pub fn apply(&mut self, events: &[GraphEvent]) {
         for event in events {
             match event {
@@ -215,15 +257,28 @@ mod tests {
     fn graph(entries: &[(u8, u8)], doors: &[(u8, bool)]) -> WorldGraph {
         let mut graph = WorldGraph::default();
         for receptacle in 0..4u8 {
-            graph.receptacles.insert(format!("r{receptacle}").into(), ReceptacleState::default());
+            graph
+                .receptacles
+                .insert(format!("r{receptacle}").into(), ReceptacleState::default());
         }
         for (receptacle, object) in entries {
-            graph.add(&format!("r{receptacle}").into(), &format!("o{object}_on_r_at_t").into());
+            graph.add(
+                &format!("r{receptacle}").into(),
+                &format!("o{object}_on_r_at_t").into(),
+            );
         }
         for receptacle in 0..2u8 {
             let open = doors.iter().any(|(id, open)| *id == receptacle && *open);
-            let state = if open { DoorState::Open } else { DoorState::Closed };
-            graph.receptacles.get_mut(format!("r{receptacle}").as_str()).unwrap().door = Some(state);
+            let state = if open {
+                DoorState::Open
+            } else {
+                DoorState::Closed
+            };
+            graph
+                .receptacles
+                .get_mut(format!("r{receptacle}").as_str())
+                .unwrap()
+                .door = Some(state);
         }
         graph
     }
@@ -262,7 +317,18 @@ mod tests {
     fn an_event_reads_as_in_the_paper() {
         let before = graph(&[(0, 1)], &[]);
         let after = graph(&[(1, 1)], &[(0, true)]);
-        let text: Vec<_> = after.difference(&before).iter().map(ToString::to_string).collect();
-        assert_eq!(text, ["-o1_on_r_at_t@r0", "+o1_on_r_at_t@r1", "r0.door: closed -> open"]);
+        let text: Vec<_> = after
+            .difference(&before)
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        assert_eq!(
+            text,
+            [
+                "-o1_on_r_at_t@r0",
+                "+o1_on_r_at_t@r1",
+                "r0.door: closed -> open"
+            ]
+        );
     }
 }

@@ -48,11 +48,26 @@ impl fmt::Debug for Invariant {
 
 /// All of them.
 pub const ALL: [Invariant; 5] = [
-    Invariant { name: "objects_are_conserved", check: objects_are_conserved },
-    Invariant { name: "held_object_is_in_no_receptacle", check: held_object_is_in_no_receptacle },
-    Invariant { name: "receptacles_are_the_scenes", check: receptacles_are_the_scenes },
-    Invariant { name: "doors_only_where_the_scene_has_them", check: doors_only_where_the_scene_has_them },
-    Invariant { name: "markers_are_unique_and_known", check: markers_are_unique_and_known },
+    Invariant {
+        name: "objects_are_conserved",
+        check: objects_are_conserved,
+    },
+    Invariant {
+        name: "held_object_is_in_no_receptacle",
+        check: held_object_is_in_no_receptacle,
+    },
+    Invariant {
+        name: "receptacles_are_the_scenes",
+        check: receptacles_are_the_scenes,
+    },
+    Invariant {
+        name: "doors_only_where_the_scene_has_them",
+        check: doors_only_where_the_scene_has_them,
+    },
+    Invariant {
+        name: "markers_are_unique_and_known",
+        check: markers_are_unique_and_known,
+    },
 ];
 
 /// Checks all invariants.
@@ -60,7 +75,12 @@ pub const ALL: [Invariant; 5] = [
 /// # Errors
 /// The first violation.
 pub fn check(moment: &Moment<'_>) -> Result<(), Violation> {
-    ALL.iter().try_for_each(|invariant| (invariant.check)(moment).map_err(|detail| Violation { name: invariant.name, detail }))
+    ALL.iter().try_for_each(|invariant| {
+        (invariant.check)(moment).map_err(|detail| Violation {
+            name: invariant.name,
+            detail,
+        })
+    })
 }
 
 fn objects_are_conserved(moment: &Moment<'_>) -> Result<(), String> {
@@ -84,14 +104,21 @@ fn objects_are_conserved(moment: &Moment<'_>) -> Result<(), String> {
 }
 
 fn held_object_is_in_no_receptacle(moment: &Moment<'_>) -> Result<(), String> {
-    match moment.held.and_then(|held| moment.graph.place_of(held).map(|place| (held, place))) {
+    match moment
+        .held
+        .and_then(|held| moment.graph.place_of(held).map(|place| (held, place)))
+    {
         None => Ok(()),
         Some((held, place)) => Err(format!("{held} is held and on {place}")),
     }
 }
 
 fn receptacles_are_the_scenes(moment: &Moment<'_>) -> Result<(), String> {
-    let unknown = moment.graph.receptacles.keys().find(|id| id.as_str() != crate::FLOOR && moment.scene.receptacle(id).is_none());
+    let unknown = moment
+        .graph
+        .receptacles
+        .keys()
+        .find(|id| id.as_str() != crate::FLOOR && moment.scene.receptacle(id).is_none());
     match unknown {
         None => Ok(()),
         Some(id) => Err(format!("{id} is no receptacle of the scene")),
@@ -102,7 +129,11 @@ fn doors_only_where_the_scene_has_them(moment: &Moment<'_>) -> Result<(), String
     for receptacle in &moment.scene.receptacles {
         let in_graph = moment.graph.door(&receptacle.id).is_some();
         if in_graph != receptacle.door.exists() {
-            return Err(format!("{}: door in the scene: {}, in the graph: {in_graph}", receptacle.id, receptacle.door.exists()));
+            return Err(format!(
+                "{}: door in the scene: {}, in the graph: {in_graph}",
+                receptacle.id,
+                receptacle.door.exists()
+            ));
         }
     }
     Ok(())
@@ -110,7 +141,10 @@ fn doors_only_where_the_scene_has_them(moment: &Moment<'_>) -> Result<(), String
 
 fn markers_are_unique_and_known(moment: &Moment<'_>) -> Result<(), String> {
     for (index, marker) in moment.markers.iter().enumerate() {
-        if moment.markers[..index].iter().any(|other| other.id == marker.id) {
+        if moment.markers[..index]
+            .iter()
+            .any(|other| other.id == marker.id)
+        {
             return Err(format!("marker {} stands twice in the map", marker.id));
         }
         let known = match &marker.target {
@@ -118,7 +152,10 @@ fn markers_are_unique_and_known(moment: &Moment<'_>) -> Result<(), String> {
             MarkerTarget::Receptacle(receptacle) => moment.scene.receptacle(receptacle).is_some(),
         };
         if !known {
-            return Err(format!("marker {} stands for something unknown: {:?}", marker.id, marker.target));
+            return Err(format!(
+                "marker {} stands for something unknown: {:?}",
+                marker.id, marker.target
+            ));
         }
     }
     Ok(())

@@ -26,7 +26,9 @@ pub mod mesh;
 pub mod outcome;
 pub mod record;
 
-pub use ask_context::{AskContext, ask_answer, ask_context, ask_context_of_episode, ask_error, ask_reply};
+pub use ask_context::{
+    AskContext, ask_answer, ask_context, ask_context_of_episode, ask_error, ask_reply,
+};
 pub use canonical::canonical_json;
 pub use digest::Digest;
 pub use failure::FailureClass;

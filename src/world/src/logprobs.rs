@@ -1,5 +1,5 @@
-//! Log-probabilities of the tokens that a model wrote for a decision, under one or several policies. Never computes with them:
-//! ratios and objectives are `reel-reward`'s.
+//! Log-probabilities of the tokens that a model wrote for a decision, under one or several
+//! policies. Never computes with them: ratios and objectives are `reel-reward`'s.
 
 use std::collections::BTreeMap;
 
@@ -9,8 +9,9 @@ use thiserror::Error;
 /// The policy that sampled the tokens (`pi_old` of GSPO).
 pub const OLD_POLICY: &str = "old";
 
-/// The tokens of one decision, and what each policy gives them: one log-probability a token (natural logarithm, at most 0). The
-/// tokens stand there once, so all policies are about the same ones.
+/// The tokens of one decision, and what each policy gives them: one log-probability a token
+/// (natural logarithm, at most 0). The tokens stand there once, so all policies are about the same
+/// ones.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[serde(try_from = "Unchecked")]
 pub struct TokenLogprobs {
@@ -32,7 +33,9 @@ pub enum LogprobError {
     #[error("there is no token")]
     NoTokens,
     /// A list of another length than the tokens.
-    #[error("policy '{policy}' has {found} log-probabilities for {expected} tokens; give one for each")]
+    #[error(
+        "policy '{policy}' has {found} log-probabilities for {expected} tokens; give one for each"
+    )]
     Lengths {
         /// Name of the policy whose list has another length than the tokens.
         policy: String,
@@ -42,7 +45,9 @@ pub enum LogprobError {
         found: usize,
     },
     /// A number that is no log-probability.
-    #[error("the log-probability of token {token} under policy '{policy}' is {found}; it must be finite and at most 0")]
+    #[error(
+        "the log-probability of token {token} under policy '{policy}' is {found}; it must be finite and at most 0"
+    )]
     Value {
         /// Name of the policy that gave the number.
         policy: String,
@@ -52,7 +57,9 @@ pub enum LogprobError {
         found: f64,
     },
     /// Log-probabilities of other tokens.
-    #[error("token {token} is {found:?}, but {expected:?} was recorded; log-probabilities must be of the recorded tokens")]
+    #[error(
+        "token {token} is {found:?}, but {expected:?} was recorded; log-probabilities must be of the recorded tokens"
+    )]
     OtherTokens {
         /// Index of the first token that differs, from 0.
         token: usize,
@@ -62,7 +69,9 @@ pub enum LogprobError {
         found: String,
     },
     /// The policy that sampled is recorded with the tokens, and by nobody else.
-    #[error("policy '{OLD_POLICY}' is the one that sampled the tokens; give these log-probabilities another name")]
+    #[error(
+        "policy '{OLD_POLICY}' is the one that sampled the tokens; give these log-probabilities another name"
+    )]
     Sampled,
     /// A policy without a name.
     #[error("a policy needs a name, e.g. 'new' or 'ref'")]
@@ -73,7 +82,8 @@ impl TokenLogprobs {
     /// What the policy that sampled the tokens gave them, under the name [`OLD_POLICY`].
     ///
     /// # Errors
-    /// Fails if there is no token, the lengths differ, or a log-probability is positive or not finite.
+    /// Fails if there is no token, the lengths differ, or a log-probability is positive or not
+    /// finite.
     pub fn sampled(tokens: Vec<String>, logprobs: Vec<f64>) -> Result<Self, LogprobError> {
         Self::new(tokens, BTreeMap::from([(OLD_POLICY.to_owned(), logprobs)]))
     }
@@ -82,20 +92,31 @@ impl TokenLogprobs {
     ///
     /// # Errors
     /// As [`TokenLogprobs::sampled`], and if a policy has no name.
-    pub fn new(tokens: Vec<String>, logprobs: BTreeMap<String, Vec<f64>>) -> Result<Self, LogprobError> {
+    pub fn new(
+        tokens: Vec<String>,
+        logprobs: BTreeMap<String, Vec<f64>>,
+    ) -> Result<Self, LogprobError> {
         if tokens.is_empty() {
             return Err(LogprobError::NoTokens);
         }
-        logprobs.iter().try_for_each(|(policy, logprobs)| check(policy, logprobs, tokens.len()))?;
+        logprobs
+            .iter()
+            .try_for_each(|(policy, logprobs)| check(policy, logprobs, tokens.len()))?;
         Ok(Self { tokens, logprobs })
     }
 
-    /// Adds what another policy gives the same tokens; what it gave before is replaced. `tokens` are the tokens that were scored,
-    /// `None` if nobody said.
+    /// Adds what another policy gives the same tokens; what it gave before is replaced. `tokens`
+    /// are the tokens that were scored, `None` if nobody said.
     ///
     /// # Errors
-    /// As [`TokenLogprobs::new`], and if the tokens are other ones or the policy is the one that sampled.
-    pub fn add(&mut self, policy: &str, logprobs: Vec<f64>, tokens: Option<&[String]>) -> Result<(), LogprobError> {
+    /// As [`TokenLogprobs::new`], and if the tokens are other ones or the policy is the one that
+    /// sampled.
+    pub fn add(
+        &mut self,
+        policy: &str,
+        logprobs: Vec<f64>,
+        tokens: Option<&[String]>,
+    ) -> Result<(), LogprobError> {
         if policy == OLD_POLICY {
             return Err(LogprobError::Sampled);
         }
@@ -119,7 +140,9 @@ impl TokenLogprobs {
 
     /// The policies by name, each with one log-probability a token.
     pub fn policies(&self) -> impl Iterator<Item = (&str, &[f64])> {
-        self.logprobs.iter().map(|(policy, logprobs)| (policy.as_str(), logprobs.as_slice()))
+        self.logprobs
+            .iter()
+            .map(|(policy, logprobs)| (policy.as_str(), logprobs.as_slice()))
     }
 
     fn expect_tokens(&self, found: &[String]) -> Result<(), LogprobError> {
@@ -127,7 +150,11 @@ impl TokenLogprobs {
         let longest = self.tokens.len().max(found.len());
         match (0..longest).find(|at| self.tokens.get(*at) != found.get(*at)) {
             None => Ok(()),
-            Some(token) => Err(LogprobError::OtherTokens { token, expected: of(&self.tokens, token), found: of(found, token) }),
+            Some(token) => Err(LogprobError::OtherTokens {
+                token,
+                expected: of(&self.tokens, token),
+                found: of(found, token),
+            }),
         }
     }
 }
@@ -146,11 +173,22 @@ fn check(policy: &str, logprobs: &[f64], tokens: usize) -> Result<(), LogprobErr
         return Err(LogprobError::NoName);
     }
     if logprobs.len() != tokens {
-        return Err(LogprobError::Lengths { policy: policy(), expected: tokens, found: logprobs.len() });
+        return Err(LogprobError::Lengths {
+            policy: policy(),
+            expected: tokens,
+            found: logprobs.len(),
+        });
     }
-    match logprobs.iter().position(|logprob| !(logprob.is_finite() && *logprob <= 0.0)) {
+    match logprobs
+        .iter()
+        .position(|logprob| !(logprob.is_finite() && *logprob <= 0.0))
+    {
         None => Ok(()),
-        Some(token) => Err(LogprobError::Value { policy: policy(), token, found: logprobs[token] }),
+        Some(token) => Err(LogprobError::Value {
+            policy: policy(),
+            token,
+            found: logprobs[token],
+        }),
     }
 }
 
@@ -165,9 +203,15 @@ mod tests {
     #[test]
     fn all_policies_are_about_the_same_tokens() {
         let mut pick = TokenLogprobs::sampled(words("pick it up"), vec![-0.5, -1.0, 0.0]).unwrap();
-        pick.add("new", vec![-0.4, -1.1, -0.1], Some(&words("pick it up"))).unwrap();
+        pick.add("new", vec![-0.4, -1.1, -0.1], Some(&words("pick it up")))
+            .unwrap();
         pick.add("new", vec![-0.3, -1.1, -0.1], None).unwrap();
-        assert_eq!(pick.policies().map(|(policy, _)| policy).collect::<Vec<_>>(), ["new", "old"]);
+        assert_eq!(
+            pick.policies()
+                .map(|(policy, _)| policy)
+                .collect::<Vec<_>>(),
+            ["new", "old"]
+        );
         assert_eq!(pick.of("new"), Some([-0.3, -1.1, -0.1].as_slice()));
         assert_eq!(pick.of("ref"), None);
         let json = serde_json::to_string(&pick).unwrap();
@@ -176,19 +220,56 @@ mod tests {
 
     #[test]
     fn what_is_no_log_probability_is_refused() {
-        for (wrong, word) in [(f64::NAN, "NaN"), (f64::NEG_INFINITY, "-inf"), (0.25, "0.25")] {
-            let error = TokenLogprobs::sampled(words("a b"), vec![-1.0, wrong]).unwrap_err().to_string();
-            assert!(error.contains("token 1") && error.contains(word) && error.contains("at most 0"), "{error}");
+        for (wrong, word) in [
+            (f64::NAN, "NaN"),
+            (f64::NEG_INFINITY, "-inf"),
+            (0.25, "0.25"),
+        ] {
+            let error = TokenLogprobs::sampled(words("a b"), vec![-1.0, wrong])
+                .unwrap_err()
+                .to_string();
+            assert!(
+                error.contains("token 1") && error.contains(word) && error.contains("at most 0"),
+                "{error}"
+            );
         }
-        assert_eq!(TokenLogprobs::sampled(vec![], vec![]), Err(LogprobError::NoTokens));
+        assert_eq!(
+            TokenLogprobs::sampled(vec![], vec![]),
+            Err(LogprobError::NoTokens)
+        );
         let mut two = TokenLogprobs::sampled(words("a b"), vec![-1.0, -1.0]).unwrap();
-        let lengths = LogprobError::Lengths { policy: "new".into(), expected: 2, found: 1 };
+        let lengths = LogprobError::Lengths {
+            policy: "new".into(),
+            expected: 2,
+            found: 1,
+        };
         assert_eq!(two.add("new", vec![-1.0], None), Err(lengths));
-        assert_eq!(two.add("old", vec![-1.0, -1.0], None), Err(LogprobError::Sampled));
-        assert_eq!(two.add("", vec![-1.0, -1.0], None), Err(LogprobError::NoName));
-        let other = two.add("new", vec![-1.0, -1.0], Some(&words("a c"))).unwrap_err();
-        assert!(other.to_string().starts_with("token 1 is \"c\", but \"b\" was recorded"), "{other}");
-        assert!(two.add("new", vec![-1.0, -1.0], Some(&words("a b c"))).is_err());
-        assert!(serde_json::from_str::<TokenLogprobs>(r#"{"tokens": ["a"], "logprobs": {"old": [0.5]}}"#).is_err());
+        assert_eq!(
+            two.add("old", vec![-1.0, -1.0], None),
+            Err(LogprobError::Sampled)
+        );
+        assert_eq!(
+            two.add("", vec![-1.0, -1.0], None),
+            Err(LogprobError::NoName)
+        );
+        let other = two
+            .add("new", vec![-1.0, -1.0], Some(&words("a c")))
+            .unwrap_err();
+        assert!(
+            other
+                .to_string()
+                .starts_with("token 1 is \"c\", but \"b\" was recorded"),
+            "{other}"
+        );
+        assert!(
+            two.add("new", vec![-1.0, -1.0], Some(&words("a b c")))
+                .is_err()
+        );
+        assert!(
+            serde_json::from_str::<TokenLogprobs>(
+                r#"{"tokens": ["a"], "logprobs": {"old": [0.5]}}"#
+            )
+            .is_err()
+        );
     }
 }

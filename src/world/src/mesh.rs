@@ -1,5 +1,5 @@
-//! Meshes of objects as data: triangles with colours or textures, checked once, and known by the digest of all that
-//! decides how they look and collide. Reads no files; see `reel-assets`.
+//! Meshes of objects as data: triangles with colours or textures, checked once, and known by the
+//! digest of all that decides how they look and collide. Reads no files; see `reel-assets`.
 
 use std::{collections::BTreeMap, fmt, sync::Arc};
 
@@ -24,7 +24,10 @@ pub trait Assets: Sync {
 
     /// The meshes of those of the assets that have one.
     fn meshes(&self, of: &mut dyn Iterator<Item = &AssetId>) -> Meshes {
-        Arc::new(of.filter_map(|asset| Some((asset.clone(), self.mesh(asset)?))).collect())
+        Arc::new(
+            of.filter_map(|asset| Some((asset.clone(), self.mesh(asset)?)))
+                .collect(),
+        )
     }
 }
 
@@ -57,7 +60,8 @@ pub struct MeshData {
     pub positions: Vec<[f32; 3]>,
     /// Of the vertices; empty where faces are flat.
     pub normals: Vec<[f32; 3]>,
-    /// Of the vertices, from the upper left corner of a texture, which repeats; empty where nothing has a texture.
+    /// Of the vertices, from the upper left corner of a texture, which repeats; empty where nothing
+    /// has a texture.
     pub texture_points: Vec<[f32; 2]>,
     /// Of the vertices, times the material's; empty where they have none.
     pub colors: Vec<[f32; 3]>,
@@ -89,7 +93,10 @@ pub struct Material {
 
 impl Default for Material {
     fn default() -> Self {
-        Self { color: [0.6; 3], texture: None }
+        Self {
+            color: [0.6; 3],
+            texture: None,
+        }
     }
 }
 
@@ -183,7 +190,9 @@ pub enum MeshFault {
         height: u32,
     },
     /// A material with a texture or a triangle with a material that is not there.
-    #[error("material {material} refers to a texture that is not there, or to one without points on it")]
+    #[error(
+        "material {material} refers to a texture that is not there, or to one without points on it"
+    )]
     NoTexture {
         /// Which.
         material: usize,
@@ -208,7 +217,12 @@ impl PartialEq for Mesh {
 
 impl fmt::Debug for Mesh {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Mesh({}, {} triangles)", self.digest.short(), self.data.triangles.len())
+        write!(
+            f,
+            "Mesh({}, {} triangles)",
+            self.digest.short(),
+            self.data.triangles.len()
+        )
     }
 }
 
@@ -225,15 +239,33 @@ impl Mesh {
             bounds[0] = [0, 1, 2].map(|axis| bounds[0][axis].min(point[axis]));
             bounds[1] = [0, 1, 2].map(|axis| bounds[1][axis].max(point[axis]));
         }
-        let found = [0, 1, 2].map(|axis| bounds[1][axis] - bounds[0][axis]).into_iter().fold(0.0, f32::max);
+        let found = [0, 1, 2]
+            .map(|axis| bounds[1][axis] - bounds[0][axis])
+            .into_iter()
+            .fold(0.0, f32::max);
         if !(EXTENT[0]..=EXTENT[1]).contains(&found) {
             return Err(MeshFault::Extent { found });
         }
-        if data.triangles.iter().all(|triangle| has_no_area(&data, triangle)) {
-            return Err(MeshFault::NoArea { triangles: data.triangles.len() });
+        if data
+            .triangles
+            .iter()
+            .all(|triangle| has_no_area(&data, triangle))
+        {
+            return Err(MeshFault::NoArea {
+                triangles: data.triangles.len(),
+            });
         }
-        let levels = data.textures.iter().map(|texture| levels(texture.clone())).collect();
-        Ok(Self { digest: Digest::of(&bytes(&data)), bounds, levels, data })
+        let levels = data
+            .textures
+            .iter()
+            .map(|texture| levels(texture.clone()))
+            .collect();
+        Ok(Self {
+            digest: Digest::of(&bytes(&data)),
+            bounds,
+            levels,
+            data,
+        })
     }
 
     /// What it consists of.
@@ -263,53 +295,109 @@ fn check(data: &MeshData) -> Result<(), MeshFault> {
         return Err(MeshFault::Empty);
     }
     let decimate = "decimate it, in Blender with the modifier of that name";
-    let texels = data.textures.iter().map(|texture| texture.rgb.len() / 3).sum();
+    let texels = data
+        .textures
+        .iter()
+        .map(|texture| texture.rgb.len() / 3)
+        .sum();
     for (what, found, limit, advice) in [
         ("triangles", data.triangles.len(), TRIANGLES_MAX, decimate),
         ("vertices", vertices, VERTICES_MAX, decimate),
-        ("pixels of textures", texels, TEXELS_MAX, "scale its pictures down"),
-        ("materials", data.materials.len(), usize::from(u16::MAX), "join those that are alike"),
+        (
+            "pixels of textures",
+            texels,
+            TEXELS_MAX,
+            "scale its pictures down",
+        ),
+        (
+            "materials",
+            data.materials.len(),
+            usize::from(u16::MAX),
+            "join those that are alike",
+        ),
     ] {
         if found > limit {
-            return Err(MeshFault::TooMany { what, found, limit, advice });
+            return Err(MeshFault::TooMany {
+                what,
+                found,
+                limit,
+                advice,
+            });
         }
     }
-    for (what, found) in
-        [("normals", data.normals.len()), ("texture points", data.texture_points.len()), ("colours", data.colors.len())]
-    {
+    for (what, found) in [
+        ("normals", data.normals.len()),
+        ("texture points", data.texture_points.len()),
+        ("colours", data.colors.len()),
+    ] {
         if found != 0 && found != vertices {
-            return Err(MeshFault::Lengths { what, found, expected: vertices });
+            return Err(MeshFault::Lengths {
+                what,
+                found,
+                expected: vertices,
+            });
         }
     }
     finite("vertex", &data.positions)?;
     finite("normal", &data.normals)?;
     finite("texture point", &data.texture_points)?;
     finite("the colour of vertex", &data.colors)?;
-    finite("the colour of material", &data.materials.iter().map(|material| material.color).collect::<Vec<_>>())?;
+    finite(
+        "the colour of material",
+        &data
+            .materials
+            .iter()
+            .map(|material| material.color)
+            .collect::<Vec<_>>(),
+    )?;
     for (texture, Texture { width, height, rgb }) in data.textures.iter().enumerate() {
         if rgb.is_empty() || rgb.len() as u128 != u128::from(*width) * u128::from(*height) * 3 {
-            return Err(MeshFault::NoPicture { texture, bytes: rgb.len(), width: *width, height: *height });
+            return Err(MeshFault::NoPicture {
+                texture,
+                bytes: rgb.len(),
+                width: *width,
+                height: *height,
+            });
         }
     }
     for (material, Material { texture, .. }) in data.materials.iter().enumerate() {
-        if texture.is_some_and(|texture| usize::from(texture) >= data.textures.len() || data.texture_points.is_empty()) {
+        if texture.is_some_and(|texture| {
+            usize::from(texture) >= data.textures.len() || data.texture_points.is_empty()
+        }) {
             return Err(MeshFault::NoTexture { material });
         }
     }
     for (index, triangle) in data.triangles.iter().enumerate() {
-        let outside = |what, index_of: usize, count| MeshFault::OutOfRange { triangle: index, what, index: index_of, count };
-        if let Some(corner) = triangle.corners.iter().map(|corner| *corner as usize).find(|corner| *corner >= vertices) {
+        let outside = |what, index_of: usize, count| MeshFault::OutOfRange {
+            triangle: index,
+            what,
+            index: index_of,
+            count,
+        };
+        if let Some(corner) = triangle
+            .corners
+            .iter()
+            .map(|corner| *corner as usize)
+            .find(|corner| *corner >= vertices)
+        {
             return Err(outside("vertex", corner, vertices));
         }
         if usize::from(triangle.material) >= data.materials.len() {
-            return Err(outside("material", usize::from(triangle.material), data.materials.len()));
+            return Err(outside(
+                "material",
+                usize::from(triangle.material),
+                data.materials.len(),
+            ));
         }
     }
     Ok(())
 }
 
 fn finite<const N: usize>(what: &'static str, list: &[[f32; N]]) -> Result<(), MeshFault> {
-    match list.iter().position(|values| !values.iter().all(|value| value.is_finite())) {
+    match list
+        .iter()
+        .position(|values| !values.iter().all(|value| value.is_finite()))
+    {
         Some(index) => Err(MeshFault::NotFinite { what, index }),
         None => Ok(()),
     }
@@ -317,7 +405,9 @@ fn finite<const N: usize>(what: &'static str, list: &[[f32; N]]) -> Result<(), M
 
 /// In double precision, in which no product of the sides of a mesh within its limits is lost.
 fn has_no_area(data: &MeshData, triangle: &Triangle) -> bool {
-    let [a, b, c] = triangle.corners.map(|corner| data.positions[corner as usize].map(f64::from));
+    let [a, b, c] = triangle
+        .corners
+        .map(|corner| data.positions[corner as usize].map(f64::from));
     let [u, v] = [b, c].map(|corner| [0, 1, 2].map(|axis| corner[axis] - a[axis]));
     (0..3).all(|axis| {
         let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -328,7 +418,10 @@ fn has_no_area(data: &MeshData, triangle: &Triangle) -> bool {
 /// A picture and its halves: each pixel of one is the mean of four of the other.
 fn levels(texture: Texture) -> Vec<Texture> {
     let mut levels = vec![texture];
-    while let Some(last) = levels.last().filter(|last| last.width > 1 || last.height > 1) {
+    while let Some(last) = levels
+        .last()
+        .filter(|last| last.width > 1 || last.height > 1)
+    {
         let (width, height) = ((last.width / 2).max(1), (last.height / 2).max(1));
         let mut rgb = Vec::with_capacity((width * height * 3) as usize);
         for y in 0..height {
@@ -336,8 +429,13 @@ fn levels(texture: Texture) -> Vec<Texture> {
             for x in 0..width {
                 let columns = [x * 2, (x * 2 + 1).min(last.width - 1)];
                 for channel in 0..3 {
-                    let at = |x: u32, y: u32| u32::from(last.rgb[((y * last.width + x) * 3 + channel) as usize]);
-                    let sum: u32 = rows.iter().map(|&y| at(columns[0], y) + at(columns[1], y)).sum();
+                    let at = |x: u32, y: u32| {
+                        u32::from(last.rgb[((y * last.width + x) * 3 + channel) as usize])
+                    };
+                    let sum: u32 = rows
+                        .iter()
+                        .map(|&y| at(columns[0], y) + at(columns[1], y))
+                        .sum();
                     rgb.push(((sum + 2) / 4) as u8);
                 }
             }
@@ -351,7 +449,11 @@ fn levels(texture: Texture) -> Vec<Texture> {
 fn bytes(data: &MeshData) -> Vec<u8> {
     fn floats<const N: usize>(out: &mut Vec<u8>, list: &[[f32; N]]) {
         out.extend((list.len() as u64).to_le_bytes());
-        out.extend(list.iter().flatten().flat_map(|value| value.to_bits().to_le_bytes()));
+        out.extend(
+            list.iter()
+                .flatten()
+                .flat_map(|value| value.to_bits().to_le_bytes()),
+        );
     }
     let mut out = b"reel mesh 1".to_vec();
     floats(&mut out, &data.positions);
@@ -360,12 +462,22 @@ fn bytes(data: &MeshData) -> Vec<u8> {
     floats(&mut out, &data.colors);
     out.extend((data.triangles.len() as u64).to_le_bytes());
     for triangle in &data.triangles {
-        out.extend(triangle.corners.iter().flat_map(|corner| corner.to_le_bytes()));
+        out.extend(
+            triangle
+                .corners
+                .iter()
+                .flat_map(|corner| corner.to_le_bytes()),
+        );
         out.extend(triangle.material.to_le_bytes());
     }
     out.extend((data.materials.len() as u64).to_le_bytes());
     for material in &data.materials {
-        out.extend(material.color.iter().flat_map(|value| value.to_bits().to_le_bytes()));
+        out.extend(
+            material
+                .color
+                .iter()
+                .flat_map(|value| value.to_bits().to_le_bytes()),
+        );
         out.extend(material.texture.map_or(u32::MAX, u32::from).to_le_bytes());
     }
     out.extend((data.textures.len() as u64).to_le_bytes());
@@ -384,7 +496,10 @@ mod tests {
     fn triangle() -> MeshData {
         MeshData {
             positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-            triangles: vec![Triangle { corners: [0, 1, 2], material: 0 }],
+            triangles: vec![Triangle {
+                corners: [0, 1, 2],
+                material: 0,
+            }],
             materials: vec![Material::default()],
             ..MeshData::default()
         }
@@ -398,16 +513,41 @@ mod tests {
             Mesh::new(data).unwrap_err().to_string()
         };
         assert_eq!(fault(&|data| data.triangles.clear()), "it has no triangles");
-        assert_eq!(fault(&|data| data.positions[1][2] = f32::NAN), "vertex 1 is not finite");
-        assert_eq!(fault(&|data| data.triangles[0].corners[2] = 9), "triangle 0 refers to vertex 9, and there are 3");
-        assert_eq!(fault(&|data| data.triangles[0].material = 1), "triangle 0 refers to material 1, and there are 1");
-        assert_eq!(fault(&|data| data.positions[2] = [0.5, 0.0, 0.0]), "all of its 1 triangles have no area");
-        assert_eq!(fault(&|data| data.normals = vec![[0.0; 3]]), "it has 1 normals for 3 vertices");
+        assert_eq!(
+            fault(&|data| data.positions[1][2] = f32::NAN),
+            "vertex 1 is not finite"
+        );
+        assert_eq!(
+            fault(&|data| data.triangles[0].corners[2] = 9),
+            "triangle 0 refers to vertex 9, and there are 3"
+        );
+        assert_eq!(
+            fault(&|data| data.triangles[0].material = 1),
+            "triangle 0 refers to material 1, and there are 1"
+        );
+        assert_eq!(
+            fault(&|data| data.positions[2] = [0.5, 0.0, 0.0]),
+            "all of its 1 triangles have no area"
+        );
+        assert_eq!(
+            fault(&|data| data.normals = vec![[0.0; 3]]),
+            "it has 1 normals for 3 vertices"
+        );
         assert!(fault(&|data| data.positions[1][0] = 1e30).contains("scale it to metres"));
-        assert!(fault(&|data| data.positions = vec![[0.0; 3]; VERTICES_MAX + 1]).contains("decimate it"));
+        assert!(
+            fault(&|data| data.positions = vec![[0.0; 3]; VERTICES_MAX + 1])
+                .contains("decimate it")
+        );
         assert!(fault(&|data| data.materials[0].texture = Some(0)).contains("material 0"));
-        let picture = Texture { width: 2, height: 2, rgb: vec![0; 11] };
-        assert_eq!(fault(&|data| data.textures.push(picture.clone())), "texture 0 holds 11 bytes, which are not 2 x 2 pixels");
+        let picture = Texture {
+            width: 2,
+            height: 2,
+            rgb: vec![0; 11],
+        };
+        assert_eq!(
+            fault(&|data| data.textures.push(picture.clone())),
+            "texture 0 holds 11 bytes, which are not 2 x 2 pixels"
+        );
     }
 
     #[test]
@@ -423,8 +563,15 @@ mod tests {
     #[test]
     fn pictures_are_halved_to_one_pixel() {
         let rgb = (0..5 * 3).flat_map(|pixel| [pixel as u8 * 10; 3]).collect();
-        let levels = levels(Texture { width: 5, height: 3, rgb });
-        let sizes: Vec<_> = levels.iter().map(|level| (level.width, level.height)).collect();
+        let levels = levels(Texture {
+            width: 5,
+            height: 3,
+            rgb,
+        });
+        let sizes: Vec<_> = levels
+            .iter()
+            .map(|level| (level.width, level.height))
+            .collect();
         assert_eq!(sizes, [(5, 3), (2, 1), (1, 1)]);
         assert_eq!(levels[1].rgb[0], 30, "mean of 0, 10, 50 and 60");
     }

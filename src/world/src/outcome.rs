@@ -96,10 +96,12 @@ error_codes! {
 }
 
 impl ErrorCode {
-    /// What a text of the published server or of ours says went wrong; none where it says of no failure that is known. Never
-    /// ask it of what a user answered.
+    /// What a text of the published server or of ours says went wrong; none where it says of no
+    /// failure that is known. Never ask it of what a user answered.
     pub fn told_by(text: &str) -> Option<Self> {
-        TOLD.iter().find(|(part, _)| text.contains(part)).map(|(_, code)| *code)
+        TOLD.iter()
+            .find(|(part, _)| text.contains(part))
+            .map(|(_, code)| *code)
     }
 }
 
@@ -110,7 +112,10 @@ const TOLD: &[(&str, ErrorCode)] = &[
     ("Input validation error", ErrorCode::BadArguments),
     ("No tool selected", ErrorCode::UnparsableOutput),
     ("not found in the scene", ErrorCode::UnknownReceptacle),
-    ("Cannot find a non-occluded position", ErrorCode::NoViewpoint),
+    (
+        "Cannot find a non-occluded position",
+        ErrorCode::NoViewpoint,
+    ),
     ("Cannot compute bounding box", ErrorCode::NoViewpoint),
     ("no valid navigable component", ErrorCode::NoViewpoint),
     ("No landmark selected", ErrorCode::NoLandmark),
@@ -122,7 +127,10 @@ const TOLD: &[(&str, ErrorCode)] = &[
     ("not found in the marker map", ErrorCode::UnknownMarker),
     ("No marker map available", ErrorCode::NoMarkerMap),
     ("is not in view", ErrorCode::MarkerNotInView),
-    ("is not available. Cannot focus on it", ErrorCode::MarkerNotInView),
+    (
+        "is not available. Cannot focus on it",
+        ErrorCode::MarkerNotInView,
+    ),
     ("You are already holding", ErrorCode::AlreadyHolding),
     ("has no graspable component", ErrorCode::NotGraspable),
     ("is not graspable", ErrorCode::NotGraspable),
@@ -145,7 +153,8 @@ impl fmt::Display for ErrorCode {
     }
 }
 
-/// How a text begins that a handler of the published servers died with. It comes without an image and without the state.
+/// How a text begins that a handler of the published servers died with. It comes without an image
+/// and without the state.
 pub const EXCEPTION: &str = "Error executing ";
 
 /// The result of a tool call as the policy reads it.
@@ -161,12 +170,18 @@ pub struct Outcome {
 impl Outcome {
     /// Success with a text.
     pub fn ok(text: impl Into<String>) -> Self {
-        Self { text: text.into(), error: None }
+        Self {
+            text: text.into(),
+            error: None,
+        }
     }
 
     /// Failure with a text.
     pub fn error(code: ErrorCode, text: impl Into<String>) -> Self {
-        Self { text: text.into(), error: Some(code) }
+        Self {
+            text: text.into(),
+            error: Some(code),
+        }
     }
 
     /// Whether a published server's handler died of the call.

@@ -1,7 +1,8 @@
-//! The records of an episode: what a trace stores, replay compares, rewards read and tables spread out.
+//! The records of an episode: what a trace stores, replay compares, rewards read and tables spread
+//! out.
 //!
-//! Inputs (header, calls, policy outputs, replies) are what an episode is a function of; everything else
-//! is an output and can be made again.
+//! Inputs (header, calls, policy outputs, replies) are what an episode is a function of; everything
+//! else is an output and can be made again.
 
 use std::collections::BTreeMap;
 
@@ -9,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::{
-    AssetId, Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId, Skills, TokenLogprobs,
-    ToolCall, WorldGraph,
+    AssetId, Digest, Family, FrameDigests, GraphEvent, InstanceId, Outcome, Profile, ReceptacleId,
+    Skills, TokenLogprobs, ToolCall, WorldGraph,
 };
 
 /// Where an episode ran.
@@ -129,7 +130,8 @@ pub struct PolicyOutput {
     /// How long the policy took, in nanoseconds; outside every digest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latency_ns: Option<u64>,
-    /// Log-probabilities of the tokens that it wrote, where the endpoint gave them; outside every digest.
+    /// Log-probabilities of the tokens that it wrote, where the endpoint gave them; outside every
+    /// digest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub logprobs: Option<TokenLogprobs>,
 }
@@ -183,12 +185,20 @@ pub struct StepInput {
 impl StepInput {
     /// A call with nothing from outside.
     pub fn bare(call: ToolCall) -> Self {
-        Self { call, policy: None, user_reply: None, lookup: None }
+        Self {
+            call,
+            policy: None,
+            user_reply: None,
+            lookup: None,
+        }
     }
 
     /// A call and what came with it.
     pub fn said(call: ToolCall, policy: PolicyOutput) -> Self {
-        Self { policy: Some(policy), ..Self::bare(call) }
+        Self {
+            policy: Some(policy),
+            ..Self::bare(call)
+        }
     }
 }
 
@@ -310,7 +320,8 @@ pub struct StartRecord {
     pub robot: RobotState,
     /// What its camera sees.
     pub visible: Vec<VisibleObject>,
-    /// Shortest base path start -> src -> dest with a perfect map, in metres (`l` of SPL); absent if there is none.
+    /// Shortest base path start -> src -> dest with a perfect map, in metres (`l` of SPL); absent
+    /// if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shortest_path_m: Option<f32>,
     /// Digests.

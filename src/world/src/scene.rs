@@ -1,8 +1,8 @@
 //! Scenes as data: rooms, walls, receptacles with surfaces and doors, and how they are described.
 //!
-//! This is the scene file format (`schemas/scene.schema.json`) too, so that the scene in a trace reads
-//! like the scene on disk. Metres, z up; x and y span the floor. Geometry built from it (legs, shelves,
-//! colliders) belongs to the simulator.
+//! This is the scene file format (`schemas/scene.schema.json`) too, so that the scene in a trace
+//! reads like the scene on disk. Metres, z up; x and y span the floor. Geometry built from it
+//! (legs, shelves, colliders) belongs to the simulator.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -18,10 +18,12 @@ pub struct Scene {
     pub scene_id: String,
     /// The rooms, disjoint.
     pub rooms: Vec<Room>,
-    /// Walls. Absent: the simulator builds them around the rooms, with an opening between neighbours.
+    /// Walls. Absent: the simulator builds them around the rooms, with an opening between
+    /// neighbours.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub walls: Option<Vec<Wall>>,
-    /// Where the robot starts: x, y in metres, yaw in radians (0 looks along +x). Absent: the simulator chooses.
+    /// Where the robot starts: x, y in metres, yaw in radians (0 looks along +x). Absent: the
+    /// simulator chooses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot_start: Option<[f64; 3]>,
     /// The furniture, in the order of the file.
@@ -139,7 +141,8 @@ pub struct Receptacle {
     pub surface_min: [f64; 3],
     /// Upper corner of that slab; its z is the height of the surface.
     pub surface_max: [f64; 3],
-    /// Direction its front looks to, in degrees around z (0 is +x). Absent: the simulator chooses the freest side.
+    /// Direction its front looks to, in degrees around z (0 is +x). Absent: the simulator chooses
+    /// the freest side.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub facing_deg: Option<f64>,
     /// Whether it may be placed upon.
@@ -211,7 +214,10 @@ fn yes() -> bool {
     true
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde's skip_serializing_if passes a reference")]
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde's skip_serializing_if passes a reference"
+)]
 fn is_true(value: &bool) -> bool {
     *value
 }
@@ -219,16 +225,24 @@ fn is_true(value: &bool) -> bool {
 impl Scene {
     /// Finds a receptacle.
     pub fn receptacle(&self, id: &ReceptacleId) -> Option<&Receptacle> {
-        self.receptacles.iter().find(|receptacle| receptacle.id == *id)
+        self.receptacles
+            .iter()
+            .find(|receptacle| receptacle.id == *id)
     }
 
-    /// Whether things can be put on a receptacle at all: lids, and what they cover, are not for that.
+    /// Whether things can be put on a receptacle at all: lids, and what they cover, are not for
+    /// that.
     pub fn is_usable(&self, receptacle: &Receptacle) -> bool {
-        let covered = || self.receptacles.iter().any(|other| other.covers.as_ref() == Some(&receptacle.id));
+        let covered = || {
+            self.receptacles
+                .iter()
+                .any(|other| other.covers.as_ref() == Some(&receptacle.id))
+        };
         receptacle.placeable && receptacle.covers.is_none() && !covered()
     }
 
-    /// The receptacles of each room, in the order of the file; rooms in the order of their first receptacle.
+    /// The receptacles of each room, in the order of the file; rooms in the order of their first
+    /// receptacle.
     pub fn rooms_and_furniture(&self) -> Vec<(&str, Vec<&ReceptacleId>)> {
         let mut rooms: Vec<(&str, Vec<&ReceptacleId>)> = Vec::new();
         for receptacle in &self.receptacles {
@@ -243,8 +257,9 @@ impl Scene {
     /// Rooms and furniture as the published servers' `list_receptacles` prints them.
     pub fn furniture_listing(&self) -> String {
         let line = |id: &&ReceptacleId| format!("  - {id}\n");
-        let room =
-            |(room, ids): (&str, Vec<&ReceptacleId>)| format!("Room: {room}\n{}", ids.iter().map(line).collect::<String>());
+        let room = |(room, ids): (&str, Vec<&ReceptacleId>)| {
+            format!("Room: {room}\n{}", ids.iter().map(line).collect::<String>())
+        };
         self.rooms_and_furniture().into_iter().map(room).collect()
     }
 
@@ -252,8 +267,13 @@ impl Scene {
     pub fn room_listing(&self) -> String {
         let mut text = String::new();
         for room in &self.rooms {
-            let inside = self.receptacles.iter().filter(|receptacle| receptacle.room == room.name);
-            let lines: Vec<String> = inside.map(|receptacle| format!("  - {}\n", receptacle.id)).collect();
+            let inside = self
+                .receptacles
+                .iter()
+                .filter(|receptacle| receptacle.room == room.name);
+            let lines: Vec<String> = inside
+                .map(|receptacle| format!("  - {}\n", receptacle.id))
+                .collect();
             if !lines.is_empty() {
                 text.push_str(&format!("Room: {}\n{}", room.name, lines.concat()));
             }
@@ -265,7 +285,14 @@ impl Scene {
 impl Room {
     /// Its footprint as rectangles.
     pub fn footprint(&self) -> Vec<Rect> {
-        if self.rects.is_empty() { vec![Rect { min: self.min, max: self.max }] } else { self.rects.clone() }
+        if self.rects.is_empty() {
+            vec![Rect {
+                min: self.min,
+                max: self.max,
+            }]
+        } else {
+            self.rects.clone()
+        }
     }
 }
 
@@ -284,7 +311,10 @@ impl Receptacle {
 
     /// The surface seen from above.
     pub fn surface_rect(&self) -> Rect {
-        Rect { min: [self.surface_min[0], self.surface_min[1]], max: [self.surface_max[0], self.surface_max[1]] }
+        Rect {
+            min: [self.surface_min[0], self.surface_min[1]],
+            max: [self.surface_max[0], self.surface_max[1]],
+        }
     }
 
     /// What people call its room: `bedroom` for `bedroom/1`.

@@ -73,8 +73,8 @@ pub struct ObjectInstance {
     pub yaw: f64,
     /// The receptacle it is placed on.
     pub receptacle: ReceptacleId,
-    /// Where a simulator saw it come to rest, if the file says so (a check, never an input of ours): another one in published
-    /// tasks, ours in those we make.
+    /// Where a simulator saw it come to rest, if the file says so (a check, never an input of
+    /// ours): another one in published tasks, ours in those we make.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reference_rest: Option<[f64; 3]>,
 }
@@ -123,8 +123,8 @@ pub struct Task {
     pub purpose: Option<String>,
     /// Every object, sorted by instance.
     pub objects: Vec<ObjectInstance>,
-    /// The objects in the order in which the file places them; empty if that order is the order of `objects`. The published
-    /// servers list and number what stands on a receptacle in this order.
+    /// The objects in the order in which the file places them; empty if that order is the order of
+    /// `objects`. The published servers list and number what stands on a receptacle in this order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub placement_order: Vec<InstanceId>,
     /// At the start: all receptacles of the scene, the objects, doors as they stand.
@@ -170,7 +170,9 @@ impl Task {
 
     /// Finds an object.
     pub fn object(&self, instance: &InstanceId) -> Option<&ObjectInstance> {
-        self.objects.iter().find(|object| object.instance == *instance)
+        self.objects
+            .iter()
+            .find(|object| object.instance == *instance)
     }
 
     /// Whether the goal wants an object elsewhere than it is at the start.
@@ -183,19 +185,28 @@ impl Task {
         self.objects.iter().filter(|object| self.moves(object))
     }
 
-    /// Its id without the family: what the published files call `task_id`, unique within a family only.
+    /// Its id without the family: what the published files call `task_id`, unique within a family
+    /// only.
     pub fn short_id(&self) -> &str {
-        self.benchmark_id().map_or(&self.task_id, |(_, short)| short)
+        self.benchmark_id()
+            .map_or(&self.task_id, |(_, short)| short)
     }
 
-    /// The two parts of the id of a benchmark task, family and short id; `None` if the id names no family.
+    /// The two parts of the id of a benchmark task, family and short id; `None` if the id names no
+    /// family.
     pub fn benchmark_id(&self) -> Option<(&str, &str)> {
-        self.task_id.split_once('/').filter(|(family, _)| *family == self.family.as_str())
+        self.task_id
+            .split_once('/')
+            .filter(|(family, _)| *family == self.family.as_str())
     }
 
     /// The indices of its objects in the order in which the file places them.
     pub fn placed(&self) -> Vec<usize> {
-        let rank = |object: &ObjectInstance| self.placement_order.iter().position(|instance| *instance == object.instance);
+        let rank = |object: &ObjectInstance| {
+            self.placement_order
+                .iter()
+                .position(|instance| *instance == object.instance)
+        };
         let mut placed: Vec<usize> = (0..self.objects.len()).collect();
         placed.sort_by_key(|index| rank(&self.objects[*index]));
         placed
@@ -206,7 +217,8 @@ impl Task {
     /// # Panics
     /// When the target is no object of the task; the loader refuses such tasks.
     pub fn target_object(&self) -> &ObjectInstance {
-        self.object(&self.target).expect("the loader checked that the target is an object of the task")
+        self.object(&self.target)
+            .expect("the loader checked that the target is an object of the task")
     }
 
     /// The start graph for a scene: every receptacle, closed doors, the given objects.

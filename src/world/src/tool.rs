@@ -1,5 +1,5 @@
-//! The tools a policy calls, as a typed enum parsed from (name, JSON arguments) under both name sets
-//! (SPEC section 2).
+//! The tools a policy calls, as a typed enum parsed from (name, JSON arguments) under both name
+//! sets (SPEC section 2).
 
 use std::fmt;
 
@@ -21,7 +21,10 @@ pub struct ToolCall {
 impl ToolCall {
     /// A call by name and arguments.
     pub fn new(name: impl Into<String>, arguments: Value) -> Self {
-        Self { name: name.into(), arguments }
+        Self {
+            name: name.into(),
+            arguments,
+        }
     }
 }
 
@@ -75,15 +78,24 @@ impl Profile {
         self != Profile::Paper
     }
 
-    /// Most decisions in an episode. The published servers have no horizon of their own (their agents stop after 20 or 30
-    /// decisions, their trainer after 50): the number only bounds the length of a trace.
+    /// Most decisions in an episode. The published servers have no horizon of their own (their
+    /// agents stop after 20 or 30 decisions, their trainer after 50): the number only bounds the
+    /// length of a trace.
     pub fn horizon(self) -> u32 {
-        if self.is_published() { 1000 } else { crate::HORIZON }
+        if self.is_published() {
+            1000
+        } else {
+            crate::HORIZON
+        }
     }
 
     /// The names this profile speaks.
     pub fn names(self) -> NameSet {
-        if self.is_published() { NameSet::RealRepo } else { NameSet::Paper }
+        if self.is_published() {
+            NameSet::RealRepo
+        } else {
+            NameSet::Paper
+        }
     }
 
     /// As it stands on the command line and in traces.
@@ -97,29 +109,41 @@ impl Profile {
 
     /// Reads what [`Profile::as_str`] wrote.
     pub fn parse(text: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|profile| profile.as_str() == text)
+        Self::ALL
+            .into_iter()
+            .find(|profile| profile.as_str() == text)
     }
 
-    /// The tool that a call means. The published servers know their own names only, and branch `gspo` has no `ask`.
+    /// The tool that a call means. The published servers know their own names only, and branch
+    /// `gspo` has no `ask`.
     ///
     /// # Errors
     /// Fails if it is no tool of this profile, or its arguments are not those of the tool.
     pub fn tool(self, call: &ToolCall) -> Result<Tool, CallError> {
-        let by_old_name = ToolSpec::by_name(&call.name).is_some_and(|spec| spec.repo_name != call.name);
+        let by_old_name =
+            ToolSpec::by_name(&call.name).is_some_and(|spec| spec.repo_name != call.name);
         let missing = self == Profile::RealGspo && call.name == "ask";
         if self.is_published() && (by_old_name || missing) {
-            return Err(CallError::UnknownTool { name: call.name.clone() });
+            return Err(CallError::UnknownTool {
+                name: call.name.clone(),
+            });
         }
         Tool::parse(call)
     }
 
-    /// The call as this profile's server takes it: the trainer and the agents also rename before they call. The question to the
-    /// user becomes the description that branch `main` asks for. What is no tool of ours stays as it is.
+    /// The call as this profile's server takes it: the trainer and the agents also rename before
+    /// they call. The question to the user becomes the description that branch `main` asks for.
+    /// What is no tool of ours stays as it is.
     pub fn spoken(self, call: ToolCall) -> ToolCall {
-        let Some(spec) = ToolSpec::by_name(&call.name).filter(|_| self.is_published()) else { return call };
+        let Some(spec) = ToolSpec::by_name(&call.name).filter(|_| self.is_published()) else {
+            return call;
+        };
         let mut arguments = call.arguments;
-        if let (Profile::RealRepo, "ask", Some(question)) = (self, spec.repo_name, arguments.get("question").cloned()) {
-            arguments = serde_json::json!({ "target_category": "object", "target_description": question });
+        if let (Profile::RealRepo, "ask", Some(question)) =
+            (self, spec.repo_name, arguments.get("question").cloned())
+        {
+            arguments =
+                serde_json::json!({ "target_category": "object", "target_description": question });
         }
         ToolCall::new(spec.repo_name, arguments)
     }
@@ -269,34 +293,107 @@ const fn spec(
     argument: Option<Argument>,
     description: &'static str,
 ) -> ToolSpec {
-    ToolSpec { paper_name, repo_name, argument, description }
+    ToolSpec {
+        paper_name,
+        repo_name,
+        argument,
+        description,
+    }
 }
 
-const RECEPTACLE: Option<Argument> = Some(Argument { name: "receptacle_name", json_type: "string" });
-const CATEGORY: Option<Argument> = Some(Argument { name: "target_category", json_type: "string" });
-const MARKER: Option<Argument> = Some(Argument { name: "marker_id", json_type: "integer" });
-const QUESTION: Option<Argument> = Some(Argument { name: "question", json_type: "string" });
+const RECEPTACLE: Option<Argument> = Some(Argument {
+    name: "receptacle_name",
+    json_type: "string",
+});
+const CATEGORY: Option<Argument> = Some(Argument {
+    name: "target_category",
+    json_type: "string",
+});
+const MARKER: Option<Argument> = Some(Argument {
+    name: "marker_id",
+    json_type: "integer",
+});
+const QUESTION: Option<Argument> = Some(Argument {
+    name: "question",
+    json_type: "string",
+});
 
 impl ToolSpec {
     /// The eleven policy-facing tools, in the order of SPEC section 2.
     pub const POLICY: [ToolSpec; 11] = [
-        spec("nav_to", "navigate_to", RECEPTACLE, "Go to a viewpoint of the named receptacle and look at it."),
-        spec("walk_around", "explore_receptacle", None, "Walk around the current receptacle and list the objects on it."),
-        spec("show_object_by_category", "find_objects", CATEGORY, "Mark the objects in view that match a category with numbers."),
-        spec("show_receptacles", "highlight_receptacles", None, "Mark the receptacles in view with numbers."),
-        spec("gaze_at", "focus_on", MARKER, "Approach the thing with this number and look at it closely."),
-        spec("pick", "pick", MARKER, "Pick up the object with this number."),
-        spec("place", "place", MARKER, "Place the held object on the receptacle with this number."),
-        spec("open", "open", MARKER, "Open the door of the receptacle with this number."),
-        spec("close", "close", MARKER, "Close the door of the receptacle with this number."),
-        spec("ask", "ask", QUESTION, "Ask the user a question in plain words."),
-        spec("finish", "finish", None, "End the episode when the task is done."),
+        spec(
+            "nav_to",
+            "navigate_to",
+            RECEPTACLE,
+            "Go to a viewpoint of the named receptacle and look at it.",
+        ),
+        spec(
+            "walk_around",
+            "explore_receptacle",
+            None,
+            "Walk around the current receptacle and list the objects on it.",
+        ),
+        spec(
+            "show_object_by_category",
+            "find_objects",
+            CATEGORY,
+            "Mark the objects in view that match a category with numbers.",
+        ),
+        spec(
+            "show_receptacles",
+            "highlight_receptacles",
+            None,
+            "Mark the receptacles in view with numbers.",
+        ),
+        spec(
+            "gaze_at",
+            "focus_on",
+            MARKER,
+            "Approach the thing with this number and look at it closely.",
+        ),
+        spec(
+            "pick",
+            "pick",
+            MARKER,
+            "Pick up the object with this number.",
+        ),
+        spec(
+            "place",
+            "place",
+            MARKER,
+            "Place the held object on the receptacle with this number.",
+        ),
+        spec(
+            "open",
+            "open",
+            MARKER,
+            "Open the door of the receptacle with this number.",
+        ),
+        spec(
+            "close",
+            "close",
+            MARKER,
+            "Close the door of the receptacle with this number.",
+        ),
+        spec(
+            "ask",
+            "ask",
+            QUESTION,
+            "Ask the user a question in plain words.",
+        ),
+        spec(
+            "finish",
+            "finish",
+            None,
+            "End the episode when the task is done.",
+        ),
     ];
 
     /// Finds a policy-facing tool by either of its names.
     pub fn by_name(name: &str) -> Option<&'static ToolSpec> {
         const ALL: &[ToolSpec] = &ToolSpec::POLICY;
-        ALL.iter().find(|spec| spec.paper_name == name || spec.repo_name == name)
+        ALL.iter()
+            .find(|spec| spec.paper_name == name || spec.repo_name == name)
     }
 
     /// The name in a name set.
@@ -311,9 +408,9 @@ impl ToolSpec {
 impl Tool {
     /// Parses a call under both name sets.
     ///
-    /// Unknown extra arguments are ignored; a marker may be an integer or a string of digits, as policies
-    /// send both. `ask` takes `question`, or `target_category` with `target_description` as in the
-    /// published repository.
+    /// Unknown extra arguments are ignored; a marker may be an integer or a string of digits, as
+    /// policies send both. `ask` takes `question`, or `target_category` with `target_description`
+    /// as in the published repository.
     ///
     /// # Errors
     /// A [`CallError`], whose text is meant for the policy.
@@ -323,28 +420,43 @@ impl Tool {
         let arguments = |tool| match &call.arguments {
             Value::Object(map) => Ok(map),
             Value::Null => Ok(&empty),
-            other => Err(CallError::NotAnObject { tool, found: type_of(other) }),
+            other => Err(CallError::NotAnObject {
+                tool,
+                found: type_of(other),
+            }),
         };
         if let Some(lifecycle) = Self::parse_lifecycle(name, &arguments)? {
             return Ok(Tool::Lifecycle(lifecycle));
         }
         let Some(spec) = ToolSpec::by_name(name) else {
-            return Err(CallError::UnknownTool { name: name.to_owned() });
+            return Err(CallError::UnknownTool {
+                name: name.to_owned(),
+            });
         };
-        let tool = spec.name(if name == spec.repo_name { NameSet::RealRepo } else { NameSet::Paper });
+        let tool = spec.name(if name == spec.repo_name {
+            NameSet::RealRepo
+        } else {
+            NameSet::Paper
+        });
         let map = arguments(tool)?;
         let marker = || marker_argument(tool, map);
         Ok(match spec.paper_name {
-            "nav_to" => Tool::NavTo { receptacle: text_argument(tool, map, "receptacle_name")?.into() },
+            "nav_to" => Tool::NavTo {
+                receptacle: text_argument(tool, map, "receptacle_name")?.into(),
+            },
             "walk_around" => Tool::WalkAround,
-            "show_object_by_category" => Tool::ShowObjectByCategory { category: text_argument(tool, map, "target_category")? },
+            "show_object_by_category" => Tool::ShowObjectByCategory {
+                category: text_argument(tool, map, "target_category")?,
+            },
             "show_receptacles" => Tool::ShowReceptacles,
             "gaze_at" => Tool::GazeAt { marker: marker()? },
             "pick" => Tool::Pick { marker: marker()? },
             "place" => Tool::Place { marker: marker()? },
             "open" => Tool::Open { marker: marker()? },
             "close" => Tool::Close { marker: marker()? },
-            "ask" => Tool::Ask { question: question_argument(tool, map)? },
+            "ask" => Tool::Ask {
+                question: question_argument(tool, map)?,
+            },
             "finish" => Tool::Finish,
             other => unreachable!("tool {other} stands in ToolSpec::POLICY but not here"),
         })
@@ -358,7 +470,8 @@ impl Tool {
             "list_receptacles" => Some(Lifecycle::ListReceptacles),
             "list_tasks" => Some(Lifecycle::ListTasks),
             "finish_with_id" => {
-                let task_id = text_argument("finish_with_id", arguments("finish_with_id")?, "task_id")?;
+                let task_id =
+                    text_argument("finish_with_id", arguments("finish_with_id")?, "task_id")?;
                 Some(Lifecycle::FinishWithId { task_id })
             }
             _ => None,
@@ -389,7 +502,9 @@ impl Tool {
     pub fn to_call(&self) -> ToolCall {
         let arguments = match self {
             Tool::NavTo { receptacle } => serde_json::json!({ "receptacle_name": receptacle }),
-            Tool::ShowObjectByCategory { category } => serde_json::json!({ "target_category": category }),
+            Tool::ShowObjectByCategory { category } => {
+                serde_json::json!({ "target_category": category })
+            }
             Tool::GazeAt { marker }
             | Tool::Pick { marker }
             | Tool::Place { marker }
@@ -398,8 +513,12 @@ impl Tool {
                 serde_json::json!({ "marker_id": marker })
             }
             Tool::Ask { question } => serde_json::json!({ "question": question }),
-            Tool::Lifecycle(Lifecycle::FinishWithId { task_id }) => serde_json::json!({ "task_id": task_id }),
-            Tool::WalkAround | Tool::ShowReceptacles | Tool::Finish | Tool::Lifecycle(_) => serde_json::json!({}),
+            Tool::Lifecycle(Lifecycle::FinishWithId { task_id }) => {
+                serde_json::json!({ "task_id": task_id })
+            }
+            Tool::WalkAround | Tool::ShowReceptacles | Tool::Finish | Tool::Lifecycle(_) => {
+                serde_json::json!({})
+            }
         };
         ToolCall::new(self.paper_name(), arguments)
     }
@@ -424,11 +543,20 @@ fn shorten(value: &Value) -> String {
     }
 }
 
-fn text_argument(tool: &'static str, map: &Map<String, Value>, argument: &'static str) -> Result<String, CallError> {
+fn text_argument(
+    tool: &'static str,
+    map: &Map<String, Value>,
+    argument: &'static str,
+) -> Result<String, CallError> {
     match map.get(argument) {
         None | Some(Value::Null) => Err(CallError::Missing { tool, argument }),
         Some(Value::String(text)) => Ok(text.clone()),
-        Some(other) => Err(CallError::WrongType { tool, argument, expected: "a string", found: shorten(other) }),
+        Some(other) => Err(CallError::WrongType {
+            tool,
+            argument,
+            expected: "a string",
+            found: shorten(other),
+        }),
     }
 }
 
@@ -442,12 +570,14 @@ fn marker_argument(tool: &'static str, map: &Map<String, Value>) -> Result<u32, 
         Value::String(text) => text.trim().parse().ok(),
         _ => None,
     };
-    number.and_then(|number| u32::try_from(number).ok()).ok_or_else(|| CallError::WrongType {
-        tool,
-        argument,
-        expected: "a marker number",
-        found: shorten(value),
-    })
+    number
+        .and_then(|number| u32::try_from(number).ok())
+        .ok_or_else(|| CallError::WrongType {
+            tool,
+            argument,
+            expected: "a marker number",
+            found: shorten(value),
+        })
 }
 
 fn question_argument(tool: &'static str, map: &Map<String, Value>) -> Result<String, CallError> {
@@ -455,10 +585,14 @@ fn question_argument(tool: &'static str, map: &Map<String, Value>) -> Result<Str
         return text_argument(tool, map, "question");
     }
     let category = text_argument(tool, map, "target_category")?;
-    Ok(match map.get("target_description").and_then(Value::as_str) {
-        Some(description) if !description.trim().is_empty() => format!("Which {category} do you mean: {description}?"),
-        _ => format!("Which {category} do you mean?"),
-    })
+    Ok(
+        match map.get("target_description").and_then(Value::as_str) {
+            Some(description) if !description.trim().is_empty() => {
+                format!("Which {category} do you mean: {description}?")
+            }
+            _ => format!("Which {category} do you mean?"),
+        },
+    )
 }
 
 #[cfg(test)]
@@ -486,9 +620,16 @@ mod tests {
 
     #[test]
     fn errors_say_what_and_where() {
-        let error = |name: &str, arguments: Value| Tool::parse(&ToolCall::new(name, arguments)).unwrap_err().to_string();
+        let error = |name: &str, arguments: Value| {
+            Tool::parse(&ToolCall::new(name, arguments))
+                .unwrap_err()
+                .to_string()
+        };
         assert_eq!(error("grab", json!({})), "Action 'grab' not recognized.");
-        assert_eq!(error("pick", json!({})), "pick: missing argument 'marker_id'");
+        assert_eq!(
+            error("pick", json!({})),
+            "pick: missing argument 'marker_id'"
+        );
         assert_eq!(
             error("focus_on", json!({"marker_id": 1.5})),
             "focus_on: argument 'marker_id' must be a marker number, found 1.5"
@@ -497,17 +638,36 @@ mod tests {
             error("nav_to", json!({"receptacle_name": 4})),
             "nav_to: argument 'receptacle_name' must be a string, found 4"
         );
-        assert_eq!(error("nav_to", json!(["table_1"])), "nav_to: arguments must be a JSON object, found a list");
+        assert_eq!(
+            error("nav_to", json!(["table_1"])),
+            "nav_to: arguments must be a JSON object, found a list"
+        );
         assert_eq!(error("ask", json!({})), "ask: missing argument 'question'");
     }
 
     #[test]
     fn lenient_where_policies_are() {
-        let pick = Tool::parse(&ToolCall::new("pick", json!({"marker_id": " 2 ", "why": "it is red"}))).unwrap();
+        let pick = Tool::parse(&ToolCall::new(
+            "pick",
+            json!({"marker_id": " 2 ", "why": "it is red"}),
+        ))
+        .unwrap();
         assert_eq!(pick, Tool::Pick { marker: 2 });
-        let ask = Tool::parse(&ToolCall::new("ask", json!({"target_category": "pen", "target_description": "red"}))).unwrap();
-        assert_eq!(ask, Tool::Ask { question: "Which pen do you mean: red?".into() });
-        assert_eq!(Tool::parse(&ToolCall::new("finish", Value::Null)).unwrap(), Tool::Finish);
+        let ask = Tool::parse(&ToolCall::new(
+            "ask",
+            json!({"target_category": "pen", "target_description": "red"}),
+        ))
+        .unwrap();
+        assert_eq!(
+            ask,
+            Tool::Ask {
+                question: "Which pen do you mean: red?".into()
+            }
+        );
+        assert_eq!(
+            Tool::parse(&ToolCall::new("finish", Value::Null)).unwrap(),
+            Tool::Finish
+        );
     }
 
     proptest! {

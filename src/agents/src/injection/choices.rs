@@ -1,4 +1,5 @@
-//! What an agent could mistake for the target or its destination in a task, by kind of fault. Never whether it does.
+//! What an agent could mistake for the target or its destination in a task, by kind of fault. Never
+//! whether it does.
 
 use reel_world::{DoorState, ObjectInstance, Receptacle, ReceptacleId, Scene, Task};
 
@@ -6,7 +7,10 @@ use super::{FaultKind, Unfit};
 
 /// The objects that could be taken by a fault of this kind.
 pub(super) fn wrong_objects(kind: FaultKind, task: &Task) -> Result<Vec<&ObjectInstance>, Unfit> {
-    let social = matches!(kind, FaultKind::IgnoredAnswer | FaultKind::MissingAsk | FaultKind::ClaimedAnswer);
+    let social = matches!(
+        kind,
+        FaultKind::IgnoredAnswer | FaultKind::MissingAsk | FaultKind::ClaimedAnswer
+    );
     match (social, task.fuzzy) {
         (true, false) => return Err(Unfit::Precise { kind }),
         (false, true) => return Err(Unfit::Underspecified { kind }),
@@ -16,16 +20,25 @@ pub(super) fn wrong_objects(kind: FaultKind, task: &Task) -> Result<Vec<&ObjectI
     let fits = |object: &&ObjectInstance| {
         let here = object.receptacle == target.receptacle;
         match kind {
-            FaultKind::WrongAttribute | FaultKind::WrongInstance | FaultKind::WrongKind => mistake(task, object) == kind,
+            FaultKind::WrongAttribute | FaultKind::WrongInstance | FaultKind::WrongKind => {
+                mistake(task, object) == kind
+            }
             FaultKind::StaleWrongObject => here,
             _ => here && mistake(task, object) == FaultKind::WrongAttribute,
         }
     };
-    let at_destination = |object: &ObjectInstance| task.goal.place_of(&task.target) == Some(&object.receptacle);
+    let at_destination =
+        |object: &ObjectInstance| task.goal.place_of(&task.target) == Some(&object.receptacle);
     let stays = |object: &ObjectInstance| !task.moves(object);
-    let others = task.objects.iter().filter(|object| object.instance != task.target && !at_destination(object) && stays(object));
+    let others = task.objects.iter().filter(|object| {
+        object.instance != task.target && !at_destination(object) && stays(object)
+    });
     let found: Vec<&ObjectInstance> = others.filter(fits).collect();
-    if found.is_empty() { Err(Unfit::NoObject { kind }) } else { Ok(found) }
+    if found.is_empty() {
+        Err(Unfit::NoObject { kind })
+    } else {
+        Ok(found)
+    }
 }
 
 /// Which mistake it is to take this object for the target.
@@ -33,7 +46,8 @@ pub(super) fn mistake(task: &Task, object: &ObjectInstance) -> FaultKind {
     let target = task.target_object();
     if object.asset == target.asset {
         FaultKind::WrongInstance
-    } else if object.category == target.category || task.object_distractors.contains(&object.asset) {
+    } else if object.category == target.category || task.object_distractors.contains(&object.asset)
+    {
         FaultKind::WrongAttribute
     } else {
         FaultKind::WrongKind
@@ -41,23 +55,43 @@ pub(super) fn mistake(task: &Task, object: &ObjectInstance) -> FaultKind {
 }
 
 /// The receptacles that the target could be put on by a fault of this kind.
-pub(super) fn wrong_receptacles(kind: FaultKind, task: &Task, scene: &Scene) -> Result<Vec<ReceptacleId>, Unfit> {
+pub(super) fn wrong_receptacles(
+    kind: FaultKind,
+    task: &Task,
+    scene: &Scene,
+) -> Result<Vec<ReceptacleId>, Unfit> {
     let destination = destination(task);
-    let category = scene.receptacle(destination).map(|receptacle| receptacle.category.as_str());
+    let category = scene
+        .receptacle(destination)
+        .map(|receptacle| receptacle.category.as_str());
     let alike = |receptacle: &Receptacle| {
-        Some(receptacle.category.as_str()) == category || task.dest_distractors.contains(&receptacle.id)
+        Some(receptacle.category.as_str()) == category
+            || task.dest_distractors.contains(&receptacle.id)
     };
     let wanted = kind == FaultKind::SimilarFurniture;
     let size = task.target_object().size;
-    let others = usable(scene).filter(|other| other.id != *destination && other.id != task.target_object().receptacle);
-    let found: Vec<ReceptacleId> =
-        others.filter(|other| alike(other) == wanted && has_room(other, size)).map(|other| other.id.clone()).collect();
-    if found.is_empty() { Err(Unfit::NoReceptacle { kind, destination: destination.clone() }) } else { Ok(found) }
+    let others = usable(scene)
+        .filter(|other| other.id != *destination && other.id != task.target_object().receptacle);
+    let found: Vec<ReceptacleId> = others
+        .filter(|other| alike(other) == wanted && has_room(other, size))
+        .map(|other| other.id.clone())
+        .collect();
+    if found.is_empty() {
+        Err(Unfit::NoReceptacle {
+            kind,
+            destination: destination.clone(),
+        })
+    } else {
+        Ok(found)
+    }
 }
 
 /// The receptacles that one can stand at and put things on.
 pub(super) fn usable(scene: &Scene) -> impl Iterator<Item = &Receptacle> {
-    scene.receptacles.iter().filter(|other| scene.is_usable(other))
+    scene
+        .receptacles
+        .iter()
+        .filter(|other| scene.is_usable(other))
 }
 
 /// Where the target has to go.

@@ -1,5 +1,5 @@
-//! Adds a thing to a task that has nothing to do with it, so that there is something of another kind to be confused with.
-//! Never changes what is asked for.
+//! Adds a thing to a task that has nothing to do with it, so that there is something of another
+//! kind to be confused with. Never changes what is asked for.
 
 use std::sync::Arc;
 
@@ -8,16 +8,25 @@ use reel_world::{InstanceId, ObjectInstance, Scene, Task};
 use super::choices;
 use crate::random;
 
-/// The task with one object more, of a category that it does not have, taken with its position from one of the other tasks
-/// (of the same scene) where it stands on a receptacle that is empty here; none where there is no such object.
+/// The task with one object more, of a category that it does not have, taken with its position from
+/// one of the other tasks (of the same scene) where it stands on a receptacle that is empty here;
+/// none where there is no such object.
 pub fn cluttered(task: &Task, scene: &Scene, others: &[Arc<Task>], seed: u64) -> Option<Task> {
     let mut rng = random::stream(seed, &format!("clutter/{}", task.task_id), 0);
     let fits = |object: &&ObjectInstance| {
-        let known = |mine: &ObjectInstance| mine.category == object.category || mine.receptacle == object.receptacle;
+        let known = |mine: &ObjectInstance| {
+            mine.category == object.category || mine.receptacle == object.receptacle
+        };
         let distractor = task.object_distractors.contains(&object.asset);
-        !distractor && !task.objects.iter().any(known) && object.receptacle != *choices::destination(task)
+        !distractor
+            && !task.objects.iter().any(known)
+            && object.receptacle != *choices::destination(task)
     };
-    let strangers: Vec<&ObjectInstance> = others.iter().flat_map(|other| &other.objects).filter(fits).collect();
+    let strangers: Vec<&ObjectInstance> = others
+        .iter()
+        .flat_map(|other| &other.objects)
+        .filter(fits)
+        .collect();
     let mut object = (*random::choose(&mut rng, &strangers)?).clone();
     let name = task.task_id.rsplit('/').next().unwrap_or(&task.task_id);
     object.instance = InstanceId::new(&object.asset, &object.receptacle, name);
@@ -26,6 +35,10 @@ pub fn cluttered(task: &Task, scene: &Scene, others: &[Arc<Task>], seed: u64) ->
     task.goal.add(&object.receptacle, &object.instance);
     task.objects.push(object);
     task.objects.sort_by(|a, b| a.instance.cmp(&b.instance));
-    debug_assert_eq!(task.initial, Task::initial_graph(scene, &task.objects), "the graph is that of the objects");
+    debug_assert_eq!(
+        task.initial,
+        Task::initial_graph(scene, &task.objects),
+        "the graph is that of the objects"
+    );
     Some(task)
 }

@@ -1,5 +1,6 @@
-//! An injection as a course: the legs an episode goes through if all comes as intended, made from the task before it starts.
-//! Decides which fault comes where and in which order; what a fault does is in `faults`.
+//! An injection as a course: the legs an episode goes through if all comes as intended, made from
+//! the task before it starts. Decides which fault comes where and in which order; what a fault does
+//! is in `faults`.
 
 use std::sync::Arc;
 
@@ -17,8 +18,14 @@ use crate::{faults::mistaken_task, oracle::Habits, random};
 const NEVER_FINISHES: usize = 15;
 
 /// The moments of an episode at which something may come in between, in their order.
-pub(super) const MOMENTS: [Until; 6] =
-    [Until::Start, Until::Looking, Until::Found, Until::Held, Until::AtDestination, Until::Placed];
+pub(super) const MOMENTS: [Until; 6] = [
+    Until::Start,
+    Until::Looking,
+    Until::Found,
+    Until::Held,
+    Until::AtDestination,
+    Until::Placed,
+];
 
 /// What is to come, and what marks the beginning of a fault that is a wrong belief.
 #[derive(Clone, Debug, Default)]
@@ -59,7 +66,8 @@ pub(super) struct Draft<'a> {
     /// What is taken for the destination, if it is another receptacle.
     pub place: Option<ReceptacleId>,
     pub habits: Habits,
-    /// Where a fault takes or puts something: another one must not mean the same place, or there is nothing left to do.
+    /// Where a fault takes or puts something: another one must not mean the same place, or there is
+    /// nothing left to do.
     pub engaged: Vec<ReceptacleId>,
     course: Course,
 }
@@ -80,13 +88,28 @@ impl Course {
         check(&injection.faults)?;
         let mut inserts: Vec<(usize, Insert)> = Vec::new();
         for (index, fault) in injection.faults.iter().enumerate() {
-            inserts.extend(faults::inserts(&mut draft, index, fault)?.into_iter().map(|insert| (index, insert)));
+            inserts.extend(
+                faults::inserts(&mut draft, index, fault)?
+                    .into_iter()
+                    .map(|insert| (index, insert)),
+            );
         }
         check_order(&injection.faults, &inserts)?;
         // A wrong object is put back before anything else is done with what is held.
         inserts.sort_by_key(|(index, _)| !is_of_object(injection.faults[*index].kind));
-        let detours: Vec<Insert> = injection.detours.iter().map(|detour| draft.detour(*detour)).collect();
-        Ok(draft.assemble(&injection.faults, inserts.into_iter().map(|(_, insert)| insert).chain(detours).collect()))
+        let detours: Vec<Insert> = injection
+            .detours
+            .iter()
+            .map(|detour| draft.detour(*detour))
+            .collect();
+        Ok(draft.assemble(
+            &injection.faults,
+            inserts
+                .into_iter()
+                .map(|(_, insert)| insert)
+                .chain(detours)
+                .collect(),
+        ))
     }
 }
 
@@ -108,8 +131,10 @@ impl Draft<'_> {
 
     /// So many receptacles, in random order, that are none of these; fewer where there are no more.
     pub fn others(&mut self, but: &[&ReceptacleId], count: usize) -> Vec<ReceptacleId> {
-        let mut all: Vec<ReceptacleId> =
-            choices::usable(self.scene).map(|other| other.id.clone()).filter(|id| !but.contains(&id)).collect();
+        let mut all: Vec<ReceptacleId> = choices::usable(self.scene)
+            .map(|other| other.id.clone())
+            .filter(|id| !but.contains(&id))
+            .collect();
         random::shuffle(&mut self.rng, &mut all);
         all.truncate(count);
         all
@@ -121,7 +146,11 @@ impl Draft<'_> {
             (None, None) => self.task.clone(),
             (object, place) => Arc::new(mistaken_task(self.task, object.as_ref(), place.as_ref())),
         };
-        Leg::Follow { task, habits: self.habits, until }
+        Leg::Follow {
+            task,
+            habits: self.habits,
+            until,
+        }
     }
 
     fn assemble(mut self, faults: &[Fault], inserts: Vec<Insert>) -> Course {
@@ -140,7 +169,13 @@ impl Draft<'_> {
         let wrong = faults.iter().any(|fault| !fault.repaired);
         if wrong && self.chance(NEVER_FINISHES) {
             let leg = self.follow(Until::Placed);
-            self.course.legs.extend([leg, Leg::Do { deeds: vec![Deed::Idle], times: None }]);
+            self.course.legs.extend([
+                leg,
+                Leg::Do {
+                    deeds: vec![Deed::Idle],
+                    times: None,
+                },
+            ]);
         }
         let leg = self.follow(Until::End);
         self.course.legs.push(leg);
@@ -165,35 +200,67 @@ impl Draft<'_> {
 
     fn detour(&mut self, detour: Detour) -> Insert {
         let category = self.task.target_object().category.clone();
-        let [here, there] = [self.task.target_object().receptacle.clone(), choices::destination(self.task).clone()];
+        let [here, there] = [
+            self.task.target_object().receptacle.clone(),
+            choices::destination(self.task).clone(),
+        ];
         let call = |tool| Leg::one(Deed::Call(tool));
         let (at, legs) = match (detour, self.draw(2)) {
             (Detour::ExtraLook, 0) => (Until::AtDestination, vec![call(Tool::ShowReceptacles)]),
             (Detour::ExtraLook, _) => (Until::Looking, vec![call(Tool::WalkAround)]),
             (Detour::ThereAndBack, draw) => {
-                let at = if draw == 0 { Until::Held } else { Until::Looking };
-                (at, self.others(&[&here, &there], 1).into_iter().map(|receptacle| call(Tool::NavTo { receptacle })).collect())
+                let at = if draw == 0 {
+                    Until::Held
+                } else {
+                    Until::Looking
+                };
+                (
+                    at,
+                    self.others(&[&here, &there], 1)
+                        .into_iter()
+                        .map(|receptacle| call(Tool::NavTo { receptacle }))
+                        .collect(),
+                )
             }
             (Detour::CorrectedSlip, 0) => (Until::Found, vec![Leg::one(Deed::Misread)]),
             (Detour::CorrectedSlip, _) => {
                 let receptacle = faults::unknown_receptacle(self.scene, &there);
                 (Until::Held, vec![call(Tool::NavTo { receptacle })])
             }
-            (Detour::UnneededQuestion, _) => {
-                (Until::Held, vec![call(Tool::Ask { question: format!("Where do you want the {category}?") })])
-            }
-            (Detour::ExtraGaze, 0) => (Until::AtDestination, vec![call(Tool::ShowReceptacles), Leg::one(Deed::Gaze)]),
+            (Detour::UnneededQuestion, _) => (
+                Until::Held,
+                vec![call(Tool::Ask {
+                    question: format!("Where do you want the {category}?"),
+                })],
+            ),
+            (Detour::ExtraGaze, 0) => (
+                Until::AtDestination,
+                vec![call(Tool::ShowReceptacles), Leg::one(Deed::Gaze)],
+            ),
             (Detour::ExtraGaze, _) => (Until::Found, vec![Leg::one(Deed::Gaze)]),
         };
-        Insert { at, legs, last: false }
+        Insert {
+            at,
+            legs,
+            last: false,
+        }
     }
 }
 
 fn check(faults: &[Fault]) -> Result<(), Unfit> {
     for (index, fault) in faults.iter().enumerate() {
-        let Fault { kind, position, strength, repaired } = *fault;
+        let Fault {
+            kind,
+            position,
+            strength,
+            repaired,
+        } = *fault;
         if !(0.0..=1.0).contains(&position) || !(1..=3).contains(&strength) {
-            return Err(Unfit::Range { kind, position: position.to_string(), strength });
+            return Err(Unfit::Range {
+                kind,
+                position: position.to_string(),
+                strength,
+            });
         }
         if repaired && kind == FaultKind::PrematureFinish {
             return Err(Unfit::NotRepairable { kind });
@@ -204,13 +271,17 @@ fn check(faults: &[Fault]) -> Result<(), Unfit> {
                 || (is_of_place(other.kind) && is_of_place(kind))
         };
         if let Some(other) = faults[..index].iter().find(is_same) {
-            return Err(Unfit::Conflict { first: other.kind, second: kind });
+            return Err(Unfit::Conflict {
+                first: other.kind,
+                second: kind,
+            });
         }
     }
     Ok(())
 }
 
-/// What ends the episode must come after everything else, and a door is forgotten only on the true way.
+/// What ends the episode must come after everything else, and a door is forgotten only on the true
+/// way.
 fn check_order(faults: &[Fault], inserts: &[(usize, Insert)]) -> Result<(), Unfit> {
     for (last, end) in inserts.iter().filter(|(_, insert)| insert.last) {
         for (index, fault) in faults.iter().enumerate().filter(|(index, _)| index != last) {
@@ -220,17 +291,29 @@ fn check_order(faults: &[Fault], inserts: &[(usize, Insert)]) -> Result<(), Unfi
             } else if is_of_place(fault.kind) {
                 end.at > Until::AtDestination
             } else {
-                inserts.iter().all(|(other, insert)| *other != index || insert.at < end.at)
+                inserts
+                    .iter()
+                    .all(|(other, insert)| *other != index || insert.at < end.at)
             };
             if !shows {
-                return Err(Unfit::Conflict { first: faults[*last].kind, second: fault.kind });
+                return Err(Unfit::Conflict {
+                    first: faults[*last].kind,
+                    second: fault.kind,
+                });
             }
         }
     }
-    let door = faults.iter().find(|fault| fault.kind == FaultKind::MissingOpen);
-    let astray = faults.iter().find(|fault| is_of_place(fault.kind) || is_of_object(fault.kind));
+    let door = faults
+        .iter()
+        .find(|fault| fault.kind == FaultKind::MissingOpen);
+    let astray = faults
+        .iter()
+        .find(|fault| is_of_place(fault.kind) || is_of_object(fault.kind));
     match (door, astray) {
-        (Some(door), Some(other)) => Err(Unfit::Conflict { first: door.kind, second: other.kind }),
+        (Some(door), Some(other)) => Err(Unfit::Conflict {
+            first: door.kind,
+            second: other.kind,
+        }),
         _ => Ok(()),
     }
 }
@@ -238,10 +321,22 @@ fn check_order(faults: &[Fault], inserts: &[(usize, Insert)]) -> Result<(), Unfi
 /// Whether the kind is to take a wrong object.
 pub(super) fn is_of_object(kind: FaultKind) -> bool {
     use FaultKind::*;
-    matches!(kind, WrongAttribute | WrongInstance | WrongKind | IgnoredAnswer | StaleWrongObject | MissingAsk | ClaimedAnswer)
+    matches!(
+        kind,
+        WrongAttribute
+            | WrongInstance
+            | WrongKind
+            | IgnoredAnswer
+            | StaleWrongObject
+            | MissingAsk
+            | ClaimedAnswer
+    )
 }
 
 /// Whether the kind is to take a wrong receptacle.
 pub(super) fn is_of_place(kind: FaultKind) -> bool {
-    matches!(kind, FaultKind::WrongReceptacle | FaultKind::SimilarFurniture)
+    matches!(
+        kind,
+        FaultKind::WrongReceptacle | FaultKind::SimilarFurniture
+    )
 }

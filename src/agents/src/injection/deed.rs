@@ -1,5 +1,6 @@
-//! What a course is made of: stretches in which the oracle acts on a belief, and single deeds that the fault or the
-//! detour wants. Turns a deed into a call for the moment it is due. Never decides which come.
+//! What a course is made of: stretches in which the oracle acts on a belief, and single deeds that
+//! the fault or the detour wants. Turns a deed into a call for the moment it is due. Never decides
+//! which come.
 
 use std::sync::Arc;
 
@@ -17,9 +18,16 @@ use crate::{Context, oracle::Habits, random};
 #[derive(Clone, Debug)]
 pub(super) enum Leg {
     /// The oracle acts, believing this task, until it comes to that point (which it does not pass).
-    Follow { task: Arc<Task>, habits: Habits, until: Until },
+    Follow {
+        task: Arc<Task>,
+        habits: Habits,
+        until: Until,
+    },
     /// The deeds in turn, so many in all; none: until the horizon.
-    Do { deeds: Vec<Deed>, times: Option<usize> },
+    Do {
+        deeds: Vec<Deed>,
+        times: Option<usize>,
+    },
     /// The fault of this index begins with the next call.
     Begin(usize),
     /// The fault of this index is corrected from here on.
@@ -43,7 +51,10 @@ pub(super) enum Leg {
 impl Leg {
     /// One deed.
     pub fn one(deed: Deed) -> Leg {
-        Leg::Do { deeds: vec![deed], times: Some(1) }
+        Leg::Do {
+            deeds: vec![deed],
+            times: Some(1),
+        }
     }
 
     /// These deeds, once each.
@@ -93,9 +104,13 @@ pub(super) enum Deed {
     OpenDoorless,
     /// `place` on this receptacle, by its number; by some number of the map where it has none.
     PlaceOn(ReceptacleId),
-    /// By a number that the object had on an earlier map; where `other`, one that now stands for another object, else one
-    /// that stands for nothing.
-    Old { object: InstanceId, tool: OldTool, other: bool },
+    /// By a number that the object had on an earlier map; where `other`, one that now stands for
+    /// another object, else one that stands for nothing.
+    Old {
+        object: InstanceId,
+        tool: OldTool,
+        other: bool,
+    },
     /// Looks, unless the object has a number of an earlier map that now stands for another one.
     Renumber { object: InstanceId, tool: Tool },
     /// `pick` by a number that is on no map yet (one too high), as one misreads it.
@@ -112,7 +127,8 @@ pub(super) enum OldTool {
     Place,
 }
 
-/// The numbers a policy remembers: the last maps of objects and of furniture before the current one.
+/// The numbers a policy remembers: the last maps of objects and of furniture before the current
+/// one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Memory {
     maps: Vec<Vec<Marker>>,
@@ -126,63 +142,123 @@ impl Memory {
         }
     }
 
-    /// A number the object had on an earlier map, and which now stands for nothing; where `other`, for another object.
+    /// A number the object had on an earlier map, and which now stands for nothing; where `other`,
+    /// for another object.
     pub fn old_number(&self, object: &InstanceId, current: &[Marker], other: bool) -> Option<u32> {
-        let is_it = |marker: &&Marker| matches!(&marker.target, MarkerTarget::Object(id) if id == object);
-        let olds = self.maps.iter().rev().filter_map(|map| map.iter().find(is_it)).map(|marker| marker.id);
+        let is_it =
+            |marker: &&Marker| matches!(&marker.target, MarkerTarget::Object(id) if id == object);
+        let olds = self
+            .maps
+            .iter()
+            .rev()
+            .filter_map(|map| map.iter().find(is_it))
+            .map(|marker| marker.id);
         let mut olds = olds.chain(self.object_numbers().filter(|_| !other));
-        olds.find(|old| match current.iter().find(|marker| marker.id == *old) {
-            Some(Marker { target: MarkerTarget::Object(id), .. }) => other && id != object,
-            Some(_) => false,
-            None => !other,
-        })
+        olds.find(
+            |old| match current.iter().find(|marker| marker.id == *old) {
+                Some(Marker {
+                    target: MarkerTarget::Object(id),
+                    ..
+                }) => other && id != object,
+                Some(_) => false,
+                None => !other,
+            },
+        )
     }
 
     /// A furniture number of an earlier map that stands for nothing now.
     pub fn old_furniture(&self, current: &[Marker]) -> Option<u32> {
         let numbers = self.maps.iter().rev().flatten().map(|marker| marker.id);
-        numbers.into_iter().find(|old| current.iter().all(|marker| marker.id != *old))
+        numbers
+            .into_iter()
+            .find(|old| current.iter().all(|marker| marker.id != *old))
     }
 
     fn object_numbers(&self) -> impl Iterator<Item = u32> {
-        let objects = self.maps.iter().rev().flatten().filter(|marker| matches!(marker.target, MarkerTarget::Object(_)));
+        let objects = self
+            .maps
+            .iter()
+            .rev()
+            .flatten()
+            .filter(|marker| matches!(marker.target, MarkerTarget::Object(_)));
         objects.map(|marker| marker.id)
     }
 }
 
 impl Deed {
     /// The call, or none where the moment has nothing for it.
-    pub fn call(&self, context: &Context<'_>, truth: &Privileged<'_>, memory: &Memory, rng: &mut ChaCha8Rng) -> Option<ToolCall> {
+    pub fn call(
+        &self,
+        context: &Context<'_>,
+        truth: &Privileged<'_>,
+        memory: &Memory,
+        rng: &mut ChaCha8Rng,
+    ) -> Option<ToolCall> {
         let current = truth.markers;
-        let furniture = || current.iter().filter(|marker| matches!(marker.target, MarkerTarget::Receptacle(_)));
+        let furniture = || {
+            current
+                .iter()
+                .filter(|marker| matches!(marker.target, MarkerTarget::Receptacle(_)))
+        };
         let tool = match self {
             Deed::Call(tool) => tool.clone(),
             Deed::Raw(call) => return Some(call.clone()),
             Deed::Nonsense => return Some(nonsense(context, rng)),
-            Deed::Gaze => Tool::GazeAt { marker: any(rng, current)? },
-            Deed::PickAny => Tool::Pick { marker: current.first().map_or(1, |marker| marker.id) },
-            Deed::PickFurniture => Tool::Pick { marker: furniture().next()?.id },
+            Deed::Gaze => Tool::GazeAt {
+                marker: any(rng, current)?,
+            },
+            Deed::PickAny => Tool::Pick {
+                marker: current.first().map_or(1, |marker| marker.id),
+            },
+            Deed::PickFurniture => Tool::Pick {
+                marker: furniture().next()?.id,
+            },
             Deed::OpenDoorless => {
                 let doorless = |marker: &&Marker| match &marker.target {
                     MarkerTarget::Receptacle(id) => truth.graph.door(id).is_none(),
                     MarkerTarget::Object(_) => true,
                 };
-                Tool::Open { marker: current.iter().find(doorless)?.id }
+                Tool::Open {
+                    marker: current.iter().find(doorless)?.id,
+                }
             }
             Deed::PlaceOn(receptacle) => {
                 let is_it = |marker: &&Marker| matches!(&marker.target, MarkerTarget::Receptacle(id) if id == receptacle);
-                Tool::Place { marker: current.iter().find(is_it).or(furniture().next()).map_or(1, |marker| marker.id) }
+                Tool::Place {
+                    marker: current
+                        .iter()
+                        .find(is_it)
+                        .or(furniture().next())
+                        .map_or(1, |marker| marker.id),
+                }
             }
-            Deed::Old { object, tool: OldTool::Gaze, other } => {
-                Tool::GazeAt { marker: memory.old_number(object, current, *other)? }
+            Deed::Old {
+                object,
+                tool: OldTool::Gaze,
+                other,
+            } => Tool::GazeAt {
+                marker: memory.old_number(object, current, *other)?,
+            },
+            Deed::Old {
+                object,
+                tool: OldTool::Pick,
+                other,
+            } => Tool::Pick {
+                marker: memory.old_number(object, current, *other)?,
+            },
+            Deed::Old {
+                tool: OldTool::Place,
+                ..
+            } => Tool::Place {
+                marker: memory.old_furniture(current)?,
+            },
+            Deed::Renumber { object, .. } if memory.old_number(object, current, true).is_some() => {
+                return None;
             }
-            Deed::Old { object, tool: OldTool::Pick, other } => {
-                Tool::Pick { marker: memory.old_number(object, current, *other)? }
-            }
-            Deed::Old { tool: OldTool::Place, .. } => Tool::Place { marker: memory.old_furniture(current)? },
-            Deed::Renumber { object, .. } if memory.old_number(object, current, true).is_some() => return None,
             Deed::Renumber { tool, .. } => tool.clone(),
-            Deed::Misread => Tool::Pick { marker: current.iter().map(|marker| marker.id).max()? + 1 },
+            Deed::Misread => Tool::Pick {
+                marker: current.iter().map(|marker| marker.id).max()? + 1,
+            },
             Deed::Idle => idle(truth, rng),
         };
         Some(tool.to_call())
@@ -193,16 +269,20 @@ fn any(rng: &mut ChaCha8Rng, markers: &[Marker]) -> Option<u32> {
     random::choose(rng, markers).map(|marker| marker.id)
 }
 
-/// Looks once more at what is here, or drives up to it again: it succeeds where something is in view.
+/// Looks once more at what is here, or drives up to it again: it succeeds where something is in
+/// view.
 fn idle(truth: &Privileged<'_>, rng: &mut ChaCha8Rng) -> Tool {
     let gaze = any(rng, truth.markers);
-    let stands_by_objects = truth
-        .landmark
-        .is_some_and(|id| truth.graph.door(id) != Some(reel_world::DoorState::Closed) && !truth.graph.objects_on(id).is_empty());
+    let stands_by_objects = truth.landmark.is_some_and(|id| {
+        truth.graph.door(id) != Some(reel_world::DoorState::Closed)
+            && !truth.graph.objects_on(id).is_empty()
+    });
     match (random::below(rng, 4), gaze, truth.landmark) {
         (0 | 1, Some(marker), _) => Tool::GazeAt { marker },
         (2, ..) if stands_by_objects => Tool::WalkAround,
-        (2, _, Some(here)) => Tool::NavTo { receptacle: here.clone() },
+        (2, _, Some(here)) => Tool::NavTo {
+            receptacle: here.clone(),
+        },
         _ => Tool::ShowReceptacles,
     }
 }
@@ -214,7 +294,10 @@ fn nonsense(context: &Context<'_>, rng: &mut ChaCha8Rng) -> ToolCall {
     let number = random::below(rng, 6);
     let calls = [
         ToolCall::new("", Value::Null),
-        ToolCall::new("move_forward", json!({ "distance": 0.25 * (number + 1) as f64 })),
+        ToolCall::new(
+            "move_forward",
+            json!({ "distance": 0.25 * (number + 1) as f64 }),
+        ),
         ToolCall::new("grasp", json!({ "object": "target" })),
         ToolCall::new("goto", json!({ "receptacle_name": place })),
         ToolCall::new("look_at", json!({ "marker_id": number })),
@@ -225,7 +308,10 @@ fn nonsense(context: &Context<'_>, rng: &mut ChaCha8Rng) -> ToolCall {
         ToolCall::new("place", json!({ "marker_id": null })),
         ToolCall::new("gaze_at", json!({ "marker_id": [number, number + 1] })),
         ToolCall::new("show_object_by_category", json!({ "category": "object" })),
-        ToolCall::new("tool_call", json!({ "name": "nav_to", "arguments": { "receptacle_name": place } })),
+        ToolCall::new(
+            "tool_call",
+            json!({ "name": "nav_to", "arguments": { "receptacle_name": place } }),
+        ),
     ];
     calls[random::below(rng, calls.len())].clone()
 }

@@ -1,4 +1,5 @@
-//! What each kind of fault does, as legs of a course. Never when the episode as a whole ends well, nor how it is classified.
+//! What each kind of fault does, as legs of a course. Never when the episode as a whole ends well,
+//! nor how it is classified.
 
 use reel_world::{ReceptacleId, Scene, Tool, ToolCall};
 use serde_json::json;
@@ -11,10 +12,21 @@ use super::{
 use crate::{oracle::Habits, random};
 
 /// Things that are in nobody's household here: what one looks for in vain.
-const ABSENT: [&str; 6] = ["telescope", "violin", "umbrella", "surfboard", "typewriter", "snow globe"];
+const ABSENT: [&str; 6] = [
+    "telescope",
+    "violin",
+    "umbrella",
+    "surfboard",
+    "typewriter",
+    "snow globe",
+];
 
 /// What the fault of this index puts into the course.
-pub(super) fn inserts(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
+pub(super) fn inserts(
+    draft: &mut Draft<'_>,
+    index: usize,
+    fault: &Fault,
+) -> Result<Vec<Insert>, Unfit> {
     use FaultKind::*;
     Ok(match fault.kind {
         WrongAttribute | WrongInstance | WrongKind | IgnoredAnswer | MissingAsk | ClaimedAnswer => {
@@ -37,26 +49,63 @@ pub(super) fn inserts(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Res
         StaleMarker => stale_marker(draft, index, fault),
         FalseHistory => false_history(draft, index, fault),
         Exploration => exploration(draft, index, fault),
-        InvalidOutput => forever(index, fault, moment(fault, &ANYWHEN), vec![Deed::Nonsense], fault.strength as usize + 1),
+        InvalidOutput => forever(
+            index,
+            fault,
+            moment(fault, &ANYWHEN),
+            vec![Deed::Nonsense],
+            fault.strength as usize + 1,
+        ),
         Dawdling => {
-            let at = moment(fault, &[Until::Looking, Until::Found, Until::Held, Until::AtDestination]);
-            forever(index, fault, at, vec![Deed::Idle], 2 * fault.strength as usize + 2)
+            let at = moment(
+                fault,
+                &[
+                    Until::Looking,
+                    Until::Found,
+                    Until::Held,
+                    Until::AtDestination,
+                ],
+            );
+            forever(
+                index,
+                fault,
+                at,
+                vec![Deed::Idle],
+                2 * fault.strength as usize + 2,
+            )
         }
         EndlessQuestions => {
             let questions = questions(draft);
-            forever(index, fault, moment(fault, &ANYWHEN), questions, fault.strength as usize + 2)
+            forever(
+                index,
+                fault,
+                moment(fault, &ANYWHEN),
+                questions,
+                fault.strength as usize + 2,
+            )
         }
     })
 }
 
 /// A name like those of the scene's receptacles that none has.
 pub(super) fn unknown_receptacle(scene: &Scene, like: &ReceptacleId) -> ReceptacleId {
-    let stem = like.as_str().trim_end_matches(|c: char| c.is_ascii_digit() || c == '_');
+    let stem = like
+        .as_str()
+        .trim_end_matches(|c: char| c.is_ascii_digit() || c == '_');
     let free = |id: &ReceptacleId| scene.receptacle(id).is_none();
-    (scene.receptacles.len()..).map(|number| format!("{stem}_{number}").into()).find(free).expect("some number is free")
+    (scene.receptacles.len()..)
+        .map(|number| format!("{stem}_{number}").into())
+        .find(free)
+        .expect("some number is free")
 }
 
-const ANYWHEN: [Until; 5] = [Until::Start, Until::Looking, Until::Found, Until::Held, Until::AtDestination];
+const ANYWHEN: [Until; 5] = [
+    Until::Start,
+    Until::Looking,
+    Until::Found,
+    Until::Held,
+    Until::AtDestination,
+];
 
 /// The moment at the fault's position.
 fn moment(fault: &Fault, choices: &[Until]) -> Until {
@@ -65,11 +114,15 @@ fn moment(fault: &Fault, choices: &[Until]) -> Until {
 }
 
 fn nav(receptacle: &ReceptacleId) -> Deed {
-    Deed::Call(Tool::NavTo { receptacle: receptacle.clone() })
+    Deed::Call(Tool::NavTo {
+        receptacle: receptacle.clone(),
+    })
 }
 
 fn look(category: &str) -> Deed {
-    Deed::Call(Tool::ShowObjectByCategory { category: category.to_owned() })
+    Deed::Call(Tool::ShowObjectByCategory {
+        category: category.to_owned(),
+    })
 }
 
 fn finish() -> Leg {
@@ -77,10 +130,14 @@ fn finish() -> Leg {
 }
 
 fn idly() -> Leg {
-    Leg::Do { deeds: vec![Deed::Idle], times: None }
+    Leg::Do {
+        deeds: vec![Deed::Idle],
+        times: None,
+    }
 }
 
-/// One insert: the fault begins with the first of these; it is repaired after them, or `end` follows and nothing else.
+/// One insert: the fault begins with the first of these; it is repaired after them, or `end`
+/// follows and nothing else.
 fn one(index: usize, fault: &Fault, at: Until, mut legs: Vec<Leg>, end: Vec<Leg>) -> Vec<Insert> {
     legs.insert(0, Leg::Begin(index));
     if fault.repaired {
@@ -88,21 +145,48 @@ fn one(index: usize, fault: &Fault, at: Until, mut legs: Vec<Leg>, end: Vec<Leg>
     } else {
         legs.extend(end);
     }
-    vec![Insert { at, legs, last: !fault.repaired }]
+    vec![Insert {
+        at,
+        legs,
+        last: !fault.repaired,
+    }]
 }
 
 /// The deeds in turn: so many where it is repaired, else until the horizon.
-fn forever(index: usize, fault: &Fault, at: Until, deeds: Vec<Deed>, repaired_after: usize) -> Vec<Insert> {
+fn forever(
+    index: usize,
+    fault: &Fault,
+    at: Until,
+    deeds: Vec<Deed>,
+    repaired_after: usize,
+) -> Vec<Insert> {
     let times = fault.repaired.then_some(repaired_after);
     one(index, fault, at, vec![Leg::Do { deeds, times }], vec![])
 }
 
 /// After the first deeds the others again and again, to the horizon or until it gives up.
-fn again(draft: &mut Draft<'_>, index: usize, fault: &Fault, at: Until, first: Vec<Deed>, deeds: Vec<Deed>) -> Vec<Insert> {
+fn again(
+    draft: &mut Draft<'_>,
+    index: usize,
+    fault: &Fault,
+    at: Until,
+    first: Vec<Deed>,
+    deeds: Vec<Deed>,
+) -> Vec<Insert> {
     let long = 5 + 2 * fault.strength as usize + draft.draw(3);
     let gives_up = draft.chance(35);
-    let times = if fault.repaired { Some(2 + fault.strength as usize) } else { gives_up.then_some(long) };
-    let mut inserts = one(index, fault, at, vec![Leg::Do { deeds, times }], vec![finish()]);
+    let times = if fault.repaired {
+        Some(2 + fault.strength as usize)
+    } else {
+        gives_up.then_some(long)
+    };
+    let mut inserts = one(
+        index,
+        fault,
+        at,
+        vec![Leg::Do { deeds, times }],
+        vec![finish()],
+    );
     inserts[0].legs.insert(0, Leg::each(first));
     inserts
 }
@@ -110,12 +194,24 @@ fn again(draft: &mut Draft<'_>, index: usize, fault: &Fault, at: Until, first: V
 fn wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
     let mut objects = choices::wrong_objects(fault.kind, draft.task)?;
     objects.retain(|object| !draft.engaged.contains(&object.receptacle));
-    let object = random::choose(&mut draft.rng, &objects).copied().cloned().ok_or(Unfit::NoObject { kind: fault.kind })?;
+    let object = random::choose(&mut draft.rng, &objects)
+        .copied()
+        .cloned()
+        .ok_or(Unfit::NoObject { kind: fault.kind })?;
     draft.engaged.push(object.receptacle.clone());
     draft.watch(Watch::Picks(index, object.instance.clone()));
     let mut inserts = Vec::new();
-    let mut insert = |at, legs| inserts.push(Insert { at, legs, last: false });
-    let never_asks = Leg::Habits(Habits { asks: false, ..Habits::default() });
+    let mut insert = |at, legs| {
+        inserts.push(Insert {
+            at,
+            legs,
+            last: false,
+        })
+    };
+    let never_asks = Leg::Habits(Habits {
+        asks: false,
+        ..Habits::default()
+    });
     let believes = Leg::Object(Some(object.clone()));
     match fault.kind {
         FaultKind::IgnoredAnswer => insert(Until::Looking, vec![Leg::Go(Until::Asked), believes]),
@@ -144,7 +240,8 @@ fn wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Ve
     Ok(inserts)
 }
 
-/// It notices on the way that it holds the wrong thing; the oracle puts it back and takes the right one.
+/// It notices on the way that it holds the wrong thing; the oracle puts it back and takes the right
+/// one.
 fn put_back(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Leg> {
     let thoughts = [
         "Wait, this is not the one I was told to bring.",
@@ -155,11 +252,20 @@ fn put_back(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Leg> {
     if fault.strength > 2 {
         legs.insert(0, Leg::one(nav(&choices::destination(draft.task).clone())));
     }
-    legs.extend([Leg::Repaired(index), Leg::Unclaim, Leg::Object(None), Leg::Habits(Habits::default())]);
+    legs.extend([
+        Leg::Repaired(index),
+        Leg::Unclaim,
+        Leg::Object(None),
+        Leg::Habits(Habits::default()),
+    ]);
     legs
 }
 
-fn stale_wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
+fn stale_wrong_object(
+    draft: &mut Draft<'_>,
+    index: usize,
+    fault: &Fault,
+) -> Result<Vec<Insert>, Unfit> {
     choices::wrong_objects(fault.kind, draft.task)?;
     let target = draft.task.target.clone();
     draft.watch(Watch::PicksOther(index, target.clone()));
@@ -168,16 +274,41 @@ fn stale_wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Res
     if draft.chance(50) {
         looks.reverse();
     }
-    // Looks until the numbers have changed so that the old one misleads; then it relies on the old one.
+    // Looks until the numbers have changed so that the old one misleads; then it relies on the old
+    // one.
     let [first, second] = looks;
-    let renumber = |tool: &Tool| Deed::Renumber { object: target.clone(), tool: tool.clone() };
-    let old = |tool| Deed::Old { object: target.clone(), tool, other: true };
-    let mut maps = vec![Deed::Call(first.clone()), renumber(&second), renumber(&first)];
-    maps.extend([Deed::Gaze, renumber(&second), old(OldTool::Gaze), old(OldTool::Pick)]);
-    let mut inserts = vec![Insert { at: Until::Looking, legs: vec![Leg::each(maps)], last: false }];
+    let renumber = |tool: &Tool| Deed::Renumber {
+        object: target.clone(),
+        tool: tool.clone(),
+    };
+    let old = |tool| Deed::Old {
+        object: target.clone(),
+        tool,
+        other: true,
+    };
+    let mut maps = vec![
+        Deed::Call(first.clone()),
+        renumber(&second),
+        renumber(&first),
+    ];
+    maps.extend([
+        Deed::Gaze,
+        renumber(&second),
+        old(OldTool::Gaze),
+        old(OldTool::Pick),
+    ]);
+    let mut inserts = vec![Insert {
+        at: Until::Looking,
+        legs: vec![Leg::each(maps)],
+        last: false,
+    }];
     if fault.repaired {
         // The numbers may not have misled it after all: then it has nothing to say.
-        inserts.push(Insert { at: Until::Held, legs: vec![Leg::Repaired(index)], last: false });
+        inserts.push(Insert {
+            at: Until::Held,
+            legs: vec![Leg::Repaired(index)],
+            last: false,
+        });
     }
     Ok(inserts)
 }
@@ -185,62 +316,136 @@ fn stale_wrong_object(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Res
 fn wrong_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
     let mut places = choices::wrong_receptacles(fault.kind, draft.task, draft.scene)?;
     places.retain(|place| !draft.engaged.contains(place));
-    let none = || Unfit::NoReceptacle { kind: fault.kind, destination: choices::destination(draft.task).clone() };
-    let place = random::choose(&mut draft.rng, &places).cloned().ok_or_else(none)?;
+    let none = || Unfit::NoReceptacle {
+        kind: fault.kind,
+        destination: choices::destination(draft.task).clone(),
+    };
+    let place = random::choose(&mut draft.rng, &places)
+        .cloned()
+        .ok_or_else(none)?;
     draft.engaged.push(place.clone());
     draft.watch(Watch::PlacesOn(index, place.clone()));
-    let mut inserts = vec![Insert { at: Until::Start, legs: vec![Leg::Place(Some(place.clone()))], last: false }];
+    let mut inserts = vec![Insert {
+        at: Until::Start,
+        legs: vec![Leg::Place(Some(place.clone()))],
+        last: false,
+    }];
     let right = choices::destination(draft.task).clone();
     if draft.chance(40) && !choices::is_closed(draft.task, &place) {
         // It was at the right one and did not know it.
-        let legs = vec![Leg::Think(format!("Is it {right}? I do not think so.")), Leg::one(nav(&right))];
-        inserts.push(Insert { at: Until::Held, legs, last: false });
+        let legs = vec![
+            Leg::Think(format!("Is it {right}? I do not think so.")),
+            Leg::one(nav(&right)),
+        ];
+        inserts.push(Insert {
+            at: Until::Held,
+            legs,
+            last: false,
+        });
     }
     if fault.repaired {
-        let think = Leg::Think(format!("{place} is not where it belongs; I take it from there again."));
+        let think = Leg::Think(format!(
+            "{place} is not where it belongs; I take it from there again."
+        ));
         let legs = vec![think, Leg::Repaired(index), Leg::Place(None)];
-        inserts.push(Insert { at: Until::Placed, legs, last: false });
+        inserts.push(Insert {
+            at: Until::Placed,
+            legs,
+            last: false,
+        });
     }
     Ok(inserts)
 }
 
 fn missing_open(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Result<Vec<Insert>, Unfit> {
-    let [from, to] = [draft.task.target_object().receptacle.clone(), choices::destination(draft.task).clone()];
+    let [from, to] = [
+        draft.task.target_object().receptacle.clone(),
+        choices::destination(draft.task).clone(),
+    ];
     let [source, destination] = [&from, &to].map(|id| choices::is_closed(draft.task, id));
     let category = draft.task.target_object().category.clone();
     let often = fault.strength as usize;
     let (at, mut legs) = if destination {
-        (Until::AtDestination, vec![Leg::each(vec![Deed::Call(Tool::ShowReceptacles)]), Leg::one(Deed::PlaceOn(to.clone()))])
+        (
+            Until::AtDestination,
+            vec![
+                Leg::each(vec![Deed::Call(Tool::ShowReceptacles)]),
+                Leg::one(Deed::PlaceOn(to.clone())),
+            ],
+        )
     } else if source {
-        (Until::Looking, vec![Leg::each(vec![look(&category), Deed::Call(Tool::WalkAround)])])
+        (
+            Until::Looking,
+            vec![Leg::each(vec![
+                look(&category),
+                Deed::Call(Tool::WalkAround),
+            ])],
+        )
     } else {
-        return Err(Unfit::NoDoor { kind: fault.kind, source_id: from, destination: to });
+        return Err(Unfit::NoDoor {
+            kind: fault.kind,
+            source_id: from,
+            destination: to,
+        });
     };
-    let more = if destination { Deed::PlaceOn(to) } else { look(&category) };
+    let more = if destination {
+        Deed::PlaceOn(to)
+    } else {
+        look(&category)
+    };
     if often > 1 && (!fault.repaired || source) {
-        legs.push(Leg::Do { deeds: vec![more], times: Some(often - 1) });
+        legs.push(Leg::Do {
+            deeds: vec![more],
+            times: Some(often - 1),
+        });
     }
     let end = if draft.chance(30) { idly() } else { finish() };
     let sees_doors = Leg::Habits(Habits::default());
     let mut inserts = one(index, fault, at, legs, vec![end]);
     inserts[0].legs.push(sees_doors);
-    let blind = Leg::Habits(Habits { minds_doors: false, ..Habits::default() });
-    inserts.push(Insert { at: Until::Start, legs: vec![blind], last: false });
+    let blind = Leg::Habits(Habits {
+        minds_doors: false,
+        ..Habits::default()
+    });
+    inserts.push(Insert {
+        at: Until::Start,
+        legs: vec![blind],
+        last: false,
+    });
     Ok(inserts)
 }
 
 fn never_looked(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
     let to = choices::destination(draft.task).clone();
-    let try_to_place = || vec![nav(&to), Deed::Call(Tool::ShowReceptacles), Deed::PlaceOn(to.clone())];
+    let try_to_place = || {
+        vec![
+            nav(&to),
+            Deed::Call(Tool::ShowReceptacles),
+            Deed::PlaceOn(to.clone()),
+        ]
+    };
     let (at, deeds) = match draft.draw(4) {
         0 => (Until::Looking, vec![nav(&to)]),
         1 => (Until::Start, try_to_place()),
-        2 => (Until::Looking, vec![Deed::Call(Tool::ShowReceptacles), Deed::PickFurniture, nav(&to)]),
+        2 => (
+            Until::Looking,
+            vec![
+                Deed::Call(Tool::ShowReceptacles),
+                Deed::PickFurniture,
+                nav(&to),
+            ],
+        ),
         _ => (Until::Looking, try_to_place()),
     };
-    let mut legs = vec![Leg::Think(format!("I take it along and bring it to {to}.")), Leg::each(deeds)];
+    let mut legs = vec![
+        Leg::Think(format!("I take it along and bring it to {to}.")),
+        Leg::each(deeds),
+    ];
     if fault.strength > 1 {
-        let others = draft.others(&[&to, &draft.task.target_object().receptacle.clone()], fault.strength as usize - 1);
+        let others = draft.others(
+            &[&to, &draft.task.target_object().receptacle.clone()],
+            fault.strength as usize - 1,
+        );
         legs.push(Leg::each(others.iter().map(nav).collect()));
     }
     one(index, fault, at, legs, vec![finish()])
@@ -254,11 +459,24 @@ fn missing_pick(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inser
         format!("With the {category} found, the next thing is {to}."),
         format!("The {category} is here. On to {to}."),
     ];
-    let mut legs = vec![Leg::Think(thoughts[draft.draw(3)].clone()), Leg::one(nav(&to))];
-    let tries = if fault.repaired { 1 } else { draft.draw(fault.strength as usize + 1) };
+    let mut legs = vec![
+        Leg::Think(thoughts[draft.draw(3)].clone()),
+        Leg::one(nav(&to)),
+    ];
+    let tries = if fault.repaired {
+        1
+    } else {
+        draft.draw(fault.strength as usize + 1)
+    };
     if tries > 0 {
         let place = Deed::PlaceOn(to.clone());
-        legs.extend([Leg::one(Deed::Call(Tool::ShowReceptacles)), Leg::Do { deeds: vec![place], times: Some(tries) }]);
+        legs.extend([
+            Leg::one(Deed::Call(Tool::ShowReceptacles)),
+            Leg::Do {
+                deeds: vec![place],
+                times: Some(tries),
+            },
+        ]);
     }
     let end = if draft.chance(20) { idly() } else { finish() };
     one(index, fault, Until::Found, legs, vec![end])
@@ -275,39 +493,74 @@ fn missing_place(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inse
     if fault.repaired {
         // It is about to leave with the thing in its hand, and comes back.
         let elsewhere = draft.others(&[&choices::destination(draft.task).clone()], 1);
-        return one(index, fault, Until::AtDestination, vec![think, Leg::each(elsewhere.iter().map(nav).collect())], vec![]);
+        return one(
+            index,
+            fault,
+            Until::AtDestination,
+            vec![think, Leg::each(elsewhere.iter().map(nav).collect())],
+            vec![],
+        );
     }
     let looks = draft.draw(fault.strength as usize + 1);
-    let legs = if looks > 0 { vec![think, Leg::Do { deeds: vec![Deed::Idle], times: Some(looks) }] } else { vec![think] };
+    let legs = if looks > 0 {
+        vec![
+            think,
+            Leg::Do {
+                deeds: vec![Deed::Idle],
+                times: Some(looks),
+            },
+        ]
+    } else {
+        vec![think]
+    };
     one(index, fault, Until::AtDestination, legs, vec![finish()])
 }
 
 fn premature_finish(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
-    let [from, to] = [draft.task.target_object().receptacle.clone(), choices::destination(draft.task).clone()];
+    let [from, to] = [
+        draft.task.target_object().receptacle.clone(),
+        choices::destination(draft.task).clone(),
+    ];
     if fault.position >= 0.25 {
         let way = draft.draw(fault.strength as usize);
         let others = draft.others(&[&to, &from], way);
         let mut inserts = one(index, fault, Until::Held, vec![], vec![finish()]);
-        inserts[0].legs.insert(0, Leg::each(others.iter().map(nav).collect()));
+        inserts[0]
+            .legs
+            .insert(0, Leg::each(others.iter().map(nav).collect()));
         return inserts;
     }
     // It looks in the wrong place, finds nothing, and leaves it at that.
     let category = draft.task.target_object().category.clone();
     let alike: Vec<ReceptacleId> = draft.task.src_distractors.clone();
     let wrong = random::choose(&mut draft.rng, &alike).cloned();
-    let wrong = wrong.or_else(|| draft.others(&[&to, &from], 1).pop()).unwrap_or(to);
+    let wrong = wrong
+        .or_else(|| draft.others(&[&to, &from], 1).pop())
+        .unwrap_or(to);
     let mut inserts = one(index, fault, Until::Start, vec![], vec![finish()]);
     let looks = vec![nav(&wrong), look(&category), Deed::Call(Tool::WalkAround)];
-    inserts[0].legs.splice(0..0, [Leg::Think(format!("It should be on {wrong}.")), Leg::each(looks)]);
+    inserts[0].legs.splice(
+        0..0,
+        [
+            Leg::Think(format!("It should be on {wrong}.")),
+            Leg::each(looks),
+        ],
+    );
     inserts
 }
 
 /// Drives in turn between so many receptacles.
 fn turning(draft: &mut Draft<'_>, index: usize, fault: &Fault, between: usize) -> Vec<Insert> {
     let at = moment(fault, &[Until::Start, Until::Looking, Until::Held]);
-    let [from, to] = [draft.task.target_object().receptacle.clone(), choices::destination(draft.task).clone()];
-    let (wanted, alike) =
-        if at == Until::Held { (to, draft.task.dest_distractors.clone()) } else { (from, draft.task.src_distractors.clone()) };
+    let [from, to] = [
+        draft.task.target_object().receptacle.clone(),
+        choices::destination(draft.task).clone(),
+    ];
+    let (wanted, alike) = if at == Until::Held {
+        (to, draft.task.dest_distractors.clone())
+    } else {
+        (from, draft.task.src_distractors.clone())
+    };
     let mut others: Vec<ReceptacleId> = alike.into_iter().filter(|id| *id != wanted).collect();
     random::shuffle(&mut draft.rng, &mut others);
     if draft.chance(30) {
@@ -325,18 +578,35 @@ fn turning(draft: &mut Draft<'_>, index: usize, fault: &Fault, between: usize) -
     let turns = between * (fault.strength as usize + 1) + 1;
     let gives_up = draft.chance(20);
     let long = between * 4 + draft.draw(4);
-    let times = if fault.repaired { Some(turns) } else { gives_up.then_some(long) };
+    let times = if fault.repaired {
+        Some(turns)
+    } else {
+        gives_up.then_some(long)
+    };
     let mut deeds: Vec<Deed> = circle.iter().map(nav).collect();
     // Where a door has to be opened first it is wrong to go to the object at once.
-    let door_first = at == Until::Start && choices::is_closed(draft.task, choices::destination(draft.task));
+    let door_first =
+        at == Until::Start && choices::is_closed(draft.task, choices::destination(draft.task));
     if at == Until::Looking || door_first {
-        return one(index, fault, at, vec![Leg::Do { deeds, times }], vec![finish()]);
+        return one(
+            index,
+            fault,
+            at,
+            vec![Leg::Do { deeds, times }],
+            vec![finish()],
+        );
     }
     // To where it should go it goes rightly once; the fault begins when it leaves again.
     let rightly = deeds[0].clone();
     deeds.rotate_left(1);
     let times = times.map(|times| times - 1);
-    let mut inserts = one(index, fault, at, vec![Leg::Do { deeds, times }], vec![finish()]);
+    let mut inserts = one(
+        index,
+        fault,
+        at,
+        vec![Leg::Do { deeds, times }],
+        vec![finish()],
+    );
     inserts[0].legs.insert(0, Leg::one(rightly));
     inserts
 }
@@ -348,29 +618,80 @@ fn repeated_failure(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<I
     match draft.draw(if late { 2 } else { 4 }) {
         0 => {
             let receptacle = unknown_receptacle(draft.scene, &to);
-            again(draft, index, fault, if late { Until::Held } else { Until::Start }, vec![], vec![nav(&receptacle)])
+            again(
+                draft,
+                index,
+                fault,
+                if late { Until::Held } else { Until::Start },
+                vec![],
+                vec![nav(&receptacle)],
+            )
         }
         1 => {
-            let caption = draft.scene.receptacle(&to).and_then(|known| known.main_caption()).unwrap_or("the place").to_owned();
+            let caption = draft
+                .scene
+                .receptacle(&to)
+                .and_then(|known| known.main_caption())
+                .unwrap_or("the place")
+                .to_owned();
             let call = ToolCall::new("nav_to", json!({ "receptacle_name": caption }));
-            again(draft, index, fault, if late { Until::Held } else { Until::Start }, vec![], vec![Deed::Raw(call)])
+            again(
+                draft,
+                index,
+                fault,
+                if late { Until::Held } else { Until::Start },
+                vec![],
+                vec![Deed::Raw(call)],
+            )
         }
         2 => {
             let absent = ABSENT[draft.draw(ABSENT.len())];
-            again(draft, index, fault, Until::Looking, vec![], vec![look(absent)])
+            again(
+                draft,
+                index,
+                fault,
+                Until::Looking,
+                vec![],
+                vec![look(absent)],
+            )
         }
-        _ if draft.chance(50) => again(draft, index, fault, Until::Looking, furniture, vec![Deed::OpenDoorless]),
-        _ => again(draft, index, fault, Until::Looking, furniture, vec![Deed::PickFurniture]),
+        _ if draft.chance(50) => again(
+            draft,
+            index,
+            fault,
+            Until::Looking,
+            furniture,
+            vec![Deed::OpenDoorless],
+        ),
+        _ => again(
+            draft,
+            index,
+            fault,
+            Until::Looking,
+            furniture,
+            vec![Deed::PickFurniture],
+        ),
     }
 }
 
 fn stale_marker(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
     let target = draft.task.target.clone();
-    let [from, to] = [draft.task.target_object().receptacle.clone(), choices::destination(draft.task).clone()];
-    let old = |tool| Deed::Old { object: target.clone(), tool, other: false };
+    let [from, to] = [
+        draft.task.target_object().receptacle.clone(),
+        choices::destination(draft.task).clone(),
+    ];
+    let old = |tool| Deed::Old {
+        object: target.clone(),
+        tool,
+        other: false,
+    };
     let often = fault.strength as usize;
     let (at, first, deeds) = if fault.position < 0.6 {
-        let mut away: Vec<Deed> = if draft.chance(50) { draft.others(&[&from], 1).iter().map(nav).collect() } else { vec![] };
+        let mut away: Vec<Deed> = if draft.chance(50) {
+            draft.others(&[&from], 1).iter().map(nav).collect()
+        } else {
+            vec![]
+        };
         away.push(nav(&from));
         let deeds = if draft.chance(50) {
             vec![old(OldTool::Pick), old(OldTool::Gaze)]
@@ -379,9 +700,22 @@ fn stale_marker(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inser
         };
         (Until::Found, away, deeds)
     } else {
-        (Until::Held, vec![Deed::Call(Tool::ShowReceptacles), nav(&to)], vec![old(OldTool::Place)])
+        (
+            Until::Held,
+            vec![Deed::Call(Tool::ShowReceptacles), nav(&to)],
+            vec![old(OldTool::Place)],
+        )
     };
-    let mut inserts = one(index, fault, at, vec![Leg::Do { deeds, times: Some(often) }], vec![finish()]);
+    let mut inserts = one(
+        index,
+        fault,
+        at,
+        vec![Leg::Do {
+            deeds,
+            times: Some(often),
+        }],
+        vec![finish()],
+    );
     inserts[0].legs.insert(0, Leg::each(first));
     inserts
 }
@@ -403,15 +737,22 @@ fn false_history(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inse
     ];
     let picked = Leg::Claim(picked[draft.draw(4)].clone());
     let placed = Leg::Claim(placed[draft.draw(4)].clone());
-    let looks = Leg::Do { deeds: vec![Deed::Idle], times: Some(draft.draw(fault.strength as usize) + 1) };
-    let at = moment(fault, &[Until::Looking, Until::Found, Until::Held, Until::Held]);
+    let looks = Leg::Do {
+        deeds: vec![Deed::Idle],
+        times: Some(draft.draw(fault.strength as usize) + 1),
+    };
+    let at = moment(
+        fault,
+        &[Until::Looking, Until::Found, Until::Held, Until::Held],
+    );
     let mut legs = match at {
         Until::Held => vec![placed, looks],
         _ if draft.chance(50) => vec![picked, Leg::one(nav(&to)), placed],
         _ => vec![picked, Leg::one(nav(&to))],
     };
     if fault.repaired {
-        let think = Leg::Think("That cannot be: I look at my hand and see that it was not so.".to_owned());
+        let think =
+            Leg::Think("That cannot be: I look at my hand and see that it was not so.".to_owned());
         legs.extend([Leg::Unclaim, think]);
     }
     one(index, fault, at, legs, vec![finish()])
@@ -419,19 +760,34 @@ fn false_history(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Inse
 
 fn exploration(draft: &mut Draft<'_>, index: usize, fault: &Fault) -> Vec<Insert> {
     let category = draft.task.target_object().category.clone();
-    let places = draft.others(&[&draft.task.target_object().receptacle.clone()], usize::MAX);
-    let places = if fault.repaired { &places[..places.len().min(fault.strength as usize + 1)] } else { &places[..] };
+    let places = draft.others(
+        &[&draft.task.target_object().receptacle.clone()],
+        usize::MAX,
+    );
+    let places = if fault.repaired {
+        &places[..places.len().min(fault.strength as usize + 1)]
+    } else {
+        &places[..]
+    };
     let mut deeds = Vec::new();
     for place in places {
         deeds.push(nav(place));
-        let looks = [look(&category), Deed::Call(Tool::WalkAround), Deed::Call(Tool::ShowReceptacles)];
+        let looks = [
+            look(&category),
+            Deed::Call(Tool::WalkAround),
+            Deed::Call(Tool::ShowReceptacles),
+        ];
         deeds.push(looks[draft.draw(3)].clone());
         if !fault.repaired && draft.chance(25) {
             deeds.push(looks[draft.draw(2)].clone());
         }
     }
     let times = fault.repaired.then_some(deeds.len());
-    let at = if fault.position < 0.7 { Until::Start } else { Until::Looking };
+    let at = if fault.position < 0.7 {
+        Until::Start
+    } else {
+        Until::Looking
+    };
     one(index, fault, at, vec![Leg::Do { deeds, times }], vec![])
 }
 
@@ -448,5 +804,8 @@ fn questions(draft: &mut Draft<'_>) -> Vec<Deed> {
         format!("Is it on {}?", choices::destination(task)),
     ];
     random::shuffle(&mut draft.rng, &mut questions);
-    questions.into_iter().map(|question| Deed::Call(Tool::Ask { question })).collect()
+    questions
+        .into_iter()
+        .map(|question| Deed::Call(Tool::Ask { question }))
+        .collect()
 }

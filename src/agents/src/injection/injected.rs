@@ -1,5 +1,5 @@
-//! The policy that acts an injection out: it goes through a course, and notes when a fault begins and when it is corrected.
-//! Never tells the trace what is wrong with it.
+//! The policy that acts an injection out: it goes through a course, and notes when a fault begins
+//! and when it is corrected. Never tells the trace what is wrong with it.
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -21,7 +21,8 @@ use crate::{Context, NoAnswer, Oracle, Policy, faults::mistaken_task, policy, ra
 
 /// Legs and deeds that may be passed over between two calls; a course has far fewer.
 const PASSES_MAX: usize = 200;
-/// Agents that look for what the instruction names rather than for what they take for it, in a hundred.
+/// Agents that look for what the instruction names rather than for what they take for it, in a
+/// hundred.
 const BY_INSTRUCTION: usize = 60;
 const NAME: &str = "injected";
 
@@ -95,9 +96,12 @@ impl Injected {
         })
     }
 
-    /// What came of the injection; to be asked after the episode, of which `success` says whether it reached its goal.
+    /// What came of the injection; to be asked after the episode, of which `success` says whether
+    /// it reached its goal.
     pub fn label(&self, episode_id: &str, success: bool) -> Label {
-        let faults: Vec<FaultLabel> = (0..self.marks.len()).map(|index| self.fault_label(index)).collect();
+        let faults: Vec<FaultLabel> = (0..self.marks.len())
+            .map(|index| self.fault_label(index))
+            .collect();
         Label {
             episode_id: episode_id.to_owned(),
             task_id: self.task.task_id.clone(),
@@ -111,14 +115,21 @@ impl Injected {
 
     fn fault_label(&self, index: usize) -> FaultLabel {
         let (kind, mark) = (self.injection.faults[index].kind, &self.marks[index]);
-        // to notice it is not yet to repair it: what was taken has to be out of the hand, and the target off the wrong place
+        // to notice it is not yet to repair it: what was taken has to be out of the hand, and the
+        // target off the wrong place
         let stands = self.watches.iter().any(|watch| match watch {
             Watch::Picks(other, object) => *other == index && self.held.as_ref() == Some(object),
-            Watch::PicksOther(other, _) => *other == index && self.held.is_some() && self.held == self.taken,
-            Watch::PlacesOn(other, place) => *other == index && self.target_at.as_ref() == Some(place),
+            Watch::PicksOther(other, _) => {
+                *other == index && self.held.is_some() && self.held == self.taken
+            }
+            Watch::PlacesOn(other, place) => {
+                *other == index && self.target_at.as_ref() == Some(place)
+            }
         });
         let taken = || self.taken.as_ref().and_then(|id| self.task.object(id));
-        let sub_class = kind.sub_class().or_else(|| choices::mistake(&self.task, taken()?).sub_class());
+        let sub_class = kind
+            .sub_class()
+            .or_else(|| choices::mistake(&self.task, taken()?).sub_class());
         FaultLabel {
             kind,
             class: kind.class(),
@@ -131,16 +142,26 @@ impl Injected {
     fn decide(&mut self, context: &Context<'_>, truth: &Privileged<'_>) -> ToolCall {
         self.memory.learn(truth.markers);
         for _ in 0..PASSES_MAX {
-            let Some(leg) = self.legs.front().cloned() else { break };
+            let Some(leg) = self.legs.front().cloned() else {
+                break;
+            };
             match leg {
-                Leg::Follow { task, habits, until } => {
+                Leg::Follow {
+                    task,
+                    habits,
+                    until,
+                } => {
                     let oracle = self.oracle.get_or_insert_with(|| {
                         let task = match self.adopted.as_ref().and_then(|id| task.object(id)) {
                             Some(taken) => Arc::new(mistaken_task(&task, Some(taken), None)),
                             None => task.clone(),
                         };
                         let oracle = Oracle::faulty(NAME, task, habits, self.injection.seed);
-                        if context.step == 0 && self.follows_published_plan { oracle } else { oracle.resumed(self.asked) }
+                        if context.step == 0 && self.follows_published_plan {
+                            oracle
+                        } else {
+                            oracle.resumed(self.asked)
+                        }
                     });
                     let tool = oracle.next_tool(context);
                     if let Some(reason) = oracle.gave_up() {
@@ -152,7 +173,9 @@ impl Injected {
                     self.voice.intend(&intents, name.as_deref());
                     if !is_reached(until, intents.front(), truth, self.asked) {
                         return match (tool, name) {
-                            (Tool::ShowObjectByCategory { .. }, Some(name)) => Tool::ShowObjectByCategory { category: name },
+                            (Tool::ShowObjectByCategory { .. }, Some(name)) => {
+                                Tool::ShowObjectByCategory { category: name }
+                            }
                             (tool, _) => tool,
                         }
                         .to_call();
@@ -179,7 +202,9 @@ impl Injected {
                 }
                 Leg::Repaired(index) => {
                     self.marks[index].repaired = self.marks[index].began.is_some();
-                    if self.watches.iter().any(|watch| matches!(watch, Watch::PicksOther(other, _) if *other == index)) {
+                    if self.watches.iter().any(
+                        |watch| matches!(watch, Watch::PicksOther(other, _) if *other == index),
+                    ) {
                         self.adopted = None;
                     }
                     self.pass();
@@ -218,7 +243,8 @@ impl Injected {
         Some(deed)
     }
 
-    /// The oracle looks for what a thing is; an agent that was told a category or a purpose may look for that.
+    /// The oracle looks for what a thing is; an agent that was told a category or a purpose may
+    /// look for that.
     fn named(&self) -> Option<&str> {
         let told = match &self.task.purpose {
             Some(purpose) if self.task.fuzzy => (!self.asked).then_some(purpose),
@@ -234,25 +260,39 @@ impl Injected {
         }
         let Ok(tool) = Tool::parse(call) else { return };
         self.asked |= matches!(tool, Tool::Ask { .. });
-        let of_number = |number: u32| truth.markers.iter().find(|marker| marker.id == number).map(|Marker { target, .. }| target);
+        let of_number = |number: u32| {
+            truth
+                .markers
+                .iter()
+                .find(|marker| marker.id == number)
+                .map(|Marker { target, .. }| target)
+        };
         for watch in &self.watches {
             let index = match (watch, &tool) {
                 (Watch::Picks(index, object), Tool::Pick { marker }) => match of_number(*marker) {
                     Some(MarkerTarget::Object(id)) if id == object => *index,
                     _ => continue,
                 },
-                (Watch::PicksOther(index, object), Tool::Pick { marker }) => match of_number(*marker) {
-                    Some(MarkerTarget::Object(id)) if id != object && truth.held.is_none() && !self.marks[*index].repaired => {
-                        self.adopted = Some(id.clone());
-                        self.taken = Some(id.clone());
-                        *index
+                (Watch::PicksOther(index, object), Tool::Pick { marker }) => {
+                    match of_number(*marker) {
+                        Some(MarkerTarget::Object(id))
+                            if id != object
+                                && truth.held.is_none()
+                                && !self.marks[*index].repaired =>
+                        {
+                            self.adopted = Some(id.clone());
+                            self.taken = Some(id.clone());
+                            *index
+                        }
+                        _ => continue,
                     }
-                    _ => continue,
-                },
-                (Watch::PlacesOn(index, receptacle), Tool::Place { marker }) => match of_number(*marker) {
-                    Some(MarkerTarget::Receptacle(id)) if id == receptacle => *index,
-                    _ => continue,
-                },
+                }
+                (Watch::PlacesOn(index, receptacle), Tool::Place { marker }) => {
+                    match of_number(*marker) {
+                        Some(MarkerTarget::Receptacle(id)) if id == receptacle => *index,
+                        _ => continue,
+                    }
+                }
                 _ => continue,
             };
             self.marks[index].began.get_or_insert(context.step);
@@ -278,7 +318,9 @@ impl Policy for Injected {
         let call = self.decide(context, truth);
         self.note(&call, context, truth);
         let thought = self.thought.take();
-        let output = self.voice.tell(&call, thought.as_deref(), context.observation);
+        let output = self
+            .voice
+            .tell(&call, thought.as_deref(), context.observation);
         Ok(StepInput::said(call, output))
     }
 

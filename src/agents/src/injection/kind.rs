@@ -1,4 +1,5 @@
-//! The kinds of fault and of harmless detour, and what each is called in the failure taxonomy. Never how one is acted out.
+//! The kinds of fault and of harmless detour, and what each is called in the failure taxonomy.
+//! Never how one is acted out.
 
 use std::fmt;
 
@@ -94,7 +95,11 @@ fault_kinds! {
 impl FaultKind {
     /// The kinds of a class.
     pub fn of_class(class: FailureClass) -> Vec<FaultKind> {
-        Self::ALL.iter().copied().filter(|kind| kind.class() == class).collect()
+        Self::ALL
+            .iter()
+            .copied()
+            .filter(|kind| kind.class() == class)
+            .collect()
     }
 }
 
@@ -122,6 +127,11 @@ pub enum Detour {
 
 impl Detour {
     /// Every kind.
-    pub const ALL: [Detour; 5] =
-        [Detour::ExtraLook, Detour::ThereAndBack, Detour::CorrectedSlip, Detour::UnneededQuestion, Detour::ExtraGaze];
+    pub const ALL: [Detour; 5] = [
+        Detour::ExtraLook,
+        Detour::ThereAndBack,
+        Detour::CorrectedSlip,
+        Detour::UnneededQuestion,
+        Detour::ExtraGaze,
+    ];
 }

@@ -1,4 +1,5 @@
-//! What was done wrong on purpose in an episode, and which of it decided. Never read by what classifies.
+//! What was done wrong on purpose in an episode, and which of it decided. Never read by what
+//! classifies.
 
 use reel_world::{FailureClass, record::PolicyInfo};
 use serde::{Deserialize, Serialize};
@@ -51,8 +52,9 @@ pub struct Primary {
 }
 
 impl Primary {
-    /// The primary of several (SPEC section 7): of those not repaired `missing_ask` first, `stale_marker` and then `timeout`
-    /// last, the others by time. Where all were repaired and the goal was missed all the same, the first of them cost it.
+    /// The primary of several (SPEC section 7): of those not repaired `missing_ask` first,
+    /// `stale_marker` and then `timeout` last, the others by time. Where all were repaired and the
+    /// goal was missed all the same, the first of them cost it.
     pub fn of(faults: &[FaultLabel], success: bool) -> Option<Primary> {
         let rank = |fault: &FaultLabel| match fault.sub_class.as_str() {
             "missing_ask" => 0,
@@ -60,9 +62,17 @@ impl Primary {
             "timeout" => 3,
             _ => 1,
         };
-        let decided = faults.iter().filter(|_| !success).filter_map(|fault| Some((fault, fault.step?)));
-        let (fault, step) = decided.min_by_key(|(fault, step)| (fault.repaired, rank(fault), *step))?;
-        Some(Primary { class: fault.class, sub_class: fault.sub_class.clone(), step })
+        let decided = faults
+            .iter()
+            .filter(|_| !success)
+            .filter_map(|fault| Some((fault, fault.step?)));
+        let (fault, step) =
+            decided.min_by_key(|(fault, step)| (fault.repaired, rank(fault), *step))?;
+        Some(Primary {
+            class: fault.class,
+            sub_class: fault.sub_class.clone(),
+            step,
+        })
     }
 }
 
@@ -71,7 +81,13 @@ mod tests {
     use super::*;
 
     fn fault(kind: FaultKind, step: Option<u32>, repaired: bool) -> FaultLabel {
-        FaultLabel { kind, class: kind.class(), sub_class: kind.sub_class().unwrap_or("wrong_attribute").into(), step, repaired }
+        FaultLabel {
+            kind,
+            class: kind.class(),
+            sub_class: kind.sub_class().unwrap_or("wrong_attribute").into(),
+            step,
+            repaired,
+        }
     }
 
     fn primary(faults: &[FaultLabel]) -> Option<String> {
@@ -84,12 +100,25 @@ mod tests {
         let ask = fault(FaultKind::MissingAsk, Some(7), false);
         let stale = fault(FaultKind::StaleMarker, Some(1), false);
         let idle = fault(FaultKind::Dawdling, Some(0), false);
-        assert_eq!(primary(&[early.clone(), ask.clone()]).unwrap(), "missing_ask");
-        assert_eq!(primary(&[stale.clone(), idle.clone(), early.clone()]).unwrap(), "similar_furniture");
+        assert_eq!(
+            primary(&[early.clone(), ask.clone()]).unwrap(),
+            "missing_ask"
+        );
+        assert_eq!(
+            primary(&[stale.clone(), idle.clone(), early.clone()]).unwrap(),
+            "similar_furniture"
+        );
         assert_eq!(primary(&[idle, stale]).unwrap(), "stale_marker");
         let repaired = fault(FaultKind::MissingAsk, Some(2), true);
-        assert_eq!(primary(&[repaired.clone(), early.clone()]).unwrap(), "similar_furniture");
-        assert_eq!(primary(std::slice::from_ref(&repaired)).unwrap(), "missing_ask", "it cost the success");
+        assert_eq!(
+            primary(&[repaired.clone(), early.clone()]).unwrap(),
+            "similar_furniture"
+        );
+        assert_eq!(
+            primary(std::slice::from_ref(&repaired)).unwrap(),
+            "missing_ask",
+            "it cost the success"
+        );
         assert_eq!(Primary::of(&[repaired, early], true), None);
         assert_eq!(primary(&[fault(FaultKind::Oscillation, None, false)]), None);
     }

@@ -1,9 +1,9 @@
-//! The fault library: episodes that fail in a known way, or nearly fail. An injection says what goes wrong where; a policy
-//! acts it out on top of the oracle; a label says what came of it.
+//! The fault library: episodes that fail in a known way, or nearly fail. An injection says what
+//! goes wrong where; a policy acts it out on top of the oracle; a label says what came of it.
 //!
-//! Written from the paper's descriptions of failures (SPEC section 7). Never anything of the rules that classify: the two
-//! share nothing but the names of classes and sub-classes. What a policy cannot cause (something falls, a robot's skill
-//! fails) is no kind here.
+//! Written from the paper's descriptions of failures (SPEC section 7). Never anything of the rules
+//! that classify: the two share nothing but the names of classes and sub-classes. What a policy
+//! cannot cause (something falls, a robot's skill fails) is no kind here.
 
 mod choices;
 mod clutter;
@@ -41,7 +41,12 @@ pub struct Fault {
 impl Fault {
     /// A fault in the middle of the episode, of middle strength, that is never corrected.
     pub fn new(kind: FaultKind) -> Self {
-        Self { kind, position: 0.5, strength: 2, repaired: false }
+        Self {
+            kind,
+            position: 0.5,
+            strength: 2,
+            repaired: false,
+        }
     }
 }
 
@@ -52,7 +57,8 @@ pub struct Injection {
     pub faults: Vec<Fault>,
     /// What is needless but harmless.
     pub detours: Vec<Detour>,
-    /// Decides everything else: which object, which receptacle, how many turns, what is said, how it ends.
+    /// Decides everything else: which object, which receptacle, how many turns, what is said, how
+    /// it ends.
     pub seed: u64,
 }
 
@@ -66,7 +72,9 @@ pub enum Unfit {
         kind: FaultKind,
     },
     /// The kind wants an instruction that says what is meant.
-    #[error("{kind}: the instruction is underspecified, so a wrong object would be a question not asked; take a precise task")]
+    #[error(
+        "{kind}: the instruction is underspecified, so a wrong object would be a question not asked; take a precise task"
+    )]
     Underspecified {
         /// The kind.
         kind: FaultKind,
@@ -110,7 +118,9 @@ pub enum Unfit {
         second: FaultKind,
     },
     /// A number is out of its range.
-    #[error("{kind}: position {position} must be within 0..=1 and strength {strength} within 1..=3")]
+    #[error(
+        "{kind}: position {position} must be within 0..=1 and strength {strength} within 1..=3"
+    )]
     Range {
         /// The kind.
         kind: FaultKind,

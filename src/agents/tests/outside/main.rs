@@ -1,9 +1,12 @@
-//! What comes from outside decides, is recorded, and is checked: a user who breaks rules, a matcher who sees things otherwise, and
-//! nobody at all.
+//! What comes from outside decides, is recorded, and is checked: a user who breaks rules, a matcher
+//! who sees things otherwise, and nobody at all.
 
 use std::sync::Arc;
 
-use reel_agents::{AgentError, Asked, EpisodeReport, Matcher, NoAnswer, Outside, RecordTo, User, policy, run_episode};
+use reel_agents::{
+    AgentError, Asked, EpisodeReport, Matcher, NoAnswer, Outside, RecordTo, User, policy,
+    run_episode,
+};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
 use reel_tasks::{GenerateOptions, generate, home};
@@ -19,7 +22,10 @@ struct Blunt;
 impl User for Blunt {
     fn answer(&mut self, asked: &Asked<'_>) -> Result<UserReply, NoAnswer> {
         assert!(!asked.question.is_empty());
-        Ok(UserReply { text: format!("Take {}.", asked.task.target), source: UserSource::Model })
+        Ok(UserReply {
+            text: format!("Take {}.", asked.task.target),
+            source: UserSource::Model,
+        })
     }
 }
 
@@ -36,15 +42,27 @@ struct Blind;
 
 impl Matcher for Blind {
     fn look_up(&mut self, _: &str, categories: &[&str]) -> Result<Lookup, NoAnswer> {
-        assert!(categories.windows(2).all(|pair| pair[0] < pair[1]), "{categories:?}");
-        Ok(Lookup { categories: Vec::new(), source: "blind".to_owned() })
+        assert!(
+            categories.windows(2).all(|pair| pair[0] < pair[1]),
+            "{categories:?}"
+        );
+        Ok(Lookup {
+            categories: Vec::new(),
+            source: "blind".to_owned(),
+        })
     }
 }
 
 /// The oracle in a task in which it asks, with these outside.
 fn play(outside: Outside, path: &std::path::Path) -> (Result<EpisodeReport, AgentError>, Trace) {
     let scene = home();
-    let mut tasks = generate(&GenerateOptions { scene: &scene, families: &[Family::SUL], count: 1, seed: 7 }).tasks;
+    let mut tasks = generate(&GenerateOptions {
+        scene: &scene,
+        families: &[Family::SUL],
+        count: 1,
+        seed: 7,
+    })
+    .tasks;
     let (task, scene) = (Arc::new(tasks.remove(0)), Arc::new(scene.clone()));
     let config = EpisodeConfig {
         task: task.clone(),
@@ -60,7 +78,10 @@ fn play(outside: Outside, path: &std::path::Path) -> (Result<EpisodeReport, Agen
         parent: None,
     };
     let mut oracle = policy("oracle", &task, &scene, 0).unwrap();
-    let to = RecordTo { path: path.to_owned(), options: Images::None.into() };
+    let to = RecordTo {
+        path: path.to_owned(),
+        options: Images::None.into(),
+    };
     let report = run_episode(config, oracle.as_mut(), outside, Some(&to));
     (report, Trace::read(path).unwrap())
 }
@@ -68,33 +89,77 @@ fn play(outside: Outside, path: &std::path::Path) -> (Result<EpisodeReport, Agen
 #[test]
 fn what_comes_from_outside_decides_and_is_recorded() {
     let folder = tempfile::tempdir().unwrap();
-    let (report, trace) = play(Outside { user: Some(Box::new(Blunt)), ..Outside::default() }, &folder.path().join("blunt.mcap"));
+    let (report, trace) = play(
+        Outside {
+            user: Some(Box::new(Blunt)),
+            ..Outside::default()
+        },
+        &folder.path().join("blunt.mcap"),
+    );
     let report = report.unwrap();
-    assert!(report.broken_rules.contains(&"raw_id"), "{:?}", report.broken_rules);
-    assert_eq!(EpisodeReport::of_trace(&trace, &trace.path).unwrap().broken_rules, report.broken_rules);
-    let told = trace.steps.iter().find_map(|step| step.input.user_reply.as_ref()).unwrap();
-    let answer = trace.steps.iter().find_map(|step| step.reply.as_ref()).unwrap();
+    assert!(
+        report.broken_rules.contains(&"raw_id"),
+        "{:?}",
+        report.broken_rules
+    );
+    assert_eq!(
+        EpisodeReport::of_trace(&trace, &trace.path)
+            .unwrap()
+            .broken_rules,
+        report.broken_rules
+    );
+    let told = trace
+        .steps
+        .iter()
+        .find_map(|step| step.input.user_reply.as_ref())
+        .unwrap();
+    let answer = trace
+        .steps
+        .iter()
+        .find_map(|step| step.reply.as_ref())
+        .unwrap();
     assert_eq!((told, told.source), (answer, UserSource::Model));
 
-    let outside = Outside { matcher: Some(Box::new(Blind)), ..Outside::default() };
+    let outside = Outside {
+        matcher: Some(Box::new(Blind)),
+        ..Outside::default()
+    };
     let (_, blind) = play(outside, &folder.path().join("blind.mcap"));
     let (_, seeing) = play(Outside::default(), &folder.path().join("seeing.mcap"));
     let shown = |trace: &Trace| {
-        let step = trace.steps.iter().find(|step| step.tool_name() == "show_object_by_category").unwrap();
+        let step = trace
+            .steps
+            .iter()
+            .find(|step| step.tool_name() == "show_object_by_category")
+            .unwrap();
         (step.outcome.error, step.input.lookup.clone())
     };
-    let nothing = Lookup { categories: Vec::new(), source: "blind".to_owned() };
-    assert_eq!(shown(&blind), (Some(ErrorCode::NothingFound), Some(nothing)));
+    let nothing = Lookup {
+        categories: Vec::new(),
+        source: "blind".to_owned(),
+    };
+    assert_eq!(
+        shown(&blind),
+        (Some(ErrorCode::NothingFound), Some(nothing))
+    );
     assert_eq!(shown(&seeing), (None, None));
 }
 
 #[test]
 fn who_does_not_answer_ends_the_episode_and_what_was_done_stays() {
     let folder = tempfile::tempdir().unwrap();
-    let (report, trace) =
-        play(Outside { user: Some(Box::new(Nobody)), ..Outside::default() }, &folder.path().join("nobody.mcap"));
+    let (report, trace) = play(
+        Outside {
+            user: Some(Box::new(Nobody)),
+            ..Outside::default()
+        },
+        &folder.path().join("nobody.mcap"),
+    );
     let error = report.unwrap_err();
-    assert!(matches!(&error, AgentError::NoAnswer { step, .. } if *step as usize == trace.steps.len()), "{error}");
+    assert!(
+        matches!(&error, AgentError::NoAnswer { step, .. } if *step as usize == trace.steps.len()),
+        "{error}"
+    );
     assert!(!trace.steps.is_empty());
     assert_eq!(trace.end.as_ref().unwrap().reason, EndReason::Aborted);
 }

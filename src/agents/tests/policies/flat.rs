@@ -1,11 +1,13 @@
-//! A flat without physics that keeps the rules of the tools: what policies are tested in. Never pictures.
+//! A flat without physics that keeps the rules of the tools: what policies are tested in. Never
+//! pictures.
 
 use std::{collections::BTreeSet, sync::Arc};
 
 use reel_agents::{Context, Policy, Seen};
 use reel_episode::{Briefing, Observation, Privileged};
 use reel_world::{
-    Attributes, DoorState, ErrorCode, FLOOR, HORIZON, InstanceId, ReceptacleId, Scene, Task, Tool, ToolCall, WorldGraph,
+    Attributes, DoorState, ErrorCode, FLOOR, HORIZON, InstanceId, ReceptacleId, Scene, Task, Tool,
+    ToolCall, WorldGraph,
     record::{Marker, MarkerTarget, StepInput},
 };
 use serde_json::json;
@@ -29,11 +31,33 @@ pub fn task(scene: &Scene, src: &str, dest: &str, fuzzy: bool) -> Task {
         json!({"instance": format!("{name}_on_{on}_at_t"), "asset": name, "category": category, "caption": caption,
                "size": [0.1, 0.1, 0.1], "position": [0.0, 0.0, 0.0], "receptacle": on})
     };
-    let other_table = if src == "table_1" { "table_2" } else { "table_1" };
-    let other_desks: Vec<&str> = ["desk_1", "desk_2"].into_iter().filter(|id| *id != dest).collect();
-    let caption = |id: &str| scene.receptacle(&id.into()).unwrap().main_caption().unwrap().to_owned();
-    let what = if fuzzy { "a fruit" } else { "the shiny red apple" };
-    let instruction = format!("Take {what} from {} and put it on {}.", caption(src), caption(dest));
+    let other_table = if src == "table_1" {
+        "table_2"
+    } else {
+        "table_1"
+    };
+    let other_desks: Vec<&str> = ["desk_1", "desk_2"]
+        .into_iter()
+        .filter(|id| *id != dest)
+        .collect();
+    let caption = |id: &str| {
+        scene
+            .receptacle(&id.into())
+            .unwrap()
+            .main_caption()
+            .unwrap()
+            .to_owned()
+    };
+    let what = if fuzzy {
+        "a fruit"
+    } else {
+        "the shiny red apple"
+    };
+    let instruction = format!(
+        "Take {what} from {} and put it on {}.",
+        caption(src),
+        caption(dest)
+    );
     let task = json!({"task_id": "t", "family": if fuzzy { "SUL" } else { "FODP" }, "scene_id": "flat", "instruction": instruction,
         "precise_instruction": instruction, "fuzzy": fuzzy, "purpose": if fuzzy { Some("fruit") } else { None },
         "objects": [object("red", "apple", "shiny red apple", src), object("green", "apple", "dull green apple", src),
@@ -95,10 +119,22 @@ impl Flat {
 
     /// Plays to the end.
     pub fn play(&mut self, policy: &mut dyn Policy) {
-        let receptacles =
-            self.scene.receptacles.iter().map(|known| (known.id.clone(), known.category.clone(), known.room.clone())).collect();
-        let briefing = Briefing { instruction: self.task.instruction.clone(), receptacles };
-        let mut observation = Observation { text: String::new(), error: None, frame: None, held: None };
+        let receptacles = self
+            .scene
+            .receptacles
+            .iter()
+            .map(|known| (known.id.clone(), known.category.clone(), known.room.clone()))
+            .collect();
+        let briefing = Briefing {
+            instruction: self.task.instruction.clone(),
+            receptacles,
+        };
+        let mut observation = Observation {
+            text: String::new(),
+            error: None,
+            frame: None,
+            held: None,
+        };
         for step in 0..HORIZON {
             let seen = self.seen();
             let input: StepInput = {
@@ -111,14 +147,27 @@ impl Flat {
                     landmark: self.landmark.as_ref(),
                 };
                 let truth = policy.wants_truth().then_some(&privileged);
-                policy.act(&Context { briefing: &briefing, observation: &observation, seen: &seen, truth, step }).unwrap()
+                policy
+                    .act(&Context {
+                        briefing: &briefing,
+                        observation: &observation,
+                        seen: &seen,
+                        truth,
+                        step,
+                    })
+                    .unwrap()
             };
             let result = match Tool::parse(&input.call) {
                 Ok(tool) => self.use_tool(tool),
                 Err(error) => Err(error.code()),
             };
             self.log.push((input.call, result.as_ref().err().copied()));
-            observation = Observation { text: result.clone().unwrap_or_default(), error: result.err(), frame: None, held: None };
+            observation = Observation {
+                text: result.clone().unwrap_or_default(),
+                error: result.err(),
+                frame: None,
+                held: None,
+            };
             if self.finished {
                 break;
             }
@@ -127,19 +176,26 @@ impl Flat {
 
     /// The calls by name, in order.
     pub fn names(&self) -> Vec<&str> {
-        self.log.iter().map(|(call, _)| call.name.as_str()).collect()
+        self.log
+            .iter()
+            .map(|(call, _)| call.name.as_str())
+            .collect()
     }
 
     /// Whether no goal change is left.
     pub fn success(&self) -> bool {
         let objects = &self.task.objects;
-        objects.iter().all(|object| self.graph.place_of(&object.instance) == self.task.goal.place_of(&object.instance))
+        objects.iter().all(|object| {
+            self.graph.place_of(&object.instance) == self.task.goal.place_of(&object.instance)
+        })
     }
 
     /// What stands here and can be seen from the viewpoint.
     fn in_view(&self) -> Vec<InstanceId> {
         let here = self.here();
-        here.into_iter().filter(|object| self.listed || !self.hidden.contains(object)).collect()
+        here.into_iter()
+            .filter(|object| self.listed || !self.hidden.contains(object))
+            .collect()
     }
 
     fn here(&self) -> Vec<InstanceId> {
@@ -159,7 +215,12 @@ impl Flat {
                 caption: known.caption.clone(),
                 attributes: known.attributes.clone(),
                 receptacle_hint: self.graph.place_of(id).cloned(),
-                thing: self.task.objects.iter().position(|object| object.instance == *id).map(|index| index as u32),
+                thing: self
+                    .task
+                    .objects
+                    .iter()
+                    .position(|object| object.instance == *id)
+                    .map(|index| index as u32),
             }
         };
         let mut seen = Vec::new();
@@ -184,12 +245,24 @@ impl Flat {
                 }
             });
         }
-        seen.extend(self.in_view().iter().filter(|id| !numbered.contains(*id)).map(|id| object(id, None)));
+        seen.extend(
+            self.in_view()
+                .iter()
+                .filter(|id| !numbered.contains(*id))
+                .map(|id| object(id, None)),
+        );
         seen
     }
 
     fn number(&mut self, targets: impl IntoIterator<Item = MarkerTarget>) {
-        self.markers = targets.into_iter().enumerate().map(|(id, target)| Marker { id: id as u32 + 1, target }).collect();
+        self.markers = targets
+            .into_iter()
+            .enumerate()
+            .map(|(id, target)| Marker {
+                id: id as u32 + 1,
+                target,
+            })
+            .collect();
         self.mapped = true;
     }
 
@@ -198,13 +271,17 @@ impl Flat {
             return Err(ErrorCode::NoMarkerMap);
         }
         let found = self.markers.iter().find(|known| known.id == marker);
-        found.map(|known| known.target.clone()).ok_or(ErrorCode::UnknownMarker)
+        found
+            .map(|known| known.target.clone())
+            .ok_or(ErrorCode::UnknownMarker)
     }
 
     fn use_tool(&mut self, tool: Tool) -> Result<String, ErrorCode> {
         match tool {
             Tool::NavTo { receptacle } => {
-                self.scene.receptacle(&receptacle).ok_or(ErrorCode::UnknownReceptacle)?;
+                self.scene
+                    .receptacle(&receptacle)
+                    .ok_or(ErrorCode::UnknownReceptacle)?;
                 self.landmark = Some(receptacle);
                 self.markers.clear();
                 (self.mapped, self.listed) = (false, false);
@@ -232,7 +309,10 @@ impl Flat {
             }
             Tool::ShowReceptacles => {
                 let here = self.landmark.clone().ok_or(ErrorCode::NothingFound)?;
-                self.number([MarkerTarget::Receptacle("lid_1".into()), MarkerTarget::Receptacle(here)]);
+                self.number([
+                    MarkerTarget::Receptacle("lid_1".into()),
+                    MarkerTarget::Receptacle(here),
+                ]);
             }
             Tool::GazeAt { marker } => {
                 self.marked(marker)?;
@@ -242,26 +322,38 @@ impl Flat {
                 if self.held.is_some() {
                     return Err(ErrorCode::AlreadyHolding);
                 }
-                let MarkerTarget::Object(object) = target else { return Err(ErrorCode::NotGraspable) };
+                let MarkerTarget::Object(object) = target else {
+                    return Err(ErrorCode::NotGraspable);
+                };
                 if self.bad_grips > 0 {
                     self.bad_grips -= 1;
                     return Err(ErrorCode::OutOfReach);
                 }
-                let place = self.graph.place_of(&object).cloned().ok_or(ErrorCode::OutOfReach)?;
+                let place = self
+                    .graph
+                    .place_of(&object)
+                    .cloned()
+                    .ok_or(ErrorCode::OutOfReach)?;
                 self.graph.remove(&place, &object);
                 self.held = Some(object);
             }
             Tool::Place { marker } => {
                 let target = self.marked(marker)?;
                 let held = self.held.clone().ok_or(ErrorCode::NothingHeld)?;
-                let MarkerTarget::Receptacle(id) = target else { return Err(ErrorCode::NotASurface) };
+                let MarkerTarget::Receptacle(id) = target else {
+                    return Err(ErrorCode::NotASurface);
+                };
                 if !self.scene.receptacle(&id).unwrap().placeable {
                     return Err(ErrorCode::NotASurface);
                 }
                 if self.graph.door(&id) == Some(DoorState::Closed) {
                     return Err(ErrorCode::DoorClosed);
                 }
-                let place = if self.slippery.contains(&held) { FLOOR.into() } else { id };
+                let place = if self.slippery.contains(&held) {
+                    FLOOR.into()
+                } else {
+                    id
+                };
                 self.graph.add(&place, &held);
                 self.held = None;
             }
@@ -275,7 +367,9 @@ impl Flat {
     }
 
     fn set_door(&mut self, marker: u32, door: DoorState) -> Result<(), ErrorCode> {
-        let MarkerTarget::Receptacle(id) = self.marked(marker)? else { return Err(ErrorCode::NoDoor) };
+        let MarkerTarget::Receptacle(id) = self.marked(marker)? else {
+            return Err(ErrorCode::NoDoor);
+        };
         if self.graph.door(&id).is_none() {
             return Err(ErrorCode::NoDoor);
         }

@@ -1,5 +1,6 @@
-//! The published tasks in our simulator: the oracle reaches their goals, and what stayed where it was put in the simulator
-//! they were made with stays here too (SPEC section 10). Reads the data from `REEL_REAL_BENCH` or beside the repository.
+//! The published tasks in our simulator: the oracle reaches their goals, and what stayed where it
+//! was put in the simulator they were made with stays here too (SPEC section 10). Reads the data
+//! from `REEL_REAL_BENCH` or beside the repository.
 
 mod data;
 
@@ -29,13 +30,19 @@ fn the_oracle_reaches_the_goal_of_every_eighth_task_with_the_published_servers()
 
 /// The oracle in every `step`th task of each family.
 fn every(step: usize, profile: Profile, preset: &Preset) {
-    let Some((scene, tasks)) = data::real_bench() else { return };
+    let Some((scene, tasks)) = data::real_bench() else {
+        return;
+    };
     let mut by_family: Vec<Arc<Task>> = Vec::new();
     for family in Family::ALL {
         by_family.extend(tasks.iter().filter(|task| task.family == family).cloned());
     }
     let spread: Vec<Arc<Task>> = by_family.into_iter().step_by(step).collect();
-    assert!(Family::ALL.iter().all(|family| spread.iter().any(|task| task.family == *family)));
+    assert!(
+        Family::ALL
+            .iter()
+            .all(|family| spread.iter().any(|task| task.family == *family))
+    );
     let job = |task: &Arc<Task>| Job {
         config: EpisodeConfig {
             task: task.clone(),
@@ -59,17 +66,27 @@ fn every(step: usize, profile: Profile, preset: &Preset) {
         .iter()
         .filter_map(|report| match report {
             Ok(report) if report.success => None,
-            Ok(report) => Some(format!("{}: {:?}, {:?}", report.task_id, report.end_reason, report.unreachable)),
+            Ok(report) => Some(format!(
+                "{}: {:?}, {:?}",
+                report.task_id, report.end_reason, report.unreachable
+            )),
             Err(error) => Some(error.to_string()),
         })
         .collect();
-    eprintln!("oracle, {}: {} of {} tasks", profile.as_str(), reports.len() - failed.len(), reports.len());
+    eprintln!(
+        "oracle, {}: {} of {} tasks",
+        profile.as_str(),
+        reports.len() - failed.len(),
+        reports.len()
+    );
     assert!(failed.is_empty(), "{failed:#?}");
 }
 
 #[test]
 fn what_stayed_on_its_receptacle_there_stays_here() {
-    let Some((scene, tasks)) = data::real_bench() else { return };
+    let Some((scene, tasks)) = data::real_bench() else {
+        return;
+    };
     let (mut stayed, mut excluded, mut ejected, mut without) = (0_u32, 0_u32, 0_u32, 0_u32);
     let mut exceptions = Vec::new();
     for task in &tasks {
@@ -80,12 +97,19 @@ fn what_stayed_on_its_receptacle_there_stays_here() {
                 without += 1;
                 continue;
             };
-            if ["pot", "potlid", "electriccooker"].iter().any(|name| object.receptacle.as_str().starts_with(&format!("{name}_")))
+            if ["pot", "potlid", "electriccooker"]
+                .iter()
+                .any(|name| object.receptacle.as_str().starts_with(&format!("{name}_")))
             {
                 excluded += 1;
                 continue;
             }
-            let furniture = simulator.model().furniture.iter().find(|furniture| furniture.id == object.receptacle).unwrap();
+            let furniture = simulator
+                .model()
+                .furniture
+                .iter()
+                .find(|furniture| furniture.id == object.receptacle)
+                .unwrap();
             if !rests_on(&furniture.surface, object, rest) {
                 ejected += 1;
                 continue;
@@ -113,12 +137,17 @@ fn what_stayed_on_its_receptacle_there_stays_here() {
         "{stayed} of {checked} stayed; left out: {excluded} in pot or cooker, {ejected} ejected in the reference, {without} without reference"
     );
     assert!(checked > 500, "only {checked} objects could be checked");
-    assert!(f64::from(stayed) >= 0.98 * f64::from(checked), "{stayed} of {checked} stayed");
+    assert!(
+        f64::from(stayed) >= 0.98 * f64::from(checked),
+        "{stayed} of {checked} stayed"
+    );
 }
 
 /// Whether the other simulator left an object on the surface it was put on.
 fn rests_on(surface: &Surface, object: &ObjectInstance, rest: [f64; 3]) -> bool {
-    let over = (0..2)
-        .all(|axis| (f64::from(surface.min[axis]) - ASIDE_M..=f64::from(surface.max[axis]) + ASIDE_M).contains(&rest[axis]));
+    let over = (0..2).all(|axis| {
+        (f64::from(surface.min[axis]) - ASIDE_M..=f64::from(surface.max[axis]) + ASIDE_M)
+            .contains(&rest[axis])
+    });
     over && (rest[2] - object.size[2] / 2.0 - f64::from(surface.z)).abs() <= HEIGHT_M
 }

@@ -1,5 +1,6 @@
-//! Unreliable skills against the paper's table: 120 executions of each primitive, as on the robot, and episodes with them that
-//! replay exactly. `REEL_SKILL_SEEDS` says over how many further seeds the coverage is measured (`make eval-skills`: 20).
+//! Unreliable skills against the paper's table: 120 executions of each primitive, as on the robot,
+//! and episodes with them that replay exactly. `REEL_SKILL_SEEDS` says over how many further seeds
+//! the coverage is measured (`make eval-skills`: 20).
 
 use std::{collections::BTreeMap, env, sync::Arc, thread};
 
@@ -17,7 +18,8 @@ const EXECUTIONS: u32 = 120;
 /// Chosen before anything was measured.
 const SEED: u64 = 61_001;
 
-/// Successes of 120 in the paper's table, in the order of [`Primitive::ALL`]: 63.3, 100, 89.2, 100 and 74.2 %.
+/// Successes of 120 in the paper's table, in the order of [`Primitive::ALL`]: 63.3, 100, 89.2, 100
+/// and 74.2 %.
 const PAPER: [u32; 5] = [76, 120, 107, 120, 89];
 
 /// Executions and successes by primitive.
@@ -26,17 +28,25 @@ struct Count(BTreeMap<usize, [u32; 2]>);
 
 impl Count {
     fn note(&mut self, primitive: Primitive, record: &StepRecord) {
-        let index = Primitive::ALL.iter().position(|one| *one == primitive).unwrap();
+        let index = Primitive::ALL
+            .iter()
+            .position(|one| *one == primitive)
+            .unwrap();
         let [executed, succeeded] = self.0.entry(index).or_default();
         // The first 120 count.
-        if *executed < EXECUTIONS && matches!(record.outcome.error, None | Some(ErrorCode::SkillFailed)) {
+        if *executed < EXECUTIONS
+            && matches!(record.outcome.error, None | Some(ErrorCode::SkillFailed))
+        {
             *executed += 1;
             *succeeded += u32::from(record.outcome.is_ok());
         }
     }
 
     fn executed(&self, primitive: Primitive) -> u32 {
-        let index = Primitive::ALL.iter().position(|one| *one == primitive).unwrap();
+        let index = Primitive::ALL
+            .iter()
+            .position(|one| *one == primitive)
+            .unwrap();
         self.0.get(&index).map_or(0, |[executed, _]| *executed)
     }
 
@@ -64,7 +74,11 @@ impl Play {
             rollout: None,
             parent: None,
         };
-        Self { episode: Episode::start_with(config, reel_sim::render::Detail::Geometry).unwrap().0 }
+        Self {
+            episode: Episode::start_with(config, reel_sim::render::Detail::Geometry)
+                .unwrap()
+                .0,
+        }
     }
 
     fn runs(&self) -> bool {
@@ -77,7 +91,12 @@ impl Play {
     }
 
     fn marker(&self, wanted: &MarkerTarget) -> Option<u32> {
-        self.episode.privileged().markers.iter().find(|marker| marker.target == *wanted).map(|marker| marker.id)
+        self.episode
+            .privileged()
+            .markers
+            .iter()
+            .find(|marker| marker.target == *wanted)
+            .map(|marker| marker.id)
     }
 
     /// Number of a receptacle that the robot stands at.
@@ -88,7 +107,10 @@ impl Play {
 
     /// Number of the target, approached.
     fn target(&mut self) -> Option<u32> {
-        let (target, category) = (self.episode.task().target.clone(), self.episode.task().target_object().category.clone());
+        let (target, category) = (
+            self.episode.task().target.clone(),
+            self.episode.task().target_object().category.clone(),
+        );
         self.call(&Tool::ShowObjectByCategory { category });
         let marker = self.marker(&MarkerTarget::Object(target.clone()))?;
         self.call(&Tool::GazeAt { marker });
@@ -97,8 +119,12 @@ impl Play {
 
     /// Opens and closes a door until the horizon.
     fn doors(&mut self, id: &ReceptacleId, count: &mut Count) {
-        self.call(&Tool::NavTo { receptacle: id.clone() });
-        let Some(marker) = self.receptacle(id) else { return };
+        self.call(&Tool::NavTo {
+            receptacle: id.clone(),
+        });
+        let Some(marker) = self.receptacle(id) else {
+            return;
+        };
         while self.runs() {
             loop {
                 let opened = self.call(&Tool::Open { marker });
@@ -117,13 +143,17 @@ impl Play {
     /// Picks the target up and puts it back where it stood, until the horizon.
     fn picks(&mut self, count: &mut Count) {
         let source = self.episode.task().src.clone();
-        self.call(&Tool::NavTo { receptacle: source.clone() });
+        self.call(&Tool::NavTo {
+            receptacle: source.clone(),
+        });
         while self.runs() {
             let Some(marker) = self.target() else { return };
             if !self.pick(marker, count) {
                 return;
             }
-            let Some(marker) = self.receptacle(&source) else { return };
+            let Some(marker) = self.receptacle(&source) else {
+                return;
+            };
             self.place(marker, Primitive::PlaceOpen, count);
         }
     }
@@ -154,16 +184,33 @@ impl Play {
 
     /// Brings the target into something with a door.
     fn inside(&mut self, count: &mut Count) {
-        let (source, dest) = (self.episode.task().src.clone(), self.episode.task().dest.clone());
-        self.call(&Tool::NavTo { receptacle: dest.clone() });
-        let Some(door) = self.receptacle(&dest) else { return };
-        while self.runs() && self.call(&Tool::Open { marker: door }).outcome.error == Some(ErrorCode::SkillFailed) {}
+        let (source, dest) = (
+            self.episode.task().src.clone(),
+            self.episode.task().dest.clone(),
+        );
+        self.call(&Tool::NavTo {
+            receptacle: dest.clone(),
+        });
+        let Some(door) = self.receptacle(&dest) else {
+            return;
+        };
+        while self.runs()
+            && self.call(&Tool::Open { marker: door }).outcome.error == Some(ErrorCode::SkillFailed)
+        {
+        }
         self.call(&Tool::NavTo { receptacle: source });
         let Some(marker) = self.target() else { return };
         // What it picks on the way does not count: these would be more than the table's.
-        while self.runs() && self.call(&Tool::Pick { marker }).outcome.error == Some(ErrorCode::SkillFailed) {}
-        self.call(&Tool::NavTo { receptacle: dest.clone() });
-        let Some(marker) = self.receptacle(&dest) else { return };
+        while self.runs()
+            && self.call(&Tool::Pick { marker }).outcome.error == Some(ErrorCode::SkillFailed)
+        {
+        }
+        self.call(&Tool::NavTo {
+            receptacle: dest.clone(),
+        });
+        let Some(marker) = self.receptacle(&dest) else {
+            return;
+        };
         self.place(marker, Primitive::PlaceInside, count);
     }
 }
@@ -171,14 +218,34 @@ impl Play {
 /// 120 executions of each primitive at a seed and those after it.
 fn measure(seed: u64) -> [u32; 5] {
     let scene = home();
-    let made = |families: &[Family], count| generate(&GenerateOptions { scene: &scene, families, count, seed }).tasks;
+    let made = |families: &[Family], count| {
+        generate(&GenerateOptions {
+            scene: &scene,
+            families,
+            count,
+            seed,
+        })
+        .tasks
+    };
     let closed = made(&[Family::FDO], 24);
     let open = made(&[Family::FDP], 6);
     let scene = Arc::new(scene.clone());
     let mut count = Count::default();
-    let has_door = |id: &ReceptacleId| scene.receptacle(id).is_some_and(|receptacle| receptacle.door != Door::None);
-    let closed: Vec<Arc<Task>> = closed.into_iter().filter(|task| has_door(&task.dest)).map(Arc::new).collect();
-    let open: Vec<Arc<Task>> = open.into_iter().filter(|task| !has_door(&task.src)).map(Arc::new).collect();
+    let has_door = |id: &ReceptacleId| {
+        scene
+            .receptacle(id)
+            .is_some_and(|receptacle| receptacle.door != Door::None)
+    };
+    let closed: Vec<Arc<Task>> = closed
+        .into_iter()
+        .filter(|task| has_door(&task.dest))
+        .map(Arc::new)
+        .collect();
+    let open: Vec<Arc<Task>> = open
+        .into_iter()
+        .filter(|task| !has_door(&task.src))
+        .map(Arc::new)
+        .collect();
     assert!(!closed.is_empty() && !open.is_empty());
     for (round, task) in closed.iter().cycle().enumerate().take(60) {
         if count.wants(Primitive::Open) || count.wants(Primitive::Close) {
@@ -196,12 +263,20 @@ fn measure(seed: u64) -> [u32; 5] {
         }
     }
     Primitive::ALL.map(|primitive| {
-        assert_eq!(count.executed(primitive), EXECUTIONS, "{primitive:?} at seed {seed}");
-        count.0[&Primitive::ALL.iter().position(|one| *one == primitive).unwrap()][1]
+        assert_eq!(
+            count.executed(primitive),
+            EXECUTIONS,
+            "{primitive:?} at seed {seed}"
+        );
+        count.0[&Primitive::ALL
+            .iter()
+            .position(|one| *one == primitive)
+            .unwrap()][1]
     })
 }
 
-/// The 95 % interval of the successes of 120 whose probability is `p`, by the binomial distribution itself.
+/// The 95 % interval of the successes of 120 whose probability is `p`, by the binomial distribution
+/// itself.
 fn interval(p: f64) -> [u32; 2] {
     let n = f64::from(EXECUTIONS);
     let mut density = vec![(1.0 - p).powf(n)];
@@ -248,20 +323,39 @@ fn six_hundred_executions_are_as_reliable_as_on_the_robot() {
     println!("primitive      paper  interval      measured at seed {SEED}");
     for (index, primitive) in Primitive::ALL.iter().enumerate() {
         let [low, high] = interval(f64::from(PAPER[index]) / f64::from(EXECUTIONS));
-        println!("{:14} {:5}  {low:3} to {high:3}    {:5}", format!("{primitive:?}"), PAPER[index], measured[index]);
+        println!(
+            "{:14} {:5}  {low:3} to {high:3}    {:5}",
+            format!("{primitive:?}"),
+            PAPER[index],
+            measured[index]
+        );
     }
-    println!("all            {:5} of 600          {:5}", PAPER.iter().sum::<u32>(), measured.iter().sum::<u32>());
+    println!(
+        "all            {:5} of 600          {:5}",
+        PAPER.iter().sum::<u32>(),
+        measured.iter().sum::<u32>()
+    );
     assert_eq!(within(&measured), 5, "{measured:?}");
-    let further: u64 = env::var("REEL_SKILL_SEEDS").ok().and_then(|text| text.parse().ok()).unwrap_or(0);
+    let further: u64 = env::var("REEL_SKILL_SEEDS")
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(0);
     if further > 0 {
         let seeds: Vec<u64> = (1..=further).map(|index| SEED + 10_000 * index).collect();
         let inside: usize = thread::scope(|scope| {
             let halves = [0, 1].map(|half| seeds.iter().skip(half).step_by(2));
-            let threads = halves.map(|half| scope.spawn(|| half.map(|seed| within(&measure(*seed))).sum::<usize>()));
-            threads.into_iter().map(|thread| thread.join().unwrap()).sum()
+            let threads = halves.map(|half| {
+                scope.spawn(|| half.map(|seed| within(&measure(*seed))).sum::<usize>())
+            });
+            threads
+                .into_iter()
+                .map(|thread| thread.join().unwrap())
+                .sum()
         });
         let all = 5 * further as usize;
-        println!("coverage over {further} further seeds: {inside} of {all} primitives inside their interval");
+        println!(
+            "coverage over {further} further seeds: {inside} of {all} primitives inside their interval"
+        );
         // 95 % are expected, the two that never fail always.
         assert!(inside * 100 >= all * 90, "{inside} of {all}");
     }

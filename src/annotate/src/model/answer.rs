@@ -1,5 +1,5 @@
-//! What a model wrote as notes: lenient about the form (thoughts before, fences, other names for a field, lists where a text
-//! belongs), strict about completeness.
+//! What a model wrote as notes: lenient about the form (thoughts before, fences, other names for a
+//! field, lists where a text belongs), strict about completeness.
 
 use serde_json::{Deserializer, Map, Value};
 
@@ -12,7 +12,9 @@ const PART_CHARACTERS_MAX: usize = 6000;
 
 /// Every complete note with its step; of several for one step the last.
 pub(super) fn parse(text: &str) -> Vec<(usize, Note)> {
-    let answer = text.rsplit_once("</think>").map_or(text, |(_, answer)| answer);
+    let answer = text
+        .rsplit_once("</think>")
+        .map_or(text, |(_, answer)| answer);
     let mut notes: Vec<(usize, Note)> = Vec::new();
     let mut from = 0;
     for (at, _) in answer.match_indices('{').take(TRIES_MAX) {
@@ -33,8 +35,12 @@ pub(super) fn parse(text: &str) -> Vec<(usize, Note)> {
 
 fn note(object: &Map<String, Value>) -> Option<(usize, Note)> {
     let field = |names: &[&str]| {
-        let named = |key: &str| names.contains(&key.to_lowercase().replace([' ', '_', '-'], "").as_str());
-        object.iter().find(|(key, _)| named(key)).map(|(_, value)| value)
+        let named =
+            |key: &str| names.contains(&key.to_lowercase().replace([' ', '_', '-'], "").as_str());
+        object
+            .iter()
+            .find(|(key, _)| named(key))
+            .map(|(_, value)| value)
     };
     let part = |names: &[&str]| {
         let text = words(field(names)?)?;
@@ -53,7 +59,11 @@ fn note(object: &Map<String, Value>) -> Option<(usize, Note)> {
 fn number(value: &Value) -> Option<usize> {
     match value {
         Value::Number(number) => usize::try_from(number.as_u64()?).ok(),
-        Value::String(text) => text.trim_start_matches(|letter: char| !letter.is_ascii_digit()).trim_end().parse().ok(),
+        Value::String(text) => text
+            .trim_start_matches(|letter: char| !letter.is_ascii_digit())
+            .trim_end()
+            .parse()
+            .ok(),
         _ => None,
     }
 }
@@ -62,7 +72,13 @@ fn number(value: &Value) -> Option<usize> {
 fn words(value: &Value) -> Option<String> {
     match value {
         Value::String(text) => Some(english::one_line(text)),
-        Value::Array(items) => Some(items.iter().map(words).collect::<Option<Vec<_>>>()?.join("; ")),
+        Value::Array(items) => Some(
+            items
+                .iter()
+                .map(words)
+                .collect::<Option<Vec<_>>>()?
+                .join("; "),
+        ),
         _ => None,
     }
 }
@@ -71,11 +87,17 @@ fn words(value: &Value) -> Option<String> {
 mod tests {
     use super::*;
 
-    const NOTE: &str = r#"{"step": 3, "reasoning": "r", "history": "h", "schedule": "s", "subtask": "t"}"#;
+    const NOTE: &str =
+        r#"{"step": 3, "reasoning": "r", "history": "h", "schedule": "s", "subtask": "t"}"#;
 
     #[test]
     fn forms_of_an_answer() {
-        let whole = Note { reasoning: "r".into(), history: "h".into(), schedule: "s".into(), subtask: "t".into() };
+        let whole = Note {
+            reasoning: "r".into(),
+            history: "h".into(),
+            schedule: "s".into(),
+            subtask: "t".into(),
+        };
         for text in [
             NOTE.to_owned(),
             format!("[{NOTE}]"),
@@ -89,9 +111,20 @@ mod tests {
 
     #[test]
     fn what_is_no_whole_note_is_none() {
-        for text in ["", "no", "{", r#"{"step": 3}"#, &NOTE.replace("\"h\"", "\"\""), &NOTE.replace("3", "\"x\""), &NOTE[..40]] {
+        for text in [
+            "",
+            "no",
+            "{",
+            r#"{"step": 3}"#,
+            &NOTE.replace("\"h\"", "\"\""),
+            &NOTE.replace("3", "\"x\""),
+            &NOTE[..40],
+        ] {
             assert!(parse(text).is_empty(), "{text}");
         }
-        assert_eq!(parse(&format!("{NOTE}{}", NOTE.replace("\"r\"", "\"q\""))).len(), 1);
+        assert_eq!(
+            parse(&format!("{NOTE}{}", NOTE.replace("\"r\"", "\"q\""))).len(),
+            1
+        );
     }
 }

@@ -1,8 +1,11 @@
-//! The writer that asks a model through an OpenAI-compatible endpoint. Optional: the rules need none.
+//! The writer that asks a model through an OpenAI-compatible endpoint. Optional: the rules need
+//! none.
 //!
-//! An episode is written in batches from its beginning, because a History only grows. After each batch everything so far is in the
-//! checkpoint, so that a run that broke off goes on where it stopped. What a model writes is believed only if it is complete, says
-//! nothing that an agent could not know, and passes the check of its History; else the rules' note stands, and it is said why.
+//! An episode is written in batches from its beginning, because a History only grows. After each
+//! batch everything so far is in the checkpoint, so that a run that broke off goes on where it
+//! stopped. What a model writes is believed only if it is complete, says nothing that an agent
+//! could not know, and passes the check of its History; else the rules' note stands, and it is said
+//! why.
 
 mod answer;
 mod prompt;
@@ -23,7 +26,8 @@ use crate::{
 /// Decisions a request.
 pub const BATCH: usize = 10;
 
-/// Looks at the History of a decision, given by its index, and says what in it is not so; none if all of it may be true.
+/// Looks at the History of a decision, given by its index, and says what in it is not so; none if
+/// all of it may be true.
 pub type Check<'a> = dyn Fn(usize, &str) -> Option<String> + 'a;
 
 /// Writes notes by asking a model.
@@ -52,16 +56,21 @@ pub struct Written {
 impl Written {
     /// How many notes the rules wrote in the model's place.
     pub fn fallbacks(&self) -> usize {
-        self.entries.iter().filter(|entry| entry.fallback.is_some()).count()
+        self.entries
+            .iter()
+            .filter(|entry| entry.fallback.is_some())
+            .count()
     }
 }
 
 impl ModelAnnotator<'_> {
-    /// Writes the notes of an episode and keeps them in the file `path`, which is also the checkpoint: what stands there of the same
-    /// trace, model, prompt and seed is not asked for again.
+    /// Writes the notes of an episode and keeps them in the file `path`, which is also the
+    /// checkpoint: what stands there of the same trace, model, prompt and seed is not asked for
+    /// again.
     ///
     /// # Errors
-    /// When the model cannot be asked, or the file not be read or written. What was written before stays.
+    /// When the model cannot be asked, or the file not be read or written. What was written before
+    /// stays.
     pub fn annotate(
         &self,
         task: &PublicTask,
@@ -71,8 +80,13 @@ impl ModelAnnotator<'_> {
         path: &Path,
     ) -> Result<Written, AnnotateError> {
         let annotator = self.client.endpoint().model.clone();
-        let provenance =
-            Provenance { trace, steps: steps.len(), annotator, version: prompt_version(&self.prompt), seed: self.seed };
+        let provenance = Provenance {
+            trace,
+            steps: steps.len(),
+            annotator,
+            version: prompt_version(&self.prompt),
+            seed: self.seed,
+        };
         let mut entries = kept(path, &provenance)?;
         let resumed = entries.len();
         let rules = annotate(task, steps, self.seed);
@@ -81,7 +95,10 @@ impl ModelAnnotator<'_> {
             let to = steps.len().min(from + BATCH);
             let answered = self.ask(task, steps, secrets, &entries, from..to)?;
             for (index, rules) in rules.iter().enumerate().take(to).skip(from) {
-                let note = answered.iter().find(|(step, _)| *step == index).map(|(_, note)| note);
+                let note = answered
+                    .iter()
+                    .find(|(step, _)| *step == index)
+                    .map(|(_, note)| note);
                 entries.push(self.judged(index, note, rules, secrets, steps));
             }
             write_notes(path, &provenance, &entries)?;
@@ -89,7 +106,11 @@ impl ModelAnnotator<'_> {
         if steps.is_empty() {
             write_notes(path, &provenance, &entries)?;
         }
-        Ok(Written { provenance, entries, resumed })
+        Ok(Written {
+            provenance,
+            entries,
+            resumed,
+        })
     }
 
     /// Asks for the notes of a batch; a second time, if nothing in the answer can be read.
@@ -102,30 +123,54 @@ impl ModelAnnotator<'_> {
         batch: std::ops::Range<usize>,
     ) -> Result<Vec<(usize, Note)>, AnnotateError> {
         let complete = |request: &_| -> Result<Reply, AnnotateError> {
-            let error = |source| AnnotateError::Model { from: batch.start, to: batch.end - 1, source };
+            let error = |source| AnnotateError::Model {
+                from: batch.start,
+                to: batch.end - 1,
+                source,
+            };
             self.client.complete(request).map_err(error)
         };
         let before = entries.last().map(|entry| entry.note.history.as_str());
-        let mut request = prompt::request(&self.prompt, task, steps, secrets, before, batch.clone());
+        let mut request =
+            prompt::request(&self.prompt, task, steps, secrets, before, batch.clone());
         let first = complete(&request)?;
         let notes = answer::parse(&first.text);
         if !notes.is_empty() {
             return Ok(notes);
         }
-        request.messages.push(Message::text(Role::Assistant, first.text));
-        request.messages.push(Message::text(Role::User, prompt::AGAIN));
+        request
+            .messages
+            .push(Message::text(Role::Assistant, first.text));
+        request
+            .messages
+            .push(Message::text(Role::User, prompt::AGAIN));
         Ok(answer::parse(&complete(&request)?.text))
     }
 
     /// The model's note, if there is nothing against it.
-    fn judged(&self, index: usize, note: Option<&Note>, rules: &Note, secrets: &Secrets, steps: &[Step<'_>]) -> Entry {
+    fn judged(
+        &self,
+        index: usize,
+        note: Option<&Note>,
+        rules: &Note,
+        secrets: &Secrets,
+        steps: &[Step<'_>],
+    ) -> Entry {
         let Some(note) = note else {
-            return Entry { note: rules.clone(), fallback: Some("the model wrote no complete note".to_owned()) };
+            return Entry {
+                note: rules.clone(),
+                fallback: Some("the model wrote no complete note".to_owned()),
+            };
         };
-        let against = secrets.leak(note, &steps[..index]).or_else(|| (self.check)(index, &note.history));
+        let against = secrets
+            .leak(note, &steps[..index])
+            .or_else(|| (self.check)(index, &note.history));
         match against {
             None => note.clone().into(),
-            why => Entry { note: rules.clone(), fallback: why },
+            why => Entry {
+                note: rules.clone(),
+                fallback: why,
+            },
         }
     }
 }
@@ -137,5 +182,11 @@ fn kept(path: &Path, provenance: &Provenance) -> Result<Vec<Entry>, AnnotateErro
         _ => {}
     }
     let (found, entries) = read_some(path, &provenance.trace)?;
-    Ok(if found == *provenance && entries.len() <= provenance.steps { entries } else { Vec::new() })
+    Ok(
+        if found == *provenance && entries.len() <= provenance.steps {
+            entries
+        } else {
+            Vec::new()
+        },
+    )
 }

@@ -1,4 +1,5 @@
-//! An episode as a request: the prompt file, then the robot's own prompt and the record between lines, then what to write.
+//! An episode as a request: the prompt file, then the robot's own prompt and the record between
+//! lines, then what to write.
 
 use std::{ops::Range, sync::Arc};
 
@@ -16,16 +17,17 @@ use crate::{
 const PROMPT: &str = include_str!("../../prompts/annotate.md");
 
 /// What it is told when nothing in its answer can be read.
-pub(super) const AGAIN: &str =
-    "Your answer holds no note that can be read. Answer again, with the one JSON array of whole objects and nothing else.";
+pub(super) const AGAIN: &str = "Your answer holds no note that can be read. Answer again, with the one JSON array of whole objects and nothing else.";
 
-/// The version of a request: the digest of the annotator's prompt file and of the prompt of the robot that is annotated.
+/// The version of a request: the digest of the annotator's prompt file and of the prompt of the
+/// robot that is annotated.
 pub fn version(robot: &Prompt) -> Digest {
     Digest::of([PROMPT, &robot.digest().to_string()].concat().as_bytes())
 }
 
-/// What the model is asked about a batch of decisions. Of the last one only the call is shown, of later ones nothing. `robot` is
-/// the prompt that the robot acts on, shown as it stands at the first decision.
+/// What the model is asked about a batch of decisions. Of the last one only the call is shown, of
+/// later ones nothing. `robot` is the prompt that the robot acts on, shown as it stands at the
+/// first decision.
 pub(super) fn request(
     robot: &Arc<Prompt>,
     task: &PublicTask,
@@ -34,25 +36,50 @@ pub(super) fn request(
     before: Option<&str>,
     batch: Range<usize>,
 ) -> Request {
-    let receptacles: Vec<Value> =
-        task.places.iter().map(|place| json!({"id": place.id, "category": place.category, "room": place.room})).collect();
-    let mut record = format!("{}\n", json!({"task": task.instruction, "receptacles": receptacles}));
-    record.push_str(&format!("{}\n", json!({"for_your_eyes_only": secrets.truth()})));
+    let receptacles: Vec<Value> = task
+        .places
+        .iter()
+        .map(|place| json!({"id": place.id, "category": place.category, "room": place.room}))
+        .collect();
+    let mut record = format!(
+        "{}\n",
+        json!({"task": task.instruction, "receptacles": receptacles})
+    );
+    record.push_str(&format!(
+        "{}\n",
+        json!({"for_your_eyes_only": secrets.truth()})
+    ));
     for (index, step) in steps[..batch.end].iter().enumerate() {
         let over = index + 1 < batch.end;
         record.push_str(&format!("{}\n", line(index, step, secrets, over)));
     }
-    let places = task.places.iter().map(|place| (place.id.as_str(), place.room.as_str()));
-    let prompt = SingleTurn::new(Arc::new(EpisodePrompt::new(Arc::clone(robot), &task.instruction, places))).prompt();
+    let places = task
+        .places
+        .iter()
+        .map(|place| (place.id.as_str(), place.room.as_str()));
+    let prompt = SingleTurn::new(Arc::new(EpisodePrompt::new(
+        Arc::clone(robot),
+        &task.instruction,
+        places,
+    )))
+    .prompt();
     // Nobody who writes into the record knows the digest of all of it.
     let code = Digest::of(record.as_bytes()).short();
     let (first, last) = (batch.start, batch.end - 1);
-    let history = before.map_or(String::new(), |history| format!("The history of step {} was: {history}\n\n", first - 1));
+    let history = before.map_or(String::new(), |history| {
+        format!("The history of step {} was: {history}\n\n", first - 1)
+    });
     let text = format!(
         "BEGIN PROMPT {code}\n{prompt}\nEND PROMPT {code}\n\nBEGIN RECORD {code}\n{record}END RECORD {code}\n\n{history}Write the notes of steps {first} to {last}: one JSON array of {} objects.",
         batch.len()
     );
-    Request { messages: vec![Message::text(Role::System, PROMPT), Message::text(Role::User, text)], ..Request::default() }
+    Request {
+        messages: vec![
+            Message::text(Role::System, PROMPT),
+            Message::text(Role::User, text),
+        ],
+        ..Request::default()
+    }
 }
 
 fn line(index: usize, step: &Step<'_>, secrets: &Secrets, over: bool) -> Value {
@@ -81,8 +108,17 @@ fn line(index: usize, step: &Step<'_>, secrets: &Secrets, over: bool) -> Value {
     if !markers.is_empty() {
         line.insert("markers".into(), Value::Array(markers));
     }
-    let numbered = |thing: &&Thing<'_>| step.markers.iter().any(|(_, marked)| *marked == Marked::Object(**thing));
-    let in_view: Vec<Value> = step.seen.iter().filter(|thing| step.error.is_none() && !numbered(thing)).map(looks).collect();
+    let numbered = |thing: &&Thing<'_>| {
+        step.markers
+            .iter()
+            .any(|(_, marked)| *marked == Marked::Object(**thing))
+    };
+    let in_view: Vec<Value> = step
+        .seen
+        .iter()
+        .filter(|thing| step.error.is_none() && !numbered(thing))
+        .map(looks)
+        .collect();
     if !in_view.is_empty() {
         line.insert("in_view".into(), Value::Array(in_view));
     }

@@ -24,19 +24,30 @@ const CATEGORY: &str = "of category ";
 
 /// An action as its name and its arguments.
 pub(super) fn call(action: &Map<String, Value>) -> Option<Value> {
-    let [(name, payload)] = action.iter().collect::<Vec<_>>()[..] else { return None };
-    let name = if name == "walkaround" { "walk_around" } else { name };
-    let parameter = PARAMETERS.iter().find(|(tool, _)| *tool == name).map(|(_, parameter)| *parameter);
+    let [(name, payload)] = action.iter().collect::<Vec<_>>()[..] else {
+        return None;
+    };
+    let name = if name == "walkaround" {
+        "walk_around"
+    } else {
+        name
+    };
+    let parameter = PARAMETERS
+        .iter()
+        .find(|(tool, _)| *tool == name)
+        .map(|(_, parameter)| *parameter);
     let args = match (parameter, literal(payload)) {
         (Some(None), _) | (_, Value::Null) => Map::new(),
         (_, Value::Object(args)) => args,
-        (parameter, value) => Map::from_iter([(parameter.flatten().unwrap_or(UNNAMED).to_owned(), value)]),
+        (parameter, value) => {
+            Map::from_iter([(parameter.flatten().unwrap_or(UNNAMED).to_owned(), value)])
+        }
     };
     Some(json!({ "tool_name": name, "args": args }))
 }
 
-/// The text of a normalised action, `{tool: payload}`: `{"tool_name": ..., "args": {...}}`; empty if there is none. A mapping of
-/// several keys is written as it is.
+/// The text of a normalised action, `{tool: payload}`: `{"tool_name": ..., "args": {...}}`; empty
+/// if there is none. A mapping of several keys is written as it is.
 pub fn action_text(action: &Map<String, Value>) -> String {
     match call(action) {
         Some(call) => python::dumps(&call, Ascii::Plain),
@@ -51,40 +62,72 @@ pub fn normalise(event: &Map<String, Value>) -> Option<Map<String, Value>> {
     if let Some(name) = event.get("action").and_then(Value::as_str) {
         let payload = event.get("payload").cloned().unwrap_or_default();
         let is_place_name = name == "nav_to" && payload.is_string();
-        return one(name, if is_place_name { json!({ "receptacle_name": payload }) } else { payload });
+        return one(
+            name,
+            if is_place_name {
+                json!({ "receptacle_name": payload })
+            } else {
+                payload
+            },
+        );
     }
-    let [(name, payload)] = event.iter().collect::<Vec<_>>()[..] else { return None };
+    let [(name, payload)] = event.iter().collect::<Vec<_>>()[..] else {
+        return None;
+    };
     match (name.as_str(), payload) {
         ("nav_to", Value::Object(args)) => match args.get("name") {
-            Some(receptacle) if !args.contains_key("receptacle_name") => one(name, json!({ "receptacle_name": receptacle })),
+            Some(receptacle) if !args.contains_key("receptacle_name") => {
+                one(name, json!({ "receptacle_name": receptacle }))
+            }
             _ => one(name, payload.clone()),
         },
-        ("pick" | "gaze_at", Value::Number(marker)) => one(name, json!({ "marker_id": marker.to_string() })),
+        ("pick" | "gaze_at", Value::Number(marker)) => {
+            one(name, json!({ "marker_id": marker.to_string() }))
+        }
         ("show_objects", Value::String(sentence)) => match sentence.split_once(CATEGORY) {
-            Some((_, category)) => one("show_object_by_category", json!({ "target_category": python::strip(category) })),
+            Some((_, category)) => one(
+                "show_object_by_category",
+                json!({ "target_category": python::strip(category) }),
+            ),
             None => one(name, payload.clone()),
         },
         ("show_receptacles", _) => one(name, json!("")),
-        ("walkaround" | "walk_around", Value::String(text)) => one("walk_around", json!({ "text": text })),
-        ("walkaround" | "walk_around", _) => one("walk_around", payload.clone()),
-        ("nav_to" | "pick" | "gaze_at" | "place" | "open" | "close" | "show_objects" | "show_object_by_category", _) => {
-            one(name, payload.clone())
+        ("walkaround" | "walk_around", Value::String(text)) => {
+            one("walk_around", json!({ "text": text }))
         }
+        ("walkaround" | "walk_around", _) => one("walk_around", payload.clone()),
+        (
+            "nav_to"
+            | "pick"
+            | "gaze_at"
+            | "place"
+            | "open"
+            | "close"
+            | "show_objects"
+            | "show_object_by_category",
+            _,
+        ) => one(name, payload.clone()),
         _ => None,
     }
 }
 
-/// A payload whose texts that are mappings in Python's notation stand for what they hold: `{'marker_id': '4'}`.
+/// A payload whose texts that are mappings in Python's notation stand for what they hold:
+/// `{'marker_id': '4'}`.
 fn literal(payload: &Value) -> Value {
     let parse = |text: &str| match text.trim_start().starts_with('{') {
-        true => python::loads(text).or_else(|| python::loads(&text.replace('\'', "\""))).filter(Value::is_object),
+        true => python::loads(text)
+            .or_else(|| python::loads(&text.replace('\'', "\"")))
+            .filter(Value::is_object),
         false => None,
     };
     match payload {
         Value::String(text) => parse(text).unwrap_or_else(|| payload.clone()),
         Value::Object(args) => {
             let inner = |(name, value): (&String, &Value)| {
-                let held = value.as_str().and_then(parse).and_then(|mapping| mapping.get(name).cloned());
+                let held = value
+                    .as_str()
+                    .and_then(parse)
+                    .and_then(|mapping| mapping.get(name).cloned());
                 (name.clone(), held.unwrap_or_else(|| value.clone()))
             };
             Value::Object(args.iter().map(inner).collect())

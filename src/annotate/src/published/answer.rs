@@ -5,11 +5,13 @@ use std::ops::Range;
 use reel_prompt::python;
 use serde_json::{Map, Value, json};
 
-/// The text of the first JSON object of an answer, its special tokens (`<|...|>`) left out. An object that does not end goes to the end
-/// of the text; empty if none begins.
+/// The text of the first JSON object of an answer, its special tokens (`<|...|>`) left out. An
+/// object that does not end goes to the end of the text; empty if none begins.
 pub fn json_text(answer: &str) -> String {
     let text = without_special_tokens(answer);
-    let Some(start) = text.find('{') else { return String::new() };
+    let Some(start) = text.find('{') else {
+        return String::new();
+    };
     let text = &text[start..];
     let (mut depth, mut in_string, mut escaped) = (0, false, false);
     for (at, letter) in text.char_indices() {
@@ -45,12 +47,20 @@ pub struct Thought {
     pub last_action: Option<Value>,
 }
 
-/// Reads an answer. `None` if its first object is no JSON, even when line breaks within its texts are allowed.
+/// Reads an answer. `None` if its first object is no JSON, even when line breaks within its texts
+/// are allowed.
 pub fn thought(answer: &str) -> Option<Thought> {
     let text = json_text(answer);
-    let Value::Object(object) = python::loads(&text).or_else(|| python::loads(&with_escaped_breaks(&text)))? else { return None };
+    let Value::Object(object) =
+        python::loads(&text).or_else(|| python::loads(&with_escaped_breaks(&text)))?
+    else {
+        return None;
+    };
     let nothing = Map::new();
-    let summary = object.get("Summary").and_then(Value::as_object).unwrap_or(&nothing);
+    let summary = object
+        .get("Summary")
+        .and_then(Value::as_object)
+        .unwrap_or(&nothing);
     Some(Thought {
         reasoning: told(object.get("CoT")),
         history: told(summary.get("History")),
@@ -63,8 +73,15 @@ pub fn thought(answer: &str) -> Option<Thought> {
 impl Thought {
     /// In the published form, keys in its order.
     pub fn to_json(&self) -> Value {
-        let Thought { reasoning, history, schedule, subtask, last_action } = self;
-        let mut summary = json!({ "History": history, "New Schedule": schedule, "Current subtask": subtask });
+        let Thought {
+            reasoning,
+            history,
+            schedule,
+            subtask,
+            last_action,
+        } = self;
+        let mut summary =
+            json!({ "History": history, "New Schedule": schedule, "Current subtask": subtask });
         if let Some(action) = last_action {
             summary["Last Action"] = action.clone();
         }
@@ -74,21 +91,37 @@ impl Thought {
 
 /// A value as text; empty if it is absent or null.
 fn told(value: Option<&Value>) -> String {
-    value.filter(|value| !value.is_null()).map(python::str).unwrap_or_default()
+    value
+        .filter(|value| !value.is_null())
+        .map(python::str)
+        .unwrap_or_default()
 }
 
-/// The items of a schedule: of a list those that are not empty, of a text what stands on lines, after numbers (`1. `, `1) `), after
-/// bullets or between semicolons. `None` if there is none.
+/// The items of a schedule: of a list those that are not empty, of a text what stands on lines,
+/// after numbers (`1. `, `1) `), after bullets or between semicolons. `None` if there is none.
 fn schedule(value: &Value) -> Option<Vec<String>> {
     let items: Vec<String> = match value {
         Value::Array(items) => items.iter().map(|item| told(Some(item))).collect(),
         Value::String(text) => {
-            let parts = text.lines().flat_map(numbered).flat_map(|part| part.split(';'));
-            parts.map(|part| python::strip(part).trim_start_matches(['-', '*', '•']).to_owned()).collect()
+            let parts = text
+                .lines()
+                .flat_map(numbered)
+                .flat_map(|part| part.split(';'));
+            parts
+                .map(|part| {
+                    python::strip(part)
+                        .trim_start_matches(['-', '*', '•'])
+                        .to_owned()
+                })
+                .collect()
         }
         _ => Vec::new(),
     };
-    let items: Vec<String> = items.iter().map(|item| python::strip(item).to_owned()).filter(|item| !item.is_empty()).collect();
+    let items: Vec<String> = items
+        .iter()
+        .map(|item| python::strip(item).to_owned())
+        .filter(|item| !item.is_empty())
+        .collect();
     (!items.is_empty()).then_some(items)
 }
 
@@ -161,10 +194,16 @@ mod tests {
     #[test]
     fn schedules_in_all_their_forms() {
         let of = |text: &str| schedule(&json!(text)).unwrap_or_default().join("|");
-        assert_eq!(of("1. take the key 2. open 3.5 doors"), "take the key|open 3.5 doors");
+        assert_eq!(
+            of("1. take the key 2. open 3.5 doors"),
+            "take the key|open 3.5 doors"
+        );
         assert_eq!(of("1) look\n\n* wait; sleep"), "look|wait|sleep");
         assert_eq!(of(" ;\n1."), "");
-        assert_eq!(schedule(&json!(["", null, 4, " x "])), Some(vec!["4".to_owned(), "x".to_owned()]));
+        assert_eq!(
+            schedule(&json!(["", null, 4, " x "])),
+            Some(vec!["4".to_owned(), "x".to_owned()])
+        );
     }
 
     #[test]

@@ -1,5 +1,6 @@
-//! The records of an annotated episode. Step 0 is before the first action and has no image; step `i` shows observation `i`, with
-//! action `i` as the last and action `i + 1` (`finish` at the end) as the next one.
+//! The records of an annotated episode. Step 0 is before the first action and has no image; step
+//! `i` shows observation `i`, with action `i` as the last and action `i + 1` (`finish` at the end)
+//! as the next one.
 
 use reel_prompt::python::{self, Ascii};
 use serde_json::{Map, Value, json};
@@ -60,7 +61,13 @@ pub struct TaskMeta {
 impl TaskMeta {
     /// As it stands in the file.
     pub fn to_json(&self) -> Value {
-        let TaskMeta { task_description, src, dest, src_distractors, dest_distractors } = self;
+        let TaskMeta {
+            task_description,
+            src,
+            dest,
+            src_distractors,
+            dest_distractors,
+        } = self;
         json!({
             "task_description": task_description, "src": src, "dest": dest,
             "src_distractors": src_distractors, "dest_distractors": dest_distractors,
@@ -104,12 +111,19 @@ impl Episode {
     pub fn image_path(&self, step: usize) -> Option<String> {
         let shown = &self.steps[step.checked_sub(1)?];
         let id = self.id();
-        shown.image.then(|| format!("obs/images/{id}/{id}_step_{step}.png"))
+        shown
+            .image
+            .then(|| format!("obs/images/{id}/{id}_step_{step}.png"))
     }
 
     /// The template records: what a model is asked, with nothing in the place of its thought.
     pub fn templates(&self, wording: &Wording<'_>) -> Vec<Value> {
-        let request = |step| (self.request(step, wording.first_history, wording), String::new());
+        let request = |step| {
+            (
+                self.request(step, wording.first_history, wording),
+                String::new(),
+            )
+        };
         (0..=self.steps.len())
             .map(request)
             .enumerate()
@@ -117,8 +131,9 @@ impl Episode {
             .collect()
     }
 
-    /// The annotated records: the answer to each request, its History replaced by the numbered list of all so far. An answer whose
-    /// History is empty or unreadable adds nothing to the list; one that is unreadable stands as it came.
+    /// The annotated records: the answer to each request, its History replaced by the numbered list
+    /// of all so far. An answer whose History is empty or unreadable adds nothing to the list; one
+    /// that is unreadable stands as it came.
     pub fn samples(&self, answers: &[String], wording: &Wording<'_>) -> Vec<Value> {
         let mut history = wording.first_history.to_owned();
         let mut entries = 1;
@@ -129,7 +144,8 @@ impl Episode {
                 Some(mut thought) => {
                     if step > 0 && !thought.history.is_empty() {
                         entries += 1;
-                        history.push_str(&format!("\n{entries}) {}", python::strip(&thought.history)));
+                        history
+                            .push_str(&format!("\n{entries}) {}", python::strip(&thought.history)));
                         thought.history.clone_from(&history);
                     }
                     text(&thought.to_json())
@@ -156,7 +172,10 @@ impl Episode {
         };
         let keys = ["History", "New Schedule", "Current subtask", "Last Action"];
         let keys = &keys[..if step == 0 { 3 } else { 4 }];
-        let summary: Map<String, Value> = keys.iter().map(|key| ((*key).to_owned(), json!((wording.asked)(key)))).collect();
+        let summary: Map<String, Value> = keys
+            .iter()
+            .map(|key| ((*key).to_owned(), json!((wording.asked)(key))))
+            .collect();
         json!({
             "Task instruction": task.task_description,
             "History": past,
@@ -178,7 +197,10 @@ impl Episode {
 
     fn record(&self, step: usize, human: &Value, gpt: String, wording: &Wording<'_>) -> Value {
         let mut metadata = Map::new();
-        for (key, value) in [("model_name", &self.model_name), ("eval_subset", &self.eval_subset)] {
+        for (key, value) in [
+            ("model_name", &self.model_name),
+            ("eval_subset", &self.eval_subset),
+        ] {
             metadata.extend(value.as_ref().map(|value| (key.to_owned(), json!(value))));
         }
         metadata.insert("episode_id".to_owned(), json!(self.id()));

@@ -15,7 +15,8 @@ pub struct Pair {
     pub observation: Option<Value>,
 }
 
-/// The pairs of a stream. Its first item describes the episode; errors and what is no event are passed over.
+/// The pairs of a stream. Its first item describes the episode; errors and what is no event are
+/// passed over.
 pub fn pairs(stream: &[Value]) -> Vec<Pair> {
     let mut pairs = Vec::new();
     let mut pending: Option<Map<String, Value>> = None;
@@ -23,13 +24,22 @@ pub fn pairs(stream: &[Value]) -> Vec<Pair> {
         match event.get("action").and_then(Value::as_str) {
             None | Some(ERROR) => {}
             Some(OBSERVATION) => {
-                pairs.push(Pair { action: pending.take(), observation: Some(event.get("payload").cloned().unwrap_or_default()) });
+                pairs.push(Pair {
+                    action: pending.take(),
+                    observation: Some(event.get("payload").cloned().unwrap_or_default()),
+                });
             }
             Some(_) => {
-                pairs.extend(pending.replace(event.clone()).map(|action| Pair { action: Some(action), observation: None }));
+                pairs.extend(pending.replace(event.clone()).map(|action| Pair {
+                    action: Some(action),
+                    observation: None,
+                }));
             }
         }
     }
-    pairs.extend(pending.map(|action| Pair { action: Some(action), observation: None }));
+    pairs.extend(pending.map(|action| Pair {
+        action: Some(action),
+        observation: None,
+    }));
     pairs
 }

@@ -26,14 +26,22 @@ mod tests {
     use super::*;
 
     fn gaps(form: &str) -> BTreeSet<&str> {
-        form.split('{').skip(1).map(|rest| rest.split_once('}').unwrap().0).collect()
+        form.split('{')
+            .skip(1)
+            .map(|rest| rest.split_once('}').unwrap().0)
+            .collect()
     }
 
     #[test]
     fn all_ways_of_a_wording_have_the_same_gaps() {
         for wording in all() {
             for form in wording.forms {
-                assert_eq!(gaps(form), gaps(wording.forms[0]), "{}: {form}", wording.name);
+                assert_eq!(
+                    gaps(form),
+                    gaps(wording.forms[0]),
+                    "{}: {form}",
+                    wording.name
+                );
             }
         }
     }
@@ -43,15 +51,32 @@ mod tests {
         let names: BTreeSet<&str> = all().map(|wording| wording.name).collect();
         assert_eq!(names.len(), all().count());
         for wording in all() {
-            assert_eq!(wording.forms.iter().collect::<BTreeSet<_>>().len(), wording.forms.len(), "{}", wording.name);
+            assert_eq!(
+                wording.forms.iter().collect::<BTreeSet<_>>().len(),
+                wording.forms.len(),
+                "{}",
+                wording.name
+            );
         }
     }
 
     #[test]
     fn sentences_have_at_least_six_ways_and_end_like_sentences() {
         for wording in history::ALL.iter().chain(reasoning::ALL) {
-            assert!(wording.forms.len() >= 6, "{} has {}", wording.name, wording.forms.len());
-            assert!(wording.forms.iter().all(|form| form.ends_with(['.', '?', '}'])), "{}", wording.name);
+            assert!(
+                wording.forms.len() >= 6,
+                "{} has {}",
+                wording.name,
+                wording.forms.len()
+            );
+            assert!(
+                wording
+                    .forms
+                    .iter()
+                    .all(|form| form.ends_with(['.', '?', '}'])),
+                "{}",
+                wording.name
+            );
         }
     }
 }

@@ -1,9 +1,11 @@
-//! The writer that asks a model, against a scripted endpoint: batches, checkpoints, going on, and what is not believed.
+//! The writer that asks a model, against a scripted endpoint: batches, checkpoints, going on, and
+//! what is not believed.
 
 use std::{fs, path::Path, sync::Arc, time::Duration};
 
 use reel_annotate::{
-    AnnotateError, BATCH, ModelAnnotator, PublicTask, Secrets, Step, Written, annotate, history_check, prompt_version, read_notes,
+    AnnotateError, BATCH, ModelAnnotator, PublicTask, Secrets, Step, Written, annotate,
+    history_check, prompt_version, read_notes,
 };
 use reel_history::{Deed, Setting};
 use reel_model::{CallLog, Client, Endpoint};
@@ -19,14 +21,22 @@ use crate::{
 
 /// A long episode, so that there are several batches.
 fn episode() -> Trace {
-    traces().into_iter().find(|trace| trace.steps.len() > 2 * BATCH).unwrap()
+    traces()
+        .into_iter()
+        .find(|trace| trace.steps.len() > 2 * BATCH)
+        .unwrap()
 }
 
 fn chain(trace: &Trace) -> Digest {
     trace.end.as_ref().unwrap().chain
 }
 
-fn run(trace: &Trace, base_url: &str, path: &Path, check: &reel_annotate::Check<'_>) -> Result<Written, AnnotateError> {
+fn run(
+    trace: &Trace,
+    base_url: &str,
+    path: &Path,
+    check: &reel_annotate::Check<'_>,
+) -> Result<Written, AnnotateError> {
     run_with(Prompt::builtin(), trace, base_url, path, check)
 }
 
@@ -38,19 +48,39 @@ fn run_with(
     path: &Path,
     check: &reel_annotate::Check<'_>,
 ) -> Result<Written, AnnotateError> {
-    let endpoint = Endpoint { retries: 0, timeout: Duration::from_secs(20), ..Endpoint::new(base_url, "writer-1") };
+    let endpoint = Endpoint {
+        retries: 0,
+        timeout: Duration::from_secs(20),
+        ..Endpoint::new(base_url, "writer-1")
+    };
     let log = CallLog::append(path.with_extension("log")).unwrap();
-    let client = Client::new(endpoint, Arc::new(TestClock::default())).unwrap().with_log(log);
-    let annotator = ModelAnnotator { client: &client, seed: 7, check, prompt };
+    let client = Client::new(endpoint, Arc::new(TestClock::default()))
+        .unwrap()
+        .with_log(log);
+    let annotator = ModelAnnotator {
+        client: &client,
+        seed: 7,
+        check,
+        prompt,
+    };
     let task = PublicTask::of(&trace.task, &trace.scene);
-    annotator.annotate(&task, &Step::all(trace), &Secrets::of(&trace.task), chain(trace), path)
+    annotator.annotate(
+        &task,
+        &Step::all(trace),
+        &Secrets::of(&trace.task),
+        chain(trace),
+        path,
+    )
 }
 
 /// The steps that a request asks for.
 fn asked(received: &Received) -> std::ops::Range<usize> {
     let text = received.body["messages"][1]["content"].as_str().unwrap();
     let (_, range) = text.rsplit_once("notes of steps ").unwrap();
-    let numbers: Vec<usize> = range.split(|c: char| !c.is_ascii_digit()).filter_map(|word| word.parse().ok()).collect();
+    let numbers: Vec<usize> = range
+        .split(|c: char| !c.is_ascii_digit())
+        .filter_map(|word| word.parse().ok())
+        .collect();
     numbers[0]..numbers[1] + 1
 }
 
@@ -75,18 +105,37 @@ fn an_episode_in_batches_with_the_replies_logged() {
     let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
     let written = run(&trace, &server.base_url, &path, &fine).unwrap();
     let steps = trace.steps.len();
-    assert_eq!((written.entries.len(), written.fallbacks(), written.resumed), (steps, 0, 0));
+    assert_eq!(
+        (written.entries.len(), written.fallbacks(), written.resumed),
+        (steps, 0, 0)
+    );
     assert_eq!(written.entries[3].note.reasoning, "because 3");
     assert_eq!(
-        (written.provenance.version, written.provenance.annotator.as_str()),
+        (
+            written.provenance.version,
+            written.provenance.annotator.as_str()
+        ),
         (prompt_version(&Prompt::builtin()), "writer-1")
     );
-    assert_eq!(read_notes(&path, &chain(&trace)).unwrap(), (written.provenance, written.entries));
+    assert_eq!(
+        read_notes(&path, &chain(&trace)).unwrap(),
+        (written.provenance, written.entries)
+    );
     let received = server.received();
     assert_eq!(received.len(), steps.div_ceil(BATCH));
-    assert_eq!(fs::read_to_string(path.with_extension("log")).unwrap().lines().count(), received.len());
+    assert_eq!(
+        fs::read_to_string(path.with_extension("log"))
+            .unwrap()
+            .lines()
+            .count(),
+        received.len()
+    );
     // a batch sees no outcome of its last step, and the next one gets the history before it
-    let text = |index: usize| received[index].body["messages"][1]["content"].as_str().unwrap();
+    let text = |index: usize| {
+        received[index].body["messages"][1]["content"]
+            .as_str()
+            .unwrap()
+    };
     let line = |index: usize, step: usize| -> Value {
         text(index)
             .lines()
@@ -94,8 +143,14 @@ fn an_episode_in_batches_with_the_replies_logged() {
             .find(|line: &Value| line["step"] == json!(step))
             .unwrap()
     };
-    assert!(line(0, BATCH - 1).get("outcome").is_none() && line(1, BATCH - 1).get("outcome").is_some());
-    assert!(text(1).contains(&format!("was: I did {} things.", BATCH - 1)), "{}", text(1));
+    assert!(
+        line(0, BATCH - 1).get("outcome").is_none() && line(1, BATCH - 1).get("outcome").is_some()
+    );
+    assert!(
+        text(1).contains(&format!("was: I did {} things.", BATCH - 1)),
+        "{}",
+        text(1)
+    );
     assert!(text(0).contains("for_your_eyes_only"));
 }
 
@@ -103,17 +158,44 @@ fn an_episode_in_batches_with_the_replies_logged() {
 fn the_model_reads_the_prompt_of_the_robot_and_another_prompt_makes_other_notes() {
     let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
     let path = folder.path().join("notes.jsonl");
-    let own = Prompt::new("own", &TEMPLATE.replacen("{TASK}", "It shall be done: {TASK}", 1), Wording::default()).unwrap();
+    let own = Prompt::new(
+        "own",
+        &TEMPLATE.replacen("{TASK}", "It shall be done: {TASK}", 1),
+        Wording::default(),
+    )
+    .unwrap();
     let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
     let first = run(&trace, &server.base_url, &path, &fine).unwrap();
     let asked_first = server.received().len();
-    let written = run_with(Arc::new(own.clone()), &trace, &server.base_url, &path, &fine).unwrap();
-    assert_eq!((written.resumed, written.provenance.version), (0, prompt_version(&own)));
+    let written = run_with(
+        Arc::new(own.clone()),
+        &trace,
+        &server.base_url,
+        &path,
+        &fine,
+    )
+    .unwrap();
+    assert_eq!(
+        (written.resumed, written.provenance.version),
+        (0, prompt_version(&own))
+    );
     assert_ne!(written.provenance.version, first.provenance.version);
-    let text = server.received()[asked_first].body["messages"][1]["content"].as_str().unwrap().to_owned();
-    assert!(text.contains(&format!("It shall be done: {}", trace.task.instruction)), "{text}");
+    let text = server.received()[asked_first].body["messages"][1]["content"]
+        .as_str()
+        .unwrap()
+        .to_owned();
+    assert!(
+        text.contains(&format!("It shall be done: {}", trace.task.instruction)),
+        "{text}"
+    );
     let receptacle = trace.scene.receptacles.first().unwrap().id.as_str();
-    assert!(text.split("END PROMPT").next().unwrap().contains(receptacle), "{text}");
+    assert!(
+        text.split("END PROMPT")
+            .next()
+            .unwrap()
+            .contains(receptacle),
+        "{text}"
+    );
 }
 
 #[test]
@@ -122,23 +204,39 @@ fn a_run_that_broke_off_goes_on_and_asks_nothing_twice() {
     let path = folder.path().join("notes.jsonl");
     let broken = Scripted::start(vec![Act::Say(answer(0..BATCH, |_, _| {}))]);
     let error = run(&trace, &broken.base_url, &path, &fine).unwrap_err();
-    assert!(matches!(error, AnnotateError::Model { from: BATCH, .. }) && error.to_string().contains("run again"), "{error}");
-    assert!(matches!(read_notes(&path, &chain(&trace)), Err(AnnotateError::Incomplete { found: BATCH, .. })));
+    assert!(
+        matches!(error, AnnotateError::Model { from: BATCH, .. })
+            && error.to_string().contains("run again"),
+        "{error}"
+    );
+    assert!(matches!(
+        read_notes(&path, &chain(&trace)),
+        Err(AnnotateError::Incomplete { found: BATCH, .. })
+    ));
 
     let server = Scripted::answering(|received| Act::Say(answer(asked(received), |_, _| {})));
     let written = run(&trace, &server.base_url, &path, &fine).unwrap();
-    assert_eq!((written.resumed, written.entries.len()), (BATCH, trace.steps.len()));
+    assert_eq!(
+        (written.resumed, written.entries.len()),
+        (BATCH, trace.steps.len())
+    );
     assert_eq!(asked(&server.received()[0]).start, BATCH);
     let calls = server.received().len();
     let again = run(&trace, &server.base_url, &path, &fine).unwrap();
-    assert_eq!((server.received().len(), again.resumed, again.entries), (calls, trace.steps.len(), written.entries));
+    assert_eq!(
+        (server.received().len(), again.resumed, again.entries),
+        (calls, trace.steps.len(), written.entries)
+    );
     // notes of another recording are not written over
     let other = {
         let mut other = trace;
         other.end.as_mut().unwrap().chain = Digest::of(b"x");
         other
     };
-    assert!(matches!(run(&other, &server.base_url, &path, &fine), Err(AnnotateError::OtherTrace { .. })));
+    assert!(matches!(
+        run(&other, &server.base_url, &path, &fine),
+        Err(AnnotateError::OtherTrace { .. })
+    ));
 }
 
 #[test]
@@ -147,7 +245,12 @@ fn what_an_agent_cannot_know_or_what_is_not_so_is_replaced_by_the_rules() {
     let task = PublicTask::of(&trace.task, &trace.scene);
     let rules = annotate(&task, &Step::all(&trace), 7);
     let target = trace.task.target.to_string();
-    let caption = trace.task.target_object().caption.clone().unwrap_or_else(|| "no caption".to_owned());
+    let caption = trace
+        .task
+        .target_object()
+        .caption
+        .clone()
+        .unwrap_or_else(|| "no caption".to_owned());
     let server = Scripted::answering(move |received| {
         let (target, caption) = (target.clone(), caption.clone());
         Act::Say(answer(asked(received), move |step, note| match step {
@@ -160,25 +263,69 @@ fn what_an_agent_cannot_know_or_what_is_not_so_is_replaced_by_the_rules() {
             _ => {}
         }))
     });
-    let check = |_: usize, history: &str| history.contains("flew").then(|| "nobody flew".to_owned());
-    let written = run(&trace, &server.base_url, &folder.path().join("notes.jsonl"), &check).unwrap();
-    for (index, word) in [(0, "object id"), (1, "position"), (2, "nobody flew"), (3, "no complete note")] {
+    let check =
+        |_: usize, history: &str| history.contains("flew").then(|| "nobody flew".to_owned());
+    let written = run(
+        &trace,
+        &server.base_url,
+        &folder.path().join("notes.jsonl"),
+        &check,
+    )
+    .unwrap();
+    for (index, word) in [
+        (0, "object id"),
+        (1, "position"),
+        (2, "nobody flew"),
+        (3, "no complete note"),
+    ] {
         let entry = &written.entries[index];
-        assert!(entry.fallback.as_ref().is_some_and(|why| why.contains(word)), "{index}: {entry:?}");
+        assert!(
+            entry
+                .fallback
+                .as_ref()
+                .is_some_and(|why| why.contains(word)),
+            "{index}: {entry:?}"
+        );
         assert_eq!(entry.note, rules[index]);
     }
-    assert_eq!((written.entries[4].fallback.as_ref(), words(&written.entries[4].note).starts_with('r')), (None, true));
-    assert!((4..=5).contains(&written.fallbacks()), "{:?}", written.entries);
+    assert_eq!(
+        (
+            written.entries[4].fallback.as_ref(),
+            words(&written.entries[4].note).starts_with('r')
+        ),
+        (None, true)
+    );
+    assert!(
+        (4..=5).contains(&written.fallbacks()),
+        "{:?}",
+        written.entries
+    );
 }
 
 #[test]
 fn a_history_is_held_against_the_deeds_before_it() {
-    let trace =
-        traces().into_iter().find(|trace| trace.steps.iter().any(|step| step.tool_name() == "place" && step.outcome.is_ok()));
+    let trace = traces().into_iter().find(|trace| {
+        trace
+            .steps
+            .iter()
+            .any(|step| step.tool_name() == "place" && step.outcome.is_ok())
+    });
     let trace = trace.unwrap();
-    let placed = trace.steps.iter().find(|step| step.tool_name() == "place" && step.outcome.is_ok()).unwrap();
-    let category = trace.task.object(placed.object.as_ref().unwrap()).unwrap().category.clone();
-    let history = format!("I placed the {category} on {}.", placed.receptacle.as_ref().unwrap());
+    let placed = trace
+        .steps
+        .iter()
+        .find(|step| step.tool_name() == "place" && step.outcome.is_ok())
+        .unwrap();
+    let category = trace
+        .task
+        .object(placed.object.as_ref().unwrap())
+        .unwrap()
+        .category
+        .clone();
+    let history = format!(
+        "I placed the {category} on {}.",
+        placed.receptacle.as_ref().unwrap()
+    );
     let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
     let check = history_check(setting, trace.steps.iter().map(Deed::of).collect());
     assert_eq!(check(placed.step as usize + 1, &history), None);
@@ -189,27 +336,53 @@ fn a_history_is_held_against_the_deeds_before_it() {
 #[test]
 fn an_answer_that_cannot_be_read_is_asked_for_once_more() {
     let (trace, folder) = (episode(), tempfile::tempdir().unwrap());
-    let server = Scripted::answering(|received| match received.body["messages"].as_array().unwrap().len() {
-        2 => Act::Say("I would rather not.".to_owned()),
-        _ => Act::Say("[]".to_owned()),
-    });
-    let written = run(&trace, &server.base_url, &folder.path().join("notes.jsonl"), &fine).unwrap();
+    let server =
+        Scripted::answering(
+            |received| match received.body["messages"].as_array().unwrap().len() {
+                2 => Act::Say("I would rather not.".to_owned()),
+                _ => Act::Say("[]".to_owned()),
+            },
+        );
+    let written = run(
+        &trace,
+        &server.base_url,
+        &folder.path().join("notes.jsonl"),
+        &fine,
+    )
+    .unwrap();
     assert_eq!(written.fallbacks(), trace.steps.len());
-    assert_eq!(server.received().len(), 2 * trace.steps.len().div_ceil(BATCH));
+    assert_eq!(
+        server.received().len(),
+        2 * trace.steps.len().div_ceil(BATCH)
+    );
 }
 
 #[test]
 fn the_truth_is_found_in_every_part_of_a_note_and_the_rules_never_say_it() {
     for trace in traces() {
-        let (task, steps, secrets) = (PublicTask::of(&trace.task, &trace.scene), Step::all(&trace), Secrets::of(&trace.task));
+        let (task, steps, secrets) = (
+            PublicTask::of(&trace.task, &trace.scene),
+            Step::all(&trace),
+            Secrets::of(&trace.task),
+        );
         for (index, note) in annotate(&task, &steps, 3).into_iter().enumerate() {
-            assert_eq!(secrets.leak(&note, &steps[..index]), None, "{} step {index}", trace.path.display());
+            assert_eq!(
+                secrets.leak(&note, &steps[..index]),
+                None,
+                "{} step {index}",
+                trace.path.display()
+            );
             let planted = |part: usize| {
                 let mut note = note.clone();
-                let part = [&mut note.reasoning, &mut note.history, &mut note.schedule, &mut note.subtask]
-                    .into_iter()
-                    .nth(part)
-                    .unwrap();
+                let part = [
+                    &mut note.reasoning,
+                    &mut note.history,
+                    &mut note.schedule,
+                    &mut note.subtask,
+                ]
+                .into_iter()
+                .nth(part)
+                .unwrap();
                 part.push_str(&format!(" {}", trace.task.target.as_str().to_uppercase()));
                 note
             };

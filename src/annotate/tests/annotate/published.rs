@@ -5,8 +5,13 @@ use serde_json::Value;
 
 use crate::{notes, traces};
 
-const WORDING: Wording<'_> =
-    Wording { system: "S", first_history: "1) Begun.", important: "I", disambiguation: "D", asked: |_| "..." };
+const WORDING: Wording<'_> = Wording {
+    system: "S",
+    first_history: "1) Begun.",
+    important: "I",
+    disambiguation: "D",
+    asked: |_| "...",
+};
 
 #[test]
 fn every_trace_becomes_a_stream_and_its_records() {
@@ -15,13 +20,26 @@ fn every_trace_becomes_a_stream_and_its_records() {
         assert_eq!(written.id(), "ep_000007");
         let stream = events(&trace, &written);
         let pairs = pairs(&stream);
-        assert_eq!(pairs.len(), written.steps.len(), "{}", trace.header.episode_id);
+        assert_eq!(
+            pairs.len(),
+            written.steps.len(),
+            "{}",
+            trace.header.episode_id
+        );
         for (pair, step) in pairs.iter().zip(&written.steps) {
             let (name, payload) = step.action.iter().next().unwrap();
             let event = pair.action.as_ref().unwrap();
-            assert_eq!((event["action"].as_str().unwrap(), &event["payload"]), (name.as_str(), payload));
-            if ["open", "close"].contains(&name.as_str()) && payload.get("receptacle_name").is_none() {
-                assert!(trace.steps.iter().any(|step| step.outcome.error.is_some()), "a door without its receptacle");
+            assert_eq!(
+                (event["action"].as_str().unwrap(), &event["payload"]),
+                (name.as_str(), payload)
+            );
+            if ["open", "close"].contains(&name.as_str())
+                && payload.get("receptacle_name").is_none()
+            {
+                assert!(
+                    trace.steps.iter().any(|step| step.outcome.error.is_some()),
+                    "a door without its receptacle"
+                );
             }
         }
 
@@ -33,13 +51,31 @@ fn every_trace_becomes_a_stream_and_its_records() {
             let said = thought(sample["conversations"][2]["value"].as_str().unwrap()).unwrap();
             let lines = said.history.lines().count();
             let answered = step < answers.len();
-            assert_eq!(lines, if step == 0 || !answered { 0 } else { step + 1 }, "{}", said.history);
-            assert!(!answered || said.schedule.is_some_and(|items| items.iter().all(|item| !item.contains(';'))));
+            assert_eq!(
+                lines,
+                if step == 0 || !answered { 0 } else { step + 1 },
+                "{}",
+                said.history
+            );
+            assert!(
+                !answered
+                    || said
+                        .schedule
+                        .is_some_and(|items| items.iter().all(|item| !item.contains(';')))
+            );
         }
-        let last: Value = serde_json::from_str(samples.last().unwrap()["conversations"][3]["value"].as_str().unwrap()).unwrap();
+        let last: Value = serde_json::from_str(
+            samples.last().unwrap()["conversations"][3]["value"]
+                .as_str()
+                .unwrap(),
+        )
+        .unwrap();
         assert_eq!(last["tool_name"], "finish");
         let template = &written.templates(&WORDING)[0];
         assert_eq!(template["conversations"][2]["value"], "");
-        assert_eq!((&template["metadata"], &template["obs_image"]), (&samples[0]["metadata"], &Value::from("")));
+        assert_eq!(
+            (&template["metadata"], &template["obs_image"]),
+            (&samples[0]["metadata"], &Value::from(""))
+        );
     }
 }

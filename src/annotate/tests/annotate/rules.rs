@@ -1,4 +1,5 @@
-//! What the rule-based writer says over recorded episodes: only what the policy could know, all of it true, in good English.
+//! What the rule-based writer says over recorded episodes: only what the policy could know, all of
+//! it true, in good English.
 
 use std::collections::BTreeSet;
 
@@ -11,13 +12,21 @@ use crate::{notes, traces, words};
 /// What the pictures and texts before a decision showed, read from the records directly.
 fn seen_before(trace: &Trace, index: usize) -> BTreeSet<&str> {
     let mut seen = BTreeSet::new();
-    for record in trace.steps[..index].iter().filter(|record| record.outcome.is_ok()) {
+    for record in trace.steps[..index]
+        .iter()
+        .filter(|record| record.outcome.is_ok())
+    {
         seen.extend(record.visible.iter().map(|visible| visible.object.as_str()));
         seen.extend(record.listed.iter().map(|object| object.as_str()));
-        seen.extend(record.markers.iter().filter_map(|marker| match &marker.target {
-            MarkerTarget::Object(object) => Some(object.as_str()),
-            MarkerTarget::Receptacle(_) => None,
-        }));
+        seen.extend(
+            record
+                .markers
+                .iter()
+                .filter_map(|marker| match &marker.target {
+                    MarkerTarget::Object(object) => Some(object.as_str()),
+                    MarkerTarget::Receptacle(_) => None,
+                }),
+        );
     }
     seen
 }
@@ -32,22 +41,33 @@ fn nothing_hidden_is_said() {
             for object in &trace.task.objects {
                 assert!(!text.contains(object.instance.as_str()), "{}", where_());
                 let asset = object.asset.as_str();
-                assert!(!asset.contains('_') || !text.contains(asset), "{}", where_());
-                let Some(caption) = object.caption.as_deref().filter(|_| !seen.contains(object.instance.as_str())) else {
+                assert!(
+                    !asset.contains('_') || !text.contains(asset),
+                    "{}",
+                    where_()
+                );
+                let Some(caption) = object
+                    .caption
+                    .as_deref()
+                    .filter(|_| !seen.contains(object.instance.as_str()))
+                else {
                     continue;
                 };
-                let twin = trace
-                    .task
-                    .objects
-                    .iter()
-                    .any(|other| other.caption.as_deref() == Some(caption) && seen.contains(other.instance.as_str()));
+                let twin = trace.task.objects.iter().any(|other| {
+                    other.caption.as_deref() == Some(caption)
+                        && seen.contains(other.instance.as_str())
+                });
                 let told = quotes(&trace.task.instruction, caption)
                     || trace.steps[..=index].iter().any(|record| {
                         let reply = record.reply.as_ref().filter(|_| record.step < index as u32);
                         reply.is_some_and(|reply| quotes(&reply.text, caption))
                             || quotes(&record.input.call.arguments.to_string(), caption)
                     });
-                assert!(twin || told || !quotes(&text, caption), "unseen {caption}: {}", where_());
+                assert!(
+                    twin || told || !quotes(&text, caption),
+                    "unseen {caption}: {}",
+                    where_()
+                );
             }
         }
     }
@@ -63,9 +83,15 @@ fn a_note_does_not_know_what_its_call_comes_to() {
         for index in 0..steps.len() {
             let mut known = steps[..=index].to_vec();
             let last = known.last_mut().unwrap();
-            (last.outcome, last.error, last.reply, last.held) = ("?", Some(ErrorCode::BackendError), None, None);
+            (last.outcome, last.error, last.reply, last.held) =
+                ("?", Some(ErrorCode::BackendError), None, None);
             (last.markers, last.seen, last.receptacle) = (Vec::new(), Vec::new(), None);
-            assert_eq!(annotate(&task, &known, 7)[index], notes[index], "{} step {index}", trace.path.display());
+            assert_eq!(
+                annotate(&task, &known, 7)[index],
+                notes[index],
+                "{} step {index}",
+                trace.path.display()
+            );
         }
     }
 }
@@ -74,7 +100,14 @@ fn a_note_does_not_know_what_its_call_comes_to() {
 fn a_history_grows_and_is_not_reworded() {
     for trace in traces() {
         for (index, pair) in notes(&trace).windows(2).enumerate() {
-            assert!(index == 0 || pair[1].history.starts_with(&format!("{} ", pair[0].history)), "{}", pair[1].history);
+            assert!(
+                index == 0
+                    || pair[1]
+                        .history
+                        .starts_with(&format!("{} ", pair[0].history)),
+                "{}",
+                pair[1].history
+            );
         }
     }
 }
@@ -102,38 +135,81 @@ fn every_part_is_said_and_reads_like_english() {
     ];
     for trace in traces() {
         for (index, note) in notes(&trace).iter().enumerate() {
-            for part in [&note.reasoning, &note.history, &note.schedule, &note.subtask] {
-                let said = trace
-                    .steps
-                    .iter()
-                    .any(|record| BAD.iter().any(|bad| record.outcome.text.contains(bad) && part.contains(bad)));
+            for part in [
+                &note.reasoning,
+                &note.history,
+                &note.schedule,
+                &note.subtask,
+            ] {
+                let said = trace.steps.iter().any(|record| {
+                    BAD.iter()
+                        .any(|bad| record.outcome.text.contains(bad) && part.contains(bad))
+                });
                 let bad = BAD.iter().find(|bad| part.contains(*bad));
-                assert!(!part.is_empty() && (bad.is_none() || said), "{bad:?} in {} step {index}: {part}", trace.path.display());
+                assert!(
+                    !part.is_empty() && (bad.is_none() || said),
+                    "{bad:?} in {} step {index}: {part}",
+                    trace.path.display()
+                );
             }
-            assert!(note.reasoning.ends_with(['.', '?', '!', '"']), "{}", note.reasoning);
-            assert!(!note.history.contains('\n') && note.history.ends_with(['.', '"', '!', '?']), "{}", note.history);
+            assert!(
+                note.reasoning.ends_with(['.', '?', '!', '"']),
+                "{}",
+                note.reasoning
+            );
+            assert!(
+                !note.history.contains('\n') && note.history.ends_with(['.', '"', '!', '?']),
+                "{}",
+                note.history
+            );
         }
     }
 }
 
-/// What the next decision needs stands in the History: where one was, what the user said, what failed and why.
+/// What the next decision needs stands in the History: where one was, what the user said, what
+/// failed and why.
 #[test]
 fn a_history_tells_what_happened() {
     for trace in traces() {
         let notes = notes(&trace);
         for (index, record) in trace.steps[..trace.steps.len() - 1].iter().enumerate() {
             let (before, after) = (&notes[index].history, &notes[index + 1].history);
-            let told = if index == 0 { after.as_str() } else { after.strip_prefix(before.as_str()).unwrap() };
-            let says = |word: &str| assert!(told.contains(word), "{} step {index} lacks {word}: {told}", trace.path.display());
+            let told = if index == 0 {
+                after.as_str()
+            } else {
+                after.strip_prefix(before.as_str()).unwrap()
+            };
+            let says = |word: &str| {
+                assert!(
+                    told.contains(word),
+                    "{} step {index} lacks {word}: {told}",
+                    trace.path.display()
+                )
+            };
             match (record.tool_name(), record.outcome.error) {
                 ("nav_to", None) => says(record.receptacle.as_ref().unwrap().as_str()),
                 ("place", None) => says(record.receptacle.as_ref().unwrap().as_str()),
-                // The published servers answer a door call on an object and a question without a description like any other call.
-                ("open" | "close", None) => record.receptacle.iter().for_each(|receptacle| says(receptacle.as_str())),
-                ("ask", None) => record.reply.iter().for_each(|reply| says(reply.text.trim_end_matches('.'))),
-                ("show_object_by_category" | "walk_around", None) => says(&format!("{} ", record.markers.len())),
+                // The published servers answer a door call on an object and a question without a
+                // description like any other call.
+                ("open" | "close", None) => record
+                    .receptacle
+                    .iter()
+                    .for_each(|receptacle| says(receptacle.as_str())),
+                ("ask", None) => record
+                    .reply
+                    .iter()
+                    .for_each(|reply| says(reply.text.trim_end_matches('.'))),
+                ("show_object_by_category" | "walk_around", None) => {
+                    says(&format!("{} ", record.markers.len()))
+                }
                 ("show_receptacles", None) => says(&format!("marker {}", record.markers[0].id)),
-                ("pick", None) => says(&trace.task.object(record.held.as_ref().unwrap()).unwrap().category),
+                ("pick", None) => says(
+                    &trace
+                        .task
+                        .object(record.held.as_ref().unwrap())
+                        .unwrap()
+                        .category,
+                ),
                 (_, Some(ErrorCode::OutOfReach)) => says("out of reach"),
                 (_, Some(ErrorCode::MarkerNotInView)) => says("not in view"),
                 (_, Some(ErrorCode::AlreadyHolding)) => says("already holding"),
@@ -151,7 +227,9 @@ fn equal_arguments_give_equal_words_and_other_seeds_other_words() {
     let trace = traces.iter().find(|trace| trace.steps.len() > 6).unwrap();
     let (task, steps) = (PublicTask::of(&trace.task, &trace.scene), Step::all(trace));
     assert_eq!(annotate(&task, &steps, 1), annotate(&task, &steps, 1));
-    let histories: BTreeSet<String> = (0..40).map(|seed| annotate(&task, &steps, seed).pop().unwrap().history).collect();
+    let histories: BTreeSet<String> = (0..40)
+        .map(|seed| annotate(&task, &steps, seed).pop().unwrap().history)
+        .collect();
     assert_eq!(histories.len(), 40);
     let digest = |text: &str| Digest::of(text.as_bytes());
     assert_ne!(episode_seed(1, &digest("a")), episode_seed(1, &digest("b")));

@@ -1,4 +1,5 @@
-//! What the rules write as History beside the validator of Histories: not one claim is refuted, and most are understood.
+//! What the rules write as History beside the validator of Histories: not one claim is refuted, and
+//! most are understood.
 
 use reel_annotate::{PublicTask, Step, annotate};
 use reel_history::{Checker, Deed, Setting, Verdict};
@@ -11,7 +12,11 @@ fn no_history_is_contradicted_by_the_record() {
     for trace in traces() {
         let (task, steps) = (PublicTask::of(&trace.task, &trace.scene), Step::all(&trace));
         for seed in 0..3 {
-            let mut checker = Checker::new(Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics));
+            let mut checker = Checker::new(Setting::of(
+                &trace.task,
+                &trace.scene,
+                &trace.start.graphs.physics,
+            ));
             for (index, note) in annotate(&task, &steps, seed).iter().enumerate() {
                 for claim in checker.check(&note.history) {
                     claims_made += 1;
@@ -28,12 +33,25 @@ fn no_history_is_contradicted_by_the_record() {
                 }
                 // the published `ask` has two arguments, which are one question
                 let argument = steps[index].argument.as_deref().map(str::to_owned);
-                checker.did(Deed { argument, ..Deed::of(&trace.steps[index]) });
+                checker.did(Deed {
+                    argument,
+                    ..Deed::of(&trace.steps[index])
+                });
             }
         }
     }
-    refuted.dedup_by(|one, other| one.split_once(": ").map(|it| it.1) == other.split_once(": ").map(|it| it.1));
-    assert!(refuted.is_empty(), "{} of {claims_made} refuted:\n{}", refuted.len(), refuted.join("\n"));
-    assert!(supported * 100 >= claims_made * 85, "only {supported} of {claims_made} claims are understood");
+    refuted.dedup_by(|one, other| {
+        one.split_once(": ").map(|it| it.1) == other.split_once(": ").map(|it| it.1)
+    });
+    assert!(
+        refuted.is_empty(),
+        "{} of {claims_made} refuted:\n{}",
+        refuted.len(),
+        refuted.join("\n")
+    );
+    assert!(
+        supported * 100 >= claims_made * 85,
+        "only {supported} of {claims_made} claims are understood"
+    );
     eprintln!("{supported} of {claims_made} claims are supported, none is refuted");
 }

@@ -1,4 +1,5 @@
-//! Folders of files, most of which are no sound meshes: each loads or is refused with a reason, and nothing panics.
+//! Folders of files, most of which are no sound meshes: each loads or is refused with a reason, and
+//! nothing panics.
 
 mod samples;
 
@@ -20,10 +21,15 @@ fn every_file_loads_or_is_refused_with_its_reason() {
     let names: Vec<&str> = listed.iter().map(|file| file.file.as_str()).collect();
     assert_eq!(names.len(), expected.len(), "{names:?}");
     for (name, refused) in expected {
-        let file = listed.iter().find(|file| file.file == name).unwrap_or_else(|| panic!("{name} is not listed"));
+        let file = listed
+            .iter()
+            .find(|file| file.file == name)
+            .unwrap_or_else(|| panic!("{name} is not listed"));
         match (&file.verdict, refused) {
             (Verdict::Loads(_), None) => {}
-            (Verdict::Refused { reason }, Some(part)) => assert!(reason.contains(part), "{name} is refused: {reason}"),
+            (Verdict::Refused { reason }, Some(part)) => {
+                assert!(reason.contains(part), "{name} is refused: {reason}")
+            }
             (verdict, wanted) => panic!("{name}: {verdict:?}, not {wanted:?}"),
         }
     }
@@ -33,20 +39,44 @@ fn every_file_loads_or_is_refused_with_its_reason() {
 fn the_first_kind_of_file_hides_the_others() {
     let folder = tempfile::tempdir().unwrap();
     let (document, binary) = samples::gltf(&samples::cube(), &[]);
-    fs::write(folder.path().join("mug.obj"), samples::obj(&samples::vase(), "")).unwrap();
-    fs::write(folder.path().join("mug.glb"), samples::glb(&document, &binary)).unwrap();
+    fs::write(
+        folder.path().join("mug.obj"),
+        samples::obj(&samples::vase(), ""),
+    )
+    .unwrap();
+    fs::write(
+        folder.path().join("mug.glb"),
+        samples::glb(&document, &binary),
+    )
+    .unwrap();
     fs::write(folder.path().join("notes.txt"), "not an asset").unwrap();
     fs::create_dir(folder.path().join("below.obj")).unwrap();
     let folder = Folder::open(folder.path()).unwrap();
     let listed = folder.check();
     assert_eq!(listed.len(), 3);
-    assert!(matches!(&listed[0].verdict, Verdict::Refused { reason } if reason.contains("no file")), "{listed:?}");
+    assert!(
+        matches!(&listed[0].verdict, Verdict::Refused { reason } if reason.contains("no file")),
+        "{listed:?}"
+    );
     assert!(matches!(&listed[1].verdict, Verdict::Loads(survey) if survey.triangles == 12));
-    assert_eq!(listed[2].verdict, Verdict::Hidden { by: "mug.glb".into() });
+    assert_eq!(
+        listed[2].verdict,
+        Verdict::Hidden {
+            by: "mug.glb".into()
+        }
+    );
     let mug = folder.mesh(&"mug".into()).unwrap();
-    assert!(Arc::ptr_eq(&mug, &folder.mesh(&"mug".into()).unwrap()), "read once");
+    assert!(
+        Arc::ptr_eq(&mug, &folder.mesh(&"mug".into()).unwrap()),
+        "read once"
+    );
     assert!(folder.mesh(&"Mug".into()).is_none() && folder.mesh(&"../mug".into()).is_none());
-    assert_eq!(folder.meshes(&mut [&AssetId::from("mug"), &AssetId::from("plate")].into_iter()).len(), 1);
+    assert_eq!(
+        folder
+            .meshes(&mut [&AssetId::from("mug"), &AssetId::from("plate")].into_iter())
+            .len(),
+        1
+    );
 }
 
 #[test]
@@ -55,19 +85,31 @@ fn what_is_said_of_a_mesh_is_true() {
         let folder = tempfile::tempdir().unwrap();
         samples::write(folder.path());
         let listed = Folder::open(folder.path()).unwrap().check();
-        match listed.into_iter().find(|file| file.file == name).unwrap().verdict {
+        match listed
+            .into_iter()
+            .find(|file| file.file == name)
+            .unwrap()
+            .verdict
+        {
             Verdict::Loads(survey) => survey,
             other => panic!("{name}: {other:?}"),
         }
     };
     let cube = survey("glb_plain.glb");
-    assert_eq!((cube.triangles, cube.vertices, cube.size), (12, 8, [1.0; 3]));
+    assert_eq!(
+        (cube.triangles, cube.vertices, cube.size),
+        (12, 8, [1.0; 3])
+    );
     assert!(cube.watertight && cube.manifold && cube.textures.is_empty());
     let vase = survey("glb_textured.glb");
     assert!(!vase.watertight && vase.manifold);
     assert_eq!(vase.textures, [[256, 256]]);
     // y up becomes z up.
-    assert!(vase.size[2] == 1.4 && (vase.size[0] - 0.9).abs() < 1e-5, "{:?}", vase.size);
+    assert!(
+        vase.size[2] == 1.4 && (vase.size[0] - 0.9).abs() < 1e-5,
+        "{:?}",
+        vase.size
+    );
     assert_eq!(survey("obj_textured.obj").triangles, vase.triangles);
     assert!(!survey("not_manifold.obj").manifold);
     let sheet = survey("sheet.obj");
@@ -75,8 +117,16 @@ fn what_is_said_of_a_mesh_is_true() {
     assert!(survey("obj_colored.obj").vertex_colors && survey("obj_colored.obj").watertight);
     // Turned by about 74 degrees and twice as large: 2 * (0.28 + 0.96) wide.
     let turned = survey("glb_nodes.glb");
-    assert!((turned.size[0] - 2.48).abs() < 1e-5 && (turned.size[2] - 2.0).abs() < 1e-5, "{:?}", turned.size);
-    assert_eq!(survey("gltf_beside.gltf").digest, cube.digest, "the same mesh in another container");
+    assert!(
+        (turned.size[0] - 2.48).abs() < 1e-5 && (turned.size[2] - 2.0).abs() < 1e-5,
+        "{:?}",
+        turned.size
+    );
+    assert_eq!(
+        survey("gltf_beside.gltf").digest,
+        cube.digest,
+        "the same mesh in another container"
+    );
     assert_eq!(survey("gltf_embedded.gltf").digest, cube.digest);
 }
 
@@ -84,8 +134,16 @@ fn what_is_said_of_a_mesh_is_true() {
 #[test]
 fn links_lead_nowhere_else() {
     let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    fs::write(elsewhere.path().join("cube.obj"), samples::obj(&samples::cube(), "")).unwrap();
-    std::os::unix::fs::symlink(elsewhere.path().join("cube.obj"), folder.path().join("cube.obj")).unwrap();
+    fs::write(
+        elsewhere.path().join("cube.obj"),
+        samples::obj(&samples::cube(), ""),
+    )
+    .unwrap();
+    std::os::unix::fs::symlink(
+        elsewhere.path().join("cube.obj"),
+        folder.path().join("cube.obj"),
+    )
+    .unwrap();
     let folder = Folder::open(folder.path()).unwrap();
     let refusal = folder.load(&"cube".into()).unwrap_err();
     assert!(matches!(&*refusal, Refusal::Outside { .. }), "{refusal}");

@@ -16,10 +16,21 @@ pub struct Shape {
 pub fn cube() -> Shape {
     let mut shape = Shape::default();
     for corner in 0..8u8 {
-        shape.points.push([0, 1, 2].map(|axis| f32::from(corner >> axis & 1)));
-        shape.uv.push([f32::from(corner & 1), f32::from(corner >> 1 & 1)]);
+        shape
+            .points
+            .push([0, 1, 2].map(|axis| f32::from(corner >> axis & 1)));
+        shape
+            .uv
+            .push([f32::from(corner & 1), f32::from(corner >> 1 & 1)]);
     }
-    for [a, b, c, d] in [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]] {
+    for [a, b, c, d] in [
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+    ] {
         shape.triangles.extend([[a, b, c], [a, c, d]]);
     }
     shape
@@ -28,19 +39,32 @@ pub fn cube() -> Shape {
 /// A vase: a profile turned around y, open above, with texture points all over.
 pub fn vase() -> Shape {
     const AROUND: u32 = 48;
-    let profile = [[0.0, 0.0], [0.3, 0.0], [0.42, 0.3], [0.45, 0.55], [0.3, 0.95], [0.2, 1.15], [0.3, 1.4]];
+    let profile = [
+        [0.0, 0.0],
+        [0.3, 0.0],
+        [0.42, 0.3],
+        [0.45, 0.55],
+        [0.3, 0.95],
+        [0.2, 1.15],
+        [0.3, 1.4],
+    ];
     let mut shape = Shape::default();
     for (row, [radius, height]) in profile.into_iter().enumerate() {
         for step in 0..=AROUND {
             let (sine, cosine) = (step as f32 / AROUND as f32 * TAU).sin_cos();
             shape.points.push([radius * sine, height, radius * cosine]);
-            shape.uv.push([step as f32 / AROUND as f32, 1.0 - row as f32 / 6.0]);
+            shape
+                .uv
+                .push([step as f32 / AROUND as f32, 1.0 - row as f32 / 6.0]);
         }
     }
     for row in 0..6 {
         for step in 0..AROUND {
             let at = row * (AROUND + 1) + step;
-            shape.triangles.extend([[at, at + 1, at + AROUND + 2], [at, at + AROUND + 2, at + AROUND + 1]]);
+            shape.triangles.extend([
+                [at, at + 1, at + AROUND + 2],
+                [at, at + AROUND + 2, at + AROUND + 1],
+            ]);
         }
     }
     shape
@@ -62,16 +86,41 @@ pub fn obj(shape: &Shape, head: &str) -> String {
     text
 }
 
-/// A shape as a glTF document and its binary part: indices, positions, texture points, then what else there is.
+/// A shape as a glTF document and its binary part: indices, positions, texture points, then what
+/// else there is.
 pub fn gltf(shape: &Shape, more: &[u8]) -> (Value, Vec<u8>) {
-    let mut binary: Vec<u8> = shape.triangles.iter().flatten().flat_map(|index| index.to_le_bytes()).collect();
+    let mut binary: Vec<u8> = shape
+        .triangles
+        .iter()
+        .flatten()
+        .flat_map(|index| index.to_le_bytes())
+        .collect();
     let points_at = binary.len();
-    binary.extend(shape.points.iter().flatten().flat_map(|value| value.to_le_bytes()));
+    binary.extend(
+        shape
+            .points
+            .iter()
+            .flatten()
+            .flat_map(|value| value.to_le_bytes()),
+    );
     let uv_at = binary.len();
-    binary.extend(shape.uv.iter().flatten().flat_map(|value| value.to_le_bytes()));
+    binary.extend(
+        shape
+            .uv
+            .iter()
+            .flatten()
+            .flat_map(|value| value.to_le_bytes()),
+    );
     let more_at = binary.len();
     binary.extend(more);
-    let axis = |axis: usize, pick: fn(f32, f32) -> f32| shape.points.iter().map(|point| point[axis]).reduce(pick).unwrap_or(0.0);
+    let axis = |axis: usize, pick: fn(f32, f32) -> f32| {
+        shape
+            .points
+            .iter()
+            .map(|point| point[axis])
+            .reduce(pick)
+            .unwrap_or(0.0)
+    };
     let corner = |pick: fn(f32, f32) -> f32| [0, 1, 2].map(|index| axis(index, pick));
     let document = json!({
         "asset": { "version": "2.0" },
@@ -102,7 +151,8 @@ pub fn textured(shape: &Shape, picture: &[u8]) -> (Value, Vec<u8>) {
     let (mut document, binary) = gltf(shape, picture);
     document["images"] = json!([{ "bufferView": 3, "mimeType": "image/png" }]);
     document["textures"] = json!([{ "source": 0 }]);
-    document["materials"] = json!([{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }]);
+    document["materials"] =
+        json!([{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }]);
     (document, binary)
 }
 
@@ -129,8 +179,15 @@ pub fn png(width: u32, height: u32, pixel: impl Fn(u32, u32) -> [u8; 3]) -> Vec<
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, height);
     encoder.set_color(png::ColorType::Rgb);
-    let rgb: Vec<u8> = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).flat_map(|(x, y)| pixel(x, y)).collect();
-    encoder.write_header().unwrap().write_image_data(&rgb).unwrap();
+    let rgb: Vec<u8> = (0..height)
+        .flat_map(|y| (0..width).map(move |x| (x, y)))
+        .flat_map(|(x, y)| pixel(x, y))
+        .collect();
+    encoder
+        .write_header()
+        .unwrap()
+        .write_image_data(&rgb)
+        .unwrap();
     bytes
 }
 
@@ -151,7 +208,13 @@ fn bomb(side: u32) -> Vec<u8> {
     let mut crc = u32::MAX;
     for byte in &bytes[12..29] {
         crc ^= u32::from(*byte);
-        (0..8).for_each(|_| crc = if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 });
+        (0..8).for_each(|_| {
+            crc = if crc & 1 == 1 {
+                crc >> 1 ^ 0xedb8_8320
+            } else {
+                crc >> 1
+            }
+        });
     }
     bytes[29..33].copy_from_slice(&(!crc).to_be_bytes());
     bytes
@@ -162,7 +225,8 @@ fn data_uri(kind: &str, bytes: &[u8]) -> String {
     format!("data:{kind};base64,{}", STANDARD.encode(bytes))
 }
 
-/// Writes all of them, and says of each what comes of it: nothing where it loads, or a part of the reason.
+/// Writes all of them, and says of each what comes of it: nothing where it loads, or a part of the
+/// reason.
 pub fn write(folder: &Path) -> Vec<(&'static str, Option<&'static str>)> {
     let mut expected = Vec::new();
     let mut file = |name: &'static str, bytes: &[u8], refused: Option<&'static str>| {
@@ -175,68 +239,159 @@ pub fn write(folder: &Path) -> Vec<(&'static str, Option<&'static str>)> {
     };
     let plain = || gltf(&cube(), &[]);
     let (document, binary) = plain();
-    fs::write(folder.join("painted.mtl"), "newmtl skin\nKd 0.5 0.5 0.5\nmap_Kd -clamp off band.png\n").unwrap();
+    fs::write(
+        folder.join("painted.mtl"),
+        "newmtl skin\nKd 0.5 0.5 0.5\nmap_Kd -clamp off band.png\n",
+    )
+    .unwrap();
     fs::write(folder.join("band.png"), pattern()).unwrap();
     fs::write(folder.join("lost.mtl"), "newmtl skin\nmap_Kd nowhere.png\n").unwrap();
     fs::write(folder.join("buffer.bin"), &binary).unwrap();
 
     // Sound ones.
     file("obj_plain.obj", obj(&cube(), "").as_bytes(), None);
-    file("obj_textured.obj", obj(&vase(), "mtllib painted.mtl\nusemtl skin\n").as_bytes(), None);
+    file(
+        "obj_textured.obj",
+        obj(&vase(), "mtllib painted.mtl\nusemtl skin\n").as_bytes(),
+        None,
+    );
     let colored = "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 0 0 1 1 1 1\nf 1 3 2\nf 1 2 4\nf -4 -1 -2\nf 2 3 4\n";
     file("obj_colored.obj", colored.as_bytes(), None);
     file("glb_plain.glb", &glb(&document, &binary), None);
     let (document_textured, binary_textured) = textured(&vase(), &pattern());
-    file("glb_textured.glb", &glb(&document_textured, &binary_textured), None);
+    file(
+        "glb_textured.glb",
+        &glb(&document_textured, &binary_textured),
+        None,
+    );
     let mut beside = document.clone();
     beside["buffers"][0]["uri"] = json!("buffer.bin");
     file("gltf_beside.gltf", beside.to_string().as_bytes(), None);
     let mut embedded = document.clone();
     embedded["buffers"][0]["uri"] = json!(data_uri("application/octet-stream", &binary));
     file("gltf_embedded.gltf", embedded.to_string().as_bytes(), None);
-    let turned =
-        json!([{ "children": [1], "scale": [2, 2, 2] }, { "mesh": 0, "rotation": [0, 0.6, 0, 0.8], "translation": [1, 0, 0] }]);
-    file("glb_nodes.glb", &changed(plain(), &|it| it["nodes"] = turned.clone()), None);
+    let turned = json!([{ "children": [1], "scale": [2, 2, 2] }, { "mesh": 0, "rotation": [0, 0.6, 0, 0.8], "translation": [1, 0, 0] }]);
+    file(
+        "glb_nodes.glb",
+        &changed(plain(), &|it| it["nodes"] = turned.clone()),
+        None,
+    );
     let mut winged = cube();
     winged.triangles.extend([[0, 7, 1], [0, 7, 2], [0, 7, 4]]);
     file("not_manifold.obj", obj(&winged, "").as_bytes(), None);
-    file("sheet.obj", b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n", None);
+    file(
+        "sheet.obj",
+        b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n",
+        None,
+    );
 
     // Nothing in them, or not what their names say.
     file("empty_text.obj", b"", Some("no triangles"));
     file("empty.glb", b"", Some("no sound glTF"));
-    file("only_points.obj", b"v 0 0 0\nv 1 0 0\np 1 2\nl 1 2\n", Some("no triangles"));
-    file("no_meshes.gltf", br#"{"asset": {"version": "2.0"}}"#, Some("no triangles"));
-    file("header.glb", b"glTF\x02\0\0\0", Some("ends in its first chunk"));
-    file("version.glb", b"glTF\x01\0\0\0\x14\0\0\0", Some("glTF of version 1"));
+    file(
+        "only_points.obj",
+        b"v 0 0 0\nv 1 0 0\np 1 2\nl 1 2\n",
+        Some("no triangles"),
+    );
+    file(
+        "no_meshes.gltf",
+        br#"{"asset": {"version": "2.0"}}"#,
+        Some("no triangles"),
+    );
+    file(
+        "header.glb",
+        b"glTF\x02\0\0\0",
+        Some("ends in its first chunk"),
+    );
+    file(
+        "version.glb",
+        b"glTF\x01\0\0\0\x14\0\0\0",
+        Some("glTF of version 1"),
+    );
     file("text.obj", &[0xff, 0xfe, 0x00, 0x81], Some("it is no text"));
     let whole = glb(&document, &binary);
-    file("truncated.glb", &whole[..whole.len() - 40], Some("ends in its second chunk"));
-    file("short_buffer.glb", &glb(&document, &binary[..60]), Some("buffer 0 has 60 bytes"));
-    file("words.obj", b"v 0 zero 0\n", Some("line 1: 'zero' is no number"));
+    file(
+        "truncated.glb",
+        &whole[..whole.len() - 40],
+        Some("ends in its second chunk"),
+    );
+    file(
+        "short_buffer.glb",
+        &glb(&document, &binary[..60]),
+        Some("buffer 0 has 60 bytes"),
+    );
+    file(
+        "words.obj",
+        b"v 0 zero 0\n",
+        Some("line 1: 'zero' is no number"),
+    );
 
     // Numbers that mean nothing.
-    file("nan_text.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", Some("not finite"));
+    file(
+        "nan_text.obj",
+        b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        Some("not finite"),
+    );
     let mut infinite = cube();
     infinite.points[3][1] = f32::NAN;
     file("nan.glb", &packed(gltf(&infinite, &[])), Some("not finite"));
-    file("index_text.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", Some("line 4: there is no vertex 4"));
-    file("index_huge.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9223372036854775807\n", Some("there is no vertex"));
+    file(
+        "index_text.obj",
+        b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n",
+        Some("line 4: there is no vertex 4"),
+    );
+    file(
+        "index_huge.obj",
+        b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9223372036854775807\n",
+        Some("there is no vertex"),
+    );
     let mut outside = cube();
     outside.triangles[0][0] = 99;
-    file("index.glb", &packed(gltf(&outside, &[])), Some("refers to vertex 99"));
-    file("huge_coordinates.obj", b"v 0 0 0\nv 1e30 0 0\nv 0 1e30 0\nf 1 2 3\n", Some("scale it to metres"));
-    file("tiny.obj", b"v 0 0 0\nv 1e-9 0 0\nv 0 1e-9 0\nf 1 2 3\n", Some("scale it to metres"));
-    file("zero_area.obj", b"v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n", Some("no area"));
+    file(
+        "index.glb",
+        &packed(gltf(&outside, &[])),
+        Some("refers to vertex 99"),
+    );
+    file(
+        "huge_coordinates.obj",
+        b"v 0 0 0\nv 1e30 0 0\nv 0 1e30 0\nf 1 2 3\n",
+        Some("scale it to metres"),
+    );
+    file(
+        "tiny.obj",
+        b"v 0 0 0\nv 1e-9 0 0\nv 0 1e-9 0\nf 1 2 3\n",
+        Some("scale it to metres"),
+    );
+    file(
+        "zero_area.obj",
+        b"v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n",
+        Some("no area"),
+    );
 
     // Too much.
     let many: String = (0..100_001).map(|_| "f 1 2 3\n").collect();
-    file("many_triangles.obj", format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{many}").as_bytes(), Some("decimate it"));
+    file(
+        "many_triangles.obj",
+        format!("v 0 0 0\nv 1 0 0\nv 0 1 0\n{many}").as_bytes(),
+        Some("decimate it"),
+    );
     let count = |it: &mut Value| it["accessors"][1]["count"] = json!(4_000_000_000u32);
-    file("many_vertices.glb", &changed(plain(), &count), Some("decimate it"));
+    file(
+        "many_vertices.glb",
+        &changed(plain(), &count),
+        Some("decimate it"),
+    );
     let far = |it: &mut Value| it["accessors"][0]["byteOffset"] = json!(u64::MAX / 2);
-    file("far_offset.glb", &changed(plain(), &far), Some("ends behind its data"));
-    file("texture_bomb.glb", &packed(textured(&cube(), &bomb(60_000))), Some("60000 pixels on one side"));
+    file(
+        "far_offset.glb",
+        &changed(plain(), &far),
+        Some("ends behind its data"),
+    );
+    file(
+        "texture_bomb.glb",
+        &packed(textured(&cube(), &bomb(60_000))),
+        Some("60000 pixels on one side"),
+    );
     let large = fs::File::create(folder.join("huge_file.obj")).unwrap();
     large.set_len(65 << 20).unwrap();
     expected.push(("huge_file.obj", Some("bytes, and at most")));
@@ -251,22 +406,76 @@ pub fn write(folder: &Path) -> Vec<(&'static str, Option<&'static str>)> {
         document["buffers"][0]["uri"] = json!(uri);
         document.to_string().into_bytes()
     };
-    file("absolute.gltf", &uri("/etc/hostname"), Some("not in its folder"));
-    file("above.gltf", &uri("%2e%2e/buffer.bin"), Some("not in its folder"));
-    file("network.gltf", &uri("https://example.org/buffer.bin"), Some("not in its folder"));
-    file("missing_buffer.gltf", &uri("nothing.bin"), Some("nothing.bin cannot be read"));
-    file("missing_texture.obj", obj(&cube(), "mtllib lost.mtl\nusemtl skin\n").as_bytes(), Some("nowhere.png cannot be read"));
-    file("missing_materials.obj", obj(&cube(), "mtllib none.mtl\n").as_bytes(), Some("none.mtl cannot be read"));
-    file("broken_texture.glb", &packed(textured(&cube(), &pattern()[..400])), Some("no sound PNG"));
-    file("other_texture.glb", &packed(textured(&cube(), b"GIF89a...")), Some("neither PNG nor JPEG"));
+    file(
+        "absolute.gltf",
+        &uri("/etc/hostname"),
+        Some("not in its folder"),
+    );
+    file(
+        "above.gltf",
+        &uri("%2e%2e/buffer.bin"),
+        Some("not in its folder"),
+    );
+    file(
+        "network.gltf",
+        &uri("https://example.org/buffer.bin"),
+        Some("not in its folder"),
+    );
+    file(
+        "missing_buffer.gltf",
+        &uri("nothing.bin"),
+        Some("nothing.bin cannot be read"),
+    );
+    file(
+        "missing_texture.obj",
+        obj(&cube(), "mtllib lost.mtl\nusemtl skin\n").as_bytes(),
+        Some("nowhere.png cannot be read"),
+    );
+    file(
+        "missing_materials.obj",
+        obj(&cube(), "mtllib none.mtl\n").as_bytes(),
+        Some("none.mtl cannot be read"),
+    );
+    file(
+        "broken_texture.glb",
+        &packed(textured(&cube(), &pattern()[..400])),
+        Some("no sound PNG"),
+    );
+    file(
+        "other_texture.glb",
+        &packed(textured(&cube(), b"GIF89a...")),
+        Some("neither PNG nor JPEG"),
+    );
 
     // What a document may say and should not.
     let cycle = json!([{ "mesh": 0, "children": [1] }, { "children": [0] }]);
-    file("cycle.glb", &changed(plain(), &|it| it["nodes"] = cycle.clone()), Some("of itself"));
-    file("no_such_mesh.glb", &changed(plain(), &|it| it["nodes"][0]["mesh"] = json!(7)), Some("no sound glTF document"));
+    file(
+        "cycle.glb",
+        &changed(plain(), &|it| it["nodes"] = cycle.clone()),
+        Some("of itself"),
+    );
+    file(
+        "no_such_mesh.glb",
+        &changed(plain(), &|it| it["nodes"][0]["mesh"] = json!(7)),
+        Some("no sound glTF document"),
+    );
     let draco = |it: &mut Value| it["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
-    file("draco.glb", &changed(plain(), &draco), Some("KHR_draco_mesh_compression"));
-    file("kind.glb", &changed(plain(), &|it| it["accessors"][1]["type"] = json!("VEC2")), Some("components instead of 3"));
-    file("stride.glb", &changed(plain(), &|it| it["bufferViews"][1]["byteStride"] = json!(252)), Some("ends behind its data"));
+    file(
+        "draco.glb",
+        &changed(plain(), &draco),
+        Some("KHR_draco_mesh_compression"),
+    );
+    file(
+        "kind.glb",
+        &changed(plain(), &|it| it["accessors"][1]["type"] = json!("VEC2")),
+        Some("components instead of 3"),
+    );
+    file(
+        "stride.glb",
+        &changed(plain(), &|it| {
+            it["bufferViews"][1]["byteStride"] = json!(252)
+        }),
+        Some("ends behind its data"),
+    );
     expected
 }

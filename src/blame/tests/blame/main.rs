@@ -19,10 +19,21 @@ fn the_planner_regrets_nothing() {
         let trace = stage.play(task, "planner");
         let blame = blame(&trace);
         if blame.wasted > 0 || blame.success != Some(true) {
-            bad.push(format!("{} {:?}\n{}", task.task_id, blame.success, told(&trace, &blame)));
+            bad.push(format!(
+                "{} {:?}\n{}",
+                task.task_id,
+                blame.success,
+                told(&trace, &blame)
+            ));
         }
     }
-    assert!(bad.is_empty(), "{} of {}:\n{}", bad.len(), stage.tasks.len(), bad.join("\n"));
+    assert!(
+        bad.is_empty(),
+        "{} of {}:\n{}",
+        bad.len(),
+        stage.tasks.len(),
+        bad.join("\n")
+    );
 }
 
 #[test]

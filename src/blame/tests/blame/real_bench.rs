@@ -1,5 +1,5 @@
-//! The published tasks (SPEC section 10): the planner regrets nothing in them, and the detours of the published plans are
-//! regret.
+//! The published tasks (SPEC section 10): the planner regrets nothing in them, and the detours of
+//! the published plans are regret.
 
 #[path = "../../../agents/tests/real_bench/data.rs"]
 mod data;
@@ -15,13 +15,20 @@ use crate::stage::{Stage, told};
 
 /// Every so many tasks are played; all of them where `REEL_EVERY_TASK` is set.
 fn step() -> usize {
-    if std::env::var_os("REEL_EVERY_TASK").is_some() { 1 } else { 9 }
+    if std::env::var_os("REEL_EVERY_TASK").is_some() {
+        1
+    } else {
+        9
+    }
 }
 
 fn stage() -> Option<Stage> {
     let (scene, mut tasks) = data::real_bench()?;
     tasks.sort_by(|one, other| one.task_id.cmp(&other.task_id));
-    Some(Stage::of(tasks.into_iter().step_by(step()).collect(), scene))
+    Some(Stage::of(
+        tasks.into_iter().step_by(step()).collect(),
+        scene,
+    ))
 }
 
 /// Whether the published plan drives to furniture that is neither source nor destination.
@@ -41,16 +48,24 @@ fn the_planner_regrets_nothing_and_the_published_detours_are_regret() {
         .filter_map(|task| {
             let trace = stage.play(task, "planner");
             let found = blame(&trace);
-            (found.wasted > 0 || found.success != Some(true)).then(|| format!("{}\n{}", task.task_id, told(&trace, &found)))
+            (found.wasted > 0 || found.success != Some(true))
+                .then(|| format!("{}\n{}", task.task_id, told(&trace, &found)))
         })
         .collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
     let astray: Vec<_> = stage.tasks.iter().filter(|task| strays(task)).collect();
-    let regretted = astray.par_iter().filter(|task| blame(&stage.play(task, "oracle")).wasted > 0).count();
+    let regretted = astray
+        .par_iter()
+        .filter(|task| blame(&stage.play(task, "oracle")).wasted > 0)
+        .count();
     eprintln!(
         "{} planner episodes without regret; {regretted} of {} published detours are regret",
         stage.tasks.len(),
         astray.len()
     );
-    assert!(!astray.is_empty() && regretted == astray.len(), "{regretted} of {}", astray.len());
+    assert!(
+        !astray.is_empty() && regretted == astray.len(),
+        "{regretted} of {}",
+        astray.len()
+    );
 }

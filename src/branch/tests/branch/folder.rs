@@ -24,7 +24,10 @@ pub struct Folder {
 
 impl Folder {
     pub fn new() -> Self {
-        Self { folder: tempfile::tempdir().unwrap(), count: AtomicUsize::new(0) }
+        Self {
+            folder: tempfile::tempdir().unwrap(),
+            count: AtomicUsize::new(0),
+        }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -33,7 +36,10 @@ impl Folder {
 
     /// A name that nobody has.
     pub fn next(&self) -> PathBuf {
-        self.path(&format!("{}.mcap", self.count.fetch_add(1, Ordering::Relaxed)))
+        self.path(&format!(
+            "{}.mcap",
+            self.count.fetch_add(1, Ordering::Relaxed)
+        ))
     }
 
     /// Plays a task and records it.
@@ -43,7 +49,10 @@ impl Folder {
 
     /// Plays a branch and records it.
     pub fn branch(&self, branch: &Branch, parent: &Trace, at: usize, images: Images) -> Trace {
-        let record = RecordTo { path: self.next(), options: images.into() };
+        let record = RecordTo {
+            path: self.next(),
+            options: images.into(),
+        };
         branch.play_at(parent, at, Some(&record)).unwrap();
         Trace::read(&record.path).unwrap()
     }

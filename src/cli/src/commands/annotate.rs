@@ -7,8 +7,8 @@ use std::{
 
 use rayon::prelude::*;
 use reel_annotate::{
-    Entry, ModelAnnotator, Provenance, PublicTask, Secrets, Step, annotate, episode_seed, history_check, notes_path, version,
-    write_notes,
+    Entry, ModelAnnotator, Provenance, PublicTask, Secrets, Step, annotate, episode_seed,
+    history_check, notes_path, version, write_notes,
 };
 use reel_history::{Deed, Setting};
 use reel_model::Client;
@@ -18,13 +18,15 @@ use serde_json::json;
 
 use crate::{Answer, inputs, model::Model, progress, prompt::PromptArguments};
 
-/// Write what an agent might have said along with each decision of a trace: reasoning, History, schedule and subtask, from what
-/// it could know at that moment. By rules in varied words, or by a model behind an OpenAI-compatible endpoint, ten decisions a
-/// request. The model reads the prompt that the agent acts on (`--prompt`; without it the one of Reel), so that its notes fit. Its
-/// note stands only if it is complete, says nothing that an agent cannot know and no History that the record refutes; else the
-/// rules' note stands in, and the file says why. The notes go into a file beside the trace, `<trace>.notes.jsonl`, which
-/// `reel export sft --words notes` reads; the trace is not changed. Broken off, the same command goes on where it stopped.
-/// `reel export sft` needs none of this: it writes the rules' words itself.
+/// Write what an agent might have said along with each decision of a trace: reasoning, History,
+/// schedule and subtask, from what it could know at that moment. By rules in varied words, or by a
+/// model behind an OpenAI-compatible endpoint, ten decisions a request. The model reads the prompt
+/// that the agent acts on (`--prompt`; without it the one of Reel), so that its notes fit. Its note
+/// stands only if it is complete, says nothing that an agent cannot know and no History that the
+/// record refutes; else the rules' note stands in, and the file says why. The notes go into a file
+/// beside the trace, `<trace>.notes.jsonl`, which `reel export sft --words notes` reads; the trace
+/// is not changed. Broken off, the same command goes on where it stopped. `reel export sft` needs
+/// none of this: it writes the rules' words itself.
 ///
 /// Example:
 ///   reel annotate traces
@@ -71,7 +73,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let client = arguments.model.client(&arguments.cache, &arguments.log)?;
     let prompt = arguments.prompt.prompt()?;
     let bar = progress::bar(paths.len(), "annotating");
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(arguments.jobs)).build()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(inputs::workers(arguments.jobs))
+        .build()?;
     let note = |path: &PathBuf| {
         let noted = note(path, client.as_ref(), &prompt, arguments.seed);
         bar.inc(1);
@@ -86,9 +90,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 decisions += noted.decisions;
                 fallbacks += noted.fallbacks.len();
                 if arguments.json {
-                    let reasons: Vec<_> =
-                        noted.fallbacks.iter().map(|(call, reason)| json!({ "call": call, "reason": reason })).collect();
-                    let Noted { decisions, resumed, .. } = noted;
+                    let reasons: Vec<_> = noted
+                        .fallbacks
+                        .iter()
+                        .map(|(call, reason)| json!({ "call": call, "reason": reason }))
+                        .collect();
+                    let Noted {
+                        decisions, resumed, ..
+                    } = noted;
                     println!(
                         "{}",
                         json!({ "trace": path, "decisions": decisions, "resumed": resumed, "by_rules_because": reasons })
@@ -102,33 +111,77 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         }
     }
     if !arguments.json {
-        let by_rules = if client.is_some() { format!("; {fallbacks} by rules in the model's place") } else { String::new() };
-        println!("{decisions} decisions of {} traces annotated{by_rules}", paths.len() - errors);
+        let by_rules = if client.is_some() {
+            format!("; {fallbacks} by rules in the model's place")
+        } else {
+            String::new()
+        };
+        println!(
+            "{decisions} decisions of {} traces annotated{by_rules}",
+            paths.len() - errors
+        );
     }
-    Ok(if errors > 0 { Answer::Loss } else { Answer::Yes })
+    Ok(if errors > 0 {
+        Answer::Loss
+    } else {
+        Answer::Yes
+    })
 }
 
-fn note(path: &Path, client: Option<&Client>, prompt: &Arc<Prompt>, seed: u64) -> anyhow::Result<Noted> {
+fn note(
+    path: &Path,
+    client: Option<&Client>,
+    prompt: &Arc<Prompt>,
+    seed: u64,
+) -> anyhow::Result<Noted> {
     let trace = Trace::read(path)?;
     let public = PublicTask::of(&trace.task, &trace.scene);
     let steps = Step::all(&trace);
     let seed = episode_seed(seed, &trace.chain());
     let notes = notes_path(path);
     let Some(client) = client else {
-        let entries: Vec<Entry> = annotate(&public, &steps, seed).into_iter().map(Entry::from).collect();
-        let provenance =
-            Provenance { trace: trace.chain(), steps: steps.len(), annotator: "rules".to_owned(), version: version(), seed };
+        let entries: Vec<Entry> = annotate(&public, &steps, seed)
+            .into_iter()
+            .map(Entry::from)
+            .collect();
+        let provenance = Provenance {
+            trace: trace.chain(),
+            steps: steps.len(),
+            annotator: "rules".to_owned(),
+            version: version(),
+            seed,
+        };
         write_notes(&notes, &provenance, &entries)?;
-        return Ok(Noted { decisions: entries.len(), resumed: 0, fallbacks: Vec::new() });
+        return Ok(Noted {
+            decisions: entries.len(),
+            resumed: 0,
+            fallbacks: Vec::new(),
+        });
     };
     let setting = Setting::of(&trace.task, &trace.scene, &trace.start.graphs.physics);
     let check = history_check(setting, trace.steps.iter().map(Deed::of).collect());
-    let annotator = ModelAnnotator { client, seed, check: &check, prompt: Arc::clone(prompt) };
-    let written = annotator.annotate(&public, &steps, &Secrets::of(&trace.task), trace.chain(), &notes)?;
+    let annotator = ModelAnnotator {
+        client,
+        seed,
+        check: &check,
+        prompt: Arc::clone(prompt),
+    };
+    let written = annotator.annotate(
+        &public,
+        &steps,
+        &Secrets::of(&trace.task),
+        trace.chain(),
+        &notes,
+    )?;
     let fallback = |(call, entry): (usize, Entry)| Some((call, entry.fallback?));
     Ok(Noted {
         decisions: written.entries.len(),
         resumed: written.resumed,
-        fallbacks: written.entries.into_iter().enumerate().filter_map(fallback).collect(),
+        fallbacks: written
+            .entries
+            .into_iter()
+            .enumerate()
+            .filter_map(fallback)
+            .collect(),
     })
 }

@@ -44,7 +44,10 @@ fn check(path: &Path, as_json: bool) -> anyhow::Result<Answer> {
     let folder = Folder::open(path).with_context(|| format!("cannot list {}", path.display()))?;
     let listed = folder.check();
     if listed.is_empty() {
-        bail!("no .glb, .gltf or .obj file in {}; each is named by the asset it shows, e.g. mug_01.glb", path.display());
+        bail!(
+            "no .glb, .gltf or .obj file in {}; each is named by the asset it shows, e.g. mug_01.glb",
+            path.display()
+        );
     }
     for file in &listed {
         if as_json {
@@ -53,13 +56,21 @@ fn check(path: &Path, as_json: bool) -> anyhow::Result<Answer> {
             println!("{}", told(file));
         }
     }
-    let count = |wanted: fn(&Verdict) -> bool| listed.iter().filter(|file| wanted(&file.verdict)).count();
+    let count =
+        |wanted: fn(&Verdict) -> bool| listed.iter().filter(|file| wanted(&file.verdict)).count();
     let loads = count(|verdict| matches!(verdict, Verdict::Loads(_)));
     let refused = count(|verdict| matches!(verdict, Verdict::Refused { .. }));
     if !as_json {
-        println!("{loads} of {} files load, {refused} are refused", listed.len());
+        println!(
+            "{loads} of {} files load, {refused} are refused",
+            listed.len()
+        );
     }
-    Ok(if refused == 0 { Answer::Yes } else { Answer::No })
+    Ok(if refused == 0 {
+        Answer::Yes
+    } else {
+        Answer::No
+    })
 }
 
 fn told(file: &Listed) -> String {
@@ -82,11 +93,20 @@ fn told(file: &Listed) -> String {
                 (false, true) => "open",
                 (false, false) => "not manifold",
             };
-            let mut looks: Vec<String> = textures.iter().map(|[width, height]| format!("texture {width} x {height}")).collect();
+            let mut looks: Vec<String> = textures
+                .iter()
+                .map(|[width, height]| format!("texture {width} x {height}"))
+                .collect();
             looks.extend(vertex_colors.then(|| "colours of vertices".to_owned()));
-            let looks = if looks.is_empty() { "plain".to_owned() } else { looks.join(", ") };
+            let looks = if looks.is_empty() {
+                "plain".to_owned()
+            } else {
+                looks.join(", ")
+            };
             let digest = digest.short();
-            format!("{name}: {triangles} triangles, {vertices} vertices, {x:.3} x {y:.3} x {z:.3}, {skin}, {looks}, {digest}")
+            format!(
+                "{name}: {triangles} triangles, {vertices} vertices, {x:.3} x {y:.3} x {z:.3}, {skin}, {looks}, {digest}"
+            )
         }
     }
 }

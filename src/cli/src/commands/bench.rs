@@ -39,9 +39,10 @@ const SEED: u64 = 7;
 /// Episodes at a time where models are asked: they wait for the endpoint most of the time.
 const JOBS_WITH_MODELS: usize = 8;
 
-/// Benchmark an agent on tasks, in the form of the paper's main table: success (with Wilson's 95 % interval), completion, SPL,
-/// steps, questions, reward, latency and tokens by family. Every episode is recorded, and every answer from outside is in its
-/// trace, so that replay asks nobody. Run the same command again after it was stopped: what was played stays.
+/// Benchmark an agent on tasks, in the form of the paper's main table: success (with Wilson's 95 %
+/// interval), completion, SPL, steps, questions, reward, latency and tokens by family. Every
+/// episode is recorded, and every answer from outside is in its trace, so that replay asks nobody.
+/// Run the same command again after it was stopped: what was played stays.
 ///
 /// Examples:
 ///   reel bench --tasks tasks --agent planner --out bench/planner
@@ -59,8 +60,8 @@ pub struct Arguments {
     /// Compare what two folders hold instead of playing
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "tasks")]
     compare: Option<Vec<PathBuf>>,
-    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the one that each task names, found
-    /// beside the tasks or among those that come with Reel
+    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the
+    /// one that each task names, found beside the tasks or among those that come with Reel
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     #[command(flatten)]
@@ -77,8 +78,8 @@ pub struct Arguments {
     /// Episodes at a time; without it one for each core, 8 where models are asked
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
-    /// How the environment behaves where the paper and the published code differ: paper, real-repo (the published evaluation
-    /// server) or real-gspo (the published training server)
+    /// How the environment behaves where the paper and the published code differ: paper, real-repo
+    /// (the published evaluation server) or real-gspo (the published training server)
     #[arg(long, value_name = "NAME", default_value = "paper")]
     profile: String,
     /// How reliable the robot's skills are: perfect, or real-v1 as on the paper's robot
@@ -120,25 +121,42 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 }
 
 fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let profile = Profile::parse(&arguments.profile)
-        .with_context(|| format!("no profile is called '{}'; there are paper, real-repo and real-gspo", arguments.profile))?;
+    let profile = Profile::parse(&arguments.profile).with_context(|| {
+        format!(
+            "no profile is called '{}'; there are paper, real-repo and real-gspo",
+            arguments.profile
+        )
+    })?;
     if arguments.prices.is_some() && arguments.prices().is_none() {
         bail!("--prices wants two numbers, of a million tokens read and written, like 0.5,1.5");
     }
     let tasks = arguments.tasks.as_deref().expect("clap demands it");
-    let inputs::Tasks { tasks, scenes, broken } = inputs::tasks(tasks, arguments.scene.as_deref(), Listed::AsWritten)?;
-    fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
+    let inputs::Tasks {
+        tasks,
+        scenes,
+        broken,
+    } = inputs::tasks(tasks, arguments.scene.as_deref(), Listed::AsWritten)?;
+    fs::create_dir_all(&arguments.out)
+        .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
     let cast = arguments.players.cast(&arguments.out.join("calls.jsonl"))?;
     let name = cast.name();
     let job = |task: &Arc<Task>, seed: u64| {
-        let file = format!("{}--{name}--{seed}.mcap", task.task_id).replace(|c: char| "/\\: ".contains(c), "_");
+        let file = format!("{}--{name}--{seed}.mcap", task.task_id)
+            .replace(|c: char| "/\\: ".contains(c), "_");
         let path = arguments.out.join(file);
         remove_abandoned(&path.with_added_extension("part"));
-        let images = if arguments.no_images { Images::None } else { Images::Full };
+        let images = if arguments.no_images {
+            Images::None
+        } else {
+            Images::Full
+        };
         Job {
             config: EpisodeConfig {
                 task: task.clone(),
-                scene: scenes.of(task).expect("tasks are loaded with their scenes").clone(),
+                scene: scenes
+                    .of(task)
+                    .expect("tasks are loaded with their scenes")
+                    .clone(),
                 seed,
                 profile,
                 skills: arguments.skills,
@@ -150,13 +168,24 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
                 parent: None,
             },
             policy: name.clone(),
-            record: Some(RecordTo { path, options: RecordOptions { images, durability: Durability::default() } }),
-            command: format!("reel bench --agent {} --seed {seed} --jobs 1 ...", arguments.players.agent),
+            record: Some(RecordTo {
+                path,
+                options: RecordOptions {
+                    images,
+                    durability: Durability::default(),
+                },
+            }),
+            command: format!(
+                "reel bench --agent {} --seed {seed} --jobs 1 ...",
+                arguments.players.agent
+            ),
         }
     };
     let seeds = arguments.seed..arguments.seed.saturating_add(arguments.repeat);
-    let jobs: Vec<Job> =
-        seeds.flat_map(|seed| tasks.iter().map(move |task| (task, seed))).map(|(task, seed)| job(task, seed)).collect();
+    let jobs: Vec<Job> = seeds
+        .flat_map(|seed| tasks.iter().map(move |task| (task, seed)))
+        .map(|(task, seed)| job(task, seed))
+        .collect();
     let all = jobs.len();
     let (mut reports, mut open) = (Vec::new(), Vec::new());
     for job in jobs {
@@ -166,24 +195,39 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
         }
     }
     if !reports.is_empty() {
-        eprintln!("reel: {} of {all} episodes were played before", reports.len());
+        eprintln!(
+            "reel: {} of {all} episodes were played before",
+            reports.len()
+        );
     }
     let budget = Budget::new(arguments);
     reports.iter().for_each(|report| budget.spend(report));
     let bar = progress::bar(all, &name);
     bar.set_position(reports.len() as u64);
     let successes = AtomicU64::new(reports.iter().filter(|report| report.success).count() as u64);
-    let workers = if cast.asks_models() { arguments.jobs.unwrap_or(JOBS_WITH_MODELS) } else { inputs::workers(arguments.jobs) };
+    let workers = if cast.asks_models() {
+        arguments.jobs.unwrap_or(JOBS_WITH_MODELS)
+    } else {
+        inputs::workers(arguments.jobs)
+    };
     let seat = |job: &Job| -> Result<Seats, AgentError> {
-        let not_played = |why| AgentError::NotPlayed { task: job.config.task.task_id.clone(), seed: job.config.seed, why };
+        let not_played = |why| AgentError::NotPlayed {
+            task: job.config.task.task_id.clone(),
+            seed: job.config.seed,
+            why,
+        };
         budget.check().map_err(not_played)?;
         cast.seat(job)
     };
     let results = run_all(open, workers, seat, |report| {
         budget.spend(report);
-        let successes = successes.fetch_add(u64::from(report.success), Ordering::Relaxed) + u64::from(report.success);
+        let successes = successes.fetch_add(u64::from(report.success), Ordering::Relaxed)
+            + u64::from(report.success);
         bar.inc(1);
-        bar.set_message(format!("{name}: {:.0} % succeed", 100.0 * successes as f64 / bar.position() as f64));
+        bar.set_message(format!(
+            "{name}: {:.0} % succeed",
+            100.0 * successes as f64 / bar.position() as f64
+        ));
     });
     bar.finish_and_clear();
     let (mut failed, mut skipped) = (0, 0);
@@ -201,7 +245,10 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
     reports.sort_by(|a, b| (a.family, &a.task_id, a.seed).cmp(&(b.family, &b.task_id, b.seed)));
     let prices = arguments.prices();
     if arguments.json {
-        println!("{}", json!({"agent": name, "episodes": all, "played": reports.len(), "rows": rows(&reports, prices)}));
+        println!(
+            "{}",
+            json!({"agent": name, "episodes": all, "played": reports.len(), "rows": rows(&reports, prices)})
+        );
     } else {
         print!("{}", table(&name, arguments.skills, &reports, prices));
         println!("traces: {}", arguments.out.display());
@@ -224,21 +271,24 @@ fn play(arguments: &Arguments) -> anyhow::Result<Answer> {
     })
 }
 
-/// The report of an episode that was played before; none where it was not, or did not come to its end. Another episode of that
-/// name is refused: it would be written over.
+/// The report of an episode that was played before; none where it was not, or did not come to its
+/// end. Another episode of that name is refused: it would be written over.
 fn played(job: &Job, cast: &Cast, logprobs: bool) -> anyhow::Result<Option<EpisodeReport>> {
     let path = &job.record.as_ref().expect("every episode is recorded").path;
     if !path.exists() {
         return Ok(None);
     }
-    let Ok(trace) = Trace::read(path) else { return Ok(None) };
+    let Ok(trace) = Trace::read(path) else {
+        return Ok(None);
+    };
     let Seats { policy, outside } = cast.seat(job)?;
     let mut policy = policy.info();
     policy.parameters.extend(outside.settings);
     let (header, config) = (&trace.header, &job.config);
     let same = header.task_digest == Digest::of_json(&*config.task)
         && header.scene_digest == Digest::of_json(&*config.scene)
-        && (header.profile, header.skills, header.seed) == (config.profile, config.skills, config.seed)
+        && (header.profile, header.skills, header.seed)
+            == (config.profile, config.skills, config.seed)
         && header.sim_version == sim_version(config.profile)
         && header.policy == policy;
     if !same {
@@ -250,7 +300,10 @@ fn played(job: &Job, cast: &Cast, logprobs: bool) -> anyhow::Result<Option<Episo
     let report = EpisodeReport::of_trace(&trace, path);
     let report = report.filter(|report| report.end_reason != EndReason::Aborted);
     if logprobs && report.is_some() && trace.logprobs().next().is_none() {
-        bail!("{} was played without --logprobs; give another folder with --out", path.display());
+        bail!(
+            "{} was played without --logprobs; give another folder with --out",
+            path.display()
+        );
     }
     Ok(report)
 }
@@ -279,12 +332,15 @@ struct Budget {
 
 impl Budget {
     fn new(arguments: &Arguments) -> Self {
-        let minutes = arguments.max_minutes.filter(|minutes| *minutes >= 0.0 && minutes.is_finite());
+        let minutes = arguments
+            .max_minutes
+            .filter(|minutes| *minutes >= 0.0 && minutes.is_finite());
         Self {
             tokens: [AtomicU64::new(0), AtomicU64::new(0)],
             most_tokens: arguments.max_total_tokens,
             most_cost: arguments.max_cost.zip(arguments.prices()),
-            until: minutes.map(|minutes| Instant::now() + Duration::from_secs_f64((60.0 * minutes).min(1e9))),
+            until: minutes
+                .map(|minutes| Instant::now() + Duration::from_secs_f64((60.0 * minutes).min(1e9))),
         }
     }
 
@@ -296,8 +352,14 @@ impl Budget {
 
     /// Why nothing may be begun any more.
     fn check(&self) -> Result<(), String> {
-        let spent = self.tokens.each_ref().map(|tokens| tokens.load(Ordering::Relaxed));
-        if self.most_tokens.is_some_and(|most| spent[0] + spent[1] >= most) {
+        let spent = self
+            .tokens
+            .each_ref()
+            .map(|tokens| tokens.load(Ordering::Relaxed));
+        if self
+            .most_tokens
+            .is_some_and(|most| spent[0] + spent[1] >= most)
+        {
             return Err(format!("{} tokens were spent", spent[0] + spent[1]));
         }
         if let Some((most, prices)) = self.most_cost
@@ -313,20 +375,31 @@ impl Budget {
 }
 
 fn cost(tokens: [u64; 2], prices: [f64; 2]) -> f64 {
-    tokens.iter().zip(prices).map(|(tokens, price)| *tokens as f64 * price / 1e6).sum()
+    tokens
+        .iter()
+        .zip(prices)
+        .map(|(tokens, price)| *tokens as f64 * price / 1e6)
+        .sum()
 }
 
 /// A line of the table: a family, or all of them.
 fn row(name: &str, group: &[&EpisodeReport], prices: Option<[f64; 2]>) -> Value {
     let n = group.len() as f64;
-    let mean = |value: &dyn Fn(&EpisodeReport) -> f64| group.iter().map(|report| value(report)).sum::<f64>() / n;
+    let mean = |value: &dyn Fn(&EpisodeReport) -> f64| {
+        group.iter().map(|report| value(report)).sum::<f64>() / n
+    };
     let successes = group.iter().filter(|report| report.success).count();
     let (low, high) = wilson(successes as f64, n).unwrap_or((0.0, 1.0));
     let spl: Vec<f64> = group.iter().filter_map(|report| report.spl).collect();
     let counted: Vec<[u64; 2]> = group.iter().filter_map(|report| report.tokens).collect();
-    let tokens = counted.iter().fold([0, 0], |sum, tokens| [sum[0] + tokens[0], sum[1] + tokens[1]]);
+    let tokens = counted.iter().fold([0, 0], |sum, tokens| {
+        [sum[0] + tokens[0], sum[1] + tokens[1]]
+    });
     let mut broken: BTreeMap<&str, usize> = BTreeMap::new();
-    group.iter().flat_map(|report| &report.broken_rules).for_each(|rule| *broken.entry(rule).or_default() += 1);
+    group
+        .iter()
+        .flat_map(|report| &report.broken_rules)
+        .for_each(|rule| *broken.entry(rule).or_default() += 1);
     json!({
         "family": name, "episodes": group.len(), "successes": successes,
         "success_rate": successes as f64 / n, "success_low": low, "success_high": high,
@@ -344,31 +417,65 @@ fn row(name: &str, group: &[&EpisodeReport], prices: Option<[f64; 2]>) -> Value 
 }
 
 fn rows(reports: &[EpisodeReport], prices: Option<[f64; 2]>) -> Vec<Value> {
-    by_family(reports.iter(), |report| report.family).iter().map(|(name, group)| row(name, group, prices)).collect()
+    by_family(reports.iter(), |report| report.family)
+        .iter()
+        .map(|(name, group)| row(name, group, prices))
+        .collect()
 }
 
 /// What there is of each family, and all of it at the end.
-fn by_family<T: Copy>(all: impl Iterator<Item = T> + Clone, family: impl Fn(&T) -> Family) -> Vec<(&'static str, Vec<T>)> {
-    let mut groups: Vec<(&str, Vec<T>)> =
-        Family::ALL.iter().map(|wanted| (wanted.as_str(), all.clone().filter(|one| family(one) == *wanted).collect())).collect();
+fn by_family<T: Copy>(
+    all: impl Iterator<Item = T> + Clone,
+    family: impl Fn(&T) -> Family,
+) -> Vec<(&'static str, Vec<T>)> {
+    let mut groups: Vec<(&str, Vec<T>)> = Family::ALL
+        .iter()
+        .map(|wanted| {
+            (
+                wanted.as_str(),
+                all.clone().filter(|one| family(one) == *wanted).collect(),
+            )
+        })
+        .collect();
     groups.retain(|(_, group)| !group.is_empty());
     groups.push(("all", all.collect()));
     groups
 }
 
-fn table(name: &str, skills: Skills, reports: &[EpisodeReport], prices: Option<[f64; 2]>) -> String {
-    let skills = if skills.are_perfect() { String::new() } else { format!(", skills {}", skills.as_str()) };
+fn table(
+    name: &str,
+    skills: Skills,
+    reports: &[EpisodeReport],
+    prices: Option<[f64; 2]>,
+) -> String {
+    let skills = if skills.are_perfect() {
+        String::new()
+    } else {
+        format!(", skills {}", skills.as_str())
+    };
     let mut text = format!("{name}{skills}\n");
     if reports.is_empty() {
         return text + "  no episode was played to its end\n";
     }
     text.push_str(&format!(
         "  {:6} {:>9} {:>5}  {:15} {:>6} {:>6} {:>6} {:>6} {:>7} {:>10} {:>12}\n",
-        "family", "episodes", "SR %", "(95 %)", "CR %", "SPL", "steps", "asks", "reward", "latency s", "tokens"
+        "family",
+        "episodes",
+        "SR %",
+        "(95 %)",
+        "CR %",
+        "SPL",
+        "steps",
+        "asks",
+        "reward",
+        "latency s",
+        "tokens"
     ));
     for row in rows(reports, prices) {
         let number = |key: &str| row[key].as_f64().unwrap_or_default();
-        let spl = row["spl"].as_f64().map_or_else(|| "-".to_owned(), |spl| format!("{:.1}", 100.0 * spl));
+        let spl = row["spl"]
+            .as_f64()
+            .map_or_else(|| "-".to_owned(), |spl| format!("{:.1}", 100.0 * spl));
         let tokens = match (row["tokens_read"].as_u64(), row["tokens_written"].as_u64()) {
             (Some(read), Some(written)) => format!("{read} + {written}"),
             _ => "-".to_owned(),
@@ -390,10 +497,18 @@ fn table(name: &str, skills: Skills, reports: &[EpisodeReport], prices: Option<[
             text.push_str(&format!("  cost {cost:.2}"));
         }
         text.push('\n');
-        let broken = row["user_rules_broken"].as_object().filter(|broken| row["family"] == "all" && !broken.is_empty());
+        let broken = row["user_rules_broken"]
+            .as_object()
+            .filter(|broken| row["family"] == "all" && !broken.is_empty());
         if let Some(broken) = broken {
-            let broken: Vec<String> = broken.iter().map(|(rule, times)| format!("{rule} {times}")).collect();
-            text.push_str(&format!("  rules that the user's answers broke: {}\n", broken.join(", ")));
+            let broken: Vec<String> = broken
+                .iter()
+                .map(|(rule, times)| format!("{rule} {times}"))
+                .collect();
+            text.push_str(&format!(
+                "  rules that the user's answers broke: {}\n",
+                broken.join(", ")
+            ));
         }
     }
     text
@@ -408,28 +523,66 @@ struct Pair<'a> {
 
 fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<Answer> {
     let (ours, theirs) = (recorded(a)?, recorded(b)?);
-    let other: BTreeMap<_, _> = theirs.iter().map(|report| ((&report.task_id, report.seed), report)).collect();
-    let pairs: Vec<Pair<'_>> = ours.iter().filter_map(|a| Some(Pair { a, b: other.get(&(&a.task_id, a.seed))? })).collect();
+    let other: BTreeMap<_, _> = theirs
+        .iter()
+        .map(|report| ((&report.task_id, report.seed), report))
+        .collect();
+    let pairs: Vec<Pair<'_>> = ours
+        .iter()
+        .filter_map(|a| {
+            Some(Pair {
+                a,
+                b: other.get(&(&a.task_id, a.seed))?,
+            })
+        })
+        .collect();
     if pairs.is_empty() {
-        bail!("{} and {} have no task and seed in common: nothing to pair", a.display(), b.display());
+        bail!(
+            "{} and {} have no task and seed in common: nothing to pair",
+            a.display(),
+            b.display()
+        );
     }
     let alone = ours.len() + theirs.len() - 2 * pairs.len();
-    let rows: Vec<Value> =
-        by_family(pairs.iter(), |pair| pair.a.family).iter().map(|(name, group)| difference(name, group)).collect();
+    let rows: Vec<Value> = by_family(pairs.iter(), |pair| pair.a.family)
+        .iter()
+        .map(|(name, group)| difference(name, group))
+        .collect();
     if as_json {
         let names = [name_of(&ours), name_of(&theirs)];
-        println!("{}", json!({"a": names[0], "b": names[1], "pairs": pairs.len(), "unpaired": alone, "rows": rows}));
+        println!(
+            "{}",
+            json!({"a": names[0], "b": names[1], "pairs": pairs.len(), "unpaired": alone, "rows": rows})
+        );
         return Ok(Answer::Yes);
     }
-    println!("A {} ({})\nB {} ({})", name_of(&ours), a.display(), name_of(&theirs), b.display());
+    println!(
+        "A {} ({})\nB {} ({})",
+        name_of(&ours),
+        a.display(),
+        name_of(&theirs),
+        b.display()
+    );
     println!(
         "  {:6} {:>6} {:>6} {:>6}  {:25} {:>7} {:>7} {:>8} {:>9} {:>13}",
-        "family", "pairs", "SR A", "SR B", "B - A (95 %)", "only A", "only B", "p", "CR B - A", "reward B - A"
+        "family",
+        "pairs",
+        "SR A",
+        "SR B",
+        "B - A (95 %)",
+        "only A",
+        "only B",
+        "p",
+        "CR B - A",
+        "reward B - A"
     );
     for row in &rows {
         let number = |key: &str| row[key].as_f64().unwrap_or_default();
-        let interval =
-            |key: &str| row[key].as_array().map_or([0.0; 3], |of| [0, 1, 2].map(|i| of[i].as_f64().unwrap_or_default()));
+        let interval = |key: &str| {
+            row[key].as_array().map_or([0.0; 3], |of| {
+                [0, 1, 2].map(|i| of[i].as_f64().unwrap_or_default())
+            })
+        };
         let [difference, low, high] = interval("success").map(|value| 100.0 * value);
         println!(
             "  {:6} {:6.0} {:6.1} {:6.1}  {difference:+6.1} ({low:+6.1} to {high:+6.1}) {:7.0} {:7.0} {:8.4} {:+9.3} {:+13.3}",
@@ -454,9 +607,15 @@ fn compare(a: &Path, b: &Path, as_json: bool) -> anyhow::Result<Answer> {
 fn difference(name: &str, pairs: &[&Pair<'_>]) -> Value {
     let n = pairs.len() as f64;
     let count = |holds: &dyn Fn(&Pair<'_>) -> bool| pairs.iter().filter(|pair| holds(pair)).count();
-    let (only_a, only_b) = (count(&|pair| pair.a.success && !pair.b.success), count(&|pair| pair.b.success && !pair.a.success));
+    let (only_a, only_b) = (
+        count(&|pair| pair.a.success && !pair.b.success),
+        count(&|pair| pair.b.success && !pair.a.success),
+    );
     let interval = |value: &dyn Fn(&EpisodeReport) -> f64| {
-        let differences: Vec<f64> = pairs.iter().map(|pair| value(pair.b) - value(pair.a)).collect();
+        let differences: Vec<f64> = pairs
+            .iter()
+            .map(|pair| value(pair.b) - value(pair.a))
+            .collect();
         bootstrap(&differences, SAMPLES, SEED)
     };
     json!({
@@ -475,10 +634,16 @@ fn recorded(folder: &Path) -> anyhow::Result<Vec<EpisodeReport>> {
     let mut reports = Vec::new();
     for path in inputs::traces(&[folder.to_owned()])? {
         let trace = Trace::read(&path)?;
-        reports.extend(EpisodeReport::of_trace(&trace, &path).filter(|report| report.end_reason != EndReason::Aborted));
+        reports.extend(
+            EpisodeReport::of_trace(&trace, &path)
+                .filter(|report| report.end_reason != EndReason::Aborted),
+        );
     }
     reports.sort_by(|a, b| (a.family, &a.task_id, a.seed).cmp(&(b.family, &b.task_id, b.seed)));
-    if let Some([one, _]) = reports.array_windows().find(|[one, next]| (&one.task_id, one.seed) == (&next.task_id, next.seed)) {
+    if let Some([one, _]) = reports
+        .array_windows()
+        .find(|[one, next]| (&one.task_id, one.seed) == (&next.task_id, next.seed))
+    {
         bail!(
             "{} has several episodes of task {} at seed {}; give a folder of one agent",
             folder.display(),
@@ -490,5 +655,8 @@ fn recorded(folder: &Path) -> anyhow::Result<Vec<EpisodeReport>> {
 }
 
 fn name_of(reports: &[EpisodeReport]) -> String {
-    reports.first().map(|report| report.policy.clone()).unwrap_or_default()
+    reports
+        .first()
+        .map(|report| report.policy.clone())
+        .unwrap_or_default()
 }

@@ -15,8 +15,9 @@ use serde_json::json;
 
 use crate::{Answer, commands::run::remove_abandoned, inputs};
 
-/// Play another future of a recorded episode: its calls up to one, exactly as they were, then other calls or a policy.
-/// The result is a trace like any other; its header names the parent, the call and what was substituted.
+/// Play another future of a recorded episode: its calls up to one, exactly as they were, then other
+/// calls or a policy. The result is a trace like any other; its header names the parent, the call
+/// and what was substituted.
 ///
 /// Examples:
 ///   reel branch trace.mcap --at 6 --call '{"name": "pick", "arguments": {"marker_id": 2}}'
@@ -28,16 +29,16 @@ use crate::{Answer, commands::run::remove_abandoned, inputs};
 ///   reel branch trace.mcap --check branch.mcap                # the same up to there, and exact?
 ///   reel diff trace.mcap branch.mcap
 ///
-/// Without --policy and --then the episode is broken off after the calls. Exit code 1: the parent does not replay up to
-/// there, or a branch that is checked is none of it or not exact.
+/// Without --policy and --then the episode is broken off after the calls. Exit code 1: the parent
+/// does not replay up to there, or a branch that is checked is none of it or not exact.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// The trace to branch from
     #[arg(value_name = "TRACE")]
     trace: PathBuf,
-    /// Call (from 0) before which it branches; so many calls are taken over. The number of all calls goes on with an episode
-    /// that was broken off
+    /// Call (from 0) before which it branches; so many calls are taken over. The number of all
+    /// calls goes on with an episode that was broken off
     #[arg(long, value_name = "K", required_unless_present = "check")]
     at: Option<usize>,
     /// A call to make there, as JSON: {"name": .., "arguments": {..}}; several in their order
@@ -49,8 +50,8 @@ pub struct Arguments {
     /// A built-in policy to take over there (see `reel run --help`)
     #[arg(long, value_name = "NAME", conflicts_with_all = ["call", "calls", "then"])]
     policy: Option<String>,
-    /// What comes after the calls: a built-in policy, parent (the parent's calls after those that were replaced), or parent:J
-    /// (the parent's calls from J on)
+    /// What comes after the calls: a built-in policy, parent (the parent's calls after those that
+    /// were replaced), or parent:J (the parent's calls from J on)
     #[arg(long, value_name = "WHO")]
     then: Option<String>,
     /// Seed of the policy; without it that of the episode
@@ -62,7 +63,8 @@ pub struct Arguments {
     /// Whether the branch holds pictures, full or none; without it as the parent does
     #[arg(long, value_name = "WHICH")]
     images: Option<String>,
-    /// Check that this trace is a branch of TRACE: what they have in common is the same, and it replays exactly
+    /// Check that this trace is a branch of TRACE: what they have in common is the same, and it
+    /// replays exactly
     #[arg(long, value_name = "BRANCH", conflicts_with_all = ["at", "call", "calls", "policy", "then", "seed", "out", "images"])]
     check: Vec<PathBuf>,
     #[command(flatten)]
@@ -77,7 +79,9 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let parent = arguments.assets.read(&arguments.trace)?;
-    let Some(at) = arguments.at else { return check(&parent, arguments) };
+    let Some(at) = arguments.at else {
+        return check(&parent, arguments);
+    };
     let branch = what(arguments, &parent, at)?;
     let images = match arguments.images.as_deref() {
         None if parent.image_count() > 0 => Images::Full,
@@ -85,13 +89,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         Some("full") => Images::Full,
         Some(other) => bail!("--images is full or none, not '{other}'"),
     };
-    let path = arguments.out.clone().unwrap_or_else(|| default_path(&arguments.trace, &parent, &branch, at));
+    let path = arguments
+        .out
+        .clone()
+        .unwrap_or_else(|| default_path(&arguments.trace, &parent, &branch, at));
     if same_file(&path, &arguments.trace) {
-        bail!("{} is the parent; give the branch another name", path.display());
+        bail!(
+            "{} is the parent; give the branch another name",
+            path.display()
+        );
     }
     let made = fork(&parent, at, arguments.cache.open().as_ref()).and_then(|fork| {
         remove_abandoned(&path.with_added_extension("part"));
-        branch.play(&fork, Some(&RecordTo { path: path.clone(), options: RecordOptions::from(images) }))
+        branch.play(
+            &fork,
+            Some(&RecordTo {
+                path: path.clone(),
+                options: RecordOptions::from(images),
+            }),
+        )
     });
     let report = match made {
         Err(error) if error.is_divergence() => {
@@ -113,20 +129,37 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 fn what(arguments: &Arguments, parent: &Trace, at: usize) -> anyhow::Result<Branch> {
     let calls: Vec<ToolCall> = match &arguments.calls {
         Some(path) => {
-            let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-            parse_calls(&text).with_context(|| format!("cannot read calls from {}", path.display()))?
+            let text = fs::read_to_string(path)
+                .with_context(|| format!("cannot read {}", path.display()))?;
+            parse_calls(&text)
+                .with_context(|| format!("cannot read calls from {}", path.display()))?
         }
-        None => arguments.call.iter().map(|text| parse_call(text)).collect::<Result<_, _>>().context("--call")?,
+        None => arguments
+            .call
+            .iter()
+            .map(|text| parse_call(text))
+            .collect::<Result<_, _>>()
+            .context("--call")?,
     };
-    let policy = |name: &String| Then::Policy { name: name.clone(), seed: arguments.seed.unwrap_or(parent.header.seed) };
+    let policy = |name: &String| Then::Policy {
+        name: name.clone(),
+        seed: arguments.seed.unwrap_or(parent.header.seed),
+    };
     let then = match (&arguments.policy, &arguments.then) {
         (Some(name), _) => policy(name),
-        (None, None) if calls.is_empty() => bail!("say what comes at call {at}: --call, --calls, --policy or --then"),
+        (None, None) if calls.is_empty() => {
+            bail!("say what comes at call {at}: --call, --calls, --policy or --then")
+        }
         (None, None) => Then::Stop,
         (None, Some(who)) => match who.split_once(':') {
-            None if who == "parent" && at + calls.len() > parent.steps.len() => Then::Parent(parent.steps.len()),
+            None if who == "parent" && at + calls.len() > parent.steps.len() => {
+                Then::Parent(parent.steps.len())
+            }
             None if who == "parent" => Then::Parent(at + calls.len()),
-            Some(("parent", from)) => Then::Parent(from.parse().with_context(|| format!("--then parent:{from}: no call"))?),
+            Some(("parent", from)) => Then::Parent(
+                from.parse()
+                    .with_context(|| format!("--then parent:{from}: no call"))?,
+            ),
             _ => policy(who),
         },
     };
@@ -134,7 +167,10 @@ fn what(arguments: &Arguments, parent: &Trace, at: usize) -> anyhow::Result<Bran
 }
 
 fn default_path(trace: &Path, parent: &Trace, branch: &Branch, at: usize) -> PathBuf {
-    let stem = trace.file_stem().map_or_else(|| "trace".into(), |stem| stem.to_string_lossy().into_owned());
+    let stem = trace.file_stem().map_or_else(
+        || "trace".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
     let digest = Digest::of_json(&branch.info(parent)).to_string();
     PathBuf::from(format!("{stem}--at-{at}--{}.mcap", &digest[..8]))
 }
@@ -159,14 +195,21 @@ fn print(branch: &Branch, made: &Trace, parent: &Trace, at: usize) {
     println!("{} at call {at}", parent.path.display());
     for step in made.steps.iter().skip(at).take(branch.calls.len()) {
         let told = step.outcome.text.lines().next().unwrap_or_default();
-        let told = step.outcome.error.map_or_else(|| told.to_owned(), |code| format!("{code}: {told}"));
+        let told = step
+            .outcome
+            .error
+            .map_or_else(|| told.to_owned(), |code| format!("{code}: {told}"));
         println!("  {:>3}  {}   {told}", step.step, step.input.call);
     }
     let so_far = (at + branch.calls.len()).min(made.steps.len());
     match (&branch.then, made.steps.len() - so_far) {
         (Then::Stop, _) => {}
-        (Then::Parent(from), more) => println!("  then {more} calls of the parent, from its call {from} on"),
-        (Then::Policy { name, seed }, more) => println!("  then {more} calls of {name}, seed {seed}"),
+        (Then::Parent(from), more) => {
+            println!("  then {more} calls of the parent, from its call {from} on")
+        }
+        (Then::Policy { name, seed }, more) => {
+            println!("  then {more} calls of {name}, seed {seed}")
+        }
     }
     for (name, trace) in [("parent", parent), ("branch", made)] {
         match &trace.end {
@@ -196,7 +239,11 @@ fn check(parent: &Trace, arguments: &Arguments) -> anyhow::Result<Answer> {
 }
 
 fn told(descent: &Descent, branch: &Trace) -> String {
-    let call = branch.header.parent.as_ref().map_or(0, |parent| parent.call);
+    let call = branch
+        .header
+        .parent
+        .as_ref()
+        .map_or(0, |parent| parent.call);
     let prefix = match (&descent.stranger, &descent.prefix) {
         (Some(stranger), _) => format!("NO BRANCH of it: {stranger}"),
         (None, Some(difference)) => format!("NOT THE SAME as its parent (recorded) {difference}"),

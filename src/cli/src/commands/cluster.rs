@@ -18,11 +18,11 @@ use crate::{
 /// `--cluster` of `reel query`, `replay`, `blame`, `taxonomy`, `reward` and `ingest` lets them do
 /// the work, with the same results and exit codes as here.
 ///
-/// All machines have to see a store's files and traces under the same name: in a bucket (s3://,
-/// as AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT_URL describe it to
-/// each of them) or in a shared folder. All have to be the same build of reel. There are no
-/// passwords: whoever reaches the scheduler may ask anything of these files, so keep the ports
-/// within a network of your own. What goes wrong is said on standard error; RUST_LOG=info says more.
+/// All machines have to see a store's files and traces under the same name: in a bucket (s3://, as
+/// AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION and AWS_ENDPOINT_URL describe it to each of
+/// them) or in a shared folder. All have to be the same build of reel. There are no passwords:
+/// whoever reaches the scheduler may ask anything of these files, so keep the ports within a
+/// network of your own. What goes wrong is said on standard error; RUST_LOG=info says more.
 ///
 /// Examples:
 ///   reel cluster scheduler --listen 10.0.0.1:50050
@@ -45,7 +45,8 @@ enum What {
         /// Name or address by which executors reach it; without it the one it listens at
         #[arg(long, value_name = "HOST")]
         advertise: Option<String>,
-        /// An executor that was not heard of for so many seconds is dead: its parts are done again by others
+        /// An executor that was not heard of for so many seconds is dead: its parts are done again
+        /// by others
         #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u64).range(2..))]
         patience: u64,
     },
@@ -63,14 +64,16 @@ enum What {
         /// Parts at a time; without it one for each core
         #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
         threads: Option<u32>,
-        /// Memory for sorts, joins and aggregations before they spill, in MiB; without it 70% of what there is
+        /// Memory for sorts, joins and aggregations before they spill, in MiB; without it 70% of
+        /// what there is
         #[arg(long, value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..))]
         memory: Option<u64>,
-        /// Folder for parts of answers until they are fetched; without it one that goes with the process
+        /// Folder for parts of answers until they are fetched; without it one that goes with the
+        /// process
         #[arg(long, value_name = "DIR")]
         work: Option<PathBuf>,
-        /// Folders, also s3://bucket/folder, whose traces may be opened: by replay, blame and ingest, and by the functions of SQL
-        /// that do; without it, none
+        /// Folders, also s3://bucket/folder, whose traces may be opened: by replay, blame and
+        /// ingest, and by the functions of SQL that do; without it, none
         #[arg(long, value_name = "DIR", value_delimiter = ',')]
         traces: Vec<PathBuf>,
         #[command(flatten)]
@@ -82,7 +85,11 @@ enum What {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
     match &arguments.what {
-        What::Scheduler { listen, advertise, patience } => {
+        What::Scheduler {
+            listen,
+            advertise,
+            patience,
+        } => {
             eprintln!("reel: scheduler at {listen}; Ctrl-C ends it");
             run_scheduler(&Scheduler {
                 listen: *listen,
@@ -90,9 +97,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 patience_s: *patience,
             })?;
         }
-        What::Executor { scheduler, listen, advertise, threads, memory, work, traces, assets } => {
+        What::Executor {
+            scheduler,
+            listen,
+            advertise,
+            threads,
+            memory,
+            work,
+            traces,
+            assets,
+        } => {
             let assets = Arc::new(assets.open()?);
-            let works = replay::works(&assets).into_iter().chain([blame::work(), ingest::work(), reward::work()]).collect();
+            let works = replay::works(&assets)
+                .into_iter()
+                .chain([blame::work(), ingest::work(), reward::work()])
+                .collect();
             let cores = std::thread::available_parallelism().map_or(1, usize::from);
             let executor = Executor {
                 scheduler: Address::parse(scheduler)?,

@@ -42,9 +42,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 broken += 1;
             })?;
             print!("{}", config.to_toml());
-            let scenes: Vec<&str> = setup.scenes.iter().map(|scene| scene.scene_id.as_str()).collect();
-            println!("# fine: {} tasks in scene {}", setup.tasks.len(), scenes.join(", "));
-            return Ok(if broken > 0 { Answer::Loss } else { Answer::Yes });
+            let scenes: Vec<&str> = setup
+                .scenes
+                .iter()
+                .map(|scene| scene.scene_id.as_str())
+                .collect();
+            println!(
+                "# fine: {} tasks in scene {}",
+                setup.tasks.len(),
+                scenes.join(", ")
+            );
+            return Ok(if broken > 0 {
+                Answer::Loss
+            } else {
+                Answer::Yes
+            });
         }
     }
     Ok(Answer::Yes)

@@ -62,7 +62,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let (copied, bytes) = (AtomicUsize::new(0), AtomicU64::new(0));
     let copy = |(from, name): &(PathBuf, String)| -> anyhow::Result<()> {
         let sent = if outward {
-            let to = format!("{}/{name}", arguments.to.to_string_lossy().trim_end_matches('/'));
+            let to = format!(
+                "{}/{name}",
+                arguments.to.to_string_lossy().trim_end_matches('/')
+            );
             buckets.send(from, &to)?
         } else {
             bring(from, &arguments.to.join(name))?
@@ -74,21 +77,42 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         bar.inc(1);
         Ok(())
     };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(arguments.jobs.max(1)).build()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(arguments.jobs.max(1))
+        .build()?;
     let failed: Vec<String> = pool.install(|| {
-        files.par_iter().with_max_len(1).filter_map(|file| copy(file).err().map(|error| format!("{error:#}"))).collect()
+        files
+            .par_iter()
+            .with_max_len(1)
+            .filter_map(|file| copy(file).err().map(|error| format!("{error:#}")))
+            .collect()
     });
     bar.finish_and_clear();
     failed.iter().for_each(|reason| eprintln!("reel: {reason}"));
     let (copied, bytes) = (copied.into_inner(), bytes.into_inner());
     let same = files.len() - copied - failed.len();
     if arguments.json {
-        println!("{}", json!({ "copied": copied, "bytes": bytes, "same": same, "failed": failed }));
+        println!(
+            "{}",
+            json!({ "copied": copied, "bytes": bytes, "same": same, "failed": failed })
+        );
     } else {
-        let missing = if failed.is_empty() { String::new() } else { format!(", {} failed", failed.len()) };
-        println!("{copied} copied ({:.1} MB), {same} there already{missing}; in {}", bytes as f64 / 1e6, arguments.to.display());
+        let missing = if failed.is_empty() {
+            String::new()
+        } else {
+            format!(", {} failed", failed.len())
+        };
+        println!(
+            "{copied} copied ({:.1} MB), {same} there already{missing}; in {}",
+            bytes as f64 / 1e6,
+            arguments.to.display()
+        );
     }
-    Ok(if failed.is_empty() { Answer::Yes } else { Answer::Loss })
+    Ok(if failed.is_empty() {
+        Answer::Yes
+    } else {
+        Answer::Loss
+    })
 }
 
 /// Every file with its name below the folder it was found in.
@@ -99,7 +123,8 @@ fn files(from: &[PathBuf]) -> anyhow::Result<Vec<(PathBuf, String)>> {
         if is_remote(path) {
             below = list_remote(path).with_context(|| format!("cannot list {}", path.display()))?;
         } else if path.is_dir() {
-            inputs::collect(path, &|_| true, &mut below).with_context(|| format!("cannot list {}", path.display()))?;
+            inputs::collect(path, &|_| true, &mut below)
+                .with_context(|| format!("cannot list {}", path.display()))?;
         } else if path.exists() {
             below.push(path.clone());
         }
@@ -109,9 +134,15 @@ fn files(from: &[PathBuf]) -> anyhow::Result<Vec<(PathBuf, String)>> {
         for file in below {
             let name = match file.strip_prefix(path) {
                 Ok(name) if !name.as_os_str().is_empty() => name.to_path_buf(),
-                _ => PathBuf::from(file.file_name().with_context(|| format!("it has no name: {}", file.display()))?),
+                _ => PathBuf::from(
+                    file.file_name()
+                        .with_context(|| format!("it has no name: {}", file.display()))?,
+                ),
             };
-            let name = name.to_str().with_context(|| format!("its name is no UTF-8: {}", file.display()))?.to_owned();
+            let name = name
+                .to_str()
+                .with_context(|| format!("its name is no UTF-8: {}", file.display()))?
+                .to_owned();
             files.push((file, name));
         }
     }
@@ -123,7 +154,9 @@ fn files(from: &[PathBuf]) -> anyhow::Result<Vec<(PathBuf, String)>> {
 /// Brings a file of a bucket into its place at once.
 fn bring(from: &Path, to: &Path) -> anyhow::Result<Sent> {
     let here = local(from)?;
-    let bytes = fs::metadata(&here).with_context(|| format!("cannot read {}", here.display()))?.len();
+    let bytes = fs::metadata(&here)
+        .with_context(|| format!("cannot read {}", here.display()))?
+        .len();
     let failed = || format!("cannot write {}", to.display());
     if to.exists() && fs::read(to).with_context(failed)? == fs::read(&here)? {
         return Ok(Sent::Same);
@@ -131,6 +164,8 @@ fn bring(from: &Path, to: &Path) -> anyhow::Result<Sent> {
     let folder = to.parent().unwrap_or(Path::new("."));
     fs::create_dir_all(folder).with_context(failed)?;
     let part = to.with_added_extension("part");
-    fs::write(&part, fs::read(&here)?).and_then(|()| fs::rename(&part, to)).with_context(failed)?;
+    fs::write(&part, fs::read(&here)?)
+        .and_then(|()| fs::rename(&part, to))
+        .with_context(failed)?;
     Ok(Sent::Sent { bytes })
 }

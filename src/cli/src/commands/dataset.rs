@@ -8,7 +8,8 @@ use reel_lint::{Dataset, Format, Options, image_bytes, lint, show};
 
 use crate::{Answer, progress};
 
-/// Training sets of any origin: Hugging Face Parquet, Qwen-VL, ms-swift, LLaMA-Factory, TRL and OpenAI files, and folders of them.
+/// Training sets of any origin: Hugging Face Parquet, Qwen-VL, ms-swift, LLaMA-Factory, TRL and
+/// OpenAI files, and folders of them.
 #[derive(clap::Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -17,7 +18,8 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Look for leaks, contradictions, duplicates, bad labels, missing pictures and what the loader would do silently
+    /// Look for leaks, contradictions, duplicates, bad labels, missing pictures and what the loader
+    /// would do silently
     ///
     /// Exit code 1: something is an error.
     ///
@@ -30,7 +32,8 @@ enum Command {
         /// Tokens of a context; longer examples are found
         #[arg(long, value_name = "TOKENS", default_value_t = 8_192)]
         budget: u64,
-        /// The `tokenizer.json` of the model that shall learn, to count by; without it a token is four bytes
+        /// The `tokenizer.json` of the model that shall learn, to count by; without it a token is
+        /// four bytes
         #[arg(long, value_name = "FILE")]
         tokenizer: Option<PathBuf>,
         /// Likeness (0 to 1, of word triples) from which two examples are near-duplicates
@@ -65,7 +68,8 @@ struct Input {
     /// Files or folders of one dataset
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
-    /// The format, where it is not to be guessed: parquet, trl, openai, ms-swift, llama-factory, qwen-vl
+    /// The format, where it is not to be guessed: parquet, trl, openai, ms-swift, llama-factory,
+    /// qwen-vl
     #[arg(long, value_name = "NAME", value_parser = super::export::format)]
     format: Option<Format>,
     /// Folder that picture paths begin from, where it is not that of the file
@@ -76,7 +80,14 @@ struct Input {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
-        Command::Lint { input, budget, tokenizer, similarity, examples, json } => {
+        Command::Lint {
+            input,
+            budget,
+            tokenizer,
+            similarity,
+            examples,
+            json,
+        } => {
             let mut options = Options {
                 context_tokens_max: *budget,
                 similarity_min: *similarity,
@@ -96,17 +107,28 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             } else {
                 print!("{report}");
             }
-            Ok(if report.is_bad() { Answer::No } else { Answer::Yes })
+            Ok(if report.is_bad() {
+                Answer::No
+            } else {
+                Answer::Yes
+            })
         }
-        Command::Show { input, row, pictures } => {
+        Command::Show {
+            input,
+            row,
+            pictures,
+        } => {
             let dataset = input.open()?;
             let Some(example) = dataset.row(*row) else {
                 bail!("there is no example {row}; count from 0");
             };
             let example = example.with_context(|| format!("example {row} cannot be read"))?;
             println!("{}", show(&example));
-            let Some(folder) = pictures else { return Ok(Answer::Yes) };
-            fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+            let Some(folder) = pictures else {
+                return Ok(Answer::Yes);
+            };
+            fs::create_dir_all(folder)
+                .with_context(|| format!("cannot make {}", folder.display()))?;
             for (index, image) in example.images.iter().enumerate() {
                 let Some(bytes) = image_bytes(image) else {
                     eprintln!("reel: picture {} is not there", index + 1);
@@ -118,7 +140,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                     _ => "webp",
                 };
                 let file = folder.join(format!("row-{row}-{}.{extension}", index + 1));
-                fs::write(&file, &bytes).with_context(|| format!("cannot write {}", file.display()))?;
+                fs::write(&file, &bytes)
+                    .with_context(|| format!("cannot write {}", file.display()))?;
                 println!("{}", file.display());
             }
             Ok(Answer::Yes)
@@ -128,6 +151,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 
 impl Input {
     fn open(&self) -> anyhow::Result<Dataset> {
-        Ok(Dataset::open(&self.paths, self.format, self.images.clone())?)
+        Ok(Dataset::open(
+            &self.paths,
+            self.format,
+            self.images.clone(),
+        )?)
     }
 }

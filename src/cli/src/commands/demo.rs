@@ -20,10 +20,19 @@ use crate::{
     inputs, progress,
 };
 
-const POLICIES: [&str; 7] = ["oracle", "planner", "wrong-object", "wrong-receptacle", "no-ask", "oscillating", "forgets-door"];
+const POLICIES: [&str; 7] = [
+    "oracle",
+    "planner",
+    "wrong-object",
+    "wrong-receptacle",
+    "no-ask",
+    "oscillating",
+    "forgets-door",
+];
 
-/// The whole loop on embedded defaults: make tasks, play them with the oracle and with policies that make mistakes,
-/// replay every episode bit for bit, read them into tables, ask for the benchmark, say which call lost the others and why, draw one episode.
+/// The whole loop on embedded defaults: make tasks, play them with the oracle and with policies
+/// that make mistakes, replay every episode bit for bit, read them into tables, ask for the
+/// benchmark, say which call lost the others and why, draw one episode.
 ///
 /// Example:
 ///   reel demo --out demo-out
@@ -48,14 +57,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let (traces, store) = (out.join("traces"), out.join("store"));
     for folder in [&traces, &store] {
         if folder.exists() {
-            fs::remove_dir_all(folder).with_context(|| format!("cannot clear {}", folder.display()))?;
+            fs::remove_dir_all(folder)
+                .with_context(|| format!("cannot clear {}", folder.display()))?;
         }
     }
     let workers = inputs::workers(arguments.jobs);
     let scene = inputs::scene(None)?;
-    let made = generate(&GenerateOptions { scene: &scene, families: &Family::ALL, count: arguments.count, seed: 1 });
+    let made = generate(&GenerateOptions {
+        scene: &scene,
+        families: &Family::ALL,
+        count: arguments.count,
+        seed: 1,
+    });
     let tasks: Vec<Arc<Task>> = made.tasks.into_iter().map(Arc::new).collect();
-    println!("1. {} tasks in scene '{}' ({} receptacles)", tasks.len(), scene.scene_id, scene.receptacles.len());
+    println!(
+        "1. {} tasks in scene '{}' ({} receptacles)",
+        tasks.len(),
+        scene.scene_id,
+        scene.receptacles.len()
+    );
 
     println!("2. played and recorded");
     let mut recorded: Vec<PathBuf> = Vec::new();
@@ -79,11 +99,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
 
     let bar = progress::bar(recorded.len(), "replay");
-    let verdicts = reel_replay::verify_all(&recorded, &reel_world::NoAssets, workers, |_, _| bar.inc(1));
+    let verdicts =
+        reel_replay::verify_all(&recorded, &reel_world::NoAssets, workers, |_, _| bar.inc(1));
     bar.finish_and_clear();
     let exact = verdicts.iter().filter(|verdict| verdict.is_exact()).count();
-    println!("3. {exact} of {} episodes replay bit for bit", recorded.len());
-    for (path, verdict) in recorded.iter().zip(&verdicts).filter(|(_, verdict)| !verdict.is_exact()) {
+    println!(
+        "3. {exact} of {} episodes replay bit for bit",
+        recorded.len()
+    );
+    for (path, verdict) in recorded
+        .iter()
+        .zip(&verdicts)
+        .filter(|(_, verdict)| !verdict.is_exact())
+    {
         println!("   {}: {verdict}", path.display());
     }
     if exact < recorded.len() {
@@ -95,7 +123,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     println!("4. {} episodes in tables\n", report.added);
     let name = "main_results";
     let named = named::by_name(name).with_context(|| format!("no query is called '{name}'"))?;
-    println!("{} (reel query --store {} --named {name})", named.summary(), store);
+    println!(
+        "{} (reel query --store {} --named {name})",
+        named.summary(),
+        store
+    );
     query::print(&store, named.sql, Format::Table)?;
     let why = out.join("why.png");
     println!("\nWhich call lost the others (reel blame --store {store})");
@@ -114,9 +146,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     );
     println!("  {}", sheet.display());
     println!("  {}", why.display());
-    println!("  reel serve --data {}        # then open http://127.0.0.1:8801", out.display());
+    println!(
+        "  reel serve --data {}        # then open http://127.0.0.1:8801",
+        out.display()
+    );
     println!("  reel show {}", episode.display());
-    println!("  reel query --store {} \"SELECT task_id, policy, length FROM episodes WHERE NOT success\"", store);
+    println!(
+        "  reel query --store {} \"SELECT task_id, policy, length FROM episodes WHERE NOT success\"",
+        store
+    );
     println!("  reel export sft --store {store} --out sft");
     println!("  reel export rrd {} --out episode.rrd", episode.display());
     Ok(Answer::Yes)
@@ -124,7 +162,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 
 /// The oracle's first FODP episode: same-category objects to tell apart.
 fn pictured(recorded: &[PathBuf]) -> anyhow::Result<PathBuf> {
-    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let wanted = |path: &&PathBuf| name(path).starts_with("FODP") && name(path).contains("--oracle--");
-    recorded.iter().find(wanted).or_else(|| recorded.first()).cloned().context("nothing was recorded")
+    let name = |path: &Path| {
+        path.file_name()
+            .map(|name| name.to_string_lossy().into_owned())
+            .unwrap_or_default()
+    };
+    let wanted =
+        |path: &&PathBuf| name(path).starts_with("FODP") && name(path).contains("--oracle--");
+    recorded
+        .iter()
+        .find(wanted)
+        .or_else(|| recorded.first())
+        .cloned()
+        .context("nothing was recorded")
 }

@@ -7,9 +7,9 @@ use reel_trace::Trace;
 
 use crate::Answer;
 
-/// Show two traces of one task side by side, from the first difference on: calls, what came of them, changes of the world
-/// graph, reward. Between the columns stands | where the calls differ, ~ where the same call came to something else, = where
-/// all is the same.
+/// Show two traces of one task side by side, from the first difference on: calls, what came of
+/// them, changes of the world graph, reward. Between the columns stands | where the calls differ, ~
+/// where the same call came to something else, = where all is the same.
 ///
 /// Examples:
 ///   reel diff trace.mcap branch.mcap
@@ -38,5 +38,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     } else {
         print!("{}", reel_view::side_by_side(&beside));
     }
-    Ok(if beside.is_same() { Answer::Yes } else { Answer::No })
+    Ok(if beside.is_same() {
+        Answer::Yes
+    } else {
+        Answer::No
+    })
 }

@@ -6,9 +6,10 @@ use reel_trace::{Examination, TraceError, examine};
 
 use crate::{Answer, inputs, progress};
 
-/// Check traces: magic bytes, structure, every checksum, index against content, schemas against those of this version,
-/// order, hash chain, attachments and pictures against their digests. Says everything that is wrong, where, and what
-/// to do. Unfinished recordings (.mcap.part) among the paths are not healthy.
+/// Check traces: magic bytes, structure, every checksum, index against content, schemas against
+/// those of this version, order, hash chain, attachments and pictures against their digests. Says
+/// everything that is wrong, where, and what to do. Unfinished recordings (.mcap.part) among the
+/// paths are not healthy.
 ///
 /// Examples:
 ///   reel doctor traces-out
@@ -69,12 +70,26 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 }
 
 fn text(examination: &Examination) -> String {
-    let Examination { path, bytes, steps, pictures, findings, notes, .. } = examination;
+    let Examination {
+        path,
+        bytes,
+        steps,
+        pictures,
+        findings,
+        notes,
+        ..
+    } = examination;
     let notes: String = notes.iter().map(|note| format!("; {note}")).collect();
     if findings.is_empty() {
-        return format!("{}: healthy, {steps} steps, {pictures} pictures, {bytes} bytes{notes}\n", path.display());
+        return format!(
+            "{}: healthy, {steps} steps, {pictures} pictures, {bytes} bytes{notes}\n",
+            path.display()
+        );
     }
-    let mut text = format!("{}: not healthy, {steps} steps are readable{notes}\n", path.display());
+    let mut text = format!(
+        "{}: not healthy, {steps} steps are readable{notes}\n",
+        path.display()
+    );
     for finding in findings {
         text.push_str(&format!("  {finding}\n"));
     }

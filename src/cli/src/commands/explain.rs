@@ -38,8 +38,14 @@ pub fn run(
         let trace = Trace::read(path)?.with_meshes(assets);
         let explanation = explain(&trace);
         all_exact &= explanation.verdict.is_exact();
-        let other = against.map(|build| other_states(build, path, &explanation)).transpose()?.flatten();
-        let picture = pictures.map(|folder| draw(&explanation, path, folder)).transpose()?.flatten();
+        let other = against
+            .map(|build| other_states(build, path, &explanation))
+            .transpose()?
+            .flatten();
+        let picture = pictures
+            .map(|folder| draw(&explanation, path, folder))
+            .transpose()?
+            .flatten();
         if as_json {
             let mut line = serde_json::to_value(&explanation)?;
             line["trace"] = json!(path);
@@ -47,7 +53,13 @@ pub fn run(
             line["picture_file"] = json!(picture);
             println!("{line}");
         } else {
-            print(path, &explanation, against.map(|build| build.path), other.as_deref(), picture.as_deref());
+            print(
+                path,
+                &explanation,
+                against.map(|build| build.path),
+                other.as_deref(),
+                picture.as_deref(),
+            );
         }
     }
     Ok(if all_exact { Answer::Yes } else { Answer::No })
@@ -55,31 +67,57 @@ pub fn run(
 
 /// Prints motion states after a physics step as JSON.
 pub fn print_state(paths: &[PathBuf], assets: &dyn Assets, place: &str) -> anyhow::Result<Answer> {
-    let (call, step) = place.split_once(':').context("--state-at takes CALL:STEP, e.g. 3:120 or start:499")?;
+    let (call, step) = place
+        .split_once(':')
+        .context("--state-at takes CALL:STEP, e.g. 3:120 or start:499")?;
     let moment = match call {
         "start" => Moment::Start,
-        call => Moment::Call(call.parse().with_context(|| format!("'{call}' is no call; --state-at takes CALL:STEP"))?),
+        call => Moment::Call(
+            call.parse()
+                .with_context(|| format!("'{call}' is no call; --state-at takes CALL:STEP"))?,
+        ),
     };
-    let step = step.parse().with_context(|| format!("'{step}' is no physics step; --state-at takes CALL:STEP"))?;
+    let step = step
+        .parse()
+        .with_context(|| format!("'{step}' is no physics step; --state-at takes CALL:STEP"))?;
     for path in paths {
         match state_at(&Trace::read(path)?.with_meshes(assets), moment, step) {
-            Ok(Some(bodies)) => println!("{}", json!({ "trace": path, "at": place, "bodies": bodies })),
-            Ok(None) => bail!("{}: fewer than {} physics steps are executed there", path.display(), step + 1),
+            Ok(Some(bodies)) => println!(
+                "{}",
+                json!({ "trace": path, "at": place, "bodies": bodies })
+            ),
+            Ok(None) => bail!(
+                "{}: fewer than {} physics steps are executed there",
+                path.display(),
+                step + 1
+            ),
             Err(verdict) => bail!("{}: {verdict}", path.display()),
         }
     }
     Ok(Answer::Yes)
 }
 
-/// What differs between the motion states of the other build and ours at the first differing physics step.
-fn other_states(build: &Build<'_>, trace: &Path, explanation: &Explanation) -> anyhow::Result<Option<Vec<FieldChange>>> {
-    let reel_replay::Verdict::Diverged { divergence } = &explanation.verdict else { return Ok(None) };
-    let (Some(step), Some(ours)) = (divergence.physics_step, &explanation.bodies) else { return Ok(None) };
+/// What differs between the motion states of the other build and ours at the first differing
+/// physics step.
+fn other_states(
+    build: &Build<'_>,
+    trace: &Path,
+    explanation: &Explanation,
+) -> anyhow::Result<Option<Vec<FieldChange>>> {
+    let reel_replay::Verdict::Diverged { divergence } = &explanation.verdict else {
+        return Ok(None);
+    };
+    let (Some(step), Some(ours)) = (divergence.physics_step, &explanation.bodies) else {
+        return Ok(None);
+    };
     let place = match divergence.moment {
         Moment::Call(call) => format!("{call}:{step}"),
         _ => format!("start:{step}"),
     };
-    let Build { path: build, assets } = build;
+    let Build {
+        path: build,
+        assets,
+    } = build;
     let output = Command::new(build)
         // Not as an argument, which builds without meshes do not know.
         .envs(assets.map(|assets| ("REEL_ASSETS", assets)))
@@ -89,20 +127,37 @@ fn other_states(build: &Build<'_>, trace: &Path, explanation: &Explanation) -> a
         .output()
         .with_context(|| format!("cannot run {}", build.display()))?;
     if !output.status.success() {
-        bail!("{} gave no states at {place}: {}", build.display(), String::from_utf8_lossy(&output.stderr).trim());
+        bail!(
+            "{} gave no states at {place}: {}",
+            build.display(),
+            String::from_utf8_lossy(&output.stderr).trim()
+        );
     }
-    let mut answer: serde_json::Value = serde_json::from_slice(&output.stdout)
-        .with_context(|| format!("{} did not answer as `reel replay --state-at` does", build.display()))?;
-    let theirs: Vec<BodyState> =
-        serde_json::from_value(answer["bodies"].take()).context("the other build's states are unreadable")?;
+    let mut answer: serde_json::Value =
+        serde_json::from_slice(&output.stdout).with_context(|| {
+            format!(
+                "{} did not answer as `reel replay --state-at` does",
+                build.display()
+            )
+        })?;
+    let theirs: Vec<BodyState> = serde_json::from_value(answer["bodies"].take())
+        .context("the other build's states are unreadable")?;
     Ok(Some(body_changes(&theirs, ours)))
 }
 
 fn draw(explanation: &Explanation, trace: &Path, folder: &Path) -> anyhow::Result<Option<PathBuf>> {
-    let Some(picture) = &explanation.picture else { return Ok(None) };
-    let (Some(recorded), Some(replayed)) = (&picture.recorded, &picture.replayed) else { return Ok(None) };
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    let name = trace.file_stem().map_or_else(|| "trace".into(), |name| name.to_string_lossy().into_owned());
+    let Some(picture) = &explanation.picture else {
+        return Ok(None);
+    };
+    let (Some(recorded), Some(replayed)) = (&picture.recorded, &picture.replayed) else {
+        return Ok(None);
+    };
+    fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    let name = trace.file_stem().map_or_else(
+        || "trace".into(),
+        |name| name.to_string_lossy().into_owned(),
+    );
     let path = folder.join(format!("{name}.difference.png"));
     fs::write(&path, reel_view::picture_difference(recorded, replayed)?)
         .with_context(|| format!("cannot write {}", path.display()))?;
@@ -118,7 +173,10 @@ fn print(
 ) {
     println!("{}: {}", path.display(), explanation.verdict);
     if let (Some(build), Some(changes)) = (against, other) {
-        println!("  motion after the first differing physics step, {} and here:", build.display());
+        println!(
+            "  motion after the first differing physics step, {} and here:",
+            build.display()
+        );
         print_fields(changes);
     }
     if !explanation.fields.is_empty() {
@@ -132,9 +190,13 @@ fn print(
         match (picture.pixels, picture.bbox, picture.most) {
             (Some(0), ..) => println!("  picture: RGB is equal, ids or depth differ"),
             (Some(pixels), Some([x0, y0, x1, y1]), Some(most)) => {
-                println!("  picture: {pixels} pixels differ by up to {most}, from ({x0}, {y0}) to ({x1}, {y1})");
+                println!(
+                    "  picture: {pixels} pixels differ by up to {most}, from ({x0}, {y0}) to ({x1}, {y1})"
+                );
             }
-            _ => println!("  picture: differs; the trace does not hold the recorded one (expand it with the build that made it)"),
+            _ => println!(
+                "  picture: differs; the trace does not hold the recorded one (expand it with the build that made it)"
+            ),
         }
     }
     if let Some(file) = picture_file {
@@ -144,11 +206,22 @@ fn print(
 
 fn print_fields(changes: &[FieldChange]) {
     for change in changes.iter().take(LINES) {
-        let body = change.body.as_ref().map_or(String::new(), |body| format!("{body} "));
-        let ulps = change.ulps.map_or(String::new(), |ulps| format!("   {ulps} ULP"));
-        println!("    {body}{}: {} | {}{ulps}", change.field, change.recorded, change.replayed);
+        let body = change
+            .body
+            .as_ref()
+            .map_or(String::new(), |body| format!("{body} "));
+        let ulps = change
+            .ulps
+            .map_or(String::new(), |ulps| format!("   {ulps} ULP"));
+        println!(
+            "    {body}{}: {} | {}{ulps}",
+            change.field, change.recorded, change.replayed
+        );
     }
     if changes.len() > LINES {
-        println!("    and {} more fields; --json has all", changes.len() - LINES);
+        println!(
+            "    and {} more fields; --json has all",
+            changes.len() - LINES
+        );
     }
 }

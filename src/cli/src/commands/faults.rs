@@ -1,4 +1,5 @@
-//! `reel faults`: episodes that fail in a known way, to find out how often the failure taxonomy is right.
+//! `reel faults`: episodes that fail in a known way, to find out how often the failure taxonomy is
+//! right.
 
 use std::{
     collections::BTreeMap,
@@ -10,7 +11,8 @@ use std::{
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use reel_agents::{
-    EpisodeReport, FaultKind, Injection, Label, RecordTo, SampleOptions, cluttered, paper_mix, run_injected, sample,
+    EpisodeReport, FaultKind, Injection, Label, RecordTo, SampleOptions, cluttered, paper_mix,
+    run_injected, sample,
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
@@ -21,8 +23,9 @@ use serde_json::json;
 
 use crate::{Answer, inputs, progress};
 
-/// Play tasks with a policy that makes mistakes on purpose, and record every episode as a trace, with what went wrong in a
-/// file `<trace>.label.json` beside it. Ingest does not read those; `reel label import` does.
+/// Play tasks with a policy that makes mistakes on purpose, and record every episode as a trace,
+/// with what went wrong in a file `<trace>.label.json` beside it. Ingest does not read those; `reel
+/// label import` does.
 ///
 /// Examples:
 ///   reel faults list
@@ -54,8 +57,8 @@ struct Run {
     /// Task file (REAL-Bench YAML) or folder of them
     #[arg(long, value_name = "PATH")]
     tasks: PathBuf,
-    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the one that each task names, found
-    /// beside the tasks or among those that come with Reel
+    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the
+    /// one that each task names, found beside the tasks or among those that come with Reel
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Folder for the traces and labels
@@ -79,8 +82,8 @@ struct Run {
     /// Share of episodes with harmless detours
     #[arg(long, value_name = "SHARE", default_value_t = 0.33)]
     detours: f64,
-    /// A hundred episodes in the proportions of the paper's analysis: 47 successes, 25 Object Confusion, 17 Key Action
-    /// Missing, 9 Lost Memory, 2 Other; --count times a hundredth
+    /// A hundred episodes in the proportions of the paper's analysis: 47 successes, 25 Object
+    /// Confusion, 17 Key Action Missing, 9 Lost Memory, 2 Other; --count times a hundredth
     #[arg(long, conflicts_with = "kinds")]
     paper: bool,
     /// Record the pictures, too
@@ -110,7 +113,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                         json!({ "kind": kind, "class": kind.class(), "sub_class": kind.sub_class(), "says": kind.description() })
                     );
                 } else {
-                    println!("{:20} {:20} {}", kind.name(), kind.class().as_str(), kind.description());
+                    println!(
+                        "{:20} {:20} {}",
+                        kind.name(),
+                        kind.class().as_str(),
+                        kind.description()
+                    );
                 }
             }
             Ok(Answer::Yes)
@@ -131,22 +139,40 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
     if kinds.is_empty() {
         kinds = FaultKind::ALL.to_vec();
     }
-    for (name, share) in [("--combinations", run.combinations), ("--repaired", run.repaired), ("--detours", run.detours)] {
+    for (name, share) in [
+        ("--combinations", run.combinations),
+        ("--repaired", run.repaired),
+        ("--detours", run.detours),
+    ] {
         if !(0.0..=1.0).contains(&share) {
             bail!("{name} is a share: give a number from 0 to 1");
         }
     }
-    let inputs::Tasks { tasks, scenes, broken } = inputs::tasks(&run.tasks, run.scene.as_deref(), Listed::AsWritten)?;
-    fs::create_dir_all(&run.out).with_context(|| format!("cannot make the folder {}", run.out.display()))?;
+    let inputs::Tasks {
+        tasks,
+        scenes,
+        broken,
+    } = inputs::tasks(&run.tasks, run.scene.as_deref(), Listed::AsWritten)?;
+    fs::create_dir_all(&run.out)
+        .with_context(|| format!("cannot make the folder {}", run.out.display()))?;
     let wanted: Vec<Wanted> = match run.paper {
-        true => {
-            (0..run.count).map(|number| paper_mix()[(number % 100) as usize].map_or(Wanted::Success, Wanted::Class)).collect()
-        }
+        true => (0..run.count)
+            .map(|number| {
+                paper_mix()[(number % 100) as usize].map_or(Wanted::Success, Wanted::Class)
+            })
+            .collect(),
         false => vec![Wanted::Any; run.count as usize],
     };
-    let maker = Maker { run, scenes, tasks, kinds };
+    let maker = Maker {
+        run,
+        scenes,
+        tasks,
+        kinds,
+    };
     let bar = progress::bar(wanted.len(), "faults");
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(run.jobs)).build()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(inputs::workers(run.jobs))
+        .build()?;
     let results: Vec<anyhow::Result<Option<(EpisodeReport, Label)>>> = pool.install(|| {
         let episode = |(number, wanted): (usize, &Wanted)| {
             let made = maker.episode(number as u64, *wanted);
@@ -157,13 +183,18 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
     });
     bar.finish_and_clear();
     let mut counts: BTreeMap<String, u64> = BTreeMap::new();
-    let mut answer = if broken > 0 { Answer::Loss } else { Answer::Yes };
+    let mut answer = if broken > 0 {
+        Answer::Loss
+    } else {
+        Answer::Yes
+    };
     for result in results {
         match result {
             Ok(Some((report, label))) => {
                 let primary = label.primary.as_ref();
-                let name =
-                    primary.map_or("no failure".to_owned(), |primary| format!("{} / {}", primary.class, primary.sub_class));
+                let name = primary.map_or("no failure".to_owned(), |primary| {
+                    format!("{} / {}", primary.class, primary.sub_class)
+                });
                 *counts.entry(name).or_default() += 1;
                 if run.json {
                     println!(
@@ -180,7 +211,9 @@ fn play(run: &Run) -> anyhow::Result<Answer> {
         }
     }
     if !run.json {
-        counts.iter().for_each(|(name, count)| println!("{count:6}  {name}"));
+        counts
+            .iter()
+            .for_each(|(name, count)| println!("{count:6}  {name}"));
         println!("traces and labels: {}", run.out.display());
     }
     Ok(answer)
@@ -203,7 +236,11 @@ struct Maker<'a> {
 
 impl Maker<'_> {
     /// Plays one episode; none where no task admits what is wanted.
-    fn episode(&self, number: u64, wanted: Wanted) -> anyhow::Result<Option<(EpisodeReport, Label)>> {
+    fn episode(
+        &self,
+        number: u64,
+        wanted: Wanted,
+    ) -> anyhow::Result<Option<(EpisodeReport, Label)>> {
         let mut last = None;
         for attempt in 0..TRIES_MAX {
             let seed = self.run.seed + number + attempt * TRY;
@@ -212,7 +249,8 @@ impl Maker<'_> {
             let task = &self.tasks[(spread % self.tasks.len() as u64) as usize];
             // something of another kind has to stand about, to be taken for the target
             let scene = self.scene(task);
-            let task = cluttered(task, scene, &self.tasks, seed).map_or_else(|| task.clone(), Arc::new);
+            let task =
+                cluttered(task, scene, &self.tasks, seed).map_or_else(|| task.clone(), Arc::new);
             let kinds = match wanted {
                 Wanted::Class(class) => FaultKind::of_class(class),
                 Wanted::Any | Wanted::Success => self.kinds.clone(),
@@ -225,39 +263,61 @@ impl Maker<'_> {
             };
             let drawn = sample(&task, scene, seed, &options);
             let injection = match wanted {
-                Wanted::Success => {
-                    Some(Injection { faults: vec![], detours: drawn.map(|drawn| drawn.detours).unwrap_or_default(), seed })
-                }
+                Wanted::Success => Some(Injection {
+                    faults: vec![],
+                    detours: drawn.map(|drawn| drawn.detours).unwrap_or_default(),
+                    seed,
+                }),
                 Wanted::Any | Wanted::Class(_) => drawn,
             };
             let Some(injection) = injection else { continue };
-            let path = self.run.out.join(format!("{}--injected--{seed}.mcap", task.task_id.replace(['/', '\\'], "_")));
+            let path = self.run.out.join(format!(
+                "{}--injected--{seed}.mcap",
+                task.task_id.replace(['/', '\\'], "_")
+            ));
             let (report, label) = self.record(task, &injection, &path)?;
             let as_wanted = match wanted {
                 Wanted::Any => true,
                 Wanted::Success => report.success,
-                Wanted::Class(class) => label.primary.as_ref().is_some_and(|primary| primary.class == class),
+                Wanted::Class(class) => label
+                    .primary
+                    .as_ref()
+                    .is_some_and(|primary| primary.class == class),
             };
             if as_wanted {
                 return Ok(Some((report, label)));
             }
             for file in [path.clone(), path.with_added_extension("label.json")] {
-                fs::remove_file(&file).with_context(|| format!("cannot remove {}", file.display()))?;
+                fs::remove_file(&file)
+                    .with_context(|| format!("cannot remove {}", file.display()))?;
             }
             last = Some(report.task_id);
         }
         match last {
-            Some(task) => bail!("{TRIES_MAX} episodes came out otherwise than wanted; the last one played {task}"),
+            Some(task) => bail!(
+                "{TRIES_MAX} episodes came out otherwise than wanted; the last one played {task}"
+            ),
             None => Ok(None),
         }
     }
 
     fn scene(&self, task: &Task) -> &Arc<Scene> {
-        self.scenes.of(task).expect("tasks are loaded with their scenes")
+        self.scenes
+            .of(task)
+            .expect("tasks are loaded with their scenes")
     }
 
-    fn record(&self, task: Arc<Task>, injection: &Injection, path: &Path) -> anyhow::Result<(EpisodeReport, Label)> {
-        let images = if self.run.images { Images::Full } else { Images::None };
+    fn record(
+        &self,
+        task: Arc<Task>,
+        injection: &Injection,
+        path: &Path,
+    ) -> anyhow::Result<(EpisodeReport, Label)> {
+        let images = if self.run.images {
+            Images::Full
+        } else {
+            Images::None
+        };
         let config = EpisodeConfig {
             scene: self.scene(&task).clone(),
             task,
@@ -271,7 +331,17 @@ impl Maker<'_> {
             rollout: None,
             parent: None,
         };
-        let options = RecordOptions { images, durability: Durability::Write };
-        Ok(run_injected(config, injection, Some(&RecordTo { path: path.to_owned(), options }))?)
+        let options = RecordOptions {
+            images,
+            durability: Durability::Write,
+        };
+        Ok(run_injected(
+            config,
+            injection,
+            Some(&RecordTo {
+                path: path.to_owned(),
+                options,
+            }),
+        )?)
     }
 }

@@ -12,9 +12,9 @@ use serde_json::json;
 
 use crate::{Answer, camera::Camera, inputs};
 
-/// Write the pictures of a trace as PNG files, and a contact sheet of all of them.
-/// Pictures that the trace leaves out are rendered again; so are those from another camera than the agent's, in which the
-/// robot is seen.
+/// Write the pictures of a trace as PNG files, and a contact sheet of all of them. Pictures that
+/// the trace leaves out are rendered again; so are those from another camera than the agent's, in
+/// which the robot is seen.
 ///
 /// Examples:
 ///   reel frames traces-out/FDP_home_0001--oracle--0.mcap --out pictures
@@ -31,8 +31,8 @@ pub struct Arguments {
     /// Folder for the pictures
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Only the picture of this call (from 0), rendered again by going there; the head camera's view where the call
-    /// gave none
+    /// Only the picture of this call (from 0), rendered again by going there; the head camera's
+    /// view where the call gave none
     #[arg(long, value_name = "CALL")]
     at: Option<u32>,
     #[command(flatten)]
@@ -52,7 +52,8 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let trace = arguments.assets.read(&arguments.trace)?;
-    fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
+    fs::create_dir_all(&arguments.out)
+        .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
     let mut files = Vec::new();
     if let Some(call) = arguments.at {
         let path = arguments.out.join(file_name(Some(call)));
@@ -80,12 +81,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     Ok(Answer::Yes)
 }
 
-/// The pictures as the trace holds them; where it holds none, or from another camera, rendered again by an exact replay.
+/// The pictures as the trace holds them; where it holds none, or from another camera, rendered
+/// again by an exact replay.
 fn pictures(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, Vec<u8>)>> {
     let mut pictures = Vec::new();
     if !camera.is_head() {
         let views = reel_replay::views(trace, &camera.viewpoint(&trace.task)?);
-        let views = views.map_err(|verdict| anyhow!("{}: the pictures cannot be made: {verdict}", trace.path.display()))?;
+        let views = views.map_err(|verdict| {
+            anyhow!(
+                "{}: the pictures cannot be made: {verdict}",
+                trace.path.display()
+            )
+        })?;
         let moments = std::iter::once(None).chain(trace.steps.iter().map(|step| Some(step.step)));
         return Ok(moments.zip(views).collect());
     }
@@ -95,9 +102,14 @@ fn pictures(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, 
         }
     }
     if pictures.is_empty() {
-        let replayed = reel_replay::replay_with(trace, |step, frame| pictures.push((step, frame.rgb.clone())));
+        let replayed = reel_replay::replay_with(trace, |step, frame| {
+            pictures.push((step, frame.rgb.clone()))
+        });
         if let Err(verdict) = replayed {
-            bail!("{}: the pictures cannot be made again: {verdict}", trace.path.display());
+            bail!(
+                "{}: the pictures cannot be made again: {verdict}",
+                trace.path.display()
+            );
         }
     }
     Ok(pictures)
@@ -106,12 +118,25 @@ fn pictures(trace: &Trace, camera: &Camera) -> anyhow::Result<Vec<(Option<u32>, 
 /// The picture of one call, rendered again.
 fn picture_at(trace: &Trace, call: u32, arguments: &Arguments) -> anyhow::Result<Vec<u8>> {
     let viewpoint = arguments.camera.viewpoint(&trace.task)?;
-    let picture = reel_replay::view_at(trace, Some(call), &viewpoint, arguments.cache.open().as_ref());
-    picture.map_err(|verdict| anyhow!("{}: cannot go to call {call}: {verdict}", trace.path.display()))
+    let picture = reel_replay::view_at(
+        trace,
+        Some(call),
+        &viewpoint,
+        arguments.cache.open().as_ref(),
+    );
+    picture.map_err(|verdict| {
+        anyhow!(
+            "{}: cannot go to call {call}: {verdict}",
+            trace.path.display()
+        )
+    })
 }
 
 fn file_name(step: Option<u32>) -> String {
-    step.map_or_else(|| "start.png".to_owned(), |step| format!("call_{step:03}.png"))
+    step.map_or_else(
+        || "start.png".to_owned(),
+        |step| format!("call_{step:03}.png"),
+    )
 }
 
 fn png(rgb: &[u8]) -> Vec<u8> {

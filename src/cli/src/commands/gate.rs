@@ -1,4 +1,5 @@
-//! `reel gate`: replays a corpus with this build and another, and says which episodes and outcomes change.
+//! `reel gate`: replays a corpus with this build and another, and says which episodes and outcomes
+//! change.
 
 use std::{
     collections::BTreeMap,
@@ -18,9 +19,10 @@ use crate::{Answer, inputs, progress};
 /// Traces that the other build is asked for at a time: a command line has its limits.
 const TRACES_PER_CALL: usize = 500;
 
-/// Replay a corpus of traces and list which episodes are not exact, and which outcomes change: what the policy was
-/// told, and how the episode ended. With --against the same for another build of reel, side by side.
-/// Folders v1, v2, ... of the corpus hold traces of older simulators and are left out.
+/// Replay a corpus of traces and list which episodes are not exact, and which outcomes change: what
+/// the policy was told, and how the episode ended. With --against the same for another build of
+/// reel, side by side. Folders v1, v2, ... of the corpus hold traces of older simulators and are
+/// left out.
 ///
 /// Examples:
 ///   reel gate --corpus traces/golden
@@ -68,21 +70,37 @@ struct Row {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let folder = &arguments.corpus;
-    let paths = corpus(folder).with_context(|| format!("cannot list the corpus {}", folder.display()))?;
+    let paths =
+        corpus(folder).with_context(|| format!("cannot list the corpus {}", folder.display()))?;
     if paths.is_empty() {
-        bail!("no .mcap file in {}; `reel run` records some", folder.display());
+        bail!(
+            "no .mcap file in {}; `reel run` records some",
+            folder.display()
+        );
     }
     let workers = inputs::workers(arguments.jobs);
     let bar = progress::bar(paths.len(), "gate");
-    let judgements = judge_all(&paths, &arguments.assets.open()?, workers, |_, _| bar.inc(1));
+    let judgements = judge_all(&paths, &arguments.assets.open()?, workers, |_, _| {
+        bar.inc(1)
+    });
     bar.finish_and_clear();
-    let this = judgements.iter().map(|judgement| Ok(serde_json::from_value(serde_json::to_value(judgement)?)?));
+    let this = judgements
+        .iter()
+        .map(|judgement| Ok(serde_json::from_value(serde_json::to_value(judgement)?)?));
     let this: Vec<Line> = this.collect::<anyhow::Result<_>>()?;
     let that = match &arguments.against {
-        Some(binary) => ask(binary, &paths, arguments.assets.path(), workers)?.into_iter().map(Some).collect(),
+        Some(binary) => ask(binary, &paths, arguments.assets.path(), workers)?
+            .into_iter()
+            .map(Some)
+            .collect(),
         None => vec![None; paths.len()],
     };
-    let rows: Vec<Row> = paths.into_iter().zip(this).zip(that).map(|((trace, this), that)| Row { trace, this, that }).collect();
+    let rows: Vec<Row> = paths
+        .into_iter()
+        .zip(this)
+        .zip(that)
+        .map(|((trace, this), that)| Row { trace, this, that })
+        .collect();
     if arguments.json {
         for row in &rows {
             println!("{}", serde_json::to_string(row)?);
@@ -90,37 +108,66 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     } else {
         print!("{}", table(folder, &rows, arguments.against.as_deref()));
     }
-    let exact = rows.iter().all(|row| row.this.is_exact() && row.that.as_ref().is_none_or(Line::is_exact));
+    let exact = rows
+        .iter()
+        .all(|row| row.this.is_exact() && row.that.as_ref().is_none_or(Line::is_exact));
     Ok(if exact { Answer::Yes } else { Answer::No })
 }
 
 /// Has another build replay the traces; its lines in the order of the paths.
-fn ask(binary: &Path, paths: &[PathBuf], assets: Option<&Path>, workers: usize) -> anyhow::Result<Vec<Line>> {
+fn ask(
+    binary: &Path,
+    paths: &[PathBuf],
+    assets: Option<&Path>,
+    workers: usize,
+) -> anyhow::Result<Vec<Line>> {
     let name = binary.display();
     let mut lines = BTreeMap::new();
     for group in paths.chunks(TRACES_PER_CALL) {
         let output = Command::new(binary)
-            .args(["replay", "--outcomes", "--json", "--jobs", &workers.to_string(), "--"])
+            .args([
+                "replay",
+                "--outcomes",
+                "--json",
+                "--jobs",
+                &workers.to_string(),
+                "--",
+            ])
             .args(group)
             // Not as an argument, which builds without meshes do not know.
             .envs(assets.map(|assets| ("REEL_ASSETS", assets)))
             .output()
             .map_err(|error| match error.kind() {
-                ErrorKind::NotFound => anyhow::anyhow!("there is no program {name}; a path with a folder is needed, e.g. ./reel"),
+                ErrorKind::NotFound => anyhow::anyhow!(
+                    "there is no program {name}; a path with a folder is needed, e.g. ./reel"
+                ),
                 _ => anyhow::anyhow!("cannot start {name}: {error}"),
             })?;
         let complaint = String::from_utf8_lossy(&output.stderr);
-        let complaint = complaint.lines().find(|line| !line.trim().is_empty()).unwrap_or("it says nothing");
+        let complaint = complaint
+            .lines()
+            .find(|line| !line.trim().is_empty())
+            .unwrap_or("it says nothing");
         if !matches!(output.status.code(), Some(0 | 1)) {
-            bail!("{name} is no reel that knows `replay --outcomes` ({}): {complaint}", output.status);
+            bail!(
+                "{name} is no reel that knows `replay --outcomes` ({}): {complaint}",
+                output.status
+            );
         }
         for text in String::from_utf8_lossy(&output.stdout).lines() {
-            let line: Line = serde_json::from_str(text)
-                .with_context(|| format!("{name} is no reel that knows `replay --outcomes`: it printed '{}'", shorten(text)))?;
+            let line: Line = serde_json::from_str(text).with_context(|| {
+                format!(
+                    "{name} is no reel that knows `replay --outcomes`: it printed '{}'",
+                    shorten(text)
+                )
+            })?;
             lines.insert(line.trace.clone(), line);
         }
         if let Some(path) = group.iter().find(|path| !lines.contains_key(*path)) {
-            bail!("{name} is no reel that knows `replay --outcomes`: it says nothing of {}: {complaint}", path.display());
+            bail!(
+                "{name} is no reel that knows `replay --outcomes`: it says nothing of {}: {complaint}",
+                path.display()
+            );
         }
     }
     Ok(paths.iter().filter_map(|path| lines.remove(path)).collect())
@@ -132,23 +179,34 @@ impl Line {
     }
 
     fn changed(&self, call: u32) -> Option<&ChangedOutcome> {
-        self.outcomes.iter().flat_map(|changes| &changes.outcomes).find(|changed| changed.call == call)
+        self.outcomes
+            .iter()
+            .flat_map(|changes| &changes.outcomes)
+            .find(|changed| changed.call == call)
     }
 }
 
 impl Row {
     fn lines(&self) -> impl Iterator<Item = (&'static str, &Line)> {
-        [("this", Some(&self.this)), ("that", self.that.as_ref())].into_iter().filter_map(|(name, line)| Some((name, line?)))
+        [("this", Some(&self.this)), ("that", self.that.as_ref())]
+            .into_iter()
+            .filter_map(|(name, line)| Some((name, line?)))
     }
 
     /// Every outcome that changes in either build, and the end, as text; and how many.
     fn changes(&self, name: &str) -> (usize, String) {
         let all = || self.lines().filter_map(|(_, line)| line.outcomes.as_ref());
-        let calls: BTreeMap<u32, &ChangedOutcome> =
-            all().flat_map(|changes| &changes.outcomes).map(|changed| (changed.call, changed)).collect();
+        let calls: BTreeMap<u32, &ChangedOutcome> = all()
+            .flat_map(|changes| &changes.outcomes)
+            .map(|changed| (changed.call, changed))
+            .collect();
         let mut text = String::new();
         for (call, known) in &calls {
-            text.push_str(&format!("{name}: call {call} {}\n  recorded  {}\n", known.what, told(&known.recorded)));
+            text.push_str(&format!(
+                "{name}: call {call} {}\n  recorded  {}\n",
+                known.what,
+                told(&known.recorded)
+            ));
             for (build, line) in self.lines() {
                 let now = match (line.changed(*call), &line.outcomes) {
                     (Some(changed), _) => told(&changed.replayed),
@@ -162,10 +220,15 @@ impl Row {
         if let Some(end) = end {
             text.push_str(&format!("{name}: end\n  recorded  {}\n", end.recorded));
             for (build, line) in self.lines() {
-                let now = line.outcomes.as_ref().map(|changes| changes.end.map(|end| end.replayed));
+                let now = line
+                    .outcomes
+                    .as_ref()
+                    .map(|changes| changes.end.map(|end| end.replayed));
                 let now = now.map_or_else(
                     || format!("({})", line.verdict),
-                    |now: Option<Ending>| now.map_or_else(|| "as recorded".to_owned(), |end| end.to_string()),
+                    |now: Option<Ending>| {
+                        now.map_or_else(|| "as recorded".to_owned(), |end| end.to_string())
+                    },
                 );
                 text.push_str(&format!("  {build}      {now}\n"));
             }
@@ -175,14 +238,33 @@ impl Row {
 }
 
 fn table(folder: &Path, rows: &[Row], against: Option<&Path>) -> String {
-    let name = |row: &Row| row.trace.strip_prefix(folder).unwrap_or(&row.trace).with_extension("").display().to_string();
-    let width = rows.iter().map(|row| name(row).len()).max().unwrap_or(0).max("episode".len());
+    let name = |row: &Row| {
+        row.trace
+            .strip_prefix(folder)
+            .unwrap_or(&row.trace)
+            .with_extension("")
+            .display()
+            .to_string()
+    };
+    let width = rows
+        .iter()
+        .map(|row| name(row).len())
+        .max()
+        .unwrap_or(0)
+        .max("episode".len());
     let that = if against.is_some() { "that" } else { "" };
     let mut text = format!("{:width$}  {:16}  {that}\n", "episode", "this").replace(" \n", "\n");
     let (mut changes, mut count) = (String::new(), 0);
     for row in rows {
-        let verdicts: Vec<String> = row.lines().map(|(_, line)| format!("{:16}", line.verdict)).collect();
-        text.push_str(&format!("{:width$}  {}\n", name(row), verdicts.join("  ").trim_end()));
+        let verdicts: Vec<String> = row
+            .lines()
+            .map(|(_, line)| format!("{:16}", line.verdict))
+            .collect();
+        text.push_str(&format!(
+            "{:width$}  {}\n",
+            name(row),
+            verdicts.join("  ").trim_end()
+        ));
         let (number, lines) = row.changes(&name(row));
         count += number;
         changes.push_str(&lines);
@@ -190,10 +272,23 @@ fn table(folder: &Path, rows: &[Row], against: Option<&Path>) -> String {
     if count > 0 {
         text.push_str(&format!("\noutcomes that change: {count}\n{changes}"));
     }
-    let exact = |line: fn(&Row) -> Option<&Line>| rows.iter().filter_map(line).filter(|line| line.is_exact()).count();
-    text.push_str(&format!("\n{} of {} traces are exact in this build", exact(|row| Some(&row.this)), rows.len()));
+    let exact = |line: fn(&Row) -> Option<&Line>| {
+        rows.iter()
+            .filter_map(line)
+            .filter(|line| line.is_exact())
+            .count()
+    };
+    text.push_str(&format!(
+        "\n{} of {} traces are exact in this build",
+        exact(|row| Some(&row.this)),
+        rows.len()
+    ));
     if let Some(binary) = against {
-        text.push_str(&format!(", {} in {}", exact(|row| row.that.as_ref()), binary.display()));
+        text.push_str(&format!(
+            ", {} in {}",
+            exact(|row| row.that.as_ref()),
+            binary.display()
+        ));
     }
     text.push_str(&format!("; {count} outcomes change\n"));
     text
@@ -202,7 +297,16 @@ fn table(folder: &Path, rows: &[Row], against: Option<&Path>) -> String {
 /// An outcome in a line.
 pub fn told(outcome: &Outcome) -> String {
     let code = outcome.error.map_or("ok", |code| code.as_str());
-    format!("{code}: {}", shorten(&outcome.text.split_whitespace().collect::<Vec<_>>().join(" ")))
+    format!(
+        "{code}: {}",
+        shorten(
+            &outcome
+                .text
+                .split_whitespace()
+                .collect::<Vec<_>>()
+                .join(" ")
+        )
+    )
 }
 
 fn shorten(text: &str) -> String {

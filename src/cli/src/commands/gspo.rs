@@ -7,11 +7,13 @@ use reel_reward::gspo::{ClipRange, KlEstimator};
 use super::export::{Grouping, StoreSource};
 use crate::Answer;
 
-/// Compute the GSPO objective of a policy from the log-probabilities in a store: sequence ratios, clip shares, KL and loss, over
-/// the groups, returns and advantages of `reel export rl`. Nothing is trained: these are the numbers that a trainer's first
-/// step over the same rollouts has, to compare with its log.
+/// Compute the GSPO objective of a policy from the log-probabilities in a store: sequence ratios,
+/// clip shares, KL and loss, over the groups, returns and advantages of `reel export rl`. Nothing
+/// is trained: these are the numbers that a trainer's first step over the same rollouts has, to
+/// compare with its log.
 ///
-/// Policy `old` sampled the tokens (`reel bench --logprobs` records it); others are added with `reel logprobs add`.
+/// Policy `old` sampled the tokens (`reel bench --logprobs` records it); others are added with
+/// `reel logprobs add`.
 ///
 /// Example:
 ///   reel gspo --store store --new new --ref ref --beta 0.04 --returns published --advantage ngrpo
@@ -30,13 +32,23 @@ pub struct Arguments {
     #[arg(long = "ref", value_name = "POLICY")]
     reference: Option<String>,
     /// How far a ratio may fall below 1, and rise above it unless --epsilon-high says otherwise
-    #[arg(long, value_name = "RADIUS", default_value_t = 0.2, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "RADIUS",
+        default_value_t = 0.2,
+        allow_negative_numbers = true
+    )]
     epsilon: f64,
     /// How far a ratio may rise above 1
     #[arg(long, value_name = "RADIUS", allow_negative_numbers = true)]
     epsilon_high: Option<f64>,
     /// Weight of the KL; needs --ref
-    #[arg(long, value_name = "WEIGHT", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "WEIGHT",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
     beta: f64,
     /// The estimate of the KL in the loss: k1, k2 or k3
     #[arg(long, value_name = "NAME", default_value = "k3", value_parser = kl_estimator)]
@@ -68,7 +80,20 @@ fn sequence_unit(name: &str) -> Result<SequenceUnit, String> {
 
 /// Computes the objective and prints it.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let Arguments { source, old, new, reference, epsilon, epsilon_high, beta, kl, sequence, grouping, seed, .. } = arguments;
+    let Arguments {
+        source,
+        old,
+        new,
+        reference,
+        epsilon,
+        epsilon_high,
+        beta,
+        kl,
+        sequence,
+        grouping,
+        seed,
+        ..
+    } = arguments;
     if !beta.is_finite() {
         bail!("--beta {beta} is no weight; the published trainer has 0.04");
     }
@@ -89,7 +114,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     };
     let report = gspo(&source.open()?, &options)?;
     if arguments.json {
-        println!("{}", serde_json::json!({ "options": options, "report": report }));
+        println!(
+            "{}",
+            serde_json::json!({ "options": options, "report": report })
+        );
     } else {
         print!("{}", table(&options, &report));
     }
@@ -97,7 +125,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 }
 
 fn table(options: &GspoOptions, report: &GspoReport) -> String {
-    let unit = if options.unit == SequenceUnit::Episode { "episodes" } else { "decisions" };
+    let unit = if options.unit == SequenceUnit::Episode {
+        "episodes"
+    } else {
+        "decisions"
+    };
     let (of, [least, mean, greatest]) = (&report.objective, report.ratio);
     let mut text = format!(
         "{} of {} tokens in {} groups; policy '{}' over tokens of '{}'; returns {}, advantage {}\n",
@@ -109,15 +141,31 @@ fn table(options: &GspoOptions, report: &GspoReport) -> String {
         options.rollouts.returns.name,
         options.rollouts.advantage.as_str(),
     );
-    text += &format!("  loss       {:+.6} = -({:+.6}) + {} * {:.6}\n", of.loss, of.surrogate, options.beta, of.kl);
+    text += &format!(
+        "  loss       {:+.6} = -({:+.6}) + {} * {:.6}\n",
+        of.loss, of.surrogate, options.beta, of.kl
+    );
     text += &format!("  ratio      {mean:.6} ({least:.6} to {greatest:.6})\n");
-    text += &format!("  clipped    low {:.4}, high {:.4}; ", of.clipped.low, of.clipped.high);
-    text += &format!("of tokens low {:.4}, high {:.4}\n", report.clipped_tokens.low, report.clipped_tokens.high);
+    text += &format!(
+        "  clipped    low {:.4}, high {:.4}; ",
+        of.clipped.low, of.clipped.high
+    );
+    text += &format!(
+        "of tokens low {:.4}, high {:.4}\n",
+        report.clipped_tokens.low, report.clipped_tokens.high
+    );
     if let Some(reference) = &options.reference {
-        let kl: Vec<String> = report.kl_means.iter().map(|(name, kl)| format!("{name} {kl:.6}")).collect();
+        let kl: Vec<String> = report
+            .kl_means
+            .iter()
+            .map(|(name, kl)| format!("{name} {kl:.6}"))
+            .collect();
         text += &format!("  KL         {} from '{reference}'\n", kl.join(", "));
     }
-    text += &format!("  {:40} {:>9} {:>10} {:>10} {:>8} {:>8}\n", "group", "sequences", "loss", "KL", "low", "high");
+    text += &format!(
+        "  {:40} {:>9} {:>10} {:>10} {:>8} {:>8}\n",
+        "group", "sequences", "loss", "KL", "low", "high"
+    );
     for group in &report.groups {
         let of = &group.objective;
         text += &format!(

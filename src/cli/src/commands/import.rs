@@ -44,7 +44,8 @@ enum Command {
     ///   reel import real-eval eval_output --out traces --tasks real-bench/tasks
     ///   reel show traces/FDO_verify_task_9--gpt-4o--0123456789abcdef.mcap
     ///
-    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or left out.
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or left
+    /// out.
     RealEval {
         /// The `eval_output` folder, or any folder in it
         #[arg(value_name = "DIR")]
@@ -58,12 +59,12 @@ enum Command {
     /// Recordings of a real robot: MCAP files and folders of rosbag2, by a mapping of their topics
     #[command(verbatim_doc_comment)]
     ///
-    /// A mapping file (TOML) says what each topic is: calls, results, primitives, odometry, latencies
-    /// of the low-level model, alignment, cameras, world graphs, what is held, markers, answers of
-    /// the user, words of the policy, beginning and end of episodes. Messages may be in JSON, in
-    /// protobuf or in CDR (ROS 2). schemas/robot_mapping.example.toml is one to begin with;
-    /// docs/robots.md explains it. A recording without calls is one of trials: every primitive in it
-    /// becomes a step.
+    /// A mapping file (TOML) says what each topic is: calls, results, primitives, odometry,
+    /// latencies of the low-level model, alignment, cameras, world graphs, what is held, markers,
+    /// answers of the user, words of the policy, beginning and end of episodes. Messages may be in
+    /// JSON, in protobuf or in CDR (ROS 2). schemas/robot_mapping.example.toml is one to begin
+    /// with; docs/robots.md explains it. A recording without calls is one of trials: every
+    /// primitive in it becomes a step.
     ///
     /// The traces can be shown, put into tables and asked like any other; there is nothing to
     /// re-execute, and `reel replay` says so. What a recording does not say is absent.
@@ -76,7 +77,8 @@ enum Command {
     ///   reel import robot bags --mapping robot.toml --out traces --tasks tasks --scene scene.json
     ///   reel ingest traces --store store && reel query --store store --named primitives
     ///
-    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or left out.
+    /// Exit code 0: all imported; 2: nothing could be; 3: imported, but something was lost or left
+    /// out.
     Robot {
         /// An MCAP file, a folder that rosbag2 wrote, or a folder of such
         #[arg(value_name = "FILE|DIR")]
@@ -101,8 +103,8 @@ struct Importing {
     /// The benchmark's task files: file or folder
     #[arg(long, value_name = "PATH")]
     tasks: Option<PathBuf>,
-    /// Their scene, for all of them; without it the one that each task names, found beside the tasks or among those that come with
-    /// Reel
+    /// Their scene, for all of them; without it the one that each task names, found beside the
+    /// tasks or among those that come with Reel
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Episodes or recordings at a time; without it one for each core
@@ -116,7 +118,11 @@ struct Importing {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
-        Command::RealEval { folder, run, importing } => {
+        Command::RealEval {
+            folder,
+            run,
+            importing,
+        } => {
             let episodes = reel_import::episodes(folder)?;
             let (results, broken) = importing.each(&episodes, run, reel_import::import)?;
             for (episode, result) in episodes.iter().zip(&results) {
@@ -124,15 +130,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             }
             Ok(answer(&results, broken, &importing.out, importing.json))
         }
-        Command::Robot { recordings, mapping, run, importing } => robot(recordings, mapping, run, importing),
+        Command::Robot {
+            recordings,
+            mapping,
+            run,
+            importing,
+        } => robot(recordings, mapping, run, importing),
     }
 }
 
 fn robot(root: &Path, mapping: &Path, run: &str, importing: &Importing) -> anyhow::Result<Answer> {
-    let text = fs::read_to_string(mapping).with_context(|| format!("cannot read the mapping {}", mapping.display()))?;
-    let mapping = Mapping::parse(&text).with_context(|| format!("the mapping {} is not understood", mapping.display()))?;
+    let text = fs::read_to_string(mapping)
+        .with_context(|| format!("cannot read the mapping {}", mapping.display()))?;
+    let mapping = Mapping::parse(&text)
+        .with_context(|| format!("the mapping {} is not understood", mapping.display()))?;
     let recordings = reel_import::robot::recordings(root)?;
-    let one = |recording: &Path, out: &Path, options: &Options<'_>| reel_import::robot::import(recording, &mapping, out, options);
+    let one = |recording: &Path, out: &Path, options: &Options<'_>| {
+        reel_import::robot::import(recording, &mapping, out, options)
+    };
     let (results, broken) = importing.each(&recordings, run, one)?;
     let (mut episodes, mut incomplete) = (Vec::new(), broken);
     for (source, result) in recordings.iter().zip(results) {
@@ -153,16 +168,31 @@ fn robot(root: &Path, mapping: &Path, run: &str, importing: &Importing) -> anyho
             }
         }
     }
-    Ok(answer(&episodes, incomplete, &importing.out, importing.json))
+    Ok(answer(
+        &episodes,
+        incomplete,
+        &importing.out,
+        importing.json,
+    ))
 }
 
 /// What a recording as a whole lost and leaves open, where that is anything.
 fn tell_recording(recording: &Recording, as_json: bool) {
-    let Recording { source, losses, notes, .. } = recording;
+    let Recording {
+        source,
+        losses,
+        notes,
+        ..
+    } = recording;
     match as_json {
         true if losses.is_empty() && notes.is_empty() => {}
-        true => println!("{}", json!({ "recording": source, "losses": losses, "notes": notes })),
-        false => notes.iter().for_each(|note| println!("{}: note: {note}", source.display())),
+        true => println!(
+            "{}",
+            json!({ "recording": source, "losses": losses, "notes": notes })
+        ),
+        false => notes
+            .iter()
+            .for_each(|note| println!("{}: note: {note}", source.display())),
     }
     losses.iter().for_each(|loss| eprintln!("reel: {loss}"));
 }
@@ -175,55 +205,116 @@ impl Importing {
         run_id: &str,
         import: impl Fn(&Path, &Path, &Options<'_>) -> T + Sync,
     ) -> anyhow::Result<(Vec<T>, usize)> {
-        let Importing { out, tasks, scene, jobs, .. } = self;
+        let Importing {
+            out,
+            tasks,
+            scene,
+            jobs,
+            ..
+        } = self;
         let (tasks, scenes, broken) = match tasks {
             Some(path) => {
-                let inputs::Tasks { tasks, scenes, broken } = inputs::tasks(path, scene.as_deref(), Listed::AsWritten)?;
+                let inputs::Tasks {
+                    tasks,
+                    scenes,
+                    broken,
+                } = inputs::tasks(path, scene.as_deref(), Listed::AsWritten)?;
                 (tasks, Some(scenes), broken)
             }
-            None => (Vec::new(), scene.as_deref().map(|path| inputs::scene(Some(path))).transpose()?.map(Scenes::from), 0),
+            None => (
+                Vec::new(),
+                scene
+                    .as_deref()
+                    .map(|path| inputs::scene(Some(path)))
+                    .transpose()?
+                    .map(Scenes::from),
+                0,
+            ),
         };
-        fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
-        let options = Options { run_id, tasks: &tasks, scenes: scenes.as_ref() };
+        fs::create_dir_all(out)
+            .with_context(|| format!("cannot make the folder {}", out.display()))?;
+        let options = Options {
+            run_id,
+            tasks: &tasks,
+            scenes: scenes.as_ref(),
+        };
         let bar = progress::bar(sources.len(), "import");
         let one = |source: &PathBuf| {
             let imported = import(source, out, &options);
             bar.inc(1);
             imported
         };
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(*jobs)).build()?;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(inputs::workers(*jobs))
+            .build()?;
         let results = pool.install(|| sources.par_iter().with_max_len(1).map(one).collect());
         bar.finish_and_clear();
         Ok((results, broken))
     }
 }
 
-fn tell(episode: &Path, result: &Result<Imported, ImportError>, as_json: bool) -> anyhow::Result<()> {
+fn tell(
+    episode: &Path,
+    result: &Result<Imported, ImportError>,
+    as_json: bool,
+) -> anyhow::Result<()> {
     match result {
         Ok(imported) if as_json => println!("{}", serde_json::to_string(imported)?),
         Ok(imported) => {
-            let Imported { steps, pictures, .. } = imported;
+            let Imported {
+                steps, pictures, ..
+            } = imported;
             let end = format!("{:?}", imported.end).to_lowercase();
-            let success = if imported.success { "success" } else { "no success" };
-            println!("{}: {steps} steps, {pictures} pictures, {end}, {success}", imported.trace.display());
-            imported.notes.iter().for_each(|note| println!("  note: {note}"));
+            let success = if imported.success {
+                "success"
+            } else {
+                "no success"
+            };
+            println!(
+                "{}: {steps} steps, {pictures} pictures, {end}, {success}",
+                imported.trace.display()
+            );
+            imported
+                .notes
+                .iter()
+                .for_each(|note| println!("  note: {note}"));
         }
-        Err(error) if as_json => println!("{}", json!({ "source": episode, "error": error.to_string() })),
+        Err(error) if as_json => println!(
+            "{}",
+            json!({ "source": episode, "error": error.to_string() })
+        ),
         Err(_) => {}
     }
     match result {
-        Ok(imported) => imported.losses.iter().for_each(|loss| eprintln!("reel: {loss}")),
+        Ok(imported) => imported
+            .losses
+            .iter()
+            .for_each(|loss| eprintln!("reel: {loss}")),
         Err(error) => eprintln!("reel: not imported: {error}"),
     }
     Ok(())
 }
 
 /// Sums up; episodes that the agent skipped are no loss, what was lost beside the episodes is.
-fn answer(results: &[Result<Imported, ImportError>], lost_beside: usize, out: &Path, as_json: bool) -> Answer {
-    let imported: Vec<&Imported> = results.iter().filter_map(|result| result.as_ref().ok()).collect();
-    let skipped = results.iter().filter(|result| matches!(result, Err(ImportError::Skipped { .. }))).count();
+fn answer(
+    results: &[Result<Imported, ImportError>],
+    lost_beside: usize,
+    out: &Path,
+    as_json: bool,
+) -> Answer {
+    let imported: Vec<&Imported> = results
+        .iter()
+        .filter_map(|result| result.as_ref().ok())
+        .collect();
+    let skipped = results
+        .iter()
+        .filter(|result| matches!(result, Err(ImportError::Skipped { .. })))
+        .count();
     let failed = results.len() - imported.len() - skipped;
-    let incomplete = imported.iter().filter(|imported| !imported.losses.is_empty()).count();
+    let incomplete = imported
+        .iter()
+        .filter(|imported| !imported.losses.is_empty())
+        .count();
     if !as_json {
         println!(
             "{} of {} episodes imported into {}: {incomplete} of them with losses, {failed} not imported, {skipped} skipped by the agent",

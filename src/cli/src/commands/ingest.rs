@@ -9,8 +9,8 @@ use serde_json::json;
 
 use crate::{Answer, elsewhere::Elsewhere, inputs, progress};
 
-/// Read traces into a store of tables. Known traces are left as they are; a changed trace replaces what it was;
-/// a bad file is put in quarantine with its reason, and the rest goes on.
+/// Read traces into a store of tables. Known traces are left as they are; a changed trace replaces
+/// what it was; a bad file is put in quarantine with its reason, and the rest goes on.
 ///
 /// Examples:
 ///   reel ingest traces-out --store store
@@ -38,7 +38,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     for (path, reason) in &report.quarantined {
         eprintln!("reel: quarantined {}: {reason}", path.display());
     }
-    let IngestReport { added, unchanged, superseded, quarantined, version } = &report;
+    let IngestReport {
+        added,
+        unchanged,
+        superseded,
+        quarantined,
+        version,
+    } = &report;
     if arguments.json {
         println!(
             "{}",
@@ -51,14 +57,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             arguments.store
         );
     }
-    Ok(if quarantined.is_empty() { Answer::Yes } else { Answer::Loss })
+    Ok(if quarantined.is_empty() {
+        Answer::Yes
+    } else {
+        Answer::Loss
+    })
 }
 
 /// Ingests with a progress bar.
 ///
 /// # Errors
 /// When the store cannot be opened or written, or the cluster does not answer.
-pub fn ingest(paths: &[PathBuf], store: &str, elsewhere: &Elsewhere) -> anyhow::Result<IngestReport> {
+pub fn ingest(
+    paths: &[PathBuf],
+    store: &str,
+    elsewhere: &Elsewhere,
+) -> anyhow::Result<IngestReport> {
     let bar = progress::bar(paths.len(), "ingest");
     let progress = |done: usize, _: usize| bar.set_position(done as u64);
     let store = Store::open_or_create(store)?;
@@ -79,19 +93,31 @@ fn read_elsewhere(
     elsewhere: &Elsewhere,
     progress: Progress<'_>,
 ) -> anyhow::Result<IngestReport> {
-    let Some(cluster) = elsewhere.open()? else { return Ok(store.ingest(paths, progress)?) };
-    store.ingest_by(paths, TRACES_PER_GROUP, progress, |groups, _, done, take| {
-        let mut sizes = groups.iter().map(Vec::len);
-        cluster.work("ingest", "", groups, |rows| {
-            take(TraceRows::from_bytes(&rows)?)?;
-            done(sizes.next().unwrap_or(0));
-            Ok(())
-        })
-    })
+    let Some(cluster) = elsewhere.open()? else {
+        return Ok(store.ingest(paths, progress)?);
+    };
+    store.ingest_by(
+        paths,
+        TRACES_PER_GROUP,
+        progress,
+        |groups, _, done, take| {
+            let mut sizes = groups.iter().map(Vec::len);
+            cluster.work("ingest", "", groups, |rows| {
+                take(TraceRows::from_bytes(&rows)?)?;
+                done(sizes.next().unwrap_or(0));
+                Ok(())
+            })
+        },
+    )
 }
 
 #[cfg(not(feature = "cluster"))]
-fn read_elsewhere(mut store: Store, paths: &[PathBuf], _: &Elsewhere, progress: Progress<'_>) -> anyhow::Result<IngestReport> {
+fn read_elsewhere(
+    mut store: Store,
+    paths: &[PathBuf],
+    _: &Elsewhere,
+    progress: Progress<'_>,
+) -> anyhow::Result<IngestReport> {
     Ok(store.ingest(paths, progress)?)
 }
 
@@ -102,7 +128,12 @@ pub fn work() -> reel_cluster::Work {
     let reader = reel_trace::RecordsReader::default();
     let run = move |traces: &[PathBuf], _: &str| {
         let rows = TraceRows::read(&reader, traces, &reel_tables::Seen::default());
-        rows.and_then(|rows| rows.to_bytes()).map_err(|error| error.to_string())
+        rows.and_then(|rows| rows.to_bytes())
+            .map_err(|error| error.to_string())
     };
-    reel_cluster::Work { name: "ingest", traces: true, run: std::sync::Arc::new(run) }
+    reel_cluster::Work {
+        name: "ingest",
+        traces: true,
+        run: std::sync::Arc::new(run),
+    }
 }

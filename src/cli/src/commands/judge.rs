@@ -21,9 +21,10 @@ use crate::{
     progress,
 };
 
-/// Ask a model behind an OpenAI-compatible endpoint why episodes failed. It sees the transcript, and frames if wanted, but
-/// not what the rules say, and cannot overturn what the simulator proved. Its opinions are kept as labels of kind `judge`;
-/// `reel taxonomy agreement --with judge` compares them with the rules. Every call is logged, and asked only once.
+/// Ask a model behind an OpenAI-compatible endpoint why episodes failed. It sees the transcript,
+/// and frames if wanted, but not what the rules say, and cannot overturn what the simulator proved.
+/// Its opinions are kept as labels of kind `judge`; `reel taxonomy agreement --with judge` compares
+/// them with the rules. Every call is logged, and asked only once.
 ///
 /// Example:
 ///   reel taxonomy judge --store store --endpoint http://localhost:8000/v1 --model qwen3-vl --max 50
@@ -65,7 +66,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let session = Session::new(Store::open(&arguments.store)?)?;
     let mut failed = classes_of(&session, &arguments.store)?;
     failed.truncate(arguments.max);
-    let options = Options { frames: arguments.frames, ..Options::default() };
+    let options = Options {
+        frames: arguments.frames,
+        ..Options::default()
+    };
     let bar = progress::bar(failed.len(), "judging");
     let (mut labels, mut errors, mut agree, mut proven) = (Vec::new(), 0, 0, 0);
     for portion in failed.chunks(PORTION) {
@@ -79,7 +83,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 }
             }
         }
-        for verdict in judge_all(&cases, &client, &options, inputs::workers(arguments.jobs), |_| bar.inc(1)) {
+        for verdict in judge_all(
+            &cases,
+            &client,
+            &options,
+            inputs::workers(arguments.jobs),
+            |_| bar.inc(1),
+        ) {
             let verdict = match verdict {
                 Ok(verdict) => verdict,
                 Err(error) => {
@@ -99,7 +109,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     bar.finish_and_clear();
     let judged = labels.len();
     Store::open(&arguments.store)?.change_labels(|mut before| {
-        before.retain(|old| !labels.iter().any(|new| (&new.episode_id, &new.author) == (&old.episode_id, &old.author)));
+        before.retain(|old| {
+            !labels
+                .iter()
+                .any(|new| (&new.episode_id, &new.author) == (&old.episode_id, &old.author))
+        });
         before.extend(labels.iter().cloned());
         before
     })?;
@@ -111,7 +125,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             "{judged} episodes judged; it agrees with the rules on {agree} of {proven} whose cause is proven; {errors} errors"
         );
     }
-    Ok(if errors > 0 { Answer::Loss } else { Answer::Yes })
+    Ok(if errors > 0 {
+        Answer::Loss
+    } else {
+        Answer::Yes
+    })
 }
 
 /// What the judge gets of an episode.
@@ -124,22 +142,37 @@ fn case(episode: &Stored, frames: usize) -> anyhow::Result<Case> {
             step: step.step,
             call: format!("{} {}", step.input.call.name, step.input.call.arguments),
             outcome: step.outcome.text.clone(),
-            error: step.outcome.error.map(|code| code.to_string()).unwrap_or_default(),
+            error: step
+                .outcome
+                .error
+                .map(|code| code.to_string())
+                .unwrap_or_default(),
             reasoning: policy.reasoning,
             history: policy.history,
             question: if asked {
-                step.input.call.arguments["question"].as_str().unwrap_or_default().to_owned()
+                step.input.call.arguments["question"]
+                    .as_str()
+                    .unwrap_or_default()
+                    .to_owned()
             } else {
                 String::new()
             },
-            answer: step.reply.as_ref().map(|reply| reply.text.clone()).unwrap_or_default(),
+            answer: step
+                .reply
+                .as_ref()
+                .map(|reply| reply.text.clone())
+                .unwrap_or_default(),
         }
     };
     let decisive = u32::try_from(episode.step).unwrap_or(0);
     let first = decisive.saturating_sub(frames as u32 / 2);
     let pictures = (first..).take(frames).filter_map(|step| {
         let bytes = trace.image(Some(step))?.to_vec();
-        Some(Picture { step, media_type: "image/webp".into(), bytes })
+        Some(Picture {
+            step,
+            media_type: "image/webp".into(),
+            bytes,
+        })
     });
     Ok(Case {
         episode_id: episode.episode_id.clone(),
@@ -159,7 +192,11 @@ fn case(episode: &Stored, frames: usize) -> anyhow::Result<Case> {
 /// The judge's opinion as a label; what it was overruled in is said in the note.
 fn label(verdict: &Verdict) -> Label {
     let opinion = &verdict.opinion;
-    let proposal = opinion.proposed_sub_class.as_deref().map(|name| format!(" (proposes '{name}')")).unwrap_or_default();
+    let proposal = opinion
+        .proposed_sub_class
+        .as_deref()
+        .map(|name| format!(" (proposes '{name}')"))
+        .unwrap_or_default();
     let standing = match verdict.source {
         Source::Proven if opinion.overruled => " [overruled by what is proven]",
         Source::Proven | Source::Judge => "",

@@ -10,12 +10,14 @@ use std::{
 use anyhow::{Context, bail};
 use reel_query::{Format, Session, format};
 use reel_tables::{Label, Store};
-use reel_taxonomy::{CLASSES, Defaults, RuleSet, disputed, from_csv, from_json, injected, to_csv, to_json};
+use reel_taxonomy::{
+    CLASSES, Defaults, RuleSet, disputed, from_csv, from_json, injected, to_csv, to_json,
+};
 
 use crate::Answer;
 
-/// Keep labels of failed episodes: who says that it is of which class, and how sure. The rules never read them;
-/// `reel taxonomy agreement` compares the two.
+/// Keep labels of failed episodes: who says that it is of which class, and how sure. The rules
+/// never read them; `reel taxonomy agreement` compares the two.
 ///
 /// Examples:
 ///   reel label set 3f2a91c0 --sub-class missing_ask --step 4 --author ann --store store
@@ -92,58 +94,116 @@ struct Set {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let now_ms = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_millis() as i64);
+    let now_ms = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |time| time.as_millis() as i64);
     match &arguments.what {
-        What::Set(set) => keep(&arguments.store, vec![labelled(&arguments.store, set, now_ms)?]),
+        What::Set(set) => keep(
+            &arguments.store,
+            vec![labelled(&arguments.store, set, now_ms)?],
+        ),
         What::Import { path, author } => {
-            let labels = read(path, Defaults { author, at_ms: now_ms })?;
+            let labels = read(
+                path,
+                Defaults {
+                    author,
+                    at_ms: now_ms,
+                },
+            )?;
             known_episodes(&arguments.store, labels)
         }
         What::Export { out } => export(&arguments.store, out.as_deref()),
         What::List => {
             let labels = Store::open(&arguments.store)?.labels()?;
-            print!("{}", if arguments.json { to_json(&labels) } else { lines(labels.iter()) });
+            print!(
+                "{}",
+                if arguments.json {
+                    to_json(&labels)
+                } else {
+                    lines(labels.iter())
+                }
+            );
             Ok(Answer::Yes)
         }
         What::Disputed => {
             let open = disputed(&Store::open(&arguments.store)?.labels()?);
             for labels in open.values() {
-                print!("{}", if arguments.json { to_json(labels) } else { lines(labels.iter()) });
+                print!(
+                    "{}",
+                    if arguments.json {
+                        to_json(labels)
+                    } else {
+                        lines(labels.iter())
+                    }
+                );
             }
             if !arguments.json {
-                println!("{} episodes are disputed; decide with `reel label set EPISODE ... --adjudicate`", open.len());
+                println!(
+                    "{} episodes are disputed; decide with `reel label set EPISODE ... --adjudicate`",
+                    open.len()
+                );
             }
-            Ok(if open.is_empty() { Answer::Yes } else { Answer::No })
+            Ok(if open.is_empty() {
+                Answer::Yes
+            } else {
+                Answer::No
+            })
         }
     }
 }
 
 fn lines<'a>(labels: impl Iterator<Item = &'a Label>) -> String {
     let line = |label: &Label| {
-        let step = label.step.map(|step| format!(" at {step}")).unwrap_or_default();
-        let sure = label.confidence.map(|sure| format!(" ({sure})")).unwrap_or_default();
-        let note = label.note.as_deref().map(|note| format!(": {note}")).unwrap_or_default();
+        let step = label
+            .step
+            .map(|step| format!(" at {step}"))
+            .unwrap_or_default();
+        let sure = label
+            .confidence
+            .map(|sure| format!(" ({sure})"))
+            .unwrap_or_default();
+        let note = label
+            .note
+            .as_deref()
+            .map(|note| format!(": {note}"))
+            .unwrap_or_default();
         let sub_class = label.sub_class.as_deref().unwrap_or("-");
-        format!("{}  {:11} {:12} {} / {sub_class}{step}{sure}{note}\n", label.episode_id, label.kind, label.author, label.class)
+        format!(
+            "{}  {:11} {:12} {} / {sub_class}{step}{sure}{note}\n",
+            label.episode_id, label.kind, label.author, label.class
+        )
     };
     labels.map(line).collect()
 }
 
 fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<Label> {
-    let of_sub_class = set.sub_class.as_deref().and_then(|name| RuleSet::built_in().class_of(name));
+    let of_sub_class = set
+        .sub_class
+        .as_deref()
+        .and_then(|name| RuleSet::built_in().class_of(name));
     let class = match (&set.class, of_sub_class) {
         (Some(class), _) if CLASSES.contains(&class.as_str()) => class.clone(),
         (Some(class), _) => bail!("the class '{class}' is none of {}", CLASSES.join(", ")),
         (None, Some(class)) => class.to_owned(),
         (None, None) => bail!("give --class: one of {}", CLASSES.join(", ")),
     };
-    if set.confidence.is_some_and(|sure| !(0.0..=1.0).contains(&sure)) {
+    if set
+        .confidence
+        .is_some_and(|sure| !(0.0..=1.0).contains(&sure))
+    {
         bail!("the confidence has to lie between 0 and 1");
     }
     let episodes = episodes(store)?;
-    let fitting: Vec<&String> = episodes.keys().filter(|id| id.starts_with(&set.episode)).collect();
+    let fitting: Vec<&String> = episodes
+        .keys()
+        .filter(|id| id.starts_with(&set.episode))
+        .collect();
     let [episode] = fitting[..] else {
-        bail!("{} episodes have an id that begins with '{}'; give one that only one has", fitting.len(), set.episode);
+        bail!(
+            "{} episodes have an id that begins with '{}'; give one that only one has",
+            fitting.len(),
+            set.episode
+        );
     };
     let length = episodes[episode];
     if set.step.is_some_and(|step| step < 0 || step >= length) {
@@ -152,7 +212,12 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<Label> {
     Ok(Label {
         episode_id: episode.clone(),
         author: set.author.clone(),
-        kind: if set.adjudicate { "adjudicated" } else { "human" }.to_owned(),
+        kind: if set.adjudicate {
+            "adjudicated"
+        } else {
+            "human"
+        }
+        .to_owned(),
         class,
         sub_class: set.sub_class.clone(),
         step: set.step,
@@ -165,17 +230,31 @@ fn labelled(store: &str, set: &Set, at_ms: i64) -> anyhow::Result<Label> {
 /// The episodes of a store with the number of their steps.
 fn episodes(store: &str) -> anyhow::Result<BTreeMap<String, i32>> {
     let session = Session::new(Store::open(store)?)?;
-    let text = format(&session.run("SELECT episode_id, array_length(steps) FROM episodes")?, Format::Csv)?;
-    let row = |line: &str| line.rsplit_once(',').map(|(id, length)| (id.to_owned(), length.parse().unwrap_or(0)));
+    let text = format(
+        &session.run("SELECT episode_id, array_length(steps) FROM episodes")?,
+        Format::Csv,
+    )?;
+    let row = |line: &str| {
+        line.rsplit_once(',')
+            .map(|(id, length)| (id.to_owned(), length.parse().unwrap_or(0)))
+    };
     Ok(text.lines().skip(1).filter_map(row).collect())
 }
 
 fn read(path: &Path, defaults: Defaults<'_>) -> anyhow::Result<Vec<Label>> {
-    let text = |path: &Path| fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()));
+    let text = |path: &Path| {
+        fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+    };
     if !path.is_dir() {
         let (content, place) = (text(path)?, path.display().to_string());
-        let is_json = path.extension().is_some_and(|extension| extension == "json" || extension == "jsonl");
-        return Ok(if is_json { from_json(&content, &place, defaults)? } else { from_csv(&content, &place, defaults)? });
+        let is_json = path
+            .extension()
+            .is_some_and(|extension| extension == "json" || extension == "jsonl");
+        return Ok(if is_json {
+            from_json(&content, &place, defaults)?
+        } else {
+            from_csv(&content, &place, defaults)?
+        });
     }
     let mut files: Vec<PathBuf> = Vec::new();
     for entry in fs::read_dir(path).with_context(|| format!("cannot read {}", path.display()))? {
@@ -184,11 +263,18 @@ fn read(path: &Path, defaults: Defaults<'_>) -> anyhow::Result<Vec<Label>> {
     files.retain(|file| file.to_string_lossy().ends_with(".label.json"));
     files.sort();
     if files.is_empty() {
-        bail!("no .label.json file there; `reel faults run` writes them beside its traces: {}", path.display());
+        bail!(
+            "no .label.json file there; `reel faults run` writes them beside its traces: {}",
+            path.display()
+        );
     }
     let mut labels = Vec::new();
     for file in files {
-        labels.extend(injected(&text(&file)?, &file.display().to_string(), defaults.at_ms)?);
+        labels.extend(injected(
+            &text(&file)?,
+            &file.display().to_string(),
+            defaults.at_ms,
+        )?);
     }
     Ok(labels)
 }
@@ -196,8 +282,9 @@ fn read(path: &Path, defaults: Defaults<'_>) -> anyhow::Result<Vec<Label>> {
 /// Keeps labels of episodes that the store has, and says which it does not have.
 fn known_episodes(store: &str, labels: Vec<Label>) -> anyhow::Result<Answer> {
     let episodes = episodes(store)?;
-    let (known, unknown): (Vec<Label>, Vec<Label>) =
-        labels.into_iter().partition(|label| episodes.contains_key(&label.episode_id));
+    let (known, unknown): (Vec<Label>, Vec<Label>) = labels
+        .into_iter()
+        .partition(|label| episodes.contains_key(&label.episode_id));
     for label in unknown.iter().take(5) {
         eprintln!("reel: not in the store, left out: {}", label.episode_id);
     }
@@ -205,14 +292,23 @@ fn known_episodes(store: &str, labels: Vec<Label>) -> anyhow::Result<Answer> {
     if unknown.is_empty() {
         return Ok(answer);
     }
-    eprintln!("reel: {} labels are of episodes that the store does not have", unknown.len());
+    eprintln!(
+        "reel: {} labels are of episodes that the store does not have",
+        unknown.len()
+    );
     Ok(Answer::Loss)
 }
 
 fn keep(store: &str, labels: Vec<Label>) -> anyhow::Result<Answer> {
     let count = labels.len();
     // of one author about one episode the last word counts
-    let of = |label: &Label| (label.episode_id.clone(), label.author.clone(), label.kind.clone());
+    let of = |label: &Label| {
+        (
+            label.episode_id.clone(),
+            label.author.clone(),
+            label.kind.clone(),
+        )
+    };
     let said: BTreeSet<_> = labels.iter().map(of).collect();
     Store::open(store)?.change_labels(|mut before| {
         before.retain(|label| !said.contains(&of(label)));
@@ -225,10 +321,18 @@ fn keep(store: &str, labels: Vec<Label>) -> anyhow::Result<Answer> {
 
 fn export(store: &str, out: Option<&Path>) -> anyhow::Result<Answer> {
     let labels = Store::open(store)?.labels()?;
-    let as_json = out.and_then(Path::extension).is_some_and(|extension| extension == "json" || extension == "jsonl");
-    let text = if as_json { to_json(&labels) } else { to_csv(&labels) };
+    let as_json = out
+        .and_then(Path::extension)
+        .is_some_and(|extension| extension == "json" || extension == "jsonl");
+    let text = if as_json {
+        to_json(&labels)
+    } else {
+        to_csv(&labels)
+    };
     match out {
-        Some(file) => fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))?,
+        Some(file) => {
+            fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))?
+        }
         None => print!("{text}"),
     }
     Ok(Answer::Yes)

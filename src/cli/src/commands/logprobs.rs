@@ -11,11 +11,12 @@ use reel_trace::{ScoredTokens, Trace};
 
 use crate::{Answer, inputs};
 
-/// Log-probabilities of the tokens that a model wrote: list those that traces hold, and add what another checkpoint gives the same
-/// tokens. They stand in channel /logprobs, outside of every digest, so a trace keeps its identity; ingest it again afterwards.
+/// Log-probabilities of the tokens that a model wrote: list those that traces hold, and add what
+/// another checkpoint gives the same tokens. They stand in channel /logprobs, outside of every
+/// digest, so a trace keeps its identity; ingest it again afterwards.
 ///
-/// A line of JSON for each decision and policy: {"episode_id", "step", "policy", "tokens", "logprobs"}; policy `old` sampled the
-/// tokens.
+/// A line of JSON for each decision and policy: {"episode_id", "step", "policy", "tokens",
+/// "logprobs"}; policy `old` sampled the tokens.
 ///
 /// Examples:
 ///   reel logprobs list traces > tokens.jsonl      # to be scored with another checkpoint
@@ -44,7 +45,8 @@ enum Command {
         /// Lines of JSON (.jsonl), or traces of the other policy: a file or a folder
         #[arg(long, value_name = "PATH")]
         from: PathBuf,
-        /// The other policy's name, e.g. new or ref; with lines: only those of this policy are taken
+        /// The other policy's name, e.g. new or ref; with lines: only those of this policy are
+        /// taken
         #[arg(long, value_name = "NAME")]
         policy: Option<String>,
     },
@@ -54,7 +56,11 @@ enum Command {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
         Command::List { traces } => list(traces),
-        Command::Add { traces, from, policy } => add(traces, from, policy.as_deref()),
+        Command::Add {
+            traces,
+            from,
+            policy,
+        } => add(traces, from, policy.as_deref()),
     }
 }
 
@@ -67,7 +73,9 @@ fn list(paths: &[PathBuf]) -> anyhow::Result<Answer> {
         }
     }
     if !any {
-        eprintln!("reel: no trace there holds log-probabilities; `reel bench --logprobs` records them");
+        eprintln!(
+            "reel: no trace there holds log-probabilities; `reel bench --logprobs` records them"
+        );
     }
     Ok(if any { Answer::Yes } else { Answer::No })
 }
@@ -77,35 +85,59 @@ fn add(paths: &[PathBuf], from: &Path, policy: Option<&str>) -> anyhow::Result<A
     for path in inputs::traces(paths)? {
         traces.push(Trace::read(&path)?);
     }
-    let is_lines = from.extension().is_some_and(|extension| extension == "jsonl" || extension == "json");
-    let scored = if is_lines { lines(from, policy)? } else { of_traces(&traces, from, policy)? };
+    let is_lines = from
+        .extension()
+        .is_some_and(|extension| extension == "jsonl" || extension == "json");
+    let scored = if is_lines {
+        lines(from, policy)?
+    } else {
+        of_traces(&traces, from, policy)?
+    };
     let mut by_episode: BTreeMap<String, Vec<ScoredTokens>> = BTreeMap::new();
     for line in scored {
-        by_episode.entry(line.episode_id.clone()).or_default().push(line);
+        by_episode
+            .entry(line.episode_id.clone())
+            .or_default()
+            .push(line);
     }
     // all of it, or nothing: no file is written before everything fits
     let (mut changed, mut decisions) = (Vec::new(), 0);
     for mut trace in traces {
-        let Some(lines) = by_episode.remove(&trace.header.episode_id) else { continue };
+        let Some(lines) = by_episode.remove(&trace.header.episode_id) else {
+            continue;
+        };
         lines.iter().try_for_each(|line| trace.add_scored(line))?;
         decisions += lines.len();
         changed.push(trace);
     }
     for episode in by_episode.keys() {
-        eprintln!("reel: no trace given is of episode {episode}; its log-probabilities are left out");
+        eprintln!(
+            "reel: no trace given is of episode {episode}; its log-probabilities are left out"
+        );
     }
     if changed.is_empty() {
-        bail!("{} holds no log-probabilities of these traces; `reel logprobs list` shows their episodes", from.display());
+        bail!(
+            "{} holds no log-probabilities of these traces; `reel logprobs list` shows their episodes",
+            from.display()
+        );
     }
     for trace in &changed {
         trace.save()?;
     }
-    println!("log-probabilities of {decisions} decisions added to {} traces; ingest them again", changed.len());
-    Ok(if by_episode.is_empty() { Answer::Yes } else { Answer::Loss })
+    println!(
+        "log-probabilities of {decisions} decisions added to {} traces; ingest them again",
+        changed.len()
+    );
+    Ok(if by_episode.is_empty() {
+        Answer::Yes
+    } else {
+        Answer::Loss
+    })
 }
 
 fn lines(from: &Path, policy: Option<&str>) -> anyhow::Result<Vec<ScoredTokens>> {
-    let text = fs::read_to_string(from).with_context(|| format!("cannot read {}", from.display()))?;
+    let text =
+        fs::read_to_string(from).with_context(|| format!("cannot read {}", from.display()))?;
     let mut lines = ScoredTokens::read_lines(&text, from)?;
     match policy {
         Some(policy) => lines.retain(|line| line.policy == policy),
@@ -117,12 +149,21 @@ fn lines(from: &Path, policy: Option<&str>) -> anyhow::Result<Vec<ScoredTokens>>
 
 /// Which episodes of two policies belong together.
 fn pair(trace: &Trace) -> (reel_world::Digest, u64, Option<u32>) {
-    (trace.header.task_digest, trace.header.seed, trace.header.rollout_index)
+    (
+        trace.header.task_digest,
+        trace.header.seed,
+        trace.header.rollout_index,
+    )
 }
 
 /// What the policy of other traces gave its tokens, as lines about these traces.
-fn of_traces(traces: &[Trace], from: &Path, policy: Option<&str>) -> anyhow::Result<Vec<ScoredTokens>> {
-    let policy = policy.context("--policy is missing: the name of the policy of the other traces, e.g. new")?;
+fn of_traces(
+    traces: &[Trace],
+    from: &Path,
+    policy: Option<&str>,
+) -> anyhow::Result<Vec<ScoredTokens>> {
+    let policy = policy
+        .context("--policy is missing: the name of the policy of the other traces, e.g. new")?;
     let mut others: BTreeMap<_, Trace> = BTreeMap::new();
     for path in inputs::traces(&[from.to_owned()])? {
         let trace = Trace::read(&path)?;
@@ -137,7 +178,9 @@ fn of_traces(traces: &[Trace], from: &Path, policy: Option<&str>) -> anyhow::Res
     }
     let mut scored = Vec::new();
     for trace in traces {
-        let Some(other) = others.get(&pair(trace)) else { continue };
+        let Some(other) = others.get(&pair(trace)) else {
+            continue;
+        };
         let steps = |trace: &Trace| trace.logprobs().map(|(step, _)| step).collect::<Vec<_>>();
         if steps(trace) != steps(other) {
             bail!(

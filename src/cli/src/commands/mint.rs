@@ -6,9 +6,10 @@ use reel_replay::{MintOptions, mint};
 
 use crate::Answer;
 
-/// Execute the inputs of every trace of a corpus with this simulator, write them anew without pictures, and note the
-/// reason in the corpus' NOTES.md. Traces of another simulator move to v<N>/. A trace of this simulator's number that
-/// gives something else is refused: raise SIM_VERSION first.
+/// Execute the inputs of every trace of a corpus with this simulator, write them anew without
+/// pictures, and note the reason in the corpus' NOTES.md. Traces of another simulator move to
+/// v<N>/. A trace of this simulator's number that gives something else is refused: raise
+/// SIM_VERSION first.
 ///
 /// Examples:
 ///   reel mint --corpus traces/golden --reason "doors close softly now: damping 2 instead of 1"
@@ -29,11 +30,34 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let minted = mint(&MintOptions { corpus: &arguments.corpus, reason: &arguments.reason, add: &arguments.add })?;
-    for trace in minted.traces.iter().filter(|trace| trace.added || trace.rewritten) {
-        println!("{}: {}", trace.name.display(), if trace.added { "added".to_owned() } else { trace.changes.to_string() });
+    let minted = mint(&MintOptions {
+        corpus: &arguments.corpus,
+        reason: &arguments.reason,
+        add: &arguments.add,
+    })?;
+    for trace in minted
+        .traces
+        .iter()
+        .filter(|trace| trace.added || trace.rewritten)
+    {
+        println!(
+            "{}: {}",
+            trace.name.display(),
+            if trace.added {
+                "added".to_owned()
+            } else {
+                trace.changes.to_string()
+            }
+        );
     }
-    let (all, added, rewritten) = (minted.traces.len(), minted.added(), minted.rewritten().count());
-    println!("simulator {}: {all} traces, {added} added, {rewritten} rewritten", minted.sim_version);
+    let (all, added, rewritten) = (
+        minted.traces.len(),
+        minted.added(),
+        minted.rewritten().count(),
+    );
+    println!(
+        "simulator {}: {all} traces, {added} added, {rewritten} rewritten",
+        minted.sim_version
+    );
     Ok(Answer::Yes)
 }

@@ -8,9 +8,10 @@ use reel_trace::Trace;
 
 use crate::{Answer, inputs};
 
-/// Stand in for a model: give the decisions of recorded episodes to whoever plays them again, on the protocol of OpenAI-compatible
-/// endpoints (chat completions with and without functions, embeddings), until Ctrl-C. For tests and demos, and to try an
-/// installation before there is a model. Where a conversation stands is read from the prompt; nothing is kept.
+/// Stand in for a model: give the decisions of recorded episodes to whoever plays them again, on
+/// the protocol of OpenAI-compatible endpoints (chat completions with and without functions,
+/// embeddings), until Ctrl-C. For tests and demos, and to try an installation before there is a
+/// model. Where a conversation stands is read from the prompt; nothing is kept.
 ///
 /// Examples:
 ///   reel run --tasks tasks --policy oracle --out traces
@@ -18,8 +19,8 @@ use crate::{Answer, inputs};
 ///   reel bench --tasks tasks --agent real-agent --endpoint http://127.0.0.1:8000/v1 --model mock
 ///   reel mock-llm traces --trouble gibberish@2 --trouble rate-limit@4 --trouble stall@5 --stall 60
 ///
-/// Trouble at a call (from 0) of every episode: gibberish, truncated, two-calls, unknown-tool; once a request: rate-limit, error,
-/// stall, cut.
+/// Trouble at a call (from 0) of every episode: gibberish, truncated, two-calls, unknown-tool; once
+/// a request: rate-limit, error, stall, cut.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -46,7 +47,10 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let paths = inputs::traces(&arguments.traces)?;
-    let traces = paths.iter().map(|path| Trace::read(path)).collect::<Result<Vec<_>, _>>()?;
+    let traces = paths
+        .iter()
+        .map(|path| Trace::read(path))
+        .collect::<Result<Vec<_>, _>>()?;
     let script = Script::new(&traces, arguments.trouble.clone());
     let options = MockOptions {
         delay: Duration::from_millis(arguments.delay),
@@ -56,7 +60,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let known = script.instructions();
     mock_llm(arguments.listen, script, options, |address| {
         println!("http://{address}/v1");
-        println!("knows {known} instructions of {} episodes; Ctrl-C stops", traces.len());
+        println!(
+            "knows {known} instructions of {} episodes; Ctrl-C stops",
+            traces.len()
+        );
     })?;
     Ok(Answer::Yes)
 }

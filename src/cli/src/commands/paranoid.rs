@@ -8,9 +8,9 @@ use reel_trace::Trace;
 
 use crate::{commands::run::Arguments, inputs};
 
-/// Plays the same episodes again in another process: another heap layout (freed memory is filled, where the C library can
-/// do so), other thread count, tasks and listed objects in reverse order. Prints the first difference of each episode
-/// that has one, and gives their number.
+/// Plays the same episodes again in another process: another heap layout (freed memory is filled,
+/// where the C library can do so), other thread count, tasks and listed objects in reverse order.
+/// Prints the first difference of each episode that has one, and gives their number.
 ///
 /// # Errors
 /// When the other process fails, or a trace of it cannot be read.
@@ -24,15 +24,23 @@ pub fn leaks(arguments: &Arguments, reports: &[EpisodeReport]) -> anyhow::Result
         eprintln!("reel: {leak}");
     }
     if leaks.is_empty() && !arguments.json {
-        println!("paranoid: {} episodes are the same under another heap layout, thread count and input order", reports.len());
+        println!(
+            "paranoid: {} episodes are the same under another heap layout, thread count and input order",
+            reports.len()
+        );
     }
     Ok(leaks.len())
 }
 
 fn play_again(arguments: &Arguments, folder: &Path) -> anyhow::Result<()> {
     let workers = inputs::workers(arguments.jobs);
-    let mut again = Command::new(std::env::current_exe().context("cannot find this program to run it again")?);
-    again.arg("run").arg("--tasks").arg(&arguments.tasks).args(["--policy", &arguments.policy]);
+    let mut again =
+        Command::new(std::env::current_exe().context("cannot find this program to run it again")?);
+    again
+        .arg("run")
+        .arg("--tasks")
+        .arg(&arguments.tasks)
+        .args(["--policy", &arguments.policy]);
     again.args([
         "--seed",
         &arguments.seed.to_string(),
@@ -44,17 +52,27 @@ fn play_again(arguments: &Arguments, folder: &Path) -> anyhow::Result<()> {
         "--reversed",
         "--json",
     ]);
-    again.arg("--out").arg(folder).args(["--jobs", &(workers + 1).to_string()]);
+    again
+        .arg("--out")
+        .arg(folder)
+        .args(["--jobs", &(workers + 1).to_string()]);
     if let Some(scene) = &arguments.scene {
         again.arg("--scene").arg(scene);
     }
     if let Some(assets) = arguments.assets.path() {
         again.arg("--assets").arg(assets);
     }
-    again.env("MALLOC_PERTURB_", "165").env("MALLOC_ARENA_MAX", "1").env("MALLOC_MMAP_THRESHOLD_", "4096");
+    again
+        .env("MALLOC_PERTURB_", "165")
+        .env("MALLOC_ARENA_MAX", "1")
+        .env("MALLOC_MMAP_THRESHOLD_", "4096");
     let output = again.output().context("cannot run the episodes again")?;
     if !output.status.success() && output.status.code() != Some(3) {
-        bail!("the second run failed ({}): {}", output.status, String::from_utf8_lossy(&output.stderr));
+        bail!(
+            "the second run failed ({}): {}",
+            output.status,
+            String::from_utf8_lossy(&output.stderr)
+        );
     }
     Ok(())
 }
@@ -65,7 +83,10 @@ fn compare(reports: &[EpisodeReport], folder: &Path) -> anyhow::Result<Vec<Strin
         let name = path.file_name().context("a trace has a name")?;
         let (first, second) = (Trace::read(path)?, Trace::read(&folder.join(name))?);
         if let Some(divergence) = reel_replay::compare(&first, &second) {
-            leaks.push(format!("{}: state depends on the conditions it is computed under: {divergence}", path.display()));
+            leaks.push(format!(
+                "{}: state depends on the conditions it is computed under: {divergence}",
+                path.display()
+            ));
         }
     }
     Ok(leaks)

@@ -10,13 +10,16 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_query::{Format, Limits, Parameters, QueryError, Session, Stopped, arrow_file, format, named, parquet_file};
+use reel_query::{
+    Format, Limits, Parameters, QueryError, Session, Stopped, arrow_file, format, named,
+    parquet_file,
+};
 use reel_tables::Store;
 
 use crate::{Answer, cost::Cost, elsewhere::Elsewhere, progress};
 
-/// Ask a store in SQL, by text or by a named query. Every named query is a view too. Functions of Reel's own work on the
-/// steps of an episode and call the simulator: `reel query --functions`.
+/// Ask a store in SQL, by text or by a named query. Every named query is a view too. Functions of
+/// Reel's own work on the steps of an episode and call the simulator: `reel query --functions`.
 ///
 /// Examples:
 ///   reel query --store store --named benchmark
@@ -60,7 +63,8 @@ pub struct Arguments {
     /// Longest time a query may take, in seconds
     #[arg(long, value_name = "S", default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..))]
     timeout: u64,
-    /// Memory for sorts, joins and aggregations before they spill, in MiB; the process may grow by four times that
+    /// Memory for sorts, joins and aggregations before they spill, in MiB; the process may grow by
+    /// four times that
     #[arg(long, value_name = "MIB", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..))]
     memory: u32,
     /// Longest answer, in rows
@@ -69,7 +73,8 @@ pub struct Arguments {
     /// Tell on standard error what the answer cost: wall and CPU time, memory
     #[arg(long)]
     timing: bool,
-    /// With --timing: ask so many times more, and tell what each of these costs in a session that was asked before
+    /// With --timing: ask so many times more, and tell what each of these costs in a session that
+    /// was asked before
     #[arg(long, value_name = "N", requires = "timing", value_parser = clap::value_parser!(u32).range(1..))]
     again: Option<u32>,
     /// List the named queries; with --named, print what that one tells
@@ -84,14 +89,19 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     if arguments.functions {
         for function in reel_query::functions() {
-            println!("{}\n    {}\n    {}\n", function.call, function.meaning, function.example);
+            println!(
+                "{}\n    {}\n    {}\n",
+                function.call, function.meaning, function.example
+            );
         }
         return Ok(Answer::Yes);
     }
     if arguments.list {
         match &arguments.named {
             Some(name) => println!("{}", find(name)?.help()),
-            None => named::ALL.iter().for_each(|query| println!("{:24} {}", query.name, query.summary())),
+            None => named::ALL
+                .iter()
+                .for_each(|query| println!("{:24} {}", query.name, query.summary())),
         }
         return Ok(Answer::Yes);
     }
@@ -103,9 +113,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             parameters.extend(query.parameters());
             query.sql.to_owned()
         }
-        (None, None, Some(file)) if file.as_os_str() == "-" => std::io::read_to_string(std::io::stdin())?,
-        (None, None, Some(file)) => fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?,
-        (None, None, None) => bail!("give SQL text, --file FILE or --named NAME; `reel query --list` lists the names"),
+        (None, None, Some(file)) if file.as_os_str() == "-" => {
+            std::io::read_to_string(std::io::stdin())?
+        }
+        (None, None, Some(file)) => {
+            fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?
+        }
+        (None, None, None) => {
+            bail!("give SQL text, --file FILE or --named NAME; `reel query --list` lists the names")
+        }
     };
     parameters.extend(arguments.parameters.iter().cloned());
     let store = match arguments.at {
@@ -146,7 +162,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         _ => format(&batches, Format::Table)?.into_bytes(),
     };
     match &arguments.out {
-        Some(path) => fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))?,
+        Some(path) => {
+            fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))?
+        }
         None => match std::io::stdout().write_all(&bytes) {
             // as a pipe's writer ends when nobody reads on: 128 + SIGPIPE
             Err(error) if error.kind() == ErrorKind::BrokenPipe => std::process::exit(141),
@@ -166,7 +184,8 @@ pub fn print(store: &str, sql: &str, form: Format) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Runs a query while Ctrl-C stops it and a spinner counts the traces that its functions have worked off.
+/// Runs a query while Ctrl-C stops it and a spinner counts the traces that its functions have
+/// worked off.
 fn watched<T>(session: &Session, run: impl FnOnce() -> T) -> T {
     session.stop_on_ctrl_c();
     let control = session.control();
@@ -174,10 +193,14 @@ fn watched<T>(session: &Session, run: impl FnOnce() -> T) -> T {
     let (done, ended) = mpsc::channel::<()>();
     std::thread::scope(|scope| {
         scope.spawn(move || {
-            while ended.recv_timeout(Duration::from_millis(50)) == Err(mpsc::RecvTimeoutError::Timeout) {
+            while ended.recv_timeout(Duration::from_millis(50))
+                == Err(mpsc::RecvTimeoutError::Timeout)
+            {
                 match control.simulated() {
                     0 => {}
-                    traces => spinner.set_message(format!("{traces} traces worked off; Ctrl-C stops")),
+                    traces => {
+                        spinner.set_message(format!("{traces} traces worked off; Ctrl-C stops"))
+                    }
                 }
                 spinner.tick();
             }
@@ -197,6 +220,9 @@ fn parameter(text: &str) -> Result<(String, String), String> {
 fn find(name: &str) -> anyhow::Result<&'static named::NamedQuery> {
     named::by_name(name).with_context(|| {
         let known: Vec<&str> = named::ALL.iter().map(|query| query.name).collect();
-        format!("no query is called '{name}'; there are {}", known.join(", "))
+        format!(
+            "no query is called '{name}'; there are {}",
+            known.join(", ")
+        )
     })
 }

@@ -20,16 +20,20 @@ use reel_world::{
 
 use crate::{Answer, inputs};
 
-/// Stand between any MCP agent and any MCP tool server, pass everything through byte for byte, and record the episodes that go by
-/// as traces. The agent is given this command's address instead of the server's; nothing else changes for either.
+/// Stand between any MCP agent and any MCP tool server, pass everything through byte for byte, and
+/// record the episodes that go by as traces. The agent is given this command's address instead of
+/// the server's; nothing else changes for either.
 ///
-/// A call is on disk before it is passed on, its result before the agent gets it; what a killed recorder leaves is restored by
-/// `reel recover`. Streamable HTTP, legacy HTTP+SSE and stdio are understood; whatever else comes passes through all the same, and
-/// is counted. An episode begins with the task that a `finish` or `finish_with_id` answers (REAL's servers and Reel's own), else
-/// with a session's first call; it ends with the next `finish`, DELETE, the end of the stream or process, or Ctrl-C.
+/// A call is on disk before it is passed on, its result before the agent gets it; what a killed
+/// recorder leaves is restored by `reel recover`. Streamable HTTP, legacy HTTP+SSE and stdio are
+/// understood; whatever else comes passes through all the same, and is counted. An episode begins
+/// with the task that a `finish` or `finish_with_id` answers (REAL's servers and Reel's own), else
+/// with a session's first call; it ends with the next `finish`, DELETE, the end of the stream or
+/// process, or Ctrl-C.
 ///
-/// World graphs, markers and what is held come from the `Debug Info` text of REAL's servers; for others a mapping file says where
-/// results tell them and which tools are which of the eleven (docs/proxy.md):
+/// World graphs, markers and what is held come from the `Debug Info` text of REAL's servers; for
+/// others a mapping file says where results tell them and which tools are which of the eleven
+/// (docs/proxy.md):
 ///
 ///   [tools.drive_to]
 ///   is = "nav_to"
@@ -48,10 +52,16 @@ use crate::{Answer, inputs};
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// The tool server: http://HOST[:PORT][/PATH]
-    #[arg(long, value_name = "URL", required_unless_present = "stdio", conflicts_with = "stdio")]
+    #[arg(
+        long,
+        value_name = "URL",
+        required_unless_present = "stdio",
+        conflicts_with = "stdio"
+    )]
     upstream: Option<String>,
-    /// The tool server is a program that speaks over standard input and output; its words come last. So does the agent with this
-    /// command, or, with --listen, it connects over Streamable HTTP, and each session gets a process of its own
+    /// The tool server is a program that speaks over standard input and output; its words come
+    /// last. So does the agent with this command, or, with --listen, it connects over Streamable
+    /// HTTP, and each session gets a process of its own
     #[arg(long, requires = "command")]
     stdio: bool,
     /// Where agents connect; without it 127.0.0.1:8810, with --stdio nowhere
@@ -75,21 +85,23 @@ pub struct Arguments {
     /// Reward preset: a built-in name, or a file
     #[arg(long, value_name = "NAME", default_value = "paper")]
     preset: String,
-    /// Task file or folder of them: the one that a server names is taken instead of what the server says of it; a single one is the
-    /// task of a server that names none
+    /// Task file or folder of them: the one that a server names is taken instead of what the server
+    /// says of it; a single one is the task of a server that names none
     #[arg(long, alias = "task", value_name = "PATH")]
     tasks: Option<PathBuf>,
-    /// Their scene, for all of them; without it the one that each task names, found beside the tasks or among those that come with
-    /// Reel
+    /// Their scene, for all of them; without it the one that each task names, found beside the
+    /// tasks or among those that come with Reel
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Mapping file: which tools are which of the eleven, and where results tell the state of the world
+    /// Mapping file: which tools are which of the eleven, and where results tell the state of the
+    /// world
     #[arg(long, value_name = "FILE")]
     mapping: Option<PathBuf>,
     /// Name of the policy in the traces; without it, what agents call themselves
     #[arg(long, value_name = "NAME")]
     policy: Option<String>,
-    /// When a recording cannot be written: stop (calls are refused) or continue (they pass unrecorded, and that is said)
+    /// When a recording cannot be written: stop (calls are refused) or continue (they pass
+    /// unrecorded, and that is said)
     #[arg(long, value_name = "WHAT", default_value = "stop")]
     on_full: String,
     /// What a recorded call survives: write (the death of the process) or fsync (the loss of power)
@@ -101,7 +113,8 @@ pub struct Arguments {
     /// Largest message that is looked into, in MiB; larger ones pass unrecorded, and that is said
     #[arg(long, value_name = "MIB", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1024))]
     message_limit: u32,
-    /// Seconds after which the episode of a silent session ends, where nothing else says that it is over
+    /// Seconds after which the episode of a silent session ends, where nothing else says that it is
+    /// over
     #[arg(long, value_name = "SECONDS", default_value_t = 1800)]
     idle: u64,
     /// Print the transcript while it happens, to standard error with --stdio
@@ -111,7 +124,12 @@ pub struct Arguments {
     #[arg(long)]
     json: bool,
     /// With --stdio: the server's program and its arguments
-    #[arg(value_name = "CMD", trailing_var_arg = true, allow_hyphen_values = true, requires = "stdio")]
+    #[arg(
+        value_name = "CMD",
+        trailing_var_arg = true,
+        allow_hyphen_values = true,
+        requires = "stdio"
+    )]
     command: Vec<String>,
 }
 
@@ -146,7 +164,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let upstream = Upstream::parse(&url)?;
     let path = upstream.path().to_owned();
     let proxy = Proxy::bind(setup.clone(), upstream, arguments.listen.unwrap_or(LISTEN))?;
-    println!("recording into {}: agents connect to http://{}{path}; Ctrl-C stops", setup.out.display(), proxy.address()?);
+    println!(
+        "recording into {}: agents connect to http://{}{path}; Ctrl-C stops",
+        setup.out.display(),
+        proxy.address()?
+    );
     proxy.run()?;
     if let Some(bridge) = bridge {
         bridge.end_all();
@@ -166,11 +188,24 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
         other => bail!("--on-full is stop or continue, not '{other}'"),
     };
     let profile = Profile::parse(&arguments.profile);
-    let profile = profile
-        .with_context(|| format!("no profile is called '{}'; there are paper, real-repo and real-gspo", arguments.profile))?;
+    let profile = profile.with_context(|| {
+        format!(
+            "no profile is called '{}'; there are paper, real-repo and real-gspo",
+            arguments.profile
+        )
+    })?;
     let durability = Durability::parse(&arguments.durability);
-    let durability = durability.with_context(|| format!("--durability is write or fsync, not '{}'", arguments.durability))?;
-    let images = if arguments.no_images { Images::None } else { Images::Full };
+    let durability = durability.with_context(|| {
+        format!(
+            "--durability is write or fsync, not '{}'",
+            arguments.durability
+        )
+    })?;
+    let images = if arguments.no_images {
+        Images::None
+    } else {
+        Images::Full
+    };
     let mapping = arguments.mapping.as_deref().map(mapping).transpose()?;
     let (tasks, scenes) = match &arguments.tasks {
         Some(path) => {
@@ -178,7 +213,11 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
             (loaded.tasks, loaded.scenes)
         }
         None => {
-            let scene = arguments.scene.as_deref().map(|path| inputs::scene(Some(path))).transpose()?;
+            let scene = arguments
+                .scene
+                .as_deref()
+                .map(|path| inputs::scene(Some(path)))
+                .transpose()?;
             (Vec::new(), scene.map(Scenes::from).unwrap_or_default())
         }
     };
@@ -187,9 +226,15 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
             reel_live::check_name(run).context("--run is part of the names of files")?;
             run.clone()
         }
-        None => format!("record-{}", SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |time| time.as_secs())),
+        None => format!(
+            "record-{}",
+            SystemTime::now()
+                .duration_since(UNIX_EPOCH)
+                .map_or(0, |time| time.as_secs())
+        ),
     };
-    fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
+    fs::create_dir_all(&arguments.out)
+        .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
     let (shows, to_stderr) = (arguments.watch, arguments.takes_its_place());
     Ok(Setup {
         out: arguments.out.clone(),
@@ -213,16 +258,24 @@ fn setup(arguments: &Arguments) -> anyhow::Result<Setup> {
 }
 
 fn mapping(path: &Path) -> anyhow::Result<Mapping> {
-    let text = fs::read_to_string(path).with_context(|| format!("cannot read the mapping file {}", path.display()))?;
-    Mapping::parse(&text).with_context(|| format!("the mapping file {} cannot be taken", path.display()))
+    let text = fs::read_to_string(path)
+        .with_context(|| format!("cannot read the mapping file {}", path.display()))?;
+    Mapping::parse(&text)
+        .with_context(|| format!("the mapping file {} cannot be taken", path.display()))
 }
 
 fn preset(name: &str) -> anyhow::Result<Preset> {
     if let Some(preset) = Preset::parse(name) {
         return Ok(preset);
     }
-    let known = || format!("no preset is called '{name}' and there is no such file; built in are paper and real-repo");
-    Ok(Preset::from_toml(&fs::read_to_string(name).with_context(known)?)?)
+    let known = || {
+        format!(
+            "no preset is called '{name}' and there is no such file; built in are paper and real-repo"
+        )
+    };
+    Ok(Preset::from_toml(
+        &fs::read_to_string(name).with_context(known)?,
+    )?)
 }
 
 /// Trouble is always told; the transcript where it is asked for.
@@ -236,20 +289,50 @@ fn tell(seen: &Seen<'_>, shows: bool, to_stderr: bool) {
             eprintln!("reel: {session}: a picture is left out: {why}");
             return;
         }
-        Seen::Began { session, task, path, notes } if shows => {
-            let notes: String = notes.iter().map(|note| format!("\n     note     {note}")).collect();
-            format!("\n{session}  task {}: {}\n     trace    {}{notes}\n", task.task_id, task.instruction, path.display())
+        Seen::Began {
+            session,
+            task,
+            path,
+            notes,
+        } if shows => {
+            let notes: String = notes
+                .iter()
+                .map(|note| format!("\n     note     {note}"))
+                .collect();
+            format!(
+                "\n{session}  task {}: {}\n     trace    {}{notes}\n",
+                task.task_id,
+                task.instruction,
+                path.display()
+            )
         }
-        Seen::Step { session, record, timing } if shows => {
+        Seen::Step {
+            session,
+            record,
+            timing,
+        } if shows => {
             reel_view::step(record, Some(timing)).replacen('\n', &format!("\n{session}"), 1)
         }
-        Seen::Ended { session, path, reason, metrics } if shows => {
-            let verdict = if metrics.success { "SUCCESS" } else { "FAILURE" };
+        Seen::Ended {
+            session,
+            path,
+            reason,
+            metrics,
+        } if shows => {
+            let verdict = if metrics.success {
+                "SUCCESS"
+            } else {
+                "FAILURE"
+            };
             let reason = match reason {
                 EndReason::Finished => "the policy finished",
                 _ => "it was not finished",
             };
-            format!("\n{session}  {verdict}: {reason} after {} decisions: {}\n", metrics.length, path.display())
+            format!(
+                "\n{session}  {verdict}: {reason} after {} decisions: {}\n",
+                metrics.length,
+                path.display()
+            )
         }
         _ => return,
     };
@@ -274,9 +357,21 @@ fn answer(report: &Report, to_stderr: bool, as_json: bool) -> anyhow::Result<Ans
             (counts.blind, "connections not understood"),
             (counts.pictures_left_out, "pictures left out"),
         ];
-        let odd: String = odd.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!(", {count} {what}")).collect();
-        let reel_proxy::Counts { sessions, episodes, calls, session_calls, .. } = counts;
-        format!("{sessions} sessions, {episodes} episodes, {calls} calls and {session_calls} around episodes{odd}")
+        let odd: String = odd
+            .iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, what)| format!(", {count} {what}"))
+            .collect();
+        let reel_proxy::Counts {
+            sessions,
+            episodes,
+            calls,
+            session_calls,
+            ..
+        } = counts;
+        format!(
+            "{sessions} sessions, {episodes} episodes, {calls} calls and {session_calls} around episodes{odd}"
+        )
     };
     if to_stderr {
         eprintln!("reel: {text}");

@@ -8,18 +8,20 @@ use reel_trace::{Recovery, Restored, TraceError};
 
 use crate::{Answer, inputs, progress};
 
-/// Restore every whole step of recordings that were killed, ran into a full disk, or were torn or damaged later, and
-/// write finished traces that open again. An episode without an end ends as aborted.
+/// Restore every whole step of recordings that were killed, ran into a full disk, or were torn or
+/// damaged later, and write finished traces that open again. An episode without an end ends as
+/// aborted.
 ///
-/// `x.mcap.part` becomes `x.mcap`, a torn `x.mcap` becomes `x.recovered.mcap`; a file that is there is never replaced.
-/// The recording stays, unless it is a part and all of it is in the trace.
+/// `x.mcap.part` becomes `x.mcap`, a torn `x.mcap` becomes `x.recovered.mcap`; a file that is there
+/// is never replaced. The recording stays, unless it is a part and all of it is in the trace.
 ///
 /// Examples:
 ///   reel recover traces-out
 ///   reel recover traces-out/FDP_home_0001--oracle--0.mcap.part --json
 ///   reel recover damaged --out restored
 ///
-/// Exit code 0: nothing was lost; 3: something was, it is named; 2: a recording could not be read or written at all.
+/// Exit code 0: nothing was lost; 3: something was, it is named; 2: a recording could not be read
+/// or written at all.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -38,7 +40,8 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let paths = inputs::recordings(&arguments.paths)?;
     if let Some(out) = &arguments.out {
-        fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+        fs::create_dir_all(out)
+            .with_context(|| format!("cannot make the folder {}", out.display()))?;
     }
     let bar = progress::bar(paths.len(), "recover");
     let results: Vec<Result<Recovery, TraceError>> = paths
@@ -68,7 +71,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             print!("{}", text(recovery));
         }
     }
-    let lossy = recoveries.iter().filter(|recovery| !recovery.lost.is_empty()).count();
+    let lossy = recoveries
+        .iter()
+        .filter(|recovery| !recovery.lost.is_empty())
+        .count();
     if !arguments.json && paths.len() > 1 {
         println!("{}", summary(&recoveries, lossy));
     }
@@ -82,8 +88,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 }
 
 fn text(recovery: &Recovery) -> String {
-    let (source, trace, steps) = (recovery.source.display(), recovery.trace.display(), recovery.steps);
-    let end = if recovery.end_recorded { "with its end" } else { "ends as aborted" };
+    let (source, trace, steps) = (
+        recovery.source.display(),
+        recovery.trace.display(),
+        recovery.steps,
+    );
+    let end = if recovery.end_recorded {
+        "with its end"
+    } else {
+        "ends as aborted"
+    };
     let mut text = match recovery.restored {
         Restored::NotNeeded => format!("{source}: whole, nothing to recover\n"),
         Restored::Written => format!("{source}: {steps} steps restored, {end}: {trace}\n"),
@@ -94,11 +108,17 @@ fn text(recovery: &Recovery) -> String {
         text.push_str(&format!("  lost: {lost}\n"));
     }
     // Where something was lost, that says why.
-    for problem in recovery.problems.iter().filter(|_| recovery.lost.is_empty()) {
+    for problem in recovery
+        .problems
+        .iter()
+        .filter(|_| recovery.lost.is_empty())
+    {
         text.push_str(&format!("  was wrong: {problem}\n"));
     }
     if recovery.source_deleted {
-        text.push_str(&format!("  {source} is deleted, the trace holds all of it\n"));
+        text.push_str(&format!(
+            "  {source} is deleted, the trace holds all of it\n"
+        ));
     }
     text
 }
@@ -114,6 +134,13 @@ fn summary(recoveries: &[Recovery], lossy: usize) -> String {
         };
         *counts.entry(what).or_default() += 1;
     }
-    let counts: Vec<String> = counts.iter().map(|(what, count)| format!("{count} {what}")).collect();
-    format!("{} recordings: {}; {lossy} lost something", recoveries.len(), counts.join(", "))
+    let counts: Vec<String> = counts
+        .iter()
+        .map(|(what, count)| format!("{count} {what}"))
+        .collect();
+    format!(
+        "{} recordings: {}; {lossy} lost something",
+        recoveries.len(),
+        counts.join(", ")
+    )
 }

@@ -14,9 +14,9 @@ use serde_json::json;
 
 use crate::{Answer, inputs, progress};
 
-/// Drop the pictures of traces: about a twentieth of the bytes remains. Their digests stay, and `reel expand` draws the
-/// pictures again, to the last bit, with a build of the same simulator version. Each trace is replayed first, so that
-/// nothing is dropped that cannot be brought back.
+/// Drop the pictures of traces: about a twentieth of the bytes remains. Their digests stay, and
+/// `reel expand` draws the pictures again, to the last bit, with a build of the same simulator
+/// version. Each trace is replayed first, so that nothing is dropped that cannot be brought back.
 ///
 /// Examples:
 ///   reel compact traces-out --out lean
@@ -31,7 +31,8 @@ pub struct Compact {
     unverified: bool,
 }
 
-/// Draw the pictures of lean traces again: the result has the bytes of the trace as it was recorded with pictures.
+/// Draw the pictures of lean traces again: the result has the bytes of the trace as it was recorded
+/// with pictures.
 ///
 /// Examples:
 ///   reel expand lean --out full
@@ -48,7 +49,12 @@ struct Common {
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// Folder for the new traces
-    #[arg(long, value_name = "DIR", required_unless_present = "in_place", conflicts_with = "in_place")]
+    #[arg(
+        long,
+        value_name = "DIR",
+        required_unless_present = "in_place",
+        conflicts_with = "in_place"
+    )]
     out: Option<PathBuf>,
     /// Replace each trace, at once and only when the new one is whole
     #[arg(long)]
@@ -65,7 +71,9 @@ struct Common {
 
 /// Runs `reel compact`.
 pub fn compact(arguments: &Compact) -> anyhow::Result<Answer> {
-    repack(&arguments.common, "compact", |trace, to| reel_replay::compact(trace, to, !arguments.unverified))
+    repack(&arguments.common, "compact", |trace, to| {
+        reel_replay::compact(trace, to, !arguments.unverified)
+    })
 }
 
 /// Runs `reel expand`.
@@ -91,7 +99,8 @@ fn repack(
     let assets = arguments.assets.open()?;
     let targets = targets(&paths, arguments.out.as_deref())?;
     if let Some(out) = &arguments.out {
-        fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+        fs::create_dir_all(out)
+            .with_context(|| format!("cannot make the folder {}", out.display()))?;
     }
     let bar = progress::bar(paths.len(), name);
     let one = |(from, to): (&PathBuf, &PathBuf)| -> anyhow::Result<Repacked> {
@@ -104,13 +113,28 @@ fn repack(
         };
         take(0, from)?;
         let trace = Trace::read(from)?.with_meshes(&assets);
-        let summary = write(&trace, to).with_context(|| format!("{} is left as it is", from.display()))?;
+        let summary =
+            write(&trace, to).with_context(|| format!("{} is left as it is", from.display()))?;
         take(1, to)?;
         bar.inc(1);
-        Ok(Repacked { from: from.clone(), to: to.clone(), bytes: [trace.bytes, summary.bytes], content: shares })
+        Ok(Repacked {
+            from: from.clone(),
+            to: to.clone(),
+            bytes: [trace.bytes, summary.bytes],
+            content: shares,
+        })
     };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(arguments.jobs)).build()?;
-    let results: Vec<_> = pool.install(|| paths.par_iter().zip(&targets).with_max_len(1).map(one).collect());
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(inputs::workers(arguments.jobs))
+        .build()?;
+    let results: Vec<_> = pool.install(|| {
+        paths
+            .par_iter()
+            .zip(&targets)
+            .with_max_len(1)
+            .map(one)
+            .collect()
+    });
     bar.finish_and_clear();
     let mut done = Vec::new();
     for result in results {
@@ -120,23 +144,46 @@ fn repack(
         }
     }
     if arguments.json {
-        for Repacked { from, to, bytes: [before, after], content } in &done {
-            println!("{}", json!({ "trace": from, "out": to, "bytes_before": before, "bytes_after": after, "content": content }));
+        for Repacked {
+            from,
+            to,
+            bytes: [before, after],
+            content,
+        } in &done
+        {
+            println!(
+                "{}",
+                json!({ "trace": from, "out": to, "bytes_before": before, "bytes_after": after, "content": content })
+            );
         }
     } else {
         print(&done, paths.len());
     }
-    Ok(if done.len() == paths.len() { Answer::Yes } else { Answer::No })
+    Ok(if done.len() == paths.len() {
+        Answer::Yes
+    } else {
+        Answer::No
+    })
 }
 
 fn targets(paths: &[PathBuf], out: Option<&Path>) -> anyhow::Result<Vec<PathBuf>> {
-    let Some(out) = out else { return Ok(paths.to_vec()) };
+    let Some(out) = out else {
+        return Ok(paths.to_vec());
+    };
     let mut taken: BTreeMap<PathBuf, &PathBuf> = BTreeMap::new();
     let mut targets = Vec::new();
     for path in paths {
-        let target = out.join(path.file_name().with_context(|| format!("{} has no file name", path.display()))?);
+        let target = out.join(
+            path.file_name()
+                .with_context(|| format!("{} has no file name", path.display()))?,
+        );
         if let Some(other) = taken.insert(target.clone(), path) {
-            bail!("{} and {} would both become {}; give them one folder each", other.display(), path.display(), target.display());
+            bail!(
+                "{} and {} would both become {}; give them one folder each",
+                other.display(),
+                path.display(),
+                target.display()
+            );
         }
         targets.push(target);
     }
@@ -145,8 +192,18 @@ fn targets(paths: &[PathBuf], out: Option<&Path>) -> anyhow::Result<Vec<PathBuf>
 
 fn print(done: &[Repacked], asked: usize) {
     let count = done.len().max(1) as u64;
-    let mean = |which: usize| done.iter().map(|repacked| repacked.bytes[which]).sum::<u64>() / count;
-    println!("{} of {asked} traces: {} bytes each became {}", done.len(), mean(0), mean(1));
+    let mean = |which: usize| {
+        done.iter()
+            .map(|repacked| repacked.bytes[which])
+            .sum::<u64>()
+            / count
+    };
+    println!(
+        "{} of {asked} traces: {} bytes each became {}",
+        done.len(),
+        mean(0),
+        mean(1)
+    );
     let mut sums: BTreeMap<&str, [u64; 2]> = BTreeMap::new();
     for (what, bytes) in done.iter().flat_map(|repacked| &repacked.content) {
         let sum = sums.entry(what).or_default();

@@ -9,9 +9,10 @@ use serde_json::{Value, json};
 
 use crate::{Answer, inputs};
 
-/// Find the smallest change of a failed episode's calls that makes it succeed: calls put in, replaced or left out from the
-/// decisive step on, by search over branches. No single one of the changes can be left out. The result is a trace, a branch
-/// of the failed one, and a preference: after the same calls, the repaired ones rather than those that were made.
+/// Find the smallest change of a failed episode's calls that makes it succeed: calls put in,
+/// replaced or left out from the decisive step on, by search over branches. No single one of the
+/// changes can be left out. The result is a trace, a branch of the failed one, and a preference:
+/// after the same calls, the repaired ones rather than those that were made.
 ///
 /// Examples:
 ///   reel repair trace.mcap                          # writes trace--repaired.mcap here
@@ -40,13 +41,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let trace = arguments.assets.read(&arguments.trace)?;
     let found = blame(&trace);
     let Some(decisive) = &found.decisive else {
-        eprintln!("reel: nothing to repair: the episode did not fail, or nothing was lost in it: {}", trace.path.display());
+        eprintln!(
+            "reel: nothing to repair: the episode did not fail, or nothing was lost in it: {}",
+            trace.path.display()
+        );
         return Ok(Answer::No);
     };
-    let stem = trace.path.file_stem().map_or_else(|| "trace".into(), |stem| stem.to_string_lossy().into_owned());
-    let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from(format!("{stem}--repaired.mcap")));
+    let stem = trace.path.file_stem().map_or_else(
+        || "trace".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    let out = arguments
+        .out
+        .clone()
+        .unwrap_or_else(|| PathBuf::from(format!("{stem}--repaired.mcap")));
     if out.exists() && out.canonicalize()? == trace.path.canonicalize()? {
-        bail!("{} is the failed episode; give the repaired one another name", out.display());
+        bail!(
+            "{} is the failed episode; give the repaired one another name",
+            out.display()
+        );
     }
     let repaired = match repair(&trace, decisive, Some(&out))? {
         Ok(repaired) => repaired,
@@ -59,7 +72,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         println!("{}", in_json(&trace, &repaired));
         return Ok(Answer::Yes);
     }
-    println!("{}: {} change(s), found with {} branches", trace.path.display(), repaired.edits.len(), repaired.tried);
+    println!(
+        "{}: {} change(s), found with {} branches",
+        trace.path.display(),
+        repaired.edits.len(),
+        repaired.tried
+    );
     let old = |at: usize| trace.steps[at].input.call.to_string();
     for edit in &repaired.edits {
         match edit {
@@ -68,15 +86,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             Edit::Delete { at } => println!("  call {at:>2}  without {}", old(*at)),
         }
     }
-    let verdict = if repaired.verified { "replays exactly" } else { "DOES NOT REPLAY EXACTLY" };
+    let verdict = if repaired.verified {
+        "replays exactly"
+    } else {
+        "DOES NOT REPLAY EXACTLY"
+    };
     println!("trace: {}: {verdict}", out.display());
     Ok(Answer::Yes)
 }
 
 fn in_json(trace: &Trace, repaired: &Repair) -> Value {
     let mut line = json!(repaired);
-    let rejected: Vec<_> = trace.steps[repaired.at..].iter().map(|step| &step.input.call).collect();
-    line["preference"] = json!({ "after": repaired.at, "chosen": repaired.calls, "rejected": rejected });
+    let rejected: Vec<_> = trace.steps[repaired.at..]
+        .iter()
+        .map(|step| &step.input.call)
+        .collect();
+    line["preference"] =
+        json!({ "after": repaired.at, "chosen": repaired.calls, "rejected": rejected });
     line["parent"] = json!(trace.path);
     line
 }

@@ -25,7 +25,8 @@ use crate::{
 ///   reel replay traces-out --assets meshes              # recorded with these meshes
 ///   reel replay s3://lab/traces --cluster 10.0.0.1:50050 # by many machines (`reel cluster`)
 ///
-/// Exit code 0: all identical; 1: something differs, a trace was refused, or cannot be executed again (robots, imports).
+/// Exit code 0: all identical; 1: something differs, a trace was refused, or cannot be executed
+/// again (robots, imports).
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -39,23 +40,27 @@ pub struct Arguments {
     /// Traces at a time; without it one for each core
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
-    /// Say everything that differs at the first differing call: bodies and fields with the distance in ULPs, the first
-    /// differing physics step, pictures, texts
+    /// Say everything that differs at the first differing call: bodies and fields with the distance
+    /// in ULPs, the first differing physics step, pictures, texts
     #[arg(long, conflicts_with = "restored")]
     explain: bool,
-    /// With --explain: another build of reel, whose motion states at the first differing physics step are compared too
+    /// With --explain: another build of reel, whose motion states at the first differing physics
+    /// step are compared too
     #[arg(long, value_name = "BIN", requires = "explain")]
     against: Option<PathBuf>,
     /// With --explain: folder for pictures of differing frames (recorded, replayed, difference)
     #[arg(long, value_name = "DIR", requires = "explain")]
     pictures: Option<PathBuf>,
-    /// Print the motion states after a physics step of a call, both from 0, e.g. 3:120 or start:499, as JSON
+    /// Print the motion states after a physics step of a call, both from 0, e.g. 3:120 or
+    /// start:499, as JSON
     #[arg(long, value_name = "CALL:STEP", conflicts_with_all = ["explain", "restored"])]
     state_at: Option<String>,
-    /// Also restore each episode from snapshots after so many of its calls, spread by its digest, and compare the rest
+    /// Also restore each episode from snapshots after so many of its calls, spread by its digest,
+    /// and compare the rest
     #[arg(long, value_name = "N")]
     restored: Option<usize>,
-    /// Execute what is not exact to its end, of other simulators too, and list the outcomes that change
+    /// Execute what is not exact to its end, of other simulators too, and list the outcomes that
+    /// change
     #[arg(long, conflicts_with_all = ["explain", "restored"])]
     outcomes: bool,
     /// Print one JSON object a trace
@@ -71,27 +76,52 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         return explain::print_state(&paths, &assets, place);
     }
     if arguments.explain {
-        let other = arguments.against.as_deref().map(|build| explain::Build { path: build, assets: arguments.assets.path() });
-        return explain::run(&paths, &assets, other.as_ref(), arguments.pictures.as_deref(), arguments.json);
+        let other = arguments.against.as_deref().map(|build| explain::Build {
+            path: build,
+            assets: arguments.assets.path(),
+        });
+        return explain::run(
+            &paths,
+            &assets,
+            other.as_ref(),
+            arguments.pictures.as_deref(),
+            arguments.json,
+        );
     }
     if arguments.elsewhere.is_some() && arguments.assets.path().is_some() {
-        eprintln!("reel: the meshes are those of the executors (`reel cluster executor --assets`), not those named here");
+        eprintln!(
+            "reel: the meshes are those of the executors (`reel cluster executor --assets`), not those named here"
+        );
     }
     let bar = progress::bar(paths.len(), "replay");
     let workers = inputs::workers(arguments.jobs);
     if arguments.outcomes {
-        let judgements = match arguments.elsewhere.each("outcomes", &(), &paths, |more| bar.inc(more))? {
+        let judgements = match arguments
+            .elsewhere
+            .each("outcomes", &(), &paths, |more| bar.inc(more))?
+        {
             // with the traces called as here
-            Some(judged) => paths.iter().zip(judged).map(|(path, one)| Judgement { trace: path.clone(), ..one }).collect(),
+            Some(judged) => paths
+                .iter()
+                .zip(judged)
+                .map(|(path, one)| Judgement {
+                    trace: path.clone(),
+                    ..one
+                })
+                .collect(),
             None => judge_all(&paths, &assets, workers, |_, _| bar.inc(1)),
         };
         bar.finish_and_clear();
         return tell_outcomes(&judgements, arguments.json);
     }
-    let verdicts = match arguments.elsewhere.each("replay", &arguments.restored, &paths, |more| bar.inc(more))? {
-        Some(verdicts) => verdicts,
-        None => verify(&paths, &assets, workers, arguments.restored, || bar.inc(1)),
-    };
+    let verdicts =
+        match arguments
+            .elsewhere
+            .each("replay", &arguments.restored, &paths, |more| bar.inc(more))?
+        {
+            Some(verdicts) => verdicts,
+            None => verify(&paths, &assets, workers, arguments.restored, || bar.inc(1)),
+        };
     bar.finish_and_clear();
     let mut totals = [0u64; 3];
     for (path, verdict) in paths.iter().zip(&verdicts) {
@@ -99,7 +129,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             let mut line = serde_json::to_value(verdict)?;
             line["trace"] = path.display().to_string().into();
             println!("{line}");
-        } else if let Verdict::Exact { calls, physics_steps, pictures } = verdict {
+        } else if let Verdict::Exact {
+            calls,
+            physics_steps,
+            pictures,
+        } = verdict
+        {
             totals[0] += u64::from(*calls);
             totals[1] += physics_steps;
             totals[2] += u64::from(*pictures);
@@ -118,13 +153,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             paths.len()
         );
         if let Some(count) = arguments.restored {
-            println!("  each also restored from snapshots after {count} of its calls (all calls, where it has fewer)");
+            println!(
+                "  each also restored from snapshots after {count} of its calls (all calls, where it has fewer)"
+            );
         }
         for (kind, count) in kinds(&verdicts) {
             println!("  {kind}: {count}");
         }
     }
-    Ok(if exact == paths.len() { Answer::Yes } else { Answer::No })
+    Ok(if exact == paths.len() {
+        Answer::Yes
+    } else {
+        Answer::No
+    })
 }
 
 fn verify(
@@ -147,28 +188,51 @@ pub fn works(assets: &std::sync::Arc<Option<reel_assets::Folder>>) -> [reel_clus
 
     let (of_replay, of_outcomes) = (assets.clone(), assets.clone());
     [
-        work("replay", move |traces, restored| Ok(verify(traces, &*of_replay, 1, restored, || ()))),
-        work("outcomes", move |traces, ()| Ok(judge_all(traces, &*of_outcomes, 1, |_, _| ()))),
+        work("replay", move |traces, restored| {
+            Ok(verify(traces, &*of_replay, 1, restored, || ()))
+        }),
+        work("outcomes", move |traces, ()| {
+            Ok(judge_all(traces, &*of_outcomes, 1, |_, _| ()))
+        }),
     ]
 }
 
 /// Verdicts with what changed beside them.
 fn tell_outcomes(judgements: &[Judgement], json: bool) -> anyhow::Result<Answer> {
     for judgement in judgements {
-        let Judgement { trace, verdict, outcomes } = judgement;
+        let Judgement {
+            trace,
+            verdict,
+            outcomes,
+        } = judgement;
         if json {
             println!("{}", serde_json::to_string(judgement)?);
             continue;
         }
         println!("{}: {verdict}", trace.display());
-        let Some(changes) = outcomes.as_ref().filter(|_| !verdict.is_exact()) else { continue };
+        let Some(changes) = outcomes.as_ref().filter(|_| !verdict.is_exact()) else {
+            continue;
+        };
         println!("  executed to the end: {changes}");
         for changed in &changes.outcomes {
-            let (recorded, replayed) = (gate::told(&changed.recorded), gate::told(&changed.replayed));
-            println!("  call {} {}\n    recorded  {recorded}\n    replayed  {replayed}", changed.call, changed.what);
+            let (recorded, replayed) =
+                (gate::told(&changed.recorded), gate::told(&changed.replayed));
+            println!(
+                "  call {} {}\n    recorded  {recorded}\n    replayed  {replayed}",
+                changed.call, changed.what
+            );
         }
     }
-    Ok(if judgements.iter().all(|judgement| judgement.verdict.is_exact()) { Answer::Yes } else { Answer::No })
+    Ok(
+        if judgements
+            .iter()
+            .all(|judgement| judgement.verdict.is_exact())
+        {
+            Answer::Yes
+        } else {
+            Answer::No
+        },
+    )
 }
 
 fn kinds(verdicts: &[Verdict]) -> BTreeMap<&'static str, usize> {

@@ -1,4 +1,5 @@
-//! `reel report`: a store as one HTML file for a paper or a meeting. Everything is in the file: no script, nothing from outside.
+//! `reel report`: a store as one HTML file for a paper or a meeting. Everything is in the file: no
+//! script, nothing from outside.
 
 use std::{fmt::Write as _, fs, path::PathBuf};
 
@@ -14,8 +15,9 @@ use serde::{Deserialize, de::DeserializeOwned};
 
 use crate::Answer;
 
-/// Write what a store says of its episodes as one self-contained HTML file: success rates with intervals, why episodes failed, what
-/// lost them, the hardest tasks, and an example of each kind of failure with the picture of its decisive step.
+/// Write what a store says of its episodes as one self-contained HTML file: success rates with
+/// intervals, why episodes failed, what lost them, the hardest tasks, and an example of each kind
+/// of failure with the picture of its decisive step.
 ///
 /// Examples:
 ///   reel report --store store --out report.html
@@ -107,7 +109,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let version = store.version();
     let session = Session::new(store)?;
     let html = page(&session, arguments, version)?;
-    fs::write(&arguments.out, html).with_context(|| format!("cannot write {}", arguments.out.display()))?;
+    fs::write(&arguments.out, html)
+        .with_context(|| format!("cannot write {}", arguments.out.display()))?;
     println!("{}", arguments.out.display());
     Ok(Answer::Yes)
 }
@@ -115,7 +118,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 fn page(session: &Session, arguments: &Arguments, version: u64) -> anyhow::Result<String> {
     let these = format!("(SELECT * FROM episodes WHERE ({}\n))", arguments.condition);
     let rates: Vec<Rate> = rows(session, &rates_sql(&these))?;
-    anyhow::ensure!(!rates.is_empty(), "no episode of {} that was played to an end fits --where", arguments.store);
+    anyhow::ensure!(
+        !rates.is_empty(),
+        "no episode of {} that was played to an end fits --where",
+        arguments.store
+    );
     let kinds: Vec<Kind> = rows(
         session,
         &format!(
@@ -156,7 +163,9 @@ fn page(session: &Session, arguments: &Arguments, version: u64) -> anyhow::Resul
         "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\"><title>{title}</title><style>{STYLE}</style>\n<main><h1>{title}</h1>\n"
     );
     let all = rates.iter().filter(|rate| rate.family == "all");
-    let (episodes, won) = all.fold((0, 0), |(episodes, won), rate| (episodes + rate.episodes, won + rate.won));
+    let (episodes, won) = all.fold((0, 0), |(episodes, won), rate| {
+        (episodes + rate.episodes, won + rate.won)
+    });
     let policies = rates.iter().filter(|rate| rate.family == "all").count();
     let _ = writeln!(
         html,
@@ -234,11 +243,17 @@ fn success(html: &mut String, rates: &[Rate]) {
             x(rate.high),
             x(rate.success)
         );
-        let share = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.2}"));
+        let share = |value: Option<f64>| {
+            value.map_or_else(|| "–".to_owned(), |value| format!("{value:.2}"))
+        };
         let _ = writeln!(
             html,
             "<tr{}><td>{}<td>{}<td class=n>{}<td class=n>{:.1}% [{:.1}, {:.1}]<td>{bar}<td class=n>{}<td class=n>{}<td class=n>{}</tr>",
-            if rate.family == "all" { " class=all" } else { "" },
+            if rate.family == "all" {
+                " class=all"
+            } else {
+                ""
+            },
             escaped(&rate.policy),
             escaped(&rate.family),
             rate.episodes,
@@ -247,7 +262,8 @@ fn success(html: &mut String, rates: &[Rate]) {
             100.0 * rate.high,
             share(rate.completion),
             share(rate.spl),
-            rate.length.map_or_else(|| "–".to_owned(), |length| format!("{length:.1}"))
+            rate.length
+                .map_or_else(|| "–".to_owned(), |length| format!("{length:.1}"))
         );
     }
     html.push_str("</table>\n");
@@ -263,7 +279,14 @@ fn why(html: &mut String, kinds: &[Kind], causes: &[Cause], episodes: u64, won: 
             episodes: kind.episodes,
         })
         .collect();
-    let picture = Sankey::new("Family, class and sub-class of the failures", "", &flows, episodes, won).svg();
+    let picture = Sankey::new(
+        "Family, class and sub-class of the failures",
+        "",
+        &flows,
+        episodes,
+        won,
+    )
+    .svg();
     let _ = writeln!(html, "<figure>{picture}</figure>");
     if causes.is_empty() {
         html.push_str("<p class=soft>What lost the episodes was not measured: <code>reel blame --store</code> does.</p>\n");
@@ -271,7 +294,8 @@ fn why(html: &mut String, kinds: &[Kind], causes: &[Cause], episodes: u64, won: 
     }
     html.push_str("<h3>What was lost, by cause</h3>\n<table><tr><th>policy<th class=n>failures<th class=n>perception<th class=n>communication<th class=n>memory<th class=n>other</tr>\n");
     for cause in causes {
-        let total = (cause.perception + cause.communication + cause.memory + cause.other).max(f64::MIN_POSITIVE);
+        let total = (cause.perception + cause.communication + cause.memory + cause.other)
+            .max(f64::MIN_POSITIVE);
         let share = |value: f64| format!("{:.0}%", 100.0 * value / total);
         let _ = writeln!(
             html,
@@ -304,9 +328,18 @@ fn examples_of(html: &mut String, examples: &[Example]) {
                 )
             },
         );
-        let name = example.trace.rsplit(['/', '\\']).next().unwrap_or(&example.trace).trim_end_matches(".mcap");
-        let advice =
-            example.advice.as_deref().map_or_else(String::new, |advice| format!("<p><b>Better:</b> {}</p>", escaped(advice)));
+        let name = example
+            .trace
+            .rsplit(['/', '\\'])
+            .next()
+            .unwrap_or(&example.trace)
+            .trim_end_matches(".mcap");
+        let advice = example
+            .advice
+            .as_deref()
+            .map_or_else(String::new, |advice| {
+                format!("<p><b>Better:</b> {}</p>", escaped(advice))
+            });
         let _ = writeln!(
             html,
             "<article>{picture}<h4>{}: {} <span class=soft>({})</span></h4><p>{}</p><p>{}</p>{advice}<p class=soft>{}, {}, step {}: <code>{}</code></p></article>",
@@ -314,7 +347,12 @@ fn examples_of(html: &mut String, examples: &[Example]) {
             escaped(&example.sub_class.replace('_', " ")),
             example.alike,
             escaped(&example.instruction),
-            escaped(example.why.as_deref().unwrap_or("not measured: `reel blame --store` says what this step lost")),
+            escaped(
+                example
+                    .why
+                    .as_deref()
+                    .unwrap_or("not measured: `reel blame --store` says what this step lost")
+            ),
             escaped(&example.policy),
             escaped(&example.task_id),
             example.step,
@@ -335,11 +373,15 @@ fn picture(example: &Example) -> Option<Vec<u8>> {
 
 fn rows<T: DeserializeOwned>(session: &Session, sql: &str) -> anyhow::Result<Vec<T>> {
     let text = format(&session.run(sql)?, Format::Json)?;
-    serde_json::from_str(&text).with_context(|| format!("an answer has another form than expected: {sql}"))
+    serde_json::from_str(&text)
+        .with_context(|| format!("an answer has another form than expected: {sql}"))
 }
 
 fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }
 
 const STYLE: &str = "body{margin:0;background:#fbfaf7;color:#1d2226;font:15px/1.5 system-ui,sans-serif}main{max-width:1080px;margin:0 auto;padding:32px 24px 64px}\

@@ -11,10 +11,11 @@ use serde_json::json;
 
 use crate::{Answer, elsewhere::Elsewhere, progress};
 
-/// Score the episodes of a store again, from its tables, under any preset: `paper`, `real-repo` (the published reward class),
-/// `real-trainer` (what the published trainer pays, until it stops), or a TOML file of your own
-/// (schemas/reward_preset.example.toml). The result is kept beside the recorded rewards under the preset's version, and the
-/// view `rewards` has both; an episode that was recorded with these very terms is not kept twice.
+/// Score the episodes of a store again, from its tables, under any preset: `paper`, `real-repo`
+/// (the published reward class), `real-trainer` (what the published trainer pays, until it stops),
+/// or a TOML file of your own (schemas/reward_preset.example.toml). The result is kept beside the
+/// recorded rewards under the preset's version, and the view `rewards` has both; an episode that
+/// was recorded with these very terms is not kept twice.
 ///
 /// Examples:
 ///   reel reward --store store --preset real-trainer
@@ -32,10 +33,12 @@ pub struct Arguments {
     /// Score under this preset and keep the result
     #[arg(long, value_name = "PRESET")]
     preset: Option<String>,
-    /// List the episodes whose rewards differ between two presets, by how much and through which component; keeps nothing
+    /// List the episodes whose rewards differ between two presets, by how much and through which
+    /// component; keeps nothing
     #[arg(long, num_args = 2, value_names = ["A", "B"], conflicts_with = "preset")]
     diff: Option<Vec<String>>,
-    /// Compare the recorded terms of every episode with what its preset gives now, bit for bit; exit code 1 where one differs
+    /// Compare the recorded terms of every episode with what its preset gives now, bit for bit;
+    /// exit code 1 where one differs
     #[arg(long, conflicts_with_all = ["preset", "diff"])]
     check: bool,
     /// List the built-in presets with their versions and terms
@@ -54,7 +57,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
     match (&arguments.preset, &arguments.diff) {
         (Some(name), _) => keep(arguments, &Named::find(name)?),
-        (None, Some(names)) => compare(arguments, &Named::find(&names[0])?, &Named::find(&names[1])?),
+        (None, Some(names)) => compare(
+            arguments,
+            &Named::find(&names[0])?,
+            &Named::find(&names[1])?,
+        ),
         (None, None) if arguments.check => check(arguments),
         (None, None) => bail!("say what to do: --preset PRESET, --diff A B, --check or --list"),
     }
@@ -71,7 +78,13 @@ fn list(as_json: bool) {
         }
         println!("{}  version {}", preset.name(), preset.version().short());
         for term in preset.base().terms() {
-            println!("  {:28} {:>7}  {}: {}", term.name(), preset.weight(term), term.component(), term.doc());
+            println!(
+                "  {:28} {:>7}  {}: {}",
+                term.name(),
+                preset.weight(term),
+                term.component(),
+                term.doc()
+            );
         }
     }
 }
@@ -84,20 +97,35 @@ fn keep(arguments: &Arguments, Named { preset, text }: &Named) -> anyhow::Result
         spinner.tick();
     };
     let mut scored = Rescored::default();
-    let elsewhere = score_elsewhere(arguments, &store, &Asked::Keep(text.clone()), |part| match part {
-        Part::Kept(rows) => {
-            scored.append(Rescored::from_bytes(&BASE64.decode(rows)?)?);
-            Ok(())
-        }
-        _ => bail!("an executor answered something else"),
-    })?;
-    let report = if elsewhere { store.keep_rescored(scored, preset) } else { store.rescore(preset, told) };
+    let elsewhere = score_elsewhere(
+        arguments,
+        &store,
+        &Asked::Keep(text.clone()),
+        |part| match part {
+            Part::Kept(rows) => {
+                scored.append(Rescored::from_bytes(&BASE64.decode(rows)?)?);
+                Ok(())
+            }
+            _ => bail!("an executor answered something else"),
+        },
+    )?;
+    let report = if elsewhere {
+        store.keep_rescored(scored, preset)
+    } else {
+        store.rescore(preset, told)
+    };
     spinner.finish_and_clear();
     let report = report?;
     if arguments.json {
-        println!("{}", json!({ "preset": preset.name(), "version": preset.version().to_string(), "report": report }));
+        println!(
+            "{}",
+            json!({ "preset": preset.name(), "version": preset.version().to_string(), "report": report })
+        );
     } else {
-        let mean = report.mean_total.map(|mean| format!(", mean total {mean:.3}")).unwrap_or_default();
+        let mean = report
+            .mean_total
+            .map(|mean| format!(", mean total {mean:.3}"))
+            .unwrap_or_default();
         println!(
             "{} episodes scored under '{}' (version {}){mean}; {} had it already",
             report.scored,
@@ -114,7 +142,10 @@ fn compare(arguments: &Arguments, a: &Named, b: &Named) -> anyhow::Result<Answer
     let (mut changed, mut episodes) = (0_usize, 0_usize);
     let asked = Asked::Compare(a.text.clone(), b.text.clone(), arguments.json);
     let elsewhere = score_elsewhere(arguments, &store, &asked, |part| match part {
-        Part::Compared { episodes: more, lines } => {
+        Part::Compared {
+            episodes: more,
+            lines,
+        } => {
             episodes += more;
             changed += lines.len();
             lines.iter().for_each(|line| println!("{line}"));
@@ -123,16 +154,26 @@ fn compare(arguments: &Arguments, a: &Named, b: &Named) -> anyhow::Result<Answer
         _ => bail!("an executor answered something else"),
     })?;
     if !elsewhere {
-        differences(&store, &store.file_names(Table::Episodes), &[a.preset.clone(), b.preset.clone()], arguments.json, |line| {
-            episodes += 1;
-            if let Some(line) = line {
-                changed += 1;
-                println!("{line}");
-            }
-        })?;
+        differences(
+            &store,
+            &store.file_names(Table::Episodes),
+            &[a.preset.clone(), b.preset.clone()],
+            arguments.json,
+            |line| {
+                episodes += 1;
+                if let Some(line) = line {
+                    changed += 1;
+                    println!("{line}");
+                }
+            },
+        )?;
     }
     if !arguments.json {
-        println!("{changed} of {episodes} episodes change from '{}' to '{}'", a.preset.name(), b.preset.name());
+        println!(
+            "{changed} of {episodes} episodes change from '{}' to '{}'",
+            a.preset.name(),
+            b.preset.name()
+        );
     }
     Ok(Answer::Yes)
 }
@@ -151,12 +192,27 @@ fn differences(
     })
 }
 
-fn line(as_json: bool, episode: &reel_tables::ScoredEpisode<'_>, found: &RewardDifference) -> String {
-    let RewardDifference { before, after, components, steps, endings } = found;
+fn line(
+    as_json: bool,
+    episode: &reel_tables::ScoredEpisode<'_>,
+    found: &RewardDifference,
+) -> String {
+    let RewardDifference {
+        before,
+        after,
+        components,
+        steps,
+        endings,
+    } = found;
     if as_json {
         let components: serde_json::Map<String, serde_json::Value> = components
             .iter()
-            .map(|(name, change)| ((*name).to_owned(), json!({ "before": change.before, "after": change.after })))
+            .map(|(name, change)| {
+                (
+                    (*name).to_owned(),
+                    json!({ "before": change.before, "after": change.after }),
+                )
+            })
             .collect();
         let line = json!({
             "episode_id": episode.episode_id, "policy": episode.policy, "task_id": episode.task_id, "trace": episode.trace,
@@ -165,9 +221,12 @@ fn line(as_json: bool, episode: &reel_tables::ScoredEpisode<'_>, found: &RewardD
         });
         return line.to_string();
     }
-    let parts: Vec<String> =
-        components.iter().map(|(name, change)| format!("{name} {:+.3}", change.after - change.before)).collect();
-    let done = |ending: (u32, Ending)| format!("; done at step {}: {}", ending.0, ending.1.as_str());
+    let parts: Vec<String> = components
+        .iter()
+        .map(|(name, change)| format!("{name} {:+.3}", change.after - change.before))
+        .collect();
+    let done =
+        |ending: (u32, Ending)| format!("; done at step {}: {}", ending.0, ending.1.as_str());
     let done: String = endings.iter().flatten().copied().map(done).collect();
     format!(
         "{}  {} {}  {before:.3} -> {after:.3} ({:+.3}): {}; steps {steps:?}{done}",
@@ -192,10 +251,15 @@ fn checked(store: &Store, files: &[String]) -> Result<Checked, StoreError> {
     let presets = Preset::built_in();
     let mut found = Checked::default();
     store.score_in(files, &presets, |episode, rewards| {
-        match presets.iter().position(|preset| preset.name() == episode.preset) {
+        match presets
+            .iter()
+            .position(|preset| preset.name() == episode.preset)
+        {
             None => found.unknown += 1,
             Some(index) if episode.was_recorded_as(&rewards[index]) => found.equal += 1,
-            Some(_) => found.differing.push((episode.episode_id.to_owned(), episode.trace.to_owned())),
+            Some(_) => found
+                .differing
+                .push((episode.episode_id.to_owned(), episode.trace.to_owned())),
         }
         true
     })?;
@@ -217,17 +281,34 @@ fn check(arguments: &Arguments) -> anyhow::Result<Answer> {
     if !elsewhere {
         found = checked(&store, &store.file_names(Table::Episodes))?;
     }
-    let Checked { equal, differing, unknown } = found;
+    let Checked {
+        equal,
+        differing,
+        unknown,
+    } = found;
     if arguments.json {
-        println!("{}", json!({ "equal": equal, "differing": differing, "other_presets": unknown }));
+        println!(
+            "{}",
+            json!({ "equal": equal, "differing": differing, "other_presets": unknown })
+        );
     } else {
-        differing.iter().take(20).for_each(|(id, trace)| println!("{id} differs: {trace}"));
+        differing
+            .iter()
+            .take(20)
+            .for_each(|(id, trace)| println!("{id} differs: {trace}"));
         if differing.len() > 20 {
             println!("and {} more; --json lists them all", differing.len() - 20);
         }
-        println!("{equal} episodes equal bit for bit, {} differ, {unknown} recorded under other presets", differing.len());
+        println!(
+            "{equal} episodes equal bit for bit, {} differ, {unknown} recorded under other presets",
+            differing.len()
+        );
     }
-    Ok(if differing.is_empty() { Answer::Yes } else { Answer::No })
+    Ok(if differing.is_empty() {
+        Answer::Yes
+    } else {
+        Answer::No
+    })
 }
 
 /// What executors are asked to do with the files of a store; presets as TOML.
@@ -251,7 +332,8 @@ enum Part {
     Checked(Checked),
 }
 
-/// Lets the cluster score the files of a store, if one is named: `take` gets what came of each, in their order.
+/// Lets the cluster score the files of a store, if one is named: `take` gets what came of each, in
+/// their order.
 #[cfg(feature = "cluster")]
 fn score_elsewhere(
     arguments: &Arguments,
@@ -259,10 +341,16 @@ fn score_elsewhere(
     asked: &Asked,
     mut take: impl FnMut(Part) -> anyhow::Result<()>,
 ) -> anyhow::Result<bool> {
-    let Some(cluster) = arguments.elsewhere.open()? else { return Ok(false) };
+    let Some(cluster) = arguments.elsewhere.open()? else {
+        return Ok(false);
+    };
     let place = crate::elsewhere::named_from_root(&[PathBuf::from(&arguments.store)])?;
     let options = serde_json::to_string(&(&place[0], store.version(), asked))?;
-    let files: Vec<Vec<PathBuf>> = store.file_names(Table::Episodes).into_iter().map(|file| vec![file.into()]).collect();
+    let files: Vec<Vec<PathBuf>> = store
+        .file_names(Table::Episodes)
+        .into_iter()
+        .map(|file| vec![file.into()])
+        .collect();
     let bar = progress::bar(files.len(), "reward");
     cluster.work("reward", &options, &files, |part| {
         bar.inc(1);
@@ -273,7 +361,12 @@ fn score_elsewhere(
 }
 
 #[cfg(not(feature = "cluster"))]
-fn score_elsewhere(_: &Arguments, _: &Store, _: &Asked, _: impl FnMut(Part) -> anyhow::Result<()>) -> anyhow::Result<bool> {
+fn score_elsewhere(
+    _: &Arguments,
+    _: &Store,
+    _: &Asked,
+    _: impl FnMut(Part) -> anyhow::Result<()>,
+) -> anyhow::Result<bool> {
     Ok(false)
 }
 
@@ -283,7 +376,10 @@ pub fn work() -> reel_cluster::Work {
     let scored = |files: &[PathBuf], options: &str| -> anyhow::Result<Vec<u8>> {
         let (place, version, asked): (PathBuf, u64, Asked) = serde_json::from_str(options)?;
         let store = Store::open_at(&place, version)?;
-        let files: Vec<String> = files.iter().map(|file| file.to_string_lossy().into_owned()).collect();
+        let files: Vec<String> = files
+            .iter()
+            .map(|file| file.to_string_lossy().into_owned())
+            .collect();
         let part = match asked {
             Asked::Keep(preset) => {
                 let rows = store.rescore_in(&files, &said(&preset)?, |_| ())?;
@@ -301,8 +397,14 @@ pub fn work() -> reel_cluster::Work {
         };
         Ok(serde_json::to_vec(&part)?)
     };
-    let run = move |files: &[PathBuf], options: &str| scored(files, options).map_err(|error| format!("{error:#}"));
-    reel_cluster::Work { name: "reward", traces: false, run: std::sync::Arc::new(run) }
+    let run = move |files: &[PathBuf], options: &str| {
+        scored(files, options).map_err(|error| format!("{error:#}"))
+    };
+    reel_cluster::Work {
+        name: "reward",
+        traces: false,
+        run: std::sync::Arc::new(run),
+    }
 }
 
 /// A preset with the text that says it: the name of a built-in one, or TOML.
@@ -315,15 +417,21 @@ impl Named {
     /// A built-in preset, or one in a file.
     pub(crate) fn find(name: &str) -> anyhow::Result<Self> {
         if let Some(preset) = Preset::parse(name) {
-            return Ok(Self { preset, text: name.to_owned() });
+            return Ok(Self {
+                preset,
+                text: name.to_owned(),
+            });
         }
         let path = PathBuf::from(name);
         if !path.exists() {
-            let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
+            let known = Preset::built_in()
+                .map(|preset| preset.name().to_owned())
+                .join("', '");
             bail!("no preset is called '{name}' and there is no such file; built in are '{known}'");
         }
         let text = fs::read_to_string(&path).with_context(|| format!("cannot read {name}"))?;
-        let preset = Preset::from_toml(&text).with_context(|| format!("the preset in {name} is wrong"))?;
+        let preset =
+            Preset::from_toml(&text).with_context(|| format!("the preset in {name} is wrong"))?;
         Ok(Self { preset, text })
     }
 }

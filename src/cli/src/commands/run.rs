@@ -23,16 +23,16 @@ use crate::{Answer, commands::paranoid, inputs, progress};
 ///   reel run --tasks tasks --assets meshes            # objects with a mesh in this folder are that, to see and to touch
 ///   reel run --tasks real-bench/tasks --policy wrong-object --seed 7 --out traces/wrong   # after reel tasks real-bench
 ///
-/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door, gibberish,
-/// explorer.
+/// Policies: oracle, planner, wrong-object, wrong-receptacle, no-ask, oscillating, forgets-door,
+/// gibberish, explorer.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
     /// Task file (REAL-Bench YAML) or folder of them
     #[arg(long, value_name = "PATH")]
     pub tasks: PathBuf,
-    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the one that each task names, found
-    /// beside the tasks or among those that come with Reel
+    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the
+    /// one that each task names, found beside the tasks or among those that come with Reel
     #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
     #[command(flatten)]
@@ -49,25 +49,27 @@ pub struct Arguments {
     /// Episodes at a time; without it one for each core
     #[arg(long, value_name = "N")]
     pub jobs: Option<usize>,
-    /// How the environment behaves where the paper and the published code differ: paper, real-repo (the published evaluation
-    /// server) or real-gspo (the published training server)
+    /// How the environment behaves where the paper and the published code differ: paper, real-repo
+    /// (the published evaluation server) or real-gspo (the published training server)
     #[arg(long, value_name = "NAME", default_value = "paper")]
     pub profile: String,
-    /// How reliable the robot's skills are: perfect, or real-v1 as on the paper's robot (picks, places and doors fail now and
-    /// then, the base arrives centimetres beside its goal)
+    /// How reliable the robot's skills are: perfect, or real-v1 as on the paper's robot (picks,
+    /// places and doors fail now and then, the base arrives centimetres beside its goal)
     #[arg(long, value_name = "NAME", default_value = "perfect", value_parser = inputs::skills)]
     pub skills: Skills,
     /// Leave the pictures out; replay renders them again
     #[arg(long)]
     no_images: bool,
-    /// Play everything a second time under other conditions (heap layout, thread count, order of tasks and of the objects
-    /// in their files) and name the first state field that depends on them
+    /// Play everything a second time under other conditions (heap layout, thread count, order of
+    /// tasks and of the objects in their files) and name the first state field that depends on them
     #[arg(long)]
     paranoid: bool,
-    /// What a recorded call survives: write (the death of the process) or fsync (the loss of power, too)
+    /// What a recorded call survives: write (the death of the process) or fsync (the loss of power,
+    /// too)
     #[arg(long, value_name = "NAME", default_value = "write")]
     durability: String,
-    /// Take tasks, and the objects that their files list, in reverse order (a check: the traces must not depend on it)
+    /// Take tasks, and the objects that their files list, in reverse order (a check: the traces
+    /// must not depend on it)
     #[arg(long, hide = true)]
     reversed: bool,
     /// Print one JSON object an episode instead of the table
@@ -78,17 +80,38 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     if !POLICIES.iter().any(|(name, _)| *name == arguments.policy) {
-        let known: Vec<String> = POLICIES.iter().map(|(name, what)| format!("  {name:17} {what}")).collect();
-        bail!("no policy is called '{}'; there are\n{}", arguments.policy, known.join("\n"));
+        let known: Vec<String> = POLICIES
+            .iter()
+            .map(|(name, what)| format!("  {name:17} {what}"))
+            .collect();
+        bail!(
+            "no policy is called '{}'; there are\n{}",
+            arguments.policy,
+            known.join("\n")
+        );
     }
     let Some(profile) = Profile::parse(&arguments.profile) else {
-        bail!("no profile is called '{}'; there are paper, real-repo and real-gspo", arguments.profile);
+        bail!(
+            "no profile is called '{}'; there are paper, real-repo and real-gspo",
+            arguments.profile
+        );
     };
     let Some(durability) = Durability::parse(&arguments.durability) else {
-        bail!("no durability is called '{}'; there are write and fsync", arguments.durability);
+        bail!(
+            "no durability is called '{}'; there are write and fsync",
+            arguments.durability
+        );
     };
-    let listed = if arguments.reversed { Listed::Reversed } else { Listed::AsWritten };
-    let inputs::Tasks { mut tasks, scenes, broken } = inputs::tasks(&arguments.tasks, arguments.scene.as_deref(), listed)?;
+    let listed = if arguments.reversed {
+        Listed::Reversed
+    } else {
+        Listed::AsWritten
+    };
+    let inputs::Tasks {
+        mut tasks,
+        scenes,
+        broken,
+    } = inputs::tasks(&arguments.tasks, arguments.scene.as_deref(), listed)?;
     if arguments.reversed {
         tasks.reverse();
     }
@@ -104,9 +127,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         images: !arguments.no_images,
         durability,
     };
-    let scene_flag = arguments.scene.as_ref().map_or(String::new(), |path| format!(" --scene {}", path.display()));
-    let skills_flag = if arguments.skills.are_perfect() { "" } else { " --skills real-v1" };
-    let assets_flag = arguments.assets.path().map_or(String::new(), |path| format!(" --assets {}", path.display()));
+    let scene_flag = arguments
+        .scene
+        .as_ref()
+        .map_or(String::new(), |path| format!(" --scene {}", path.display()));
+    let skills_flag = if arguments.skills.are_perfect() {
+        ""
+    } else {
+        " --skills real-v1"
+    };
+    let assets_flag = arguments.assets.path().map_or(String::new(), |path| {
+        format!(" --assets {}", path.display())
+    });
     let command = format!(
         "reel run --tasks {}{scene_flag}{assets_flag}{skills_flag} --policy {} --seed {} --jobs 1",
         arguments.tasks.display(),
@@ -133,7 +165,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         print!("{}", summary(&arguments.policy, &reports));
         println!("traces: {}", arguments.out.display());
     }
-    let leaks = if arguments.paranoid { paranoid::leaks(arguments, &reports)? } else { 0 };
+    let leaks = if arguments.paranoid {
+        paranoid::leaks(arguments, &reports)?
+    } else {
+        0
+    };
     Ok(if failed > 0 || leaks > 0 {
         Answer::No
     } else if broken + refused > 0 {
@@ -175,16 +211,30 @@ pub fn play(
     workers: usize,
     command: &str,
 ) -> anyhow::Result<Vec<Result<EpisodeReport, AgentError>>> {
-    fs::create_dir_all(plan.out).with_context(|| format!("cannot make the folder {}", plan.out.display()))?;
+    fs::create_dir_all(plan.out)
+        .with_context(|| format!("cannot make the folder {}", plan.out.display()))?;
     let job = |task: &Arc<Task>| {
-        let name = format!("{}--{}--{}.mcap", task.task_id.replace(['/', '\\'], "_"), plan.policy, plan.seed);
-        let images = if plan.images { Images::Full } else { Images::None };
+        let name = format!(
+            "{}--{}--{}.mcap",
+            task.task_id.replace(['/', '\\'], "_"),
+            plan.policy,
+            plan.seed
+        );
+        let images = if plan.images {
+            Images::Full
+        } else {
+            Images::None
+        };
         let path = plan.out.join(name);
         remove_abandoned(&path.with_added_extension("part"));
         Job {
             config: EpisodeConfig {
                 task: task.clone(),
-                scene: plan.scenes.of(task).expect("tasks are loaded with their scenes").clone(),
+                scene: plan
+                    .scenes
+                    .of(task)
+                    .expect("tasks are loaded with their scenes")
+                    .clone(),
                 seed: plan.seed,
                 profile: plan.profile,
                 skills: plan.skills,
@@ -196,18 +246,26 @@ pub fn play(
                 parent: None,
             },
             policy: plan.policy.to_owned(),
-            record: Some(RecordTo { path, options: RecordOptions { images, durability: plan.durability } }),
+            record: Some(RecordTo {
+                path,
+                options: RecordOptions {
+                    images,
+                    durability: plan.durability,
+                },
+            }),
             command: command.to_owned(),
         }
     };
     let bar = progress::bar(tasks.len(), plan.policy);
-    let results = run_all(tasks.iter().map(job).collect(), workers, builtin, |_| bar.inc(1));
+    let results = run_all(tasks.iter().map(job).collect(), workers, builtin, |_| {
+        bar.inc(1)
+    });
     bar.finish_and_clear();
     Ok(results)
 }
 
-/// Removes what an interrupted run left of an episode: it is made again from the same inputs. A part whose recorder still
-/// lives is locked, and stays.
+/// Removes what an interrupted run left of an episode: it is made again from the same inputs. A
+/// part whose recorder still lives is locked, and stays.
 pub fn remove_abandoned(part: &Path) {
     if fs::File::open(part).is_ok_and(|file| file.try_lock().is_ok()) {
         let _ = fs::remove_file(part);
@@ -231,7 +289,10 @@ pub fn summary(policy: &str, reports: &[EpisodeReport]) -> String {
         ));
     };
     for family in reel_world::Family::ALL {
-        let group: Vec<&EpisodeReport> = reports.iter().filter(|report| report.family == family).collect();
+        let group: Vec<&EpisodeReport> = reports
+            .iter()
+            .filter(|report| report.family == family)
+            .collect();
         if !group.is_empty() {
             line(family.as_str(), &group);
         }
@@ -239,7 +300,11 @@ pub fn summary(policy: &str, reports: &[EpisodeReport]) -> String {
     line("all", &reports.iter().collect::<Vec<_>>());
     for report in reports.iter().filter(|report| !report.success) {
         if let Some(reason) = &report.unreachable {
-            let what = if policy == "oracle" { "unreachable" } else { "gave up" };
+            let what = if policy == "oracle" {
+                "unreachable"
+            } else {
+                "gave up"
+            };
             text.push_str(&format!("  {what}: {}: {reason}\n", report.task_id));
         }
     }

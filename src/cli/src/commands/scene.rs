@@ -58,7 +58,8 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Make a scene; equal seeds and sizes give equal scenes, and what is made passes `reel scene check`
+    /// Make a scene; equal seeds and sizes give equal scenes, and what is made passes `reel scene
+    /// check`
     #[command(verbatim_doc_comment)]
     ///
     /// Examples:
@@ -85,8 +86,9 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// Find what is wrong with a scene: furniture that overlaps, leaves its room, cannot be reached or seen, doors that hit
-    /// something, passages under 0.9 m, captions that mislead. Exit code 1 when there is anything
+    /// Find what is wrong with a scene: furniture that overlaps, leaves its room, cannot be reached
+    /// or seen, doors that hit something, passages under 0.9 m, captions that mislead. Exit code 1
+    /// when there is anything
     #[command(verbatim_doc_comment)]
     ///
     /// Examples:
@@ -138,8 +140,19 @@ enum Command {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     match &arguments.command {
         Command::List { json } => list(*json),
-        Command::Show { scene, pictures, json } => show(scene, pictures.as_deref(), *json),
-        Command::Generate { seed, rooms, receptacles, like, name, out } => {
+        Command::Show {
+            scene,
+            pictures,
+            json,
+        } => show(scene, pictures.as_deref(), *json),
+        Command::Generate {
+            seed,
+            rooms,
+            receptacles,
+            like,
+            name,
+            out,
+        } => {
             let (brief, default_name) = match like {
                 Some(like) => {
                     let scene = inputs::scene(Some(like))?;
@@ -147,7 +160,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 }
                 None => {
                     let receptacles = receptacles.unwrap_or(rooms * 2);
-                    (Brief::draw(*rooms, receptacles, *seed)?, format!("flat_{rooms}_{receptacles}_{seed}"))
+                    (
+                        Brief::draw(*rooms, receptacles, *seed)?,
+                        format!("flat_{rooms}_{receptacles}_{seed}"),
+                    )
                 }
             };
             let scene = generate(&brief, name.as_ref().unwrap_or(&default_name), *seed)?;
@@ -162,7 +178,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             Ok(Answer::Yes)
         }
         Command::Check { scenes, json } => check_all(scenes, *json),
-        Command::Objects { sample, seed, pictures, json } => list_objects(*sample, *seed, pictures.as_deref(), *json),
+        Command::Objects {
+            sample,
+            seed,
+            pictures,
+            json,
+        } => list_objects(*sample, *seed, pictures.as_deref(), *json),
         Command::Plan { scene, out } => {
             let scene = inputs::scene(Some(scene))?;
             let plan = Plan::of(&scene);
@@ -178,7 +199,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 }
 
 fn list(as_json: bool) -> anyhow::Result<Answer> {
-    let scenes: Vec<Scene> = names().filter_map(built_in).chain([reel_tasks::home()]).collect();
+    let scenes: Vec<Scene> = names()
+        .filter_map(built_in)
+        .chain([reel_tasks::home()])
+        .collect();
     if as_json {
         let rows = scenes.iter().map(|scene| {
             let Scene { scene_id, rooms, receptacles, .. } = scene;
@@ -202,10 +226,17 @@ fn show(path: &Path, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<A
         for room in &scene.rooms {
             let [width, depth] = [0, 1].map(|axis| room.max[axis] - room.min[axis]);
             println!("{}  {width:.1} x {depth:.1} m", room.name);
-            for piece in scene.receptacles.iter().filter(|piece| piece.room == room.name) {
+            for piece in scene
+                .receptacles
+                .iter()
+                .filter(|piece| piece.room == room.name)
+            {
                 let mut called: Vec<(&String, &f64)> = piece.captions.iter().collect();
                 called.sort_by(|a, b| b.1.total_cmp(a.1));
-                let called: Vec<&str> = called.into_iter().map(|(caption, _)| caption.as_str()).collect();
+                let called: Vec<&str> = called
+                    .into_iter()
+                    .map(|(caption, _)| caption.as_str())
+                    .collect();
                 println!("  {:18} {}", piece.id.as_str(), called.join("; "));
             }
         }
@@ -218,16 +249,34 @@ fn show(path: &Path, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<A
 
 /// Every receptacle from where the robot looks at it, with what people call it.
 fn sheet(scene: &Scene) -> anyhow::Result<Vec<u8>> {
-    let called = |index: usize| scene.receptacles[index].captions.keys().cloned().collect::<Vec<_>>().join("; ");
-    let cards = views(scene).into_iter().enumerate().map(|(index, view)| reel_view::Card {
-        picture: view.frame.map(|frame| frame.rgb),
-        title: view.receptacle.to_string(),
-        text: called(index),
-    });
-    Ok(reel_view::sheet(&format!("{}: {}", scene.scene_id, summary(scene)), &cards.collect::<Vec<_>>())?)
+    let called = |index: usize| {
+        scene.receptacles[index]
+            .captions
+            .keys()
+            .cloned()
+            .collect::<Vec<_>>()
+            .join("; ")
+    };
+    let cards = views(scene)
+        .into_iter()
+        .enumerate()
+        .map(|(index, view)| reel_view::Card {
+            picture: view.frame.map(|frame| frame.rgb),
+            title: view.receptacle.to_string(),
+            text: called(index),
+        });
+    Ok(reel_view::sheet(
+        &format!("{}: {}", scene.scene_id, summary(scene)),
+        &cards.collect::<Vec<_>>(),
+    )?)
 }
 
-fn list_objects(sample: Option<usize>, seed: u64, pictures: Option<&Path>, as_json: bool) -> anyhow::Result<Answer> {
+fn list_objects(
+    sample: Option<usize>,
+    seed: u64,
+    pictures: Option<&Path>,
+    as_json: bool,
+) -> anyhow::Result<Answer> {
     let all: Vec<&LibraryObject> = objects().iter().collect();
     let listed = match sample {
         Some(count) => Stream::new(seed, "objects", 0).pick_some(&all, count),
@@ -235,12 +284,21 @@ fn list_objects(sample: Option<usize>, seed: u64, pictures: Option<&Path>, as_js
     };
     if as_json {
         let row = |object: &&LibraryObject| {
-            let LibraryObject { asset, category, purpose, caption, size, .. } = object;
+            let LibraryObject {
+                asset,
+                category,
+                purpose,
+                caption,
+                size,
+                ..
+            } = object;
             json!({ "asset": asset, "category": category, "purpose": purpose, "caption": caption, "size": size })
         };
         println!("{}", json!(listed.iter().map(row).collect::<Vec<_>>()));
     } else {
-        listed.iter().for_each(|object| println!("{:24} {}", object.asset.as_str(), object.caption));
+        listed
+            .iter()
+            .for_each(|object| println!("{:24} {}", object.asset.as_str(), object.caption));
     }
     if let Some(file) = pictures {
         let card = |object: &&LibraryObject| reel_view::Card {
@@ -248,7 +306,10 @@ fn list_objects(sample: Option<usize>, seed: u64, pictures: Option<&Path>, as_js
             title: object.asset.to_string(),
             text: object.caption.clone(),
         };
-        write(file, &reel_view::sheet("objects", &listed.iter().map(card).collect::<Vec<_>>())?)?;
+        write(
+            file,
+            &reel_view::sheet("objects", &listed.iter().map(card).collect::<Vec<_>>())?,
+        )?;
     }
     Ok(Answer::Yes)
 }
@@ -261,11 +322,20 @@ fn check_all(paths: &[PathBuf], as_json: bool) -> anyhow::Result<Answer> {
     }
     let fine = checked.iter().all(|(_, findings)| findings.is_empty());
     if as_json {
-        let rows: Vec<_> = checked.iter().map(|(scene, findings)| json!({ "scene": scene, "findings": findings })).collect();
+        let rows: Vec<_> = checked
+            .iter()
+            .map(|(scene, findings)| json!({ "scene": scene, "findings": findings }))
+            .collect();
         println!("{}", json!(rows));
     } else {
         for (scene, findings) in &checked {
-            for Finding { at, place: [x, y], what, .. } in findings {
+            for Finding {
+                at,
+                place: [x, y],
+                what,
+                ..
+            } in findings
+            {
                 println!("{scene}: {at} at ({x:.2}, {y:.2}): {what}");
             }
             println!("{scene}: {} findings", findings.len());
@@ -275,11 +345,20 @@ fn check_all(paths: &[PathBuf], as_json: bool) -> anyhow::Result<Answer> {
 }
 
 fn captions(scene: &Scene) -> usize {
-    scene.receptacles.iter().map(|piece| piece.captions.len()).sum()
+    scene
+        .receptacles
+        .iter()
+        .map(|piece| piece.captions.len())
+        .sum()
 }
 
 fn summary(scene: &Scene) -> String {
-    format!("{} rooms, {} receptacles, {} captions", scene.rooms.len(), scene.receptacles.len(), captions(scene))
+    format!(
+        "{} rooms, {} receptacles, {} captions",
+        scene.rooms.len(),
+        scene.receptacles.len(),
+        captions(scene)
+    )
 }
 
 /// A scene as it stands in files.

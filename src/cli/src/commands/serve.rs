@@ -8,8 +8,8 @@ use reel_world::Profile;
 
 use crate::Answer;
 
-/// Serve live worlds to agents over MCP, and recorded episodes to people over REST, until Ctrl-C. Everything that agents do
-/// is on tape before they are answered.
+/// Serve live worlds to agents over MCP, and recorded episodes to people over REST, until Ctrl-C.
+/// Everything that agents do is on tape before they are answered.
 ///
 ///   /mcp                 an agent with a world of its own (Streamable HTTP); /sse: the same over legacy HTTP+SSE
 ///   /w/NAME/mcp, .../sse a worker's world, which survives reconnects
@@ -17,8 +17,8 @@ use crate::Answer;
 ///   /api                 REST; its document is /api/openapi.json
 ///   /healthz /readyz /metrics
 ///
-/// Values come from flags, from the environment (REEL_LISTEN, ...), from --config FILE, from the defaults, in this order;
-/// `reel config default` prints the file with all of them.
+/// Values come from flags, from the environment (REEL_LISTEN, ...), from --config FILE, from the
+/// defaults, in this order; `reel config default` prints the file with all of them.
 ///
 /// Examples:
 ///   reel serve                                              # tasks that Reel makes, in its own home
@@ -63,8 +63,8 @@ pub struct Settings {
     /// Task file (REAL-Bench YAML) or folder of them
     #[arg(long, value_name = "PATH", env = "REEL_TASKS")]
     tasks: Option<PathBuf>,
-    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the one that each task names, found
-    /// beside the tasks or among those that come with Reel
+    /// Scene for all tasks: a file (JSON), or the name of one that comes with Reel; without it the
+    /// one that each task names, found beside the tasks or among those that come with Reel
     #[arg(long, value_name = "FILE", env = "REEL_SCENE")]
     scene: Option<PathBuf>,
     /// Play tasks in an order drawn by the seed
@@ -73,8 +73,8 @@ pub struct Settings {
     /// Seed of everything random
     #[arg(long, value_name = "N", env = "REEL_SEED")]
     seed: Option<u64>,
-    /// paper, or a published server to the letter: real-repo (branch main, for its evaluation agents) or real-gspo (branch gspo, for
-    /// its trainer)
+    /// paper, or a published server to the letter: real-repo (branch main, for its evaluation
+    /// agents) or real-gspo (branch gspo, for its trainer)
     #[arg(long, value_name = "NAME", env = "REEL_PROFILE")]
     profile: Option<String>,
     /// Reward preset: a built-in name, or a file
@@ -89,7 +89,8 @@ pub struct Settings {
     /// Leave pictures out of the traces; they are drawn again on demand
     #[arg(long)]
     no_images: bool,
-    /// Who answers `ask`: rules, client (the person at the client, by elicitation), or rest (a person, through /api/questions)
+    /// Who answers `ask`: rules, client (the person at the client, by elicitation), or rest (a
+    /// person, through /api/questions)
     #[arg(long, value_name = "WHO", env = "REEL_ASK")]
     ask: Option<String>,
 }
@@ -102,7 +103,11 @@ impl Settings {
         };
         let play = &mut config.play;
         if let Some(profile) = &self.profile {
-            let known = || format!("no profile is called '{profile}'; there are paper, real-repo and real-gspo");
+            let known = || {
+                format!(
+                    "no profile is called '{profile}'; there are paper, real-repo and real-gspo"
+                )
+            };
             play.profile = Profile::parse(profile).with_context(known)?;
         }
         play.ask = match self.ask.as_deref() {

@@ -21,7 +21,8 @@ pub struct Arguments {
     /// The trace
     #[arg(value_name = "TRACE")]
     trace: PathBuf,
-    /// The state after so many calls instead: robot, gripper, markers, graph, motion; made again, to the last bit
+    /// The state after so many calls instead: robot, gripper, markers, graph, motion; made again,
+    /// to the last bit
     #[arg(long, value_name = "CALLS")]
     at: Option<usize>,
     #[command(flatten)]
@@ -37,7 +38,11 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let (trace, lost) = Trace::read_partial(&arguments.trace).context("cannot show the trace")?;
     if let Some(calls) = arguments.at {
-        return at(&trace.with_meshes(&arguments.assets.open()?), calls, arguments);
+        return at(
+            &trace.with_meshes(&arguments.assets.open()?),
+            calls,
+            arguments,
+        );
     }
     if arguments.json {
         let whole = json!({ "header": trace.header, "task": trace.task, "scene": trace.scene, "start": trace.start, "steps": trace.steps, "end": trace.end });
@@ -55,7 +60,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 fn at(trace: &Trace, calls: usize, arguments: &Arguments) -> anyhow::Result<Answer> {
     let replay = match seek(trace, calls, arguments.cache.open().as_ref()) {
         Ok(replay) => replay,
-        Err(verdict) => bail!("{}: cannot go to call {calls}: {verdict}", trace.path.display()),
+        Err(verdict) => bail!(
+            "{}: cannot go to call {calls}: {verdict}",
+            trace.path.display()
+        ),
     };
     let simulator = replay.episode().simulator();
     if arguments.json {

@@ -55,9 +55,11 @@ enum What {
     },
     /// Merge small files; answers do not change and earlier versions stay readable
     Compact,
-    /// Delete files that no version of the last days needs; earlier versions cannot be opened any more
+    /// Delete files that no version of the last days needs; earlier versions cannot be opened any
+    /// more
     Vacuum {
-        /// Keep what the versions of the last so many hours need; ingests that run longer than that lose their files
+        /// Keep what the versions of the last so many hours need; ingests that run longer than that
+        /// lose their files
         #[arg(long, value_name = "HOURS", default_value_t = 168)]
         retention_hours: u32,
         /// Only say what would be deleted
@@ -68,7 +70,12 @@ enum What {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    if let What::Synthesize { episodes, tasks, seed } = arguments.what {
+    if let What::Synthesize {
+        episodes,
+        tasks,
+        seed,
+    } = arguments.what
+    {
         return synthesize(&arguments.store, episodes, tasks, seed);
     }
     let mut store = Store::open(&arguments.store)?;
@@ -76,9 +83,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         What::List => {
             let tables = Table::ALL.map(|table| (table, store.files(table).len()));
             if arguments.json {
-                let tables: Vec<_> =
-                    tables.iter().map(|(table, files)| json!({ "table": table.name(), "files": files })).collect();
-                println!("{}", json!({ "version": store.version(), "tables": tables }));
+                let tables: Vec<_> = tables
+                    .iter()
+                    .map(|(table, files)| json!({ "table": table.name(), "files": files }))
+                    .collect();
+                println!(
+                    "{}",
+                    json!({ "version": store.version(), "tables": tables })
+                );
                 return Ok(Answer::Yes);
             }
             println!("version {}", store.version());
@@ -94,9 +106,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 if arguments.json {
                     println!("{}", serde_json::to_string(&commit)?);
                 } else {
-                    let written =
-                        commit.timestamp_ms.and_then(|ms| UNIX_EPOCH.checked_add(Duration::from_millis(ms.try_into().ok()?)));
-                    let age = written.and_then(|time| time.elapsed().ok()).map(age).unwrap_or_default();
+                    let written = commit.timestamp_ms.and_then(|ms| {
+                        UNIX_EPOCH.checked_add(Duration::from_millis(ms.try_into().ok()?))
+                    });
+                    let age = written
+                        .and_then(|time| time.elapsed().ok())
+                        .map(age)
+                        .unwrap_or_default();
                     println!("{:6}  {:12} {age}", commit.version, commit.operation);
                 }
             }
@@ -106,7 +122,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             if arguments.json {
                 println!("{}", json!(files));
             } else {
-                files.iter().for_each(|(path, reason)| println!("{path}: {reason}"));
+                files
+                    .iter()
+                    .for_each(|(path, reason)| println!("{path}: {reason}"));
             }
         }
         What::Synthesize { .. } => unreachable!("it has no store to open"),
@@ -115,16 +133,30 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             if arguments.json {
                 println!("{}", serde_json::to_string(&report)?);
             } else {
-                println!("{} files became {}; version {}", report.files_before, report.files_after, report.version);
+                println!(
+                    "{} files became {}; version {}",
+                    report.files_before, report.files_after, report.version
+                );
             }
         }
-        What::Vacuum { retention_hours, dry_run } => {
+        What::Vacuum {
+            retention_hours,
+            dry_run,
+        } => {
             let report = store.vacuum(*retention_hours, *dry_run)?;
             if arguments.json {
                 println!("{}", serde_json::to_string(&report)?);
             } else {
                 report.deleted.iter().for_each(|file| println!("{file}"));
-                println!("{} files {}", report.deleted.len(), if *dry_run { "would be deleted" } else { "deleted" });
+                println!(
+                    "{} files {}",
+                    report.deleted.len(),
+                    if *dry_run {
+                        "would be deleted"
+                    } else {
+                        "deleted"
+                    }
+                );
             }
         }
     }
@@ -136,13 +168,24 @@ fn synthesize(store: &str, episodes: u64, tasks: usize, seed: u64) -> anyhow::Re
         bail!("there is a store already: {store}; made-up episodes go into a new one");
     }
     let scene = inputs::scene(None)?;
-    let made = generate(&GenerateOptions { scene: &scene, families: &Family::ALL, count: tasks, seed });
+    let made = generate(&GenerateOptions {
+        scene: &scene,
+        families: &Family::ALL,
+        count: tasks,
+        seed,
+    });
     let tasks: Vec<Arc<Task>> = made.tasks.into_iter().map(Arc::new).collect();
     let bar = progress::bar(usize::try_from(episodes)?, "synthesize");
     let mut store = Store::open_or_create(store)?;
-    reel_tables::synthesize(&mut store, &tasks, &scene, episodes, seed, |done| bar.set_position(done))?;
+    reel_tables::synthesize(&mut store, &tasks, &scene, episodes, seed, |done| {
+        bar.set_position(done)
+    })?;
     bar.finish_and_clear();
-    println!("{episodes} made-up episodes of {} tasks; version {}", tasks.len(), store.version());
+    println!(
+        "{episodes} made-up episodes of {} tasks; version {}",
+        tasks.len(),
+        store.version()
+    );
     Ok(Answer::Yes)
 }
 

@@ -18,10 +18,10 @@ use serde_json::json;
 
 use crate::{Answer, commands::judge, elsewhere::Elsewhere, progress};
 
-/// Say why every failed episode of a store failed: its class (paper, Failure Mode Taxonomy), what within it, the decisive
-/// step and the evidence. The rules are SQL, one file each (`reel taxonomy rules`), and see the recorded episodes only,
-/// never a label. The result is kept in table `classes`; where `reel blame --store` measured the decisive step before, with
-/// that one.
+/// Say why every failed episode of a store failed: its class (paper, Failure Mode Taxonomy), what
+/// within it, the decisive step and the evidence. The rules are SQL, one file each (`reel taxonomy
+/// rules`), and see the recorded episodes only, never a label. The result is kept in table
+/// `classes`; where `reel blame --store` measured the decisive step before, with that one.
 ///
 /// Examples:
 ///   reel taxonomy --store store
@@ -42,11 +42,14 @@ pub struct Arguments {
 enum What {
     /// List the rules: priority, class, sub-class, and what each says
     Rules(Rules),
-    /// Compare the classes with labels: precision, recall, F1, Cohen's kappa, confusion matrix, disagreements
+    /// Compare the classes with labels: precision, recall, F1, Cohen's kappa, confusion matrix,
+    /// disagreements
     Agreement(WithLabels),
     /// Compare two sets of episodes: which classes grew, and whether more than chance explains
     Drift(Drift),
-    #[command(about = "Ask a model behind an OpenAI-compatible endpoint for its opinion on failed episodes")]
+    #[command(
+        about = "Ask a model behind an OpenAI-compatible endpoint for its opinion on failed episodes"
+    )]
     Judge(judge::Arguments),
 }
 
@@ -66,7 +69,8 @@ struct Classify {
     /// Keep nothing
     #[arg(long)]
     dry_run: bool,
-    /// Draw family, class and sub-class as a Sankey diagram: FILE.svg or FILE.png; may be given twice
+    /// Draw family, class and sub-class as a Sankey diagram: FILE.svg or FILE.png; may be given
+    /// twice
     #[arg(long, value_name = "FILE")]
     sankey: Vec<PathBuf>,
     /// Print JSON, one line an episode
@@ -140,8 +144,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 pub fn tell(store: &str, sankey: PathBuf) -> anyhow::Result<()> {
     let sankey = vec![sankey];
     let elsewhere = Elsewhere::default();
-    let classify =
-        Classify { store: store.to_owned(), elsewhere, rules: None, condition: None, dry_run: false, sankey, json: false };
+    let classify = Classify {
+        store: store.to_owned(),
+        elsewhere,
+        rules: None,
+        condition: None,
+        dry_run: false,
+        sankey,
+        json: false,
+    };
     run_classify(&classify).map(drop)
 }
 
@@ -159,7 +170,10 @@ fn list_rules(arguments: &Rules) -> anyhow::Result<Answer> {
         if arguments.json {
             println!("{}", serde_json::to_string(rule)?);
         } else {
-            println!("{:3}  {} / {} ({})\n     {}", rule.priority, rule.class, rule.sub_class, rule.name, rule.prose);
+            println!(
+                "{:3}  {} / {} ({})\n     {}",
+                rule.priority, rule.class, rule.sub_class, rule.name, rule.prose
+            );
         }
     }
     if !arguments.json {
@@ -173,7 +187,9 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<Answer> {
     let spinner = progress::spinner();
     spinner.enable_steady_tick(std::time::Duration::from_millis(100));
     spinner.set_message("asking the rules");
-    let session = arguments.elsewhere.session(Store::open(&arguments.store)?, Limits::default())?;
+    let session = arguments
+        .elsewhere
+        .session(Store::open(&arguments.store)?, Limits::default())?;
     let verdicts = classify(&session, &set, arguments.condition.as_deref())?;
     if !arguments.dry_run && arguments.condition.is_none() {
         spinner.set_message(format!("keeping {} classes", verdicts.len()));
@@ -191,23 +207,37 @@ fn run_classify(arguments: &Classify) -> anyhow::Result<Answer> {
     let (episodes, successes) = how_many(&session, condition)?;
     if !arguments.json {
         print!("{}", table.text());
-        println!("{} failures of {episodes} episodes; rules version {}", verdicts.len(), set.version().short());
+        println!(
+            "{} failures of {episodes} episodes; rules version {}",
+            verdicts.len(),
+            set.version().short()
+        );
     }
     if !arguments.sankey.is_empty() {
         let flows = table.flows();
-        let subtitle = format!("{} | rules version {}", arguments.store, set.version().short());
+        let subtitle = format!(
+            "{} | rules version {}",
+            arguments.store,
+            set.version().short()
+        );
         let picture = Sankey::new("Why do they fail?", &subtitle, &flows, episodes, successes);
-        arguments.sankey.iter().try_for_each(|file| draw(&picture, file))?;
+        arguments
+            .sankey
+            .iter()
+            .try_for_each(|file| draw(&picture, file))?;
     }
     Ok(Answer::Yes)
 }
 
 /// Episodes that were played to an end, and how many of them succeeded.
 fn how_many(session: &Session, condition: &str) -> anyhow::Result<(u64, u64)> {
-    let sql = format!("SELECT count(success), count(*) FILTER (WHERE success) FROM episodes WHERE ({condition})");
+    let sql = format!(
+        "SELECT count(success), count(*) FILTER (WHERE success) FROM episodes WHERE ({condition})"
+    );
     let text = format(&session.run(&sql)?, Format::Csv)?;
     let counted = text.lines().nth(1).and_then(|line| line.split_once(','));
-    let (episodes, successes) = counted.context("the store does not say how many episodes it has")?;
+    let (episodes, successes) =
+        counted.context("the store does not say how many episodes it has")?;
     Ok((episodes.parse()?, successes.parse()?))
 }
 
@@ -232,8 +262,18 @@ struct Table<'a> {
 
 impl<'a> Table<'a> {
     fn count(&mut self, class: (&'a str, &'a str), family: &'a str, policy: &'a str) {
-        *self.by_family.entry(class).or_default().entry(family).or_default() += 1;
-        *self.by_policy.entry(class).or_default().entry(policy).or_default() += 1;
+        *self
+            .by_family
+            .entry(class)
+            .or_default()
+            .entry(family)
+            .or_default() += 1;
+        *self
+            .by_policy
+            .entry(class)
+            .or_default()
+            .entry(policy)
+            .or_default() += 1;
     }
 
     fn flows(&self) -> Vec<Flow> {
@@ -253,27 +293,54 @@ impl<'a> Table<'a> {
     fn text(&self) -> String {
         let sum = |counts: &BTreeMap<&str, u64>| counts.values().sum::<u64>();
         let failures: u64 = self.by_family.values().map(sum).sum();
-        let columns = |of: &Counts<'a>| -> BTreeSet<&'a str> { of.values().flat_map(|counts| counts.keys().copied()).collect() };
+        let columns = |of: &Counts<'a>| -> BTreeSet<&'a str> {
+            of.values()
+                .flat_map(|counts| counts.keys().copied())
+                .collect()
+        };
         let (families, policies) = (columns(&self.by_family), columns(&self.by_policy));
         let width = |name: &str| name.len().max(5);
         // `classes` are those that the line adds up
         let line = |name: &str, classes: &[(&str, &str)]| {
             let cell = |of: &Counts<'_>, column: &str| {
-                let counted = classes.iter().filter_map(|class| of.get(class)?.get(column)).sum::<u64>();
+                let counted = classes
+                    .iter()
+                    .filter_map(|class| of.get(class)?.get(column))
+                    .sum::<u64>();
                 format!(" {counted:>0$}", width(column))
             };
-            let episodes: u64 = classes.iter().filter_map(|class| self.by_family.get(class)).map(sum).sum();
+            let episodes: u64 = classes
+                .iter()
+                .filter_map(|class| self.by_family.get(class))
+                .map(sum)
+                .sum();
             let cells = families.iter().map(|column| cell(&self.by_family, column));
-            let cells: String = cells.chain(policies.iter().map(|column| cell(&self.by_policy, column))).collect();
-            format!("{name:24} {episodes:8} {:6.1}%{cells}\n", 100.0 * episodes as f64 / failures.max(1) as f64)
+            let cells: String = cells
+                .chain(policies.iter().map(|column| cell(&self.by_policy, column)))
+                .collect();
+            format!(
+                "{name:24} {episodes:8} {:6.1}%{cells}\n",
+                100.0 * episodes as f64 / failures.max(1) as f64
+            )
         };
-        let heads: String = families.iter().chain(&policies).map(|column| format!(" {column:>0$}", width(column))).collect();
+        let heads: String = families
+            .iter()
+            .chain(&policies)
+            .map(|column| format!(" {column:>0$}", width(column)))
+            .collect();
         let mut text = format!("{:24} episodes   share{heads}\n", "");
         for class in CLASSES {
-            let mut within: Vec<(&str, &str)> = self.by_family.keys().filter(|(name, _)| *name == class).copied().collect();
+            let mut within: Vec<(&str, &str)> = self
+                .by_family
+                .keys()
+                .filter(|(name, _)| *name == class)
+                .copied()
+                .collect();
             within.sort_by_key(|key| (std::cmp::Reverse(sum(&self.by_family[key])), key.1));
             text += &line(class, &within);
-            within.iter().for_each(|key| text += &line(&format!("  {}", key.1), &[*key]));
+            within
+                .iter()
+                .for_each(|key| text += &line(&format!("  {}", key.1), &[*key]));
         }
         text
     }
@@ -294,7 +361,10 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
     let truth = label_set(&labels, &arguments.set);
     let found = match arguments.of.as_str() {
         "rules" => classes_of(&session, &arguments.store)?,
-        set => label_set(&labels, set).into_values().map(as_found).collect(),
+        set => label_set(&labels, set)
+            .into_values()
+            .map(as_found)
+            .collect(),
     };
     let mut reports = vec![(arguments.of.as_str(), found)];
     if arguments.baseline {
@@ -302,17 +372,35 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
     }
     let mut printed = Vec::new();
     for (name, found) in &reports {
-        let both: Vec<_> = found.iter().filter_map(|found| Some((truth.get(&found.episode_id)?, found))).collect();
+        let both: Vec<_> = found
+            .iter()
+            .filter_map(|found| Some((truth.get(&found.episode_id)?, found)))
+            .collect();
         if both.is_empty() {
-            let sets: BTreeSet<&str> = labels.iter().flat_map(|label| [label.author.as_str(), label.kind.as_str()]).collect();
+            let sets: BTreeSet<&str> = labels
+                .iter()
+                .flat_map(|label| [label.author.as_str(), label.kind.as_str()])
+                .collect();
             let sets: Vec<&str> = sets.into_iter().collect();
-            bail!("no episode of '{name}' has a label of '{}'; there are labels of: {}", arguments.set, sets.join(", "));
+            bail!(
+                "no episode of '{name}' has a label of '{}'; there are labels of: {}",
+                arguments.set,
+                sets.join(", ")
+            );
         }
-        let by_class = agreement(both.iter().map(|(label, found)| (label.class.as_str(), found.class.as_str())), &CLASSES);
-        let with_sub = both.iter().filter_map(|(label, found)| Some((label.sub_class.as_deref()?, found.sub_class.as_str())));
+        let by_class = agreement(
+            both.iter()
+                .map(|(label, found)| (label.class.as_str(), found.class.as_str())),
+            &CLASSES,
+        );
+        let with_sub = both.iter().filter_map(|(label, found)| {
+            Some((label.sub_class.as_deref()?, found.sub_class.as_str()))
+        });
         let with_sub = with_sub.filter(|(_, found)| !found.is_empty());
         let by_sub_class = agreement(with_sub, &[]);
-        let with_step = both.iter().filter_map(|(label, found)| label.step.map(|step| (step - found.step).abs()));
+        let with_step = both
+            .iter()
+            .filter_map(|(label, found)| label.step.map(|step| (step - found.step).abs()));
         let distances: Vec<i32> = with_step.collect();
         let exact = distances.iter().filter(|distance| **distance == 0).count();
         if arguments.json {
@@ -322,7 +410,10 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
             }));
             continue;
         }
-        println!("== {name} against '{}': {} episodes\n", arguments.set, by_class.episodes);
+        println!(
+            "== {name} against '{}': {} episodes\n",
+            arguments.set, by_class.episodes
+        );
         print!("{}", report(&by_class));
         println!();
         print!("{}", confusion(&by_class));
@@ -333,7 +424,11 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
         if !distances.is_empty() {
             let near = distances.iter().filter(|distance| **distance <= 1).count();
             let share = |part: usize| 100.0 * part as f64 / distances.len() as f64;
-            println!("\ndecisive step: equal in {:.1}%, at most one off in {:.1}%", share(exact), share(near));
+            println!(
+                "\ndecisive step: equal in {:.1}%, at most one off in {:.1}%",
+                share(exact),
+                share(near)
+            );
         }
         println!();
     }
@@ -342,32 +437,52 @@ fn compare(arguments: &WithLabels) -> anyhow::Result<Answer> {
         .iter()
         .filter_map(|found| Some((truth.get(&found.episode_id)?, found)))
         .filter(|(label, found)| {
-            label.class != found.class || label.sub_class.as_ref().is_some_and(|said| *said != found.sub_class)
+            label.class != found.class
+                || label
+                    .sub_class
+                    .as_ref()
+                    .is_some_and(|said| *said != found.sub_class)
         })
         .collect();
     let open = disputed(&labels);
     if arguments.json {
-        let list: Vec<_> = differing.iter().map(|(label, found)| json!({ "label": label, "found": found })).collect();
-        println!("{}", json!({ "reports": printed, "disagreements": list, "disputed": open.keys().collect::<Vec<_>>() }));
+        let list: Vec<_> = differing
+            .iter()
+            .map(|(label, found)| json!({ "label": label, "found": found }))
+            .collect();
+        println!(
+            "{}",
+            json!({ "reports": printed, "disagreements": list, "disputed": open.keys().collect::<Vec<_>>() })
+        );
         return Ok(Answer::Yes);
     }
     if !differing.is_empty() {
         println!(
             "{} disagreements{}",
             differing.len(),
-            if differing.len() > arguments.show { ", the first of them:" } else { ":" }
+            if differing.len() > arguments.show {
+                ", the first of them:"
+            } else {
+                ":"
+            }
         );
     }
     for (label, found) in differing.iter().take(arguments.show) {
         let said = label.sub_class.as_deref().unwrap_or(&label.class);
-        let at = label.step.map(|step| format!(" at {step}")).unwrap_or_default();
+        let at = label
+            .step
+            .map(|step| format!(" at {step}"))
+            .unwrap_or_default();
         println!(
             "  {}  {} says {said}{at}; found {} at {}\n    reel show {}",
             found.episode_id, label.author, found.sub_class, found.step, found.trace
         );
     }
     if !open.is_empty() {
-        println!("{} episodes are disputed: `reel label disputed` lists them", open.len());
+        println!(
+            "{} episodes are disputed: `reel label disputed` lists them",
+            open.len()
+        );
     }
     Ok(Answer::Yes)
 }
@@ -386,8 +501,12 @@ fn as_found(label: Label) -> Stored {
 }
 
 fn report(agreement: &Agreement) -> String {
-    let share = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
-    let mut text = format!("{:24} {:>6} {:>6} {:>10} {:>7} {:>6}\n", "", "labels", "found", "precision", "recall", "F1");
+    let share =
+        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+    let mut text = format!(
+        "{:24} {:>6} {:>6} {:>10} {:>7} {:>6}\n",
+        "", "labels", "found", "precision", "recall", "F1"
+    );
     for class in &agreement.classes {
         text += &format!(
             "{:24} {:6} {:6} {:>10} {:>7} {:6.3}\n",
@@ -400,16 +519,23 @@ fn report(agreement: &Agreement) -> String {
         );
     }
     let kappa = share(agreement.kappa);
-    text + &format!("macro-F1 {:.3}, accuracy {:.3}, Cohen's kappa {kappa}\n", agreement.macro_f1, agreement.accuracy)
+    text + &format!(
+        "macro-F1 {:.3}, accuracy {:.3}, Cohen's kappa {kappa}\n",
+        agreement.macro_f1, agreement.accuracy
+    )
 }
 
 fn confusion(agreement: &Agreement) -> String {
     let mut text = format!("{:24}", "labelled \\ found");
-    agreement.classes.iter().for_each(|class| text += &format!(" {:>18}", class.class));
+    agreement
+        .classes
+        .iter()
+        .for_each(|class| text += &format!(" {:>18}", class.class));
     text.push('\n');
     for (class, row) in agreement.classes.iter().zip(&agreement.confusion) {
         text += &format!("{:24}", class.class);
-        row.iter().for_each(|count| text += &format!(" {count:>18}"));
+        row.iter()
+            .for_each(|count| text += &format!(" {count:>18}"));
         text.push('\n');
     }
     text
@@ -424,7 +550,10 @@ fn compare_sets(arguments: &Drift) -> anyhow::Result<Answer> {
         bail!("{before} episodes before and {after} after: both conditions have to fit some");
     }
     let mut printed = Vec::new();
-    for (what, name) in [("class", "c.class"), ("sub_class", "c.class || ' / ' || c.sub_class")] {
+    for (what, name) in [
+        ("class", "c.class"),
+        ("sub_class", "c.class || ' / ' || c.sub_class"),
+    ] {
         let sql = format!(
             "SELECT {name}, count(*) FILTER (WHERE ({})), count(*) FILTER (WHERE ({})) FROM episodes JOIN (SELECT \
              episode_id AS of_episode, class, sub_class FROM classes) c ON c.of_episode = episodes.episode_id GROUP BY 1",
@@ -465,9 +594,14 @@ fn compare_sets(arguments: &Drift) -> anyhow::Result<Answer> {
         println!();
     }
     if arguments.json {
-        println!("{}", json!({ "before": before, "after": after, "drifts": printed }));
+        println!(
+            "{}",
+            json!({ "before": before, "after": after, "drifts": printed })
+        );
     } else {
-        println!("* more than chance explains: Fisher's exact test, two-sided, Holm's correction, 5%");
+        println!(
+            "* more than chance explains: Fisher's exact test, two-sided, Holm's correction, 5%"
+        );
     }
     Ok(Answer::Yes)
 }

@@ -7,10 +7,12 @@ use serde_json::json;
 
 use crate::Answer;
 
-/// Make, list and revoke the tokens that clients of `reel serve` show. The file holds hashes only: a token is printed once.
+/// Make, list and revoke the tokens that clients of `reel serve` show. The file holds hashes only:
+/// a token is printed once.
 ///
-/// Roles: act (play: policies and trainers), read (episodes, tables, SQL, analysis), admin (all of it, and uploads, jobs,
-/// labels). A policy gets act alone, so that it cannot read what it is graded by.
+/// Roles: act (play: policies and trainers), read (episodes, tables, SQL, analysis), admin (all of
+/// it, and uploads, jobs, labels). A policy gets act alone, so that it cannot read what it is
+/// graded by.
 ///
 /// Examples:
 ///   reel token create trainer --role act
@@ -61,15 +63,26 @@ fn role(text: &str) -> Result<Role, String> {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let defaults = Config::default();
     let data = arguments.data.clone().unwrap_or(defaults.data.clone());
-    let path = Config { data, tokens: arguments.tokens.clone(), ..defaults }.tokens();
+    let path = Config {
+        data,
+        tokens: arguments.tokens.clone(),
+        ..defaults
+    }
+    .tokens();
     let tokens = Tokens::open(&path)?;
     match &arguments.what {
         What::Create { name, roles } => {
             let token = tokens.create(name, roles.iter().copied().collect::<BTreeSet<_>>())?;
             if arguments.json {
-                println!("{}", json!({ "name": name, "roles": roles, "token": token }));
+                println!(
+                    "{}",
+                    json!({ "name": name, "roles": roles, "token": token })
+                );
             } else {
-                eprintln!("the token of {name}; nobody can show it again. Its hash is in {}", path.display());
+                eprintln!(
+                    "the token of {name}; nobody can show it again. Its hash is in {}",
+                    path.display()
+                );
                 println!("{token}");
             }
         }
@@ -79,7 +92,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
                 if arguments.json {
                     println!("{}", json!({ "name": entry.name, "roles": roles }));
                 } else {
-                    let roles: Vec<&str> = roles.as_array().into_iter().flatten().filter_map(|role| role.as_str()).collect();
+                    let roles: Vec<&str> = roles
+                        .as_array()
+                        .into_iter()
+                        .flatten()
+                        .filter_map(|role| role.as_str())
+                        .collect();
                     println!("{:24} {}", entry.name, roles.join(", "));
                 }
             }

@@ -15,8 +15,8 @@ use serde_json::json;
 
 use crate::{Answer, camera::Camera, inputs};
 
-/// Write an episode as moving pictures: one a call, with the call, what came of it and the reward beneath. The pictures are
-/// drawn again by an exact replay, from any camera.
+/// Write an episode as moving pictures: one a call, with the call, what came of it and the reward
+/// beneath. The pictures are drawn again by an exact replay, from any camera.
 ///
 /// Examples:
 ///   reel video trace.mcap
@@ -54,9 +54,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     if !(arguments.fps.is_finite() && (0.01..=50.0).contains(&arguments.fps)) {
         bail!("--fps is from 0.01 to 50, not {}", arguments.fps);
     }
-    let default = || arguments.trace.file_stem().map(|stem| Path::new(stem).with_added_extension("gif")).unwrap_or_default();
+    let default = || {
+        arguments
+            .trace
+            .file_stem()
+            .map(|stem| Path::new(stem).with_added_extension("gif"))
+            .unwrap_or_default()
+    };
     let out = arguments.out.clone().unwrap_or_else(default);
-    let kind = out.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let kind = out
+        .extension()
+        .map(|extension| extension.to_string_lossy().to_lowercase())
+        .unwrap_or_default();
     if !["gif", "mp4"].contains(&kind.as_str()) {
         bail!("{}: a video is a .gif or an .mp4", out.display());
     }
@@ -73,23 +82,43 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         match views(trace, &arguments.camera.viewpoint(&trace.task)?) {
             Ok(views) => pictures.push(views),
             Err(verdict) => {
-                eprintln!("reel: {}: the pictures cannot be made: {verdict}", trace.path.display());
+                eprintln!(
+                    "reel: {}: the pictures cannot be made: {verdict}",
+                    trace.path.display()
+                );
                 return Ok(Answer::No);
             }
         }
     }
-    let parts: Vec<Part<'_>> = traces.iter().zip(&pictures).map(|(trace, pictures)| Part { trace, pictures }).collect();
+    let parts: Vec<Part<'_>> = traces
+        .iter()
+        .zip(&pictures)
+        .map(|(trace, pictures)| Part { trace, pictures })
+        .collect();
     let film = Film::new(&parts);
     match kind.as_str() {
         "mp4" => mp4(&film, arguments.fps, &out)?,
-        _ => fs::write(&out, film.gif(arguments.fps)?).with_context(|| format!("cannot write {}", out.display()))?,
+        _ => fs::write(&out, film.gif(arguments.fps)?)
+            .with_context(|| format!("cannot write {}", out.display()))?,
     }
     let bytes = fs::metadata(&out).map_or(0, |file| file.len());
-    let Film { width, height, pictures } = &film;
+    let Film {
+        width,
+        height,
+        pictures,
+    } = &film;
     if arguments.json {
-        println!("{}", json!({ "file": out, "width": width, "height": height, "pictures": pictures.len(), "bytes": bytes }));
+        println!(
+            "{}",
+            json!({ "file": out, "width": width, "height": height, "pictures": pictures.len(), "bytes": bytes })
+        );
     } else {
-        println!("{}: {} pictures of {width} x {height}, {} KB", out.display(), pictures.len(), bytes / 1000);
+        println!(
+            "{}: {} pictures of {width} x {height}, {} KB",
+            out.display(),
+            pictures.len(),
+            bytes / 1000
+        );
     }
     Ok(Answer::Yes)
 }
@@ -99,23 +128,47 @@ fn mp4(film: &Film, fps: f64, out: &Path) -> anyhow::Result<()> {
     let size = format!("{}x{}", film.width, film.height);
     let rate = fps.to_string();
     let mut encoder = match Command::new("ffmpeg")
-        .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", &size, "-framerate", &rate, "-i", "-"])
+        .args([
+            "-loglevel",
+            "error",
+            "-y",
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            "rgb24",
+            "-s",
+            &size,
+            "-framerate",
+            &rate,
+            "-i",
+            "-",
+        ])
         .args(["-r", "25", "-pix_fmt", "yuv420p"])
         .arg(out)
         .stdin(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
     {
-        Err(error) if error.kind() == ErrorKind::NotFound => bail!("an .mp4 needs ffmpeg on the PATH; write a .gif instead"),
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            bail!("an .mp4 needs ffmpeg on the PATH; write a .gif instead")
+        }
         spawned => spawned.context("cannot run ffmpeg")?,
     };
     let written = match encoder.stdin.take() {
-        Some(mut input) => film.stream().try_for_each(|picture| input.write_all(picture)),
+        Some(mut input) => film
+            .stream()
+            .try_for_each(|picture| input.write_all(picture)),
         None => Ok(()),
     };
-    let output = encoder.wait_with_output().context("cannot wait for ffmpeg")?;
+    let output = encoder
+        .wait_with_output()
+        .context("cannot wait for ffmpeg")?;
     if !output.status.success() {
-        bail!("ffmpeg cannot write {}: {}", out.display(), String::from_utf8_lossy(&output.stderr).trim());
+        bail!(
+            "ffmpeg cannot write {}: {}",
+            out.display(),
+            String::from_utf8_lossy(&output.stderr).trim()
+        );
     }
     written.with_context(|| format!("cannot send pictures for {} to ffmpeg", out.display()))
 }

@@ -6,8 +6,9 @@ use anyhow::{Context, bail};
 
 use crate::{Answer, inputs};
 
-/// Open an episode in Rerun: the world in 3D, what the robot saw, the transcript and the rewards on one clock. Where Rerun is
-/// installed it is opened; elsewhere its web viewer, which comes with Reel, is served until Ctrl-C.
+/// Open an episode in Rerun: the world in 3D, what the robot saw, the transcript and the rewards on
+/// one clock. Where Rerun is installed it is opened; elsewhere its web viewer, which comes with
+/// Reel, is served until Ctrl-C.
 ///
 /// Examples:
 ///   reel view traces/FDP_home_0001--oracle--0.mcap
@@ -35,20 +36,35 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let trace = arguments.assets.read(&arguments.trace)?;
     let last = trace.steps.len().checked_sub(1);
-    if let Some(step) = arguments.at.filter(|step| last.is_none_or(|last| *step > last)) {
-        bail!("there is no step {step}: the episode has {} steps", trace.steps.len());
+    if let Some(step) = arguments
+        .at
+        .filter(|step| last.is_none_or(|last| *step > last))
+    {
+        bail!(
+            "there is no step {step}: the episode has {} steps",
+            trace.steps.len()
+        );
     }
     let recording = reel_view::rrd(&trace)?;
     if !arguments.web {
-        let file = env::temp_dir().join(format!("reel-{}-{}.rrd", trace.header.episode_id, std::process::id()));
-        std::fs::write(&file, &recording).with_context(|| format!("cannot write {}", file.display()))?;
+        let file = env::temp_dir().join(format!(
+            "reel-{}-{}.rrd",
+            trace.header.episode_id,
+            std::process::id()
+        ));
+        std::fs::write(&file, &recording)
+            .with_context(|| format!("cannot write {}", file.display()))?;
         let ended = Command::new("rerun").arg(&file).status();
         let _ = std::fs::remove_file(&file);
         match ended {
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             ended => {
                 let ended = ended.context("cannot run rerun; `--web` needs none")?;
-                return Ok(if ended.success() { Answer::Yes } else { Answer::No });
+                return Ok(if ended.success() {
+                    Answer::Yes
+                } else {
+                    Answer::No
+                });
             }
         }
     }
@@ -58,16 +74,37 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 #[cfg(feature = "service")]
 fn serve(arguments: &Arguments, recording: Vec<u8>) -> anyhow::Result<Answer> {
     // A name for the address; what the file is called otherwise is of no concern there.
-    let name = arguments.trace.file_stem().unwrap_or_default().to_string_lossy();
-    let name: String = name.chars().map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' }).collect();
-    reel_server::view(arguments.listen, &name, arguments.at, recording, |address| {
-        println!("{address}");
-        println!("open it in a browser; Ctrl-C stops");
-    })?;
+    let name = arguments
+        .trace
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy();
+    let name: String = name
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || "-_.".contains(c) {
+                c
+            } else {
+                '-'
+            }
+        })
+        .collect();
+    reel_server::view(
+        arguments.listen,
+        &name,
+        arguments.at,
+        recording,
+        |address| {
+            println!("{address}");
+            println!("open it in a browser; Ctrl-C stops");
+        },
+    )?;
     Ok(Answer::Yes)
 }
 
 #[cfg(not(feature = "service"))]
 fn serve(_: &Arguments, _: Vec<u8>) -> anyhow::Result<Answer> {
-    bail!("Rerun is not installed (pip install rerun-sdk==0.36.3), and this build of reel has no web viewer")
+    bail!(
+        "Rerun is not installed (pip install rerun-sdk==0.36.3), and this build of reel has no web viewer"
+    )
 }

@@ -1,4 +1,5 @@
-//! Agents behind an endpoint: `reel bench` against `reel mock-llm`, with all the trouble that an endpoint can make.
+//! Agents behind an endpoint: `reel bench` against `reel mock-llm`, with all the trouble that an
+//! endpoint can make.
 
 use std::{
     fs,
@@ -34,9 +35,14 @@ impl Mock {
             .spawn()
             .unwrap();
         let mut url = String::new();
-        BufReader::new(child.stdout.as_mut().unwrap()).read_line(&mut url).unwrap();
+        BufReader::new(child.stdout.as_mut().unwrap())
+            .read_line(&mut url)
+            .unwrap();
         assert!(url.starts_with("http://"), "{url:?}");
-        Self { child, url: url.trim().to_owned() }
+        Self {
+            child,
+            url: url.trim().to_owned(),
+        }
     }
 }
 
@@ -49,8 +55,27 @@ impl Drop for Mock {
 
 /// Tasks, and what the oracle does in them.
 pub fn plans(folder: &Path, count: &str) {
-    expect(folder, 0, &["tasks", "draw", "--count", count, "--seed", "31", "--out", "tasks"]);
-    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oracle", "--out", "plans", "--no-images"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", count, "--seed", "31", "--out", "tasks",
+        ],
+    );
+    expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "tasks",
+            "--policy",
+            "oracle",
+            "--out",
+            "plans",
+            "--no-images",
+        ],
+    );
 }
 
 const STYLES: [&str; 2] = ["real-agent", "function-calling"];
@@ -83,13 +108,19 @@ fn all(printed: &str) -> Value {
 pub fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten();
     let mut paths: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == ending));
+    paths.retain(|path| {
+        path.extension()
+            .is_some_and(|extension| extension == ending)
+    });
     paths.sort();
     paths
 }
 
 fn traces(folder: &Path) -> Vec<Trace> {
-    files(folder, "mcap").iter().map(|path| Trace::read(path).unwrap()).collect()
+    files(folder, "mcap")
+        .iter()
+        .map(|path| Trace::read(path).unwrap())
+        .collect()
 }
 
 #[test]
@@ -101,28 +132,65 @@ fn both_styles_complete_twenty_tasks_and_replay_with_nobody_there() {
         let mock = Mock::start(here, &[]);
         for style in STYLES {
             let mut arguments = bench(style, &mock.url, style);
-            arguments.extend(["--user-model", "person", "--match-model", "vectors", "--match-similarity", "0.95"]);
+            arguments.extend([
+                "--user-model",
+                "person",
+                "--match-model",
+                "vectors",
+                "--match-similarity",
+                "0.95",
+            ]);
             let row = all(&expect(here, 0, &arguments));
-            assert_eq!((&row["episodes"], &row["successes"]), (&20.into(), &20.into()), "{style}: {row}");
-            assert!(row["tokens_read"].as_u64() > Some(1000) && row["latency_s"].as_f64() > Some(0.0), "{row}");
+            assert_eq!(
+                (&row["episodes"], &row["successes"]),
+                (&20.into(), &20.into()),
+                "{style}: {row}"
+            );
+            assert!(
+                row["tokens_read"].as_u64() > Some(1000) && row["latency_s"].as_f64() > Some(0.0),
+                "{row}"
+            );
         }
     }
     for style in STYLES {
         let traces = traces(&here.join(style));
-        let families: std::collections::BTreeSet<_> = traces.iter().map(|trace| trace.header.family).collect();
+        let families: std::collections::BTreeSet<_> =
+            traces.iter().map(|trace| trace.header.family).collect();
         assert_eq!(families.len(), 4);
         let steps = || traces.iter().flat_map(|trace| &trace.steps);
-        assert!(steps().filter_map(|step| step.input.user_reply.as_ref()).any(|reply| reply.source == UserSource::Model));
-        assert!(steps().filter_map(|step| step.input.lookup.as_ref()).any(|lookup| lookup.source == "vectors"));
-        assert!(steps().all(|step| step.input.policy.as_ref().is_some_and(|said| !said.raw.is_empty())));
+        assert!(
+            steps()
+                .filter_map(|step| step.input.user_reply.as_ref())
+                .any(|reply| reply.source == UserSource::Model)
+        );
+        assert!(
+            steps()
+                .filter_map(|step| step.input.lookup.as_ref())
+                .any(|lookup| lookup.source == "vectors")
+        );
+        assert!(steps().all(|step| {
+            step.input
+                .policy
+                .as_ref()
+                .is_some_and(|said| !said.raw.is_empty())
+        }));
         let parameters = &traces[0].header.policy.parameters;
-        assert_eq!((&parameters["model"], &parameters["user"]["model"]), (&"mock".into(), &"person".into()));
+        assert_eq!(
+            (&parameters["model"], &parameters["user"]["model"]),
+            (&"mock".into(), &"person".into())
+        );
     }
     // The endpoint is gone.
     let replayed = expect(here, 0, &["replay", STYLES[0], STYLES[1]]);
-    assert!(replayed.contains("40 of 40 traces replay exactly"), "{replayed}");
+    assert!(
+        replayed.contains("40 of 40 traces replay exactly"),
+        "{replayed}"
+    );
     let compared = expect(here, 0, &["bench", "--compare", STYLES[0], STYLES[1]]);
-    assert!(compared.contains("all        20  100.0  100.0"), "{compared}");
+    assert!(
+        compared.contains("all        20  100.0  100.0"),
+        "{compared}"
+    );
 }
 
 #[test]
@@ -142,10 +210,17 @@ fn an_answer_that_is_none_is_feedback() {
             let row = all(&expect(here, 0, &bench(style, &mock.url, &out)));
             assert_eq!(row["successes"], 4, "{trouble} {style}: {row}");
             for trace in traces(&here.join(&out)) {
-                let failed: Vec<_> = trace.steps.iter().filter_map(|step| step.outcome.error).collect();
+                let failed: Vec<_> = trace
+                    .steps
+                    .iter()
+                    .filter_map(|step| step.outcome.error)
+                    .collect();
                 // A cut list of arguments is still a call: its arguments are wrong.
-                let expected =
-                    if (style, trouble) == ("function-calling", "truncated@1") { ErrorCode::BadArguments } else { code };
+                let expected = if (style, trouble) == ("function-calling", "truncated@1") {
+                    ErrorCode::BadArguments
+                } else {
+                    code
+                };
                 assert_eq!(failed, [expected], "{trouble} {style}");
             }
         }
@@ -174,8 +249,18 @@ fn trouble_on_the_way_is_waited_out() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     plans(here, "4");
-    let trouble =
-        ["--trouble", "rate-limit@1", "--trouble", "error@2", "--trouble", "cut@3", "--trouble", "stall@4", "--stall", "60"];
+    let trouble = [
+        "--trouble",
+        "rate-limit@1",
+        "--trouble",
+        "error@2",
+        "--trouble",
+        "cut@3",
+        "--trouble",
+        "stall@4",
+        "--stall",
+        "60",
+    ];
     let mock = Mock::start(here, &trouble);
     for style in STYLES {
         let mut arguments = bench(style, &mock.url, style);
@@ -186,8 +271,14 @@ fn trouble_on_the_way_is_waited_out() {
         assert_eq!(row["successes"], 4, "{style}: {row}");
         assert!(begun.elapsed() < Duration::from_secs(50));
         let calls = fs::read_to_string(here.join(style).join("calls.jsonl")).unwrap();
-        let tried_twice = calls.lines().filter(|line| line.contains("\"attempts\":2")).count();
-        assert_eq!(tried_twice, 16, "each of four troubles once in each of four episodes");
+        let tried_twice = calls
+            .lines()
+            .filter(|line| line.contains("\"attempts\":2"))
+            .count();
+        assert_eq!(
+            tried_twice, 16,
+            "each of four troubles once in each of four episodes"
+        );
     }
 }
 
@@ -203,10 +294,14 @@ fn who_is_not_there_ends_the_episode_and_another_run_plays_it() {
     let told = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{told}");
     assert!(
-        told.contains("no answer; the episode ended at step 0 as aborted") && told.contains("is the endpoint running"),
+        told.contains("no answer; the episode ended at step 0 as aborted")
+            && told.contains("is the endpoint running"),
         "{told}"
     );
-    let ends: Vec<_> = traces(&here.join("out")).iter().map(|trace| trace.end.as_ref().unwrap().reason).collect();
+    let ends: Vec<_> = traces(&here.join("out"))
+        .iter()
+        .map(|trace| trace.end.as_ref().unwrap().reason)
+        .collect();
     assert_eq!(ends, [EndReason::Aborted; 4]);
     let mock = Mock::start(here, &[]);
     let row = all(&expect(here, 0, &bench("real-agent", &mock.url, "out")));
@@ -216,7 +311,10 @@ fn who_is_not_there_ends_the_episode_and_another_run_plays_it() {
     arguments.extend(["--temperature", "0.5"]);
     assert!(complaint(here, 2, &arguments).contains("give another folder with --out"));
     let unknown = complaint(here, 2, &["bench", "--tasks", "tasks", "--agent", "nobody"]);
-    assert!(unknown.contains("real-agent") && unknown.contains("planner"), "{unknown}");
+    assert!(
+        unknown.contains("real-agent") && unknown.contains("planner"),
+        "{unknown}"
+    );
 }
 
 #[test]
@@ -225,16 +323,23 @@ fn a_run_that_is_killed_three_times_ends_with_the_same_table() {
     let here = folder.path();
     plans(here, "8");
     let mock = Mock::start(here, &["--delay", "40"]);
-    let mut whole: Value = serde_json::from_str(&expect(here, 0, &bench("real-agent", &mock.url, "whole"))).unwrap();
+    let mut whole: Value =
+        serde_json::from_str(&expect(here, 0, &bench("real-agent", &mock.url, "whole"))).unwrap();
     let mut killed_midway = 0;
     for kill in 1..=3 {
         let mut arguments = bench("real-agent", &mock.url, "parts");
         arguments.extend(["--jobs", "1"]);
-        let mut child =
-            Command::new(env!("CARGO_BIN_EXE_reel")).current_dir(here).args(&arguments).stderr(Stdio::null()).spawn().unwrap();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_reel"))
+            .current_dir(here)
+            .args(&arguments)
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
         let end = Instant::now() + Duration::from_secs(60);
         let under_way = || !files(&here.join("parts"), "part").is_empty();
-        while (files(&here.join("parts"), "mcap").len() < 2 * kill || !under_way()) && Instant::now() < end {
+        while (files(&here.join("parts"), "mcap").len() < 2 * kill || !under_way())
+            && Instant::now() < end
+        {
             thread::sleep(Duration::from_millis(20));
         }
         // In the middle of the next episode.
@@ -244,10 +349,15 @@ fn a_run_that_is_killed_three_times_ends_with_the_same_table() {
         killed_midway += files(&here.join("parts"), "part").len();
     }
     assert!(killed_midway > 0, "no episode was under way");
-    let mut parts: Value = serde_json::from_str(&expect(here, 0, &bench("real-agent", &mock.url, "parts"))).unwrap();
+    let mut parts: Value =
+        serde_json::from_str(&expect(here, 0, &bench("real-agent", &mock.url, "parts"))).unwrap();
     for told in [&mut whole, &mut parts] {
         // How long the endpoint took is no result.
-        told["rows"].as_array_mut().unwrap().iter_mut().for_each(|row| row["latency_s"] = Value::Null);
+        told["rows"]
+            .as_array_mut()
+            .unwrap()
+            .iter_mut()
+            .for_each(|row| row["latency_s"] = Value::Null);
     }
     assert_eq!(whole, parts);
     assert_eq!(all(&parts.to_string())["episodes"], 8);
@@ -266,5 +376,8 @@ fn a_budget_ends_a_run_that_can_go_on() {
     let told: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&told["played"], &told["episodes"]), (&1.into(), &4.into()));
     assert!(String::from_utf8_lossy(&output.stderr).contains("3 episodes were not begun"));
-    assert_eq!(all(&expect(here, 0, &bench("real-agent", &mock.url, "out")))["successes"], 4);
+    assert_eq!(
+        all(&expect(here, 0, &bench("real-agent", &mock.url, "out")))["successes"],
+        4
+    );
 }

@@ -12,24 +12,65 @@ fn a_failure_is_measured_explained_and_repaired() {
     let trace = trace.to_str().unwrap();
     let json = |text: String| -> Value { serde_json::from_str(&text).unwrap() };
 
-    let told = expect(folder, 0, &["blame", trace, "--steps", "--branches", "better"]);
-    assert!(told.contains("decisive  call") && told.contains("pick(marker_id="), "{told}");
-    assert!(told.contains("perception") && told.contains("a competent agent goes on and succeeds"), "{told}");
-    assert!(told.contains("replays exactly") && told.contains("  call  cost  after  regret"), "{told}");
-    let found = json(expect(folder, 0, &["blame", trace, "--json", "--branches", "better"]));
+    let told = expect(
+        folder,
+        0,
+        &["blame", trace, "--steps", "--branches", "better"],
+    );
+    assert!(
+        told.contains("decisive  call") && told.contains("pick(marker_id="),
+        "{told}"
+    );
+    assert!(
+        told.contains("perception") && told.contains("a competent agent goes on and succeeds"),
+        "{told}"
+    );
+    assert!(
+        told.contains("replays exactly") && told.contains("  call  cost  after  regret"),
+        "{told}"
+    );
+    let found = json(expect(
+        folder,
+        0,
+        &["blame", trace, "--json", "--branches", "better"],
+    ));
     let better = found["alternative"]["trace"].as_str().unwrap();
     assert!(expect(folder, 0, &["replay", better]).contains("exact"));
     let step = found["decisive"]["step"].as_u64().unwrap();
-    assert!(expect(folder, 0, &["branch", trace, "--check", better]).contains(&format!("branches at call {step}")));
-    let lean = json(expect(folder, 0, &["blame", trace, "--json", "--no-alternatives"]));
-    assert_eq!((&lean["decisive"], &lean["alternative"]), (&found["decisive"], &Value::Null));
+    assert!(
+        expect(folder, 0, &["branch", trace, "--check", better])
+            .contains(&format!("branches at call {step}"))
+    );
+    let lean = json(expect(
+        folder,
+        0,
+        &["blame", trace, "--json", "--no-alternatives"],
+    ));
+    assert_eq!(
+        (&lean["decisive"], &lean["alternative"]),
+        (&found["decisive"], &Value::Null)
+    );
     assert!(complaint(folder, 2, &["blame", trace, "--labels"]).contains("no label beside"));
     assert!(complaint(folder, 2, &["blame"]).contains("required"));
 
-    let repaired = json(expect(folder, 0, &["repair", trace, "--out", "repaired.mcap", "--json"]));
-    assert_eq!((&repaired["verified"], repaired["edits"].as_array().unwrap().is_empty()), (&true.into(), false), "{repaired}");
+    let repaired = json(expect(
+        folder,
+        0,
+        &["repair", trace, "--out", "repaired.mcap", "--json"],
+    ));
+    assert_eq!(
+        (
+            &repaired["verified"],
+            repaired["edits"].as_array().unwrap().is_empty()
+        ),
+        (&true.into(), false),
+        "{repaired}"
+    );
     let pair = &repaired["preference"];
-    assert!(pair["chosen"][0] != pair["rejected"][0] && pair["after"].as_u64().unwrap() >= step, "{pair}");
+    assert!(
+        pair["chosen"][0] != pair["rejected"][0] && pair["after"].as_u64().unwrap() >= step,
+        "{pair}"
+    );
     assert!(expect(folder, 0, &["blame", "repaired.mcap"]).contains("succeeded"));
     let nothing = complaint(folder, 1, &["repair", "repaired.mcap"]);
     assert!(nothing.contains("nothing to repair"), "{nothing}");
@@ -42,15 +83,42 @@ fn a_store_keeps_what_was_measured() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     failed_episode(folder);
-    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oracle", "--out", "traces", "--no-images"]);
+    expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "tasks",
+            "--policy",
+            "oracle",
+            "--out",
+            "traces",
+            "--no-images",
+        ],
+    );
     expect(folder, 0, &["ingest", "traces", "--store", "store"]);
     let told = expect(folder, 0, &["blame", "--store", "store"]);
-    assert!(told.contains("1 of 1 episodes failed") && told.contains("table `blame`"), "{told}");
-    let ask = |sql: &str| expect(folder, 0, &["query", "--store", "store", "--format", "csv", sql]);
+    assert!(
+        told.contains("1 of 1 episodes failed") && told.contains("table `blame`"),
+        "{told}"
+    );
+    let ask = |sql: &str| {
+        expect(
+            folder,
+            0,
+            &["query", "--store", "store", "--format", "csv", sql],
+        )
+    };
     let kept = ask("SELECT tool, harm, cause, alternative FROM blame");
-    assert_eq!(kept, "tool,harm,cause,alternative\npick,world,perception,planner\n");
-    let same = ask("SELECT count(*) AS n FROM blame b JOIN episodes e ON b.episode_id = e.episode_id \
-                    WHERE blame(e.trace).step = b.step AND blame(e.trace).why = b.why");
+    assert_eq!(
+        kept,
+        "tool,harm,cause,alternative\npick,world,perception,planner\n"
+    );
+    let same = ask(
+        "SELECT count(*) AS n FROM blame b JOIN episodes e ON b.episode_id = e.episode_id \
+                    WHERE blame(e.trace).step = b.step AND blame(e.trace).why = b.why",
+    );
     assert_eq!(same, "n\n1\n");
     let of_success = ask("SELECT blame(trace).step IS NULL AS none FROM episodes WHERE success");
     assert_eq!(of_success, "none\ntrue\n");
@@ -63,27 +131,84 @@ fn failures_become_preferences_and_value_targets() {
     let folder = folder.path();
     failed_episode(folder);
     expect(folder, 0, &["ingest", "traces", "--store", "store"]);
-    let report = expect(folder, 0, &["export", "preferences", "--store", "store", "--out", "pairs", "--json"]);
+    let report = expect(
+        folder,
+        0,
+        &[
+            "export",
+            "preferences",
+            "--store",
+            "store",
+            "--out",
+            "pairs",
+            "--json",
+        ],
+    );
     let report: Value = serde_json::from_str(&report).unwrap();
-    assert_eq!((&report["failed"], &report["pairs"]), (&1.into(), &1.into()), "{report}");
+    assert_eq!(
+        (&report["failed"], &report["pairs"]),
+        (&1.into(), &1.into()),
+        "{report}"
+    );
     let lines = |name: &str| -> Vec<Value> {
         let text = std::fs::read_to_string(folder.join("pairs").join(name)).unwrap();
-        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+        text.lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect()
     };
     let pair = &lines("preferences.jsonl")[0];
-    let said = |side: &str| pair[side][0]["content"][0]["text"].as_str().unwrap().to_owned();
-    assert!(said("chosen") != said("rejected") && said("chosen").contains("next action"), "{pair}");
+    let said = |side: &str| {
+        pair[side][0]["content"][0]["text"]
+            .as_str()
+            .unwrap()
+            .to_owned()
+    };
+    assert!(
+        said("chosen") != said("rejected") && said("chosen").contains("next action"),
+        "{pair}"
+    );
     let origin = &pair["provenance"];
     assert_eq!(origin["chosen"]["verdict"], "exact");
-    assert_eq!((&origin["chosen"]["call"], &origin["rejected"]["call"]), (&origin["call"], &origin["call"]));
+    assert_eq!(
+        (&origin["chosen"]["call"], &origin["rejected"]["call"]),
+        (&origin["call"], &origin["call"])
+    );
     for picture in pair["images"].as_array().unwrap() {
-        assert!(folder.join("pairs").join(picture.as_str().unwrap()).exists(), "{picture}");
+        assert!(
+            folder
+                .join("pairs")
+                .join(picture.as_str().unwrap())
+                .exists(),
+            "{picture}"
+        );
     }
     let values = lines("values.jsonl");
-    assert_eq!(values.last().unwrap()["cost_to_go"], 1, "the repaired episode ends with finish");
-    assert!(values.iter().all(|row| (0.0..=1.0).contains(&row["value"].as_f64().unwrap())));
+    assert_eq!(
+        values.last().unwrap()["cost_to_go"],
+        1,
+        "the repaired episode ends with finish"
+    );
+    assert!(
+        values
+            .iter()
+            .all(|row| (0.0..=1.0).contains(&row["value"].as_f64().unwrap()))
+    );
     assert!(!folder.join("pairs/.store").exists() && !folder.join("pairs/.examples").exists());
-    assert!(complaint(folder, 2, &["export", "preferences", "--store", "store", "--out", "pairs"]).contains("not empty"));
+    assert!(
+        complaint(
+            folder,
+            2,
+            &[
+                "export",
+                "preferences",
+                "--store",
+                "store",
+                "--out",
+                "pairs"
+            ]
+        )
+        .contains("not empty")
+    );
 }
 
 #[cfg(feature = "analytics")]
@@ -91,20 +216,56 @@ fn failures_become_preferences_and_value_targets() {
 fn the_taxonomy_takes_the_measured_step() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks"]);
-    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oscillating", "--out", "traces", "--no-images"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks",
+        ],
+    );
+    expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "tasks",
+            "--policy",
+            "oscillating",
+            "--out",
+            "traces",
+            "--no-images",
+        ],
+    );
     expect(folder, 0, &["ingest", "traces", "--store", "store"]);
     let others = || {
         expect(folder, 0, &["taxonomy", "--store", "store"]);
         let sql = "SELECT count(*) FILTER (WHERE c.step <> blame(e.trace).step) AS others, count(*) AS n FROM classes c \
                    JOIN episodes e ON c.episode_id = e.episode_id";
-        let rows = expect(folder, 0, &["query", "--store", "store", "--format", "csv", sql]);
-        let numbers: Vec<u32> = rows.lines().nth(1).unwrap().split(',').map(|number| number.parse().unwrap()).collect();
+        let rows = expect(
+            folder,
+            0,
+            &["query", "--store", "store", "--format", "csv", sql],
+        );
+        let numbers: Vec<u32> = rows
+            .lines()
+            .nth(1)
+            .unwrap()
+            .split(',')
+            .map(|number| number.parse().unwrap())
+            .collect();
         (numbers[0], numbers[1])
     };
     let (by_rules, failed) = others();
-    assert!(by_rules > 0, "rules and measure agree on all {failed}: nothing is tested");
-    expect(folder, 0, &["blame", "--store", "store", "--no-alternatives"]);
+    assert!(
+        by_rules > 0,
+        "rules and measure agree on all {failed}: nothing is tested"
+    );
+    expect(
+        folder,
+        0,
+        &["blame", "--store", "store", "--no-alternatives"],
+    );
     assert_eq!(others(), (0, failed));
 }
 
@@ -112,29 +273,54 @@ fn the_taxonomy_takes_the_measured_step() {
 fn the_evaluation_counts_what_began_where() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "4", "--seed", "5", "--out", "tasks"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "4", "--seed", "5", "--out", "tasks",
+        ],
+    );
     let kinds = "premature_finish,missing_pick";
     expect(
         folder,
         0,
-        &["faults", "run", "--tasks", "tasks", "--count", "6", "--seed", "40", "--kinds", kinds, "--out", "faulty"],
+        &[
+            "faults", "run", "--tasks", "tasks", "--count", "6", "--seed", "40", "--kinds", kinds,
+            "--out", "faulty",
+        ],
     );
-    let told = expect(folder, 0, &["blame", "faulty", "--labels", "--no-alternatives"]);
+    let told = expect(
+        folder,
+        0,
+        &["blame", "faulty", "--labels", "--no-alternatives"],
+    );
     let all = told.lines().find(|line| line.starts_with("all")).unwrap();
     let numbers: Vec<&str> = all.split_whitespace().collect();
-    assert!(numbers[1].parse::<u32>().unwrap() >= 3 && numbers[1] == numbers[2], "{told}");
+    assert!(
+        numbers[1].parse::<u32>().unwrap() >= 3 && numbers[1] == numbers[2],
+        "{told}"
+    );
     // A label that says otherwise is counted as such.
     for entry in std::fs::read_dir(folder.join("faulty")).unwrap() {
         let path = entry.unwrap().path();
         if path.to_string_lossy().ends_with(".label.json") {
-            let mut label: Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+            let mut label: Value =
+                serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
             let step = label["faults"][0]["step"].as_u64().unwrap();
             label["faults"][0]["step"] = (step + 1).into();
             std::fs::write(&path, label.to_string()).unwrap();
         }
     }
-    let told = expect(folder, 0, &["blame", "faulty", "--labels", "--no-alternatives"]);
+    let told = expect(
+        folder,
+        0,
+        &["blame", "faulty", "--labels", "--no-alternatives"],
+    );
     let all = told.lines().find(|line| line.starts_with("all")).unwrap();
     let numbers: Vec<&str> = all.split_whitespace().collect();
-    assert_eq!((numbers[2], numbers[1]), ("0", numbers[4]), "all are found earlier: {told}");
+    assert_eq!(
+        (numbers[2], numbers[1]),
+        ("0", numbers[4]),
+        "all are found earlier: {told}"
+    );
 }

@@ -1,5 +1,6 @@
-//! A scheduler and executors as processes of this machine: commands give with them what they give without. `make cluster` does the
-//! same on machines of their own, with a bucket, and lets machines die.
+//! A scheduler and executors as processes of this machine: commands give with them what they give
+//! without. `make cluster` does the same on machines of their own, with a bucket, and lets machines
+//! die.
 
 use std::{
     fs,
@@ -24,17 +25,34 @@ impl Drop for Process {
 
 /// An address that nobody listens at.
 fn free() -> String {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
+    TcpListener::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .to_string()
 }
 
 /// Starts a process of a cluster and waits until it listens.
 fn start(folder: &Path, listen: &str, arguments: &[&str]) -> Process {
     let mut command = Command::new(env!("CARGO_BIN_EXE_reel"));
-    command.current_dir(folder).arg("cluster").args(arguments).args(["--listen", listen]);
-    let process = Process(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap());
+    command
+        .current_dir(folder)
+        .arg("cluster")
+        .args(arguments)
+        .args(["--listen", listen]);
+    let process = Process(
+        command
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap(),
+    );
     let begun = Instant::now();
     while TcpStream::connect(listen).is_err() {
-        assert!(begun.elapsed() < Duration::from_secs(60), "nobody listens at {listen}");
+        assert!(
+            begun.elapsed() < Duration::from_secs(60),
+            "nobody listens at {listen}"
+        );
         thread::sleep(Duration::from_millis(50));
     }
     process
@@ -42,16 +60,47 @@ fn start(folder: &Path, listen: &str, arguments: &[&str]) -> Process {
 
 fn executor(folder: &Path, scheduler: &str) -> Process {
     let traces = folder.join("traces");
-    start(folder, &free(), &["executor", "--scheduler", scheduler, "--threads", "1", "--traces", traces.to_str().unwrap()])
+    start(
+        folder,
+        &free(),
+        &[
+            "executor",
+            "--scheduler",
+            scheduler,
+            "--threads",
+            "1",
+            "--traces",
+            traces.to_str().unwrap(),
+        ],
+    )
 }
 
 #[test]
 fn a_cluster_gives_what_one_machine_gives() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks",
+        ],
+    );
     for policy in ["oracle", "wrong-object"] {
-        expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "traces", "--no-images"]);
+        expect(
+            folder,
+            0,
+            &[
+                "run",
+                "--tasks",
+                "tasks",
+                "--policy",
+                policy,
+                "--out",
+                "traces",
+                "--no-images",
+            ],
+        );
     }
     let mut damaged = fs::read(crate::first_trace(folder)).unwrap();
     let middle = damaged.len() / 2;
@@ -67,18 +116,44 @@ fn a_cluster_gives_what_one_machine_gives() {
     let traces = traces.to_str().unwrap();
     let same = |code: i32, arguments: &[&str]| {
         let alone = expect(folder, code, arguments);
-        assert_eq!(expect(folder, code, &[arguments, &["--cluster", &scheduler]].concat()), alone, "reel {arguments:?}");
+        assert_eq!(
+            expect(
+                folder,
+                code,
+                &[arguments, &["--cluster", &scheduler]].concat()
+            ),
+            alone,
+            "reel {arguments:?}"
+        );
     };
 
     let alone = expect(folder, 3, &["ingest", traces, "--store", "alone", "--json"]);
-    let together = expect(folder, 3, &["ingest", traces, "--store", "store", "--json", "--cluster", &scheduler]);
+    let together = expect(
+        folder,
+        3,
+        &[
+            "ingest",
+            traces,
+            "--store",
+            "store",
+            "--json",
+            "--cluster",
+            &scheduler,
+        ],
+    );
     assert_eq!(alone, together);
-    assert!(alone.contains(r#""added":8"#) && alone.contains("damaged.mcap"), "{alone}");
+    assert!(
+        alone.contains(r#""added":8"#) && alone.contains("damaged.mcap"),
+        "{alone}"
+    );
     same(1, &["replay", traces, "--json"]);
     same(1, &["replay", traces, "--outcomes"]);
     same(1, &["blame", traces, "--json"]);
     same(0, &["reward", "--store", "store", "--check"]);
-    same(0, &["reward", "--store", "store", "--diff", "paper", "real-repo"]);
+    same(
+        0,
+        &["reward", "--store", "store", "--diff", "paper", "real-repo"],
+    );
     same(0, &["taxonomy", "--store", "store", "--dry-run", "--json"]);
     for sql in [
         "SELECT family, count(*) FROM episodes WHERE replay(trace).verdict = 'exact' GROUP BY family ORDER BY family",
@@ -90,22 +165,60 @@ fn a_cluster_gives_what_one_machine_gives() {
     ] {
         same(0, &["query", "--store", "store", "--format", "csv", sql]);
     }
-    same(0, &["query", "--store", "store", "--format", "csv", "--named", "failures"]);
-    for sql in ["DROP TABLE episodes", "SELECT replay('/etc/passwd')", "SELECT nothing FROM episodes"] {
-        complaint(folder, 2, &["query", "--store", "store", sql, "--cluster", &scheduler]);
+    same(
+        0,
+        &[
+            "query", "--store", "store", "--format", "csv", "--named", "failures",
+        ],
+    );
+    for sql in [
+        "DROP TABLE episodes",
+        "SELECT replay('/etc/passwd')",
+        "SELECT nothing FROM episodes",
+    ] {
+        complaint(
+            folder,
+            2,
+            &["query", "--store", "store", sql, "--cluster", &scheduler],
+        );
     }
     fs::create_dir(folder.join("elsewhere")).unwrap();
-    fs::copy(folder.join("traces/damaged.mcap"), folder.join("elsewhere/other.mcap")).unwrap();
+    fs::copy(
+        folder.join("traces/damaged.mcap"),
+        folder.join("elsewhere/other.mcap"),
+    )
+    .unwrap();
     let refused = complaint(folder, 2, &["replay", "elsewhere", "--cluster", &scheduler]);
-    assert!(refused.contains("may not open") && refused.contains("--traces"), "{refused}");
+    assert!(
+        refused.contains("may not open") && refused.contains("--traces"),
+        "{refused}"
+    );
 
     // with one of two gone, what it had begun is done by the other
     drop(two);
     same(1, &["replay", traces]);
-    let kept = expect(folder, 1, &["blame", traces, "--branches", "here", "--json", "--cluster", &scheduler]);
+    let kept = expect(
+        folder,
+        1,
+        &[
+            "blame",
+            traces,
+            "--branches",
+            "here",
+            "--json",
+            "--cluster",
+            &scheduler,
+        ],
+    );
     let there = reel(folder, &["blame", traces, "--branches", "there", "--json"]);
-    assert_eq!(kept.replace("here/", "there/"), String::from_utf8_lossy(&there.stdout));
-    let mut branches: Vec<_> = fs::read_dir(folder.join("here")).unwrap().map(|file| file.unwrap().file_name()).collect();
+    assert_eq!(
+        kept.replace("here/", "there/"),
+        String::from_utf8_lossy(&there.stdout)
+    );
+    let mut branches: Vec<_> = fs::read_dir(folder.join("here"))
+        .unwrap()
+        .map(|file| file.unwrap().file_name())
+        .collect();
     branches.sort();
     assert!(!branches.is_empty());
     for branch in branches {

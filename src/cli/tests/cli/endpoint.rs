@@ -17,9 +17,13 @@ pub fn endpoint(answer: &str) -> String {
             let (mut request, mut buffer) = (Vec::new(), [0; 65536]);
             let whole = |request: &[u8]| {
                 let text = String::from_utf8_lossy(request).to_ascii_lowercase();
-                let Some((head, _)) = text.split_once("\r\n\r\n") else { return false };
-                let length =
-                    head.lines().find_map(|line| line.strip_prefix("content-length: ")).map_or(0, |n| n.parse().unwrap());
+                let Some((head, _)) = text.split_once("\r\n\r\n") else {
+                    return false;
+                };
+                let length = head
+                    .lines()
+                    .find_map(|line| line.strip_prefix("content-length: "))
+                    .map_or(0, |n| n.parse().unwrap());
                 request.len() >= head.len() + 4 + length
             };
             while !whole(&request) {

@@ -10,26 +10,86 @@ fn cameras_and_films() {
     let folder = folder.path();
     let trace = failed_episode(folder);
     let trace = trace.to_str().unwrap();
-    let free = ["--camera", "free", "--eye", "1.5,-1,2", "--look-at", "2,2,0.5"];
-    for (out, camera) in [("above", &["--camera", "top-down"][..]), ("target", &["--camera", "follow:target"]), ("free", &free)] {
-        expect(folder, 0, &[&["frames", trace, "--out", out, "--at", "2", "--no-cache"], camera].concat());
+    let free = [
+        "--camera",
+        "free",
+        "--eye",
+        "1.5,-1,2",
+        "--look-at",
+        "2,2,0.5",
+    ];
+    for (out, camera) in [
+        ("above", &["--camera", "top-down"][..]),
+        ("target", &["--camera", "follow:target"]),
+        ("free", &free),
+    ] {
+        expect(
+            folder,
+            0,
+            &[
+                &["frames", trace, "--out", out, "--at", "2", "--no-cache"],
+                camera,
+            ]
+            .concat(),
+        );
         assert!(folder.join(out).join("call_002.png").exists());
     }
-    let all = expect(folder, 0, &["frames", trace, "--out", "all", "--camera", "top-down"]);
-    assert!(all.contains("start.png") && !all.contains("contact_sheet"), "{all}");
-    assert_eq!(fs::read(folder.join("all/call_002.png")).unwrap(), fs::read(folder.join("above/call_002.png")).unwrap());
-    let refused = |camera: &[&str]| complaint(folder, 2, &[&["frames", trace, "--out", "no", "--at", "2"], camera].concat());
+    let all = expect(
+        folder,
+        0,
+        &["frames", trace, "--out", "all", "--camera", "top-down"],
+    );
+    assert!(
+        all.contains("start.png") && !all.contains("contact_sheet"),
+        "{all}"
+    );
+    assert_eq!(
+        fs::read(folder.join("all/call_002.png")).unwrap(),
+        fs::read(folder.join("above/call_002.png")).unwrap()
+    );
+    let refused = |camera: &[&str]| {
+        complaint(
+            folder,
+            2,
+            &[&["frames", trace, "--out", "no", "--at", "2"], camera].concat(),
+        )
+    };
     assert!(refused(&["--camera", "side"]).contains("no camera is called 'side'"));
     assert!(refused(&["--camera", "free", "--eye", "1,2,3"]).contains("needs a look-at"));
-    assert!(refused(&["--camera", "free", "--eye", "1,2", "--look-at", "1,2,3"]).contains("'1,2' is not three finite numbers"));
+    assert!(
+        refused(&["--camera", "free", "--eye", "1,2", "--look-at", "1,2,3"])
+            .contains("'1,2' is not three finite numbers")
+    );
     assert!(refused(&["--camera", "follow:unicorn"]).contains("has no object unicorn"));
     assert!(refused(&["--eye", "1,2,3"]).contains("for the free camera"));
 
-    expect(folder, 0, &["branch", trace, "--at", "3", "--policy", "oracle", "--out", "b.mcap", "--no-cache"]);
-    let film = ["video", trace, "--beside", "b.mcap", "--camera", "top-down", "--out", "film.gif", "--json"];
+    expect(
+        folder,
+        0,
+        &[
+            "branch",
+            trace,
+            "--at",
+            "3",
+            "--policy",
+            "oracle",
+            "--out",
+            "b.mcap",
+            "--no-cache",
+        ],
+    );
+    let film = [
+        "video", trace, "--beside", "b.mcap", "--camera", "top-down", "--out", "film.gif", "--json",
+    ];
     let told: serde_json::Value = serde_json::from_str(&expect(folder, 0, &film)).unwrap();
     assert_eq!(told["width"], 2 * 640 + 8);
-    assert!(fs::read(folder.join("film.gif")).unwrap().starts_with(b"GIF89a"));
-    assert!(complaint(folder, 2, &["video", trace, "--out", "film.avi"]).contains("a .gif or an .mp4"));
+    assert!(
+        fs::read(folder.join("film.gif"))
+            .unwrap()
+            .starts_with(b"GIF89a")
+    );
+    assert!(
+        complaint(folder, 2, &["video", trace, "--out", "film.avi"]).contains("a .gif or an .mp4")
+    );
     assert!(complaint(folder, 2, &["video", trace, "--fps", "0"]).contains("--fps is from"));
 }

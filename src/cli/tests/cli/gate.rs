@@ -1,4 +1,5 @@
-//! The old-log gate from outside: a corpus that holds, one that does not, another build, and minting with a reason.
+//! The old-log gate from outside: a corpus that holds, one that does not, another build, and
+//! minting with a reason.
 
 use std::{fs, path::Path};
 
@@ -8,9 +9,13 @@ use reel_world::chain;
 use crate::{complaint, expect};
 
 const GOLDEN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../traces/golden");
-const NAMES: [&str; 2] = ["SUL_workshop_ask--oracle--0--real-repo.mcap", "FODP_workshop_fall--oracle--0.mcap"];
+const NAMES: [&str; 2] = [
+    "SUL_workshop_ask--oracle--0--real-repo.mcap",
+    "FODP_workshop_fall--oracle--0.mcap",
+];
 
-/// Two golden traces, the first of them with another recorded outcome of a call; checksums and chain hold.
+/// Two golden traces, the first of them with another recorded outcome of a call; checksums and
+/// chain hold.
 fn forged_corpus(folder: &Path, call: usize) {
     fs::create_dir(folder).unwrap();
     for name in NAMES {
@@ -20,7 +25,14 @@ fn forged_corpus(folder: &Path, call: usize) {
     let mut trace = Trace::read(&path).unwrap();
     fs::remove_file(&path).unwrap();
     trace.steps[call].outcome.text = "The moon is full.".into();
-    let mut recorder = Recorder::create(&path, &trace.header, &trace.task, &trace.scene, Images::None).unwrap();
+    let mut recorder = Recorder::create(
+        &path,
+        &trace.header,
+        &trace.task,
+        &trace.scene,
+        Images::None,
+    )
+    .unwrap();
     recorder.start(&trace.start, None).unwrap();
     let mut link = trace.start.digests.chain;
     for step in &mut trace.steps {
@@ -40,15 +52,30 @@ fn the_gate_names_the_episode_and_the_call_that_change() {
     let folder = folder.path();
     forged_corpus(&folder.join("corpus"), 3);
     let this = env!("CARGO_BIN_EXE_reel");
-    let told = expect(folder, 1, &["gate", "--corpus", "corpus", "--against", this]);
-    assert!(told.contains("1 of 2 traces are exact in this build") && told.contains("call 3"), "{told}");
+    let told = expect(
+        folder,
+        1,
+        &["gate", "--corpus", "corpus", "--against", this],
+    );
+    assert!(
+        told.contains("1 of 2 traces are exact in this build") && told.contains("call 3"),
+        "{told}"
+    );
     assert!(told.contains("The moon is full."), "{told}");
     let outcomes = expect(folder, 1, &["replay", "corpus", "--outcomes", "--json"]);
     assert!(outcomes.contains(r#""call":3"#), "{outcomes}");
 
     fs::remove_file(folder.join("corpus").join(NAMES[0])).unwrap();
-    expect(folder, 0, &["gate", "--corpus", "corpus", "--against", this, "--json"]);
-    let other = complaint(folder, 2, &["gate", "--corpus", "corpus", "--against", "/bin/true"]);
+    expect(
+        folder,
+        0,
+        &["gate", "--corpus", "corpus", "--against", this, "--json"],
+    );
+    let other = complaint(
+        folder,
+        2,
+        &["gate", "--corpus", "corpus", "--against", "/bin/true"],
+    );
     assert!(!other.is_empty());
 }
 
@@ -57,14 +84,46 @@ fn minting_demands_a_reason_and_writes_it_down() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let golden = Path::new(GOLDEN).join(NAMES[1]);
-    complaint(folder, 2, &["mint", "--corpus", "corpus", "--reason", "why", "--add", golden.to_str().unwrap()]);
+    complaint(
+        folder,
+        2,
+        &[
+            "mint",
+            "--corpus",
+            "corpus",
+            "--reason",
+            "why",
+            "--add",
+            golden.to_str().unwrap(),
+        ],
+    );
     assert!(!folder.join("corpus").join(NAMES[1]).exists());
     let reason = "The first trace of this corpus.";
-    expect(folder, 0, &["mint", "--corpus", "corpus", "--reason", reason, "--add", golden.to_str().unwrap()]);
-    assert!(fs::read_to_string(folder.join("corpus/NOTES.md")).unwrap().contains(reason));
+    expect(
+        folder,
+        0,
+        &[
+            "mint",
+            "--corpus",
+            "corpus",
+            "--reason",
+            reason,
+            "--add",
+            golden.to_str().unwrap(),
+        ],
+    );
+    assert!(
+        fs::read_to_string(folder.join("corpus/NOTES.md"))
+            .unwrap()
+            .contains(reason)
+    );
     assert!(fs::read(folder.join("corpus").join(NAMES[1])).unwrap() == fs::read(&golden).unwrap());
     // A corpus of this simulator that is not exact is no reason to mint: something broke.
     forged_corpus(&folder.join("forged"), 2);
-    let broken = complaint(folder, 2, &["mint", "--corpus", "forged", "--reason", "An honest try."]);
+    let broken = complaint(
+        folder,
+        2,
+        &["mint", "--corpus", "forged", "--reason", "An honest try."],
+    );
     assert!(broken.contains("raise SIM_VERSION"), "{broken}");
 }

@@ -1,5 +1,5 @@
-//! GSPO from traces: a stand-in for a model under three names (checkpoints), its log-probabilities in traces, tables, SQL, training
-//! rows and the objective.
+//! GSPO from traces: a stand-in for a model under three names (checkpoints), its log-probabilities
+//! in traces, tables, SQL, training rows and the objective.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -20,17 +20,37 @@ fn play(here: &Path, checkpoints: &[&str]) {
     plans(here, "2");
     let mock = Mock::start(here, &[]);
     for checkpoint in checkpoints {
-        let mut bench = vec!["bench", "--tasks", "tasks", "--agent", "real-agent", "--endpoint", &mock.url, "--no-images"];
-        bench.extend(["--model", checkpoint, "--logprobs", "--repeat", "2", "--out", checkpoint]);
+        let mut bench = vec![
+            "bench",
+            "--tasks",
+            "tasks",
+            "--agent",
+            "real-agent",
+            "--endpoint",
+            &mock.url,
+            "--no-images",
+        ];
+        bench.extend([
+            "--model",
+            checkpoint,
+            "--logprobs",
+            "--repeat",
+            "2",
+            "--out",
+            checkpoint,
+        ]);
         expect(here, 0, &bench);
     }
 }
 
-/// What `reel logprobs list` prints, by episode and policy: the log-probabilities of all decisions behind one another.
+/// What `reel logprobs list` prints, by episode and policy: the log-probabilities of all decisions
+/// behind one another.
 fn listed(printed: &str) -> BTreeMap<(String, String), Vec<f64>> {
     let mut all: BTreeMap<(String, String), Vec<f64>> = BTreeMap::new();
     for line in ScoredTokens::read_lines(printed, Path::new("stdout")).unwrap() {
-        all.entry((line.episode_id, line.policy)).or_default().extend(line.logprobs);
+        all.entry((line.episode_id, line.policy))
+            .or_default()
+            .extend(line.logprobs);
     }
     all
 }
@@ -38,7 +58,10 @@ fn listed(printed: &str) -> BTreeMap<(String, String), Vec<f64>> {
 #[track_caller]
 fn near(found: &Value, expected: f64) {
     let found = found.as_f64().unwrap();
-    assert!((found - expected).abs() < 1e-9, "found {found}, expected {expected}");
+    assert!(
+        (found - expected).abs() < 1e-9,
+        "found {found}, expected {expected}"
+    );
 }
 
 #[test]
@@ -48,20 +71,37 @@ fn from_an_endpoint_to_the_objective() {
     play(here, &["old", "new", "ref"]);
     assert!(expect(here, 0, &["ingest", "old", "--store", "store"]).starts_with("4 added"));
     let early = complaint(here, 2, &["gspo", "--store", "store"]);
-    assert!(early.contains("'old', 'new'") && early.contains("reel logprobs add"), "{early}");
+    assert!(
+        early.contains("'old', 'new'") && early.contains("reel logprobs add"),
+        "{early}"
+    );
 
     let digests = |folder: &str| -> Vec<_> {
-        files(&here.join(folder), "mcap").iter().map(|it| Trace::read(it).unwrap().chain()).collect()
+        files(&here.join(folder), "mcap")
+            .iter()
+            .map(|it| Trace::read(it).unwrap().chain())
+            .collect()
     };
     let before = digests("old");
     for checkpoint in ["new", "ref"] {
-        let added = expect(here, 0, &["logprobs", "add", "old", "--from", checkpoint, "--policy", checkpoint]);
+        let added = expect(
+            here,
+            0,
+            &[
+                "logprobs", "add", "old", "--from", checkpoint, "--policy", checkpoint,
+            ],
+        );
         assert!(added.contains("to 4 traces"), "{added}");
     }
     assert_eq!(digests("old"), before);
     assert!(expect(here, 0, &["replay", "old"]).starts_with("4 of 4 traces replay exactly"));
-    assert!(expect(here, 0, &["ingest", "old", "--store", "store"]).starts_with("0 added, 4 replaced"));
-    assert!(expect(here, 0, &["ingest", "old", "--store", "store"]).starts_with("0 added, 0 replaced, 4 unchanged"));
+    assert!(
+        expect(here, 0, &["ingest", "old", "--store", "store"]).starts_with("0 added, 4 replaced")
+    );
+    assert!(
+        expect(here, 0, &["ingest", "old", "--store", "store"])
+            .starts_with("0 added, 0 replaced, 4 unchanged")
+    );
 
     // the objective from the lines alone: groups are tasks, rewards are the sums of their episodes
     let lines = listed(&expect(here, 0, &["logprobs", "list", "old"]));
@@ -70,23 +110,56 @@ fn from_an_endpoint_to_the_objective() {
     for path in files(&here.join("old"), "mcap") {
         let trace = Trace::read(&path).unwrap();
         let rewards = trace.steps.iter().map(|step| step.reward_total()).sum();
-        groups.entry(trace.header.task_digest.to_string()).or_default().insert(trace.header.episode_id, rewards);
+        groups
+            .entry(trace.header.task_digest.to_string())
+            .or_default()
+            .insert(trace.header.episode_id, rewards);
     }
     let (mut ratios, mut kls, mut advantages) = (Vec::new(), Vec::new(), Vec::new());
     for group in groups.values() {
         let returns: Vec<f64> = group.values().copied().collect();
-        advantages.extend(Estimator::Ngrpo { virtual_max: None }.advantages(&[returns]).unwrap().remove(0));
+        advantages.extend(
+            Estimator::Ngrpo { virtual_max: None }
+                .advantages(&[returns])
+                .unwrap()
+                .remove(0),
+        );
         for episode in group.keys() {
             let of = |policy: &str| &lines[&(episode.clone(), policy.to_owned())];
             ratios.push(sequence_ratio(of("new"), of("old")).unwrap());
             kls.push(kl(KlEstimator::K3, of("new"), of("ref")).unwrap());
         }
     }
-    let expected = objective(&ratios, &advantages, &kls, ClipRange::symmetric(0.001).unwrap(), 0.04).unwrap();
-    assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() > 1e-6), "the checkpoints differ: {ratios:?}");
+    let expected = objective(
+        &ratios,
+        &advantages,
+        &kls,
+        ClipRange::symmetric(0.001).unwrap(),
+        0.04,
+    )
+    .unwrap();
+    assert!(
+        ratios.iter().all(|ratio| (ratio - 1.0).abs() > 1e-6),
+        "the checkpoints differ: {ratios:?}"
+    );
 
-    let with = ["--ref", "ref", "--beta", "0.04", "--epsilon", "0.001", "--returns", "published"];
-    let gspo = |more: &[&str]| expect(here, 0, &[&["gspo", "--store", "store"], &with[..], more].concat());
+    let with = [
+        "--ref",
+        "ref",
+        "--beta",
+        "0.04",
+        "--epsilon",
+        "0.001",
+        "--returns",
+        "published",
+    ];
+    let gspo = |more: &[&str]| {
+        expect(
+            here,
+            0,
+            &[&["gspo", "--store", "store"], &with[..], more].concat(),
+        )
+    };
     let told: Value = serde_json::from_str(&gspo(&["--json"])).unwrap();
     let report = &told["report"];
     near(&report["loss"], expected.loss);
@@ -94,14 +167,33 @@ fn from_an_endpoint_to_the_objective() {
     near(&report["kl"], expected.kl);
     near(&report["clipped"]["low"], expected.clipped.low);
     near(&report["clipped"]["high"], expected.clipped.high);
-    assert_eq!(told["options"]["rollouts"]["advantage"]["estimator"], "ngrpo", "the published default");
-    assert_eq!((report["groups"].as_array().unwrap().len(), report["sequences"].as_array().unwrap().len()), (2, 4));
+    assert_eq!(
+        told["options"]["rollouts"]["advantage"]["estimator"], "ngrpo",
+        "the published default"
+    );
+    assert_eq!(
+        (
+            report["groups"].as_array().unwrap().len(),
+            report["sequences"].as_array().unwrap().len()
+        ),
+        (2, 4)
+    );
     let table = gspo(&[]);
-    assert!(table.contains("policy 'new' over tokens of 'old'; returns published, advantage ngrpo"), "{table}");
+    assert!(
+        table.contains("policy 'new' over tokens of 'old'; returns published, advantage ngrpo"),
+        "{table}"
+    );
     assert!(table.contains("from 'ref'"), "{table}");
-    let decisions: Value = serde_json::from_str(&gspo(&["--json", "--sequence", "decision"])).unwrap();
-    let counted: usize = files(&here.join("old"), "mcap").iter().map(|path| Trace::read(path).unwrap().steps.len()).sum();
-    assert_eq!(decisions["report"]["sequences"].as_array().unwrap().len(), counted);
+    let decisions: Value =
+        serde_json::from_str(&gspo(&["--json", "--sequence", "decision"])).unwrap();
+    let counted: usize = files(&here.join("old"), "mcap")
+        .iter()
+        .map(|path| Trace::read(path).unwrap().steps.len())
+        .sum();
+    assert_eq!(
+        decisions["report"]["sequences"].as_array().unwrap().len(),
+        counted
+    );
     assert_eq!(decisions["report"]["tokens"], report["tokens"]);
 
     // the same in SQL
@@ -119,22 +211,56 @@ fn from_an_endpoint_to_the_objective() {
             array_agg(total_reward ORDER BY s.episode_id) AS returns
           FROM scored s JOIN episodes e ON e.episode_id = s.episode_id GROUP BY task_digest)
         SELECT avg(gspo(ratios, estimated_advantages([returns], 'ngrpo', 'group')[1], kls, 0.001, 0.001, 0.04).loss) AS loss FROM grouped";
-    let asked = expect(here, 0, &["query", "--store", "store", "--format", "csv", sql]);
-    near(&asked.lines().nth(1).unwrap().parse::<f64>().unwrap().into(), expected.loss);
+    let asked = expect(
+        here,
+        0,
+        &["query", "--store", "store", "--format", "csv", sql],
+    );
+    near(
+        &asked.lines().nth(1).unwrap().parse::<f64>().unwrap().into(),
+        expected.loss,
+    );
 
     // rows for a trainer
-    expect(here, 0, &["export", "rl", "--store", "store", "--out", "rl", "--images", "none", "--returns", "published"]);
-    let manifest: Value = serde_json::from_slice(&fs::read(here.join("rl/manifest.json")).unwrap()).unwrap();
+    expect(
+        here,
+        0,
+        &[
+            "export",
+            "rl",
+            "--store",
+            "store",
+            "--out",
+            "rl",
+            "--images",
+            "none",
+            "--returns",
+            "published",
+        ],
+    );
+    let manifest: Value =
+        serde_json::from_slice(&fs::read(here.join("rl/manifest.json")).unwrap()).unwrap();
     let rollouts = &manifest["options"]["rollouts"];
     assert_eq!(
-        (&rollouts["returns"]["name"], &rollouts["returns"]["gamma"], &rollouts["returns"]["horizon"]),
+        (
+            &rollouts["returns"]["name"],
+            &rollouts["returns"]["gamma"],
+            &rollouts["returns"]["horizon"]
+        ),
         (&"published".into(), &1.0.into(), &50.into())
     );
-    let rows = files(&here.join("rl/train"), "jsonl").iter().map(|path| fs::read_to_string(path).unwrap()).collect::<String>();
-    let rows: Vec<Value> = rows.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let rows = files(&here.join("rl/train"), "jsonl")
+        .iter()
+        .map(|path| fs::read_to_string(path).unwrap())
+        .collect::<String>();
+    let rows: Vec<Value> = rows
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
     assert_eq!(rows.len(), counted);
     for row in &rows {
-        let lengths = ["old", "new", "ref"].map(|policy| row["logprobs"][policy].as_array().unwrap().len());
+        let lengths =
+            ["old", "new", "ref"].map(|policy| row["logprobs"][policy].as_array().unwrap().len());
         assert_eq!(lengths, [row["tokens"].as_array().unwrap().len(); 3]);
     }
 }
@@ -146,38 +272,88 @@ fn log_probabilities_of_other_tokens_are_refused() {
     play(here, &["old"]);
     let text = expect(here, 0, &["logprobs", "list", "old"]);
     let lines = ScoredTokens::read_lines(&text, Path::new("stdout")).unwrap();
-    let before: Vec<Vec<u8>> = files(&here.join("old"), "mcap").iter().map(|path| fs::read(path).unwrap()).collect();
+    let before: Vec<Vec<u8>> = files(&here.join("old"), "mcap")
+        .iter()
+        .map(|path| fs::read(path).unwrap())
+        .collect();
     let refused = |change: &dyn Fn(&mut ScoredTokens)| {
-        let mut changed: Vec<ScoredTokens> =
-            lines.iter().cloned().map(|line| ScoredTokens { policy: "new".into(), ..line }).collect();
+        let mut changed: Vec<ScoredTokens> = lines
+            .iter()
+            .cloned()
+            .map(|line| ScoredTokens {
+                policy: "new".into(),
+                ..line
+            })
+            .collect();
         change(changed.last_mut().unwrap());
-        let text: String = changed.iter().map(|line| serde_json::to_string(line).unwrap() + "\n").collect();
+        let text: String = changed
+            .iter()
+            .map(|line| serde_json::to_string(line).unwrap() + "\n")
+            .collect();
         fs::write(here.join("new.jsonl"), text).unwrap();
         let told = complaint(here, 2, &["logprobs", "add", "old", "--from", "new.jsonl"]);
-        let after: Vec<Vec<u8>> = files(&here.join("old"), "mcap").iter().map(|path| fs::read(path).unwrap()).collect();
+        let after: Vec<Vec<u8>> = files(&here.join("old"), "mcap")
+            .iter()
+            .map(|path| fs::read(path).unwrap())
+            .collect();
         assert!(before == after, "nothing is written unless everything fits");
         told
     };
     assert!(refused(&|line| _ = line.logprobs.pop()).contains("log-probabilities for"));
     assert!(refused(&|line| line.logprobs[1] = 0.5).contains("at most 0"));
-    assert!(refused(&|line| line.tokens.as_mut().unwrap()[1].push('x')).contains("must be of the recorded tokens"));
+    assert!(
+        refused(&|line| line.tokens.as_mut().unwrap()[1].push('x'))
+            .contains("must be of the recorded tokens")
+    );
     assert!(refused(&|line| line.step = 99).contains("step 99"));
     fs::write(here.join("new.jsonl"), "{\"logprobs\": [NaN]}\n").unwrap();
-    assert!(complaint(here, 2, &["logprobs", "add", "old", "--from", "new.jsonl"]).contains("line 1"));
+    assert!(
+        complaint(here, 2, &["logprobs", "add", "old", "--from", "new.jsonl"]).contains("line 1")
+    );
     fs::write(here.join("new.jsonl"), "").unwrap();
-    assert!(complaint(here, 2, &["logprobs", "add", "old", "--from", "new.jsonl"]).contains("reel logprobs list"));
+    assert!(
+        complaint(here, 2, &["logprobs", "add", "old", "--from", "new.jsonl"])
+            .contains("reel logprobs list")
+    );
 
     // scored in part: the objective names the decision
-    let first: Vec<&ScoredTokens> = lines.iter().filter(|line| line.episode_id == lines[0].episode_id).collect();
-    let part = serde_json::to_string(&ScoredTokens { policy: "new".into(), ..first[0].clone() }).unwrap();
+    let first: Vec<&ScoredTokens> = lines
+        .iter()
+        .filter(|line| line.episode_id == lines[0].episode_id)
+        .collect();
+    let part = serde_json::to_string(&ScoredTokens {
+        policy: "new".into(),
+        ..first[0].clone()
+    })
+    .unwrap();
     fs::write(here.join("new.jsonl"), part).unwrap();
     expect(here, 0, &["logprobs", "add", "old", "--from", "new.jsonl"]);
     expect(here, 0, &["ingest", "old", "--store", "store"]);
     let told = complaint(here, 2, &["gspo", "--store", "store"]);
-    assert!(told.contains(&lines[0].episode_id) && told.contains("step 1") && told.contains("'new'"), "{told}");
+    assert!(
+        told.contains(&lines[0].episode_id) && told.contains("step 1") && told.contains("'new'"),
+        "{told}"
+    );
     assert!(complaint(here, 2, &["gspo", "--store", "store", "--beta", "0.04"]).contains("--ref"));
-    assert!(complaint(here, 2, &["gspo", "--store", "store", "--epsilon", "-1"]).contains("radius"));
-    assert!(complaint(here, 2, &["gspo", "--store", "store", "--eps", "1", "--advantage", "grpo"]).contains("--advantage paper"));
+    assert!(
+        complaint(here, 2, &["gspo", "--store", "store", "--epsilon", "-1"]).contains("radius")
+    );
+    assert!(
+        complaint(
+            here,
+            2,
+            &[
+                "gspo",
+                "--store",
+                "store",
+                "--eps",
+                "1",
+                "--advantage",
+                "grpo"
+            ]
+        )
+        .contains("--advantage paper")
+    );
 
     // without log-probabilities a run says so
     let plain = complaint(here, 1, &["logprobs", "list", "plans"]);

@@ -1,4 +1,5 @@
-//! `reel import` from outside, and what the other commands say of an imported trace: that there is nothing to re-execute.
+//! `reel import` from outside, and what the other commands say of an imported trace: that there is
+//! nothing to re-execute.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -20,20 +21,40 @@ fn episode(root: &Path, model: &str) {
         "scene_id": "flat", "source_furniture": "table_1", "destination_furniture": "desk_1",
         "target_object": {"id": "_a", "name": apple, "category": "apple"}, "model": model});
     write(&folder.join("task_meta.json"), &meta);
-    let graph = json!({"world_graph": {"table_1": {"content": [apple]}, "desk_1": {"content": []}}});
-    for (step, tool, args) in
-        [("step_000", "navigate_to", json!({"receptacle_name": "table_1"})), ("step_001", "finish", json!({}))]
-    {
-        write(&folder.join(step).join("tool_call.json"), &json!({"tool_name": tool, "args": args}));
+    let graph =
+        json!({"world_graph": {"table_1": {"content": [apple]}, "desk_1": {"content": []}}});
+    for (step, tool, args) in [
+        (
+            "step_000",
+            "navigate_to",
+            json!({"receptacle_name": "table_1"}),
+        ),
+        ("step_001", "finish", json!({})),
+    ] {
+        write(
+            &folder.join(step).join("tool_call.json"),
+            &json!({"tool_name": tool, "args": args}),
+        );
         write(&folder.join(step).join("debug_info.json"), &graph);
     }
-    fs::write(folder.join("step_001/textual_observation.txt"), "Episode finished. Success: False").unwrap();
+    fs::write(
+        folder.join("step_001/textual_observation.txt"),
+        "Episode finished. Success: False",
+    )
+    .unwrap();
     let mut picture = Vec::new();
     let mut encoder = png::Encoder::new(&mut picture, 640, 480);
     encoder.set_color(png::ColorType::Rgb);
-    encoder.write_header().unwrap().write_image_data(&vec![90; 640 * 480 * 3]).unwrap();
+    encoder
+        .write_header()
+        .unwrap()
+        .write_image_data(&vec![90; 640 * 480 * 3])
+        .unwrap();
     fs::write(folder.join("step_000/image_observation_0.png"), picture).unwrap();
-    write(&folder.join("episode_summary.json"), &json!({"status": "finished", "success": false, "total_steps": 2}));
+    write(
+        &folder.join("episode_summary.json"),
+        &json!({"status": "finished", "success": false, "total_steps": 2}),
+    );
 }
 
 #[test]
@@ -41,9 +62,23 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     episode(&folder.join("eval_output"), "m1");
-    let report = expect(folder, 0, &["import", "real-eval", "eval_output", "--out", "traces", "--json"]);
+    let report = expect(
+        folder,
+        0,
+        &[
+            "import",
+            "real-eval",
+            "eval_output",
+            "--out",
+            "traces",
+            "--json",
+        ],
+    );
     let report: Value = serde_json::from_str(&report).unwrap();
-    assert_eq!((&report["steps"], &report["end"], &report["pictures"]), (&json!(2), &json!("finished"), &json!(1)));
+    assert_eq!(
+        (&report["steps"], &report["end"], &report["pictures"]),
+        (&json!(2), &json!("finished"), &json!(1))
+    );
     let trace = report["trace"].as_str().unwrap();
 
     let said = "recorded through a proxy: nothing to re-execute";
@@ -56,27 +91,57 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
     assert!(complaint(folder, 1, &["compact", trace, "--out", "lean"]).contains(said));
     let shown = expect(folder, 0, &["show", trace]);
     assert!(
-        shown.contains("through a proxy") && shown.contains("Put the apple on the desk.") && !shown.contains("driven"),
+        shown.contains("through a proxy")
+            && shown.contains("Put the apple on the desk.")
+            && !shown.contains("driven"),
         "{shown}"
     );
     let pictures = expect(folder, 0, &["frames", trace, "--out", "pictures"]);
-    assert!(pictures.contains("call_000.png") && pictures.contains("contact_sheet.png"), "{pictures}");
+    assert!(
+        pictures.contains("call_000.png") && pictures.contains("contact_sheet.png"),
+        "{pictures}"
+    );
 
     #[cfg(feature = "analytics")]
     {
         expect(folder, 0, &["ingest", "traces", "--store", "store"]);
-        let class: Value = serde_json::from_str(&expect(folder, 0, &["taxonomy", "--store", "store", "--json"])).unwrap();
+        let class: Value = serde_json::from_str(&expect(
+            folder,
+            0,
+            &["taxonomy", "--store", "store", "--json"],
+        ))
+        .unwrap();
         let found = (&class["sub_class"], &class["step"], &class["evidence"]);
-        assert_eq!(found, (&json!("never_looked"), &json!(1), &json!("reduced")), "{class}");
+        assert_eq!(
+            found,
+            (&json!("never_looked"), &json!(1), &json!("reduced")),
+            "{class}"
+        );
     }
 
     // A torn episode beside it: named, and the rest goes on.
     episode(&folder.join("eval_output"), "m2");
-    fs::write(folder.join("eval_output/flat/FDP_t_1/m2/step_001/debug_info.json"), "{\"world").unwrap();
-    let complaints = complaint(folder, 3, &["import", "real-eval", "eval_output", "--out", "traces"]);
-    assert!(complaints.contains("m2/step_001/debug_info.json") && complaints.contains("the steps before it"), "{complaints}");
+    fs::write(
+        folder.join("eval_output/flat/FDP_t_1/m2/step_001/debug_info.json"),
+        "{\"world",
+    )
+    .unwrap();
+    let complaints = complaint(
+        folder,
+        3,
+        &["import", "real-eval", "eval_output", "--out", "traces"],
+    );
+    assert!(
+        complaints.contains("m2/step_001/debug_info.json")
+            && complaints.contains("the steps before it"),
+        "{complaints}"
+    );
     fs::remove_dir_all(folder.join("eval_output/flat/FDP_t_1/m1")).unwrap();
-    fs::write(folder.join("eval_output/flat/FDP_t_1/m2/task_meta.json"), "{}").unwrap();
+    fs::write(
+        folder.join("eval_output/flat/FDP_t_1/m2/task_meta.json"),
+        "{}",
+    )
+    .unwrap();
     assert!(complaint(folder, 2, &["import", "real-eval", "eval_output"]).contains("--tasks"));
     assert!(complaint(folder, 2, &["import", "real-eval", "nowhere"]).contains("nowhere"));
 }
@@ -85,10 +150,19 @@ fn an_imported_episode_is_shown_and_checked_but_never_executed() {
 fn recording(path: &Path, messages: &[(&str, u64, Value)]) {
     let mut writer = mcap::Writer::new(fs::File::create(path).unwrap()).unwrap();
     for (sequence, (topic, seconds, message)) in (0..).zip(messages) {
-        let channel_id = writer.add_channel(0, topic, "json", &BTreeMap::new()).unwrap();
+        let channel_id = writer
+            .add_channel(0, topic, "json", &BTreeMap::new())
+            .unwrap();
         let time = (1_790_000_000 + seconds) * 1_000_000_000;
-        let header = MessageHeader { channel_id, sequence, log_time: time, publish_time: time };
-        writer.write_to_known_channel(&header, message.to_string().as_bytes()).unwrap();
+        let header = MessageHeader {
+            channel_id,
+            sequence,
+            log_time: time,
+            publish_time: time,
+        };
+        writer
+            .write_to_known_channel(&header, message.to_string().as_bytes())
+            .unwrap();
     }
     writer.finish().unwrap();
 }
@@ -115,30 +189,58 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
             json!({"event": "start", "task_id": "FDP/t_1", "instruction": "Put the apple on the desk.", "policy": "qwen"}),
         ),
         ("/odom", 1, json!({"x": 0.0, "y": 0.0})),
-        ("/call", 2, json!({"tool": "navigate_to", "args": {"receptacle_name": "table_1"}})),
+        (
+            "/call",
+            2,
+            json!({"tool": "navigate_to", "args": {"receptacle_name": "table_1"}}),
+        ),
         ("/odom", 3, json!({"x": 3.0, "y": 4.0, "yaw": 1.0})),
-        ("/primitive", 4, json!({"skill": "nav_to", "target": "table", "success": true, "duration_s": 1.5})),
+        (
+            "/primitive",
+            4,
+            json!({"skill": "nav_to", "target": "table", "success": true, "duration_s": 1.5}),
+        ),
         ("/result", 5, json!({"text": "arrived"})),
         ("/call", 6, json!({"tool": "finish"})),
         ("/episode", 7, json!({"event": "end", "success": true})),
     ];
     recording(&folder.join("bags/one.mcap"), &messages);
-    let import = ["import", "robot", "bags", "--mapping", "robot.toml", "--out", "traces"];
+    let import = [
+        "import",
+        "robot",
+        "bags",
+        "--mapping",
+        "robot.toml",
+        "--out",
+        "traces",
+    ];
     let report = expect(folder, 0, &[&import[..], &["--json"]].concat());
     let report: Value = serde_json::from_str(&report).unwrap();
-    assert_eq!((&report["steps"], &report["end"], &report["success"]), (&json!(2), &json!("finished"), &json!(true)));
+    assert_eq!(
+        (&report["steps"], &report["end"], &report["success"]),
+        (&json!(2), &json!("finished"), &json!(true))
+    );
     let trace = report["trace"].as_str().unwrap();
     let said = "recorded on a robot: nothing to re-execute";
     assert!(expect(folder, 0, &["doctor", trace]).contains(said));
     assert!(expect(folder, 1, &["replay", trace]).contains(said));
     let shown = expect(folder, 0, &["show", trace]);
-    assert!(shown.contains("on a robot") && shown.contains("arrived") && shown.contains("Put the apple on the desk."), "{shown}");
+    assert!(
+        shown.contains("on a robot")
+            && shown.contains("arrived")
+            && shown.contains("Put the apple on the desk."),
+        "{shown}"
+    );
 
     #[cfg(feature = "analytics")]
     {
         expect(folder, 0, &["ingest", "traces", "--store", "store"]);
         let sql = "SELECT backend, policy, success, length FROM episodes";
-        let rows = expect(folder, 0, &["query", "--store", "store", "--format", "csv", sql]);
+        let rows = expect(
+            folder,
+            0,
+            &["query", "--store", "store", "--format", "csv", sql],
+        );
         assert!(rows.contains("robot,qwen,true,2"), "{rows}");
     }
 
@@ -147,11 +249,21 @@ fn a_robots_recording_is_shown_and_checked_but_never_executed() {
     fs::write(folder.join("bags/two.mcap"), &whole[..whole.len() - 200]).unwrap();
     fs::write(folder.join("bags/drive.db3"), "SQLite format 3").unwrap();
     let complaints = complaint(folder, 3, &import);
-    assert!(complaints.contains("ros2 bag convert") && complaints.contains("drive.db3"), "{complaints}");
+    assert!(
+        complaints.contains("ros2 bag convert") && complaints.contains("drive.db3"),
+        "{complaints}"
+    );
     fs::remove_file(folder.join("bags/one.mcap")).unwrap();
     fs::remove_file(folder.join("bags/two.mcap")).unwrap();
     assert!(complaint(folder, 2, &import).contains("drive.db3"));
-    fs::write(folder.join("robot.toml"), "[topics]\n\"/odom\" = { is = \"odometer\" }\n").unwrap();
+    fs::write(
+        folder.join("robot.toml"),
+        "[topics]\n\"/odom\" = { is = \"odometer\" }\n",
+    )
+    .unwrap();
     let wrong = complaint(folder, 2, &import);
-    assert!(wrong.contains("line 2") && wrong.contains("odometer"), "{wrong}");
+    assert!(
+        wrong.contains("line 2") && wrong.contains("odometer"),
+        "{wrong}"
+    );
 }

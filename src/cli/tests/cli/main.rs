@@ -1,4 +1,5 @@
-//! The `reel` command from outside: the loop a newcomer goes through, and the exit codes scripts rely on.
+//! The `reel` command from outside: the loop a newcomer goes through, and the exit codes scripts
+//! rely on.
 
 #[cfg(feature = "service")]
 mod agents;
@@ -42,34 +43,82 @@ use std::{
 };
 
 fn reel(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_reel")).current_dir(folder).args(arguments).output().expect("the binary starts")
+    Command::new(env!("CARGO_BIN_EXE_reel"))
+        .current_dir(folder)
+        .args(arguments)
+        .output()
+        .expect("the binary starts")
 }
 
 /// Standard output of a command that must end with the given exit code.
 fn expect(folder: &Path, code: i32, arguments: &[&str]) -> String {
     let output = reel(folder, arguments);
-    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(code), "reel {}\n{out}\n{err}", arguments.join(" "));
+    let (out, err) = (
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr),
+    );
+    assert_eq!(
+        output.status.code(),
+        Some(code),
+        "reel {}\n{out}\n{err}",
+        arguments.join(" ")
+    );
     out.into_owned()
 }
 
 /// Standard error of a command that must end with the given exit code.
 fn complaint(folder: &Path, code: i32, arguments: &[&str]) -> String {
     let output = reel(folder, arguments);
-    assert_eq!(output.status.code(), Some(code), "reel {}", arguments.join(" "));
+    assert_eq!(
+        output.status.code(),
+        Some(code),
+        "reel {}",
+        arguments.join(" ")
+    );
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 fn first_trace(folder: &Path) -> PathBuf {
-    let mut traces: Vec<PathBuf> = fs::read_dir(folder.join("traces")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut traces: Vec<PathBuf> = fs::read_dir(folder.join("traces"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
     traces.sort();
     traces.remove(0)
 }
 
 /// A lean trace in which the wrong object was brought.
 fn failed_episode(folder: &Path) -> PathBuf {
-    expect(folder, 0, &["tasks", "draw", "--count", "1", "--families", "FDP", "--seed", "4", "--out", "tasks"]);
-    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "wrong-object", "--out", "traces", "--no-images"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks",
+            "draw",
+            "--count",
+            "1",
+            "--families",
+            "FDP",
+            "--seed",
+            "4",
+            "--out",
+            "tasks",
+        ],
+    );
+    expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "tasks",
+            "--policy",
+            "wrong-object",
+            "--out",
+            "traces",
+            "--no-images",
+        ],
+    );
     first_trace(folder)
 }
 
@@ -77,28 +126,76 @@ fn failed_episode(folder: &Path) -> PathBuf {
 fn the_loop_end_to_end() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks",
+        ],
+    );
     assert!(expect(folder, 0, &["tasks", "check", "tasks"]).contains("4 of 4 tasks load"));
-    let run = ["run", "--tasks", "tasks", "--out", "traces", "--jobs", "2", "--json"];
+    let run = [
+        "run", "--tasks", "tasks", "--out", "traces", "--jobs", "2", "--json",
+    ];
     let reports = expect(folder, 0, &run);
-    assert_eq!(reports.lines().filter(|line| line.contains(r#""success":true"#)).count(), 4, "{reports}");
-    assert!(expect(folder, 0, &["replay", "traces", "--jobs", "1"]).starts_with("4 of 4 traces replay exactly"));
+    assert_eq!(
+        reports
+            .lines()
+            .filter(|line| line.contains(r#""success":true"#))
+            .count(),
+        4,
+        "{reports}"
+    );
+    assert!(
+        expect(folder, 0, &["replay", "traces", "--jobs", "1"])
+            .starts_with("4 of 4 traces replay exactly")
+    );
 
     let trace = first_trace(folder);
     let trace_name = trace.to_str().unwrap();
     assert!(expect(folder, 0, &["show", trace_name]).contains("nav_to"));
-    assert!(expect(folder, 0, &["frames", trace_name, "--out", "pictures"]).contains("contact_sheet.png"));
+    assert!(
+        expect(folder, 0, &["frames", trace_name, "--out", "pictures"])
+            .contains("contact_sheet.png")
+    );
 
     // The same run again, with one worker and the tasks the other way round, gives the same bytes.
     let before = fs::read(&trace).unwrap();
-    expect(folder, 0, &["run", "--tasks", "tasks", "--out", "traces", "--jobs", "1", "--reversed"]);
-    assert!(before == fs::read(&trace).unwrap(), "a trace depends on workers or order");
+    expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "tasks",
+            "--out",
+            "traces",
+            "--jobs",
+            "1",
+            "--reversed",
+        ],
+    );
+    assert!(
+        before == fs::read(&trace).unwrap(),
+        "a trace depends on workers or order"
+    );
 
     // Without pictures the trace still gives them: rendered again, the same to the pixel.
-    expect(folder, 0, &["run", "--tasks", "tasks", "--out", "lean", "--no-images"]);
+    expect(
+        folder,
+        0,
+        &["run", "--tasks", "tasks", "--out", "lean", "--no-images"],
+    );
     let lean = folder.join("lean").join(trace.file_name().unwrap());
-    expect(folder, 0, &["frames", lean.to_str().unwrap(), "--out", "again"]);
-    assert_eq!(fs::read(folder.join("pictures/call_000.png")).unwrap(), fs::read(folder.join("again/call_000.png")).unwrap());
+    expect(
+        folder,
+        0,
+        &["frames", lean.to_str().unwrap(), "--out", "again"],
+    );
+    assert_eq!(
+        fs::read(folder.join("pictures/call_000.png")).unwrap(),
+        fs::read(folder.join("again/call_000.png")).unwrap()
+    );
 }
 
 #[test]
@@ -106,12 +203,39 @@ fn exit_codes_and_complaints() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let missing = complaint(folder, 2, &["replay", "nowhere"]);
-    assert!(missing.contains("no such trace or folder: nowhere"), "{missing}");
-    let policy = complaint(folder, 2, &["run", "--tasks", "tasks", "--policy", "clever"]);
-    assert!(policy.contains("no policy is called 'clever'") && policy.contains("oscillating"), "{policy}");
+    assert!(
+        missing.contains("no such trace or folder: nowhere"),
+        "{missing}"
+    );
+    let policy = complaint(
+        folder,
+        2,
+        &["run", "--tasks", "tasks", "--policy", "clever"],
+    );
+    assert!(
+        policy.contains("no policy is called 'clever'") && policy.contains("oscillating"),
+        "{policy}"
+    );
 
-    expect(folder, 0, &["tasks", "draw", "--count", "1", "--families", "FDP", "--out", "tasks"]);
-    fs::write(folder.join("tasks/broken.yaml"), "scene_id: home\nepisodes: 3\n").unwrap();
+    expect(
+        folder,
+        0,
+        &[
+            "tasks",
+            "draw",
+            "--count",
+            "1",
+            "--families",
+            "FDP",
+            "--out",
+            "tasks",
+        ],
+    );
+    fs::write(
+        folder.join("tasks/broken.yaml"),
+        "scene_id: home\nepisodes: 3\n",
+    )
+    .unwrap();
     expect(folder, 1, &["tasks", "check", "tasks"]);
     // One broken file is named, the rest is played: done, but with something left out.
     let run = complaint(folder, 3, &["run", "--tasks", "tasks", "--out", "traces"]);
@@ -131,39 +255,116 @@ fn exit_codes_and_complaints() {
 fn tables_questions_and_training_rows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "4", "--seed", "3", "--out", "tasks",
+        ],
+    );
     for policy in ["oracle", "wrong-object"] {
-        expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "traces"]);
+        expect(
+            folder,
+            0,
+            &[
+                "run", "--tasks", "tasks", "--policy", policy, "--out", "traces",
+            ],
+        );
     }
     assert!(expect(folder, 0, &["ingest", "traces", "--store", "store"]).starts_with("8 added"));
-    assert!(expect(folder, 0, &["ingest", "traces", "--store", "store"]).starts_with("0 added, 0 replaced, 8 unchanged"));
-    let count = expect(folder, 0, &["query", "--store", "store", "--format", "csv", "SELECT count(*) AS n FROM episodes"]);
+    assert!(
+        expect(folder, 0, &["ingest", "traces", "--store", "store"])
+            .starts_with("0 added, 0 replaced, 8 unchanged")
+    );
+    let count = expect(
+        folder,
+        0,
+        &[
+            "query",
+            "--store",
+            "store",
+            "--format",
+            "csv",
+            "SELECT count(*) AS n FROM episodes",
+        ],
+    );
     assert_eq!(count.trim(), "n\n8");
     for named in ["benchmark", "failures", "oscillations"] {
-        expect(folder, 0, &["query", "--store", "store", "--named", named, "--format", "json"]);
+        expect(
+            folder,
+            0,
+            &[
+                "query", "--store", "store", "--named", named, "--format", "json",
+            ],
+        );
     }
-    let refused = complaint(folder, 2, &["query", "--store", "store", "DROP TABLE episodes"]);
+    let refused = complaint(
+        folder,
+        2,
+        &["query", "--store", "store", "DROP TABLE episodes"],
+    );
     assert!(!refused.is_empty());
 
-    let report = expect(folder, 0, &["export", "sft", "--store", "store", "--out", "sft", "--format", "trl", "--json"]);
+    let report = expect(
+        folder,
+        0,
+        &[
+            "export", "sft", "--store", "store", "--out", "sft", "--format", "trl", "--json",
+        ],
+    );
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["episodes"], 4, "{report}");
-    assert!(report["examples"]["train"].as_u64().unwrap() >= 24, "{report}");
+    assert!(
+        report["examples"]["train"].as_u64().unwrap() >= 24,
+        "{report}"
+    );
     let linted = expect(folder, 0, &["dataset", "lint", "sft", "--json"]);
     let linted: serde_json::Value = serde_json::from_str(&linted).unwrap();
     assert_eq!(linted["rows"], report["examples"]["train"], "{linted}");
-    let shown = expect(folder, 0, &["dataset", "show", "sft", "--row", "1", "--pictures", "shown"]);
-    assert!(shown.contains("Last action:") && shown.contains("next action"), "{shown}");
+    let shown = expect(
+        folder,
+        0,
+        &[
+            "dataset",
+            "show",
+            "sft",
+            "--row",
+            "1",
+            "--pictures",
+            "shown",
+        ],
+    );
+    assert!(
+        shown.contains("Last action:") && shown.contains("next action"),
+        "{shown}"
+    );
     assert!(folder.join("shown/row-1-1.png").exists());
-    let full = complaint(folder, 2, &["export", "sft", "--store", "store", "--out", "sft"]);
+    let full = complaint(
+        folder,
+        2,
+        &["export", "sft", "--store", "store", "--out", "sft"],
+    );
     assert!(full.contains("not empty"), "{full}");
 }
 
 /// The commands that a help lists.
 fn commands(help: &str) -> Vec<String> {
-    let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
-    let name = |line: &str| line.strip_prefix("  ").filter(|line| !line.starts_with(' '))?.split(' ').next().map(str::to_owned);
-    listed.filter_map(name).filter(|name| name != "help").collect()
+    let listed = help
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| !line.is_empty());
+    let name = |line: &str| {
+        line.strip_prefix("  ")
+            .filter(|line| !line.starts_with(' '))?
+            .split(' ')
+            .next()
+            .map(str::to_owned)
+    };
+    listed
+        .filter_map(name)
+        .filter(|name| name != "help")
+        .collect()
 }
 
 #[test]
@@ -180,7 +381,15 @@ fn every_command_shows_an_example() {
         if below.is_empty() && !shows && !group {
             without.push(path.join(" "));
         }
-        open.extend(below.into_iter().map(|name| ([path.as_slice(), &[name]].concat(), shows)));
+        open.extend(
+            below
+                .into_iter()
+                .map(|name| ([path.as_slice(), &[name]].concat(), shows)),
+        );
     }
-    assert!(without.is_empty(), "no example in the help of: {}", without.join(", "));
+    assert!(
+        without.is_empty(),
+        "no example in the help of: {}",
+        without.join(", ")
+    );
 }

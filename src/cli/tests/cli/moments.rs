@@ -1,4 +1,5 @@
-//! Going to a moment, dropping pictures and drawing them again, explaining, distrusting: from outside.
+//! Going to a moment, dropping pictures and drawing them again, explaining, distrusting: from
+//! outside.
 
 use std::{
     fs,
@@ -11,25 +12,79 @@ use crate::{complaint, expect, first_trace};
 fn any_moment_is_shown_with_the_same_bits_from_a_snapshot_and_from_the_start() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "1", "--families", "FDO", "--seed", "5", "--out", "tasks"]);
-    let played = expect(folder, 0, &["run", "--tasks", "tasks", "--out", "traces", "--paranoid"]);
-    assert!(played.contains("1 episodes are the same under another heap layout"), "{played}");
+    expect(
+        folder,
+        0,
+        &[
+            "tasks",
+            "draw",
+            "--count",
+            "1",
+            "--families",
+            "FDO",
+            "--seed",
+            "5",
+            "--out",
+            "tasks",
+        ],
+    );
+    let played = expect(
+        folder,
+        0,
+        &["run", "--tasks", "tasks", "--out", "traces", "--paranoid"],
+    );
+    assert!(
+        played.contains("1 episodes are the same under another heap layout"),
+        "{played}"
+    );
     let trace = first_trace(folder);
     let trace = trace.to_str().unwrap();
 
-    let executed = expect(folder, 0, &["show", trace, "--at", "4", "--json", "--no-cache"]);
+    let executed = expect(
+        folder,
+        0,
+        &["show", trace, "--at", "4", "--json", "--no-cache"],
+    );
     for _ in 0..2 {
-        assert_eq!(expect(folder, 0, &["show", trace, "--at", "4", "--json", "--cache", "snapshots"]), executed);
+        assert_eq!(
+            expect(
+                folder,
+                0,
+                &["show", trace, "--at", "4", "--json", "--cache", "snapshots"]
+            ),
+            executed
+        );
     }
     assert_eq!(fs::read_dir(folder.join("snapshots")).unwrap().count(), 1);
     let state: serde_json::Value = serde_json::from_str(&executed).unwrap();
-    let whole: serde_json::Value = serde_json::from_str(&expect(folder, 0, &["show", trace, "--json"])).unwrap();
+    let whole: serde_json::Value =
+        serde_json::from_str(&expect(folder, 0, &["show", trace, "--json"])).unwrap();
     assert_eq!(state["state_digest"], whole["steps"][3]["digests"]["state"]);
-    let text = expect(folder, 0, &["show", trace, "--at", "4", "--cache", "snapshots"]);
-    assert!(text.contains(state["state_digest"].as_str().unwrap()) && text.contains("robot"), "{text}");
+    let text = expect(
+        folder,
+        0,
+        &["show", trace, "--at", "4", "--cache", "snapshots"],
+    );
+    assert!(
+        text.contains(state["state_digest"].as_str().unwrap()) && text.contains("robot"),
+        "{text}"
+    );
 
     expect(folder, 0, &["frames", trace, "--out", "all"]);
-    expect(folder, 0, &["frames", trace, "--out", "one", "--at", "4", "--cache", "snapshots"]);
+    expect(
+        folder,
+        0,
+        &[
+            "frames",
+            trace,
+            "--out",
+            "one",
+            "--at",
+            "4",
+            "--cache",
+            "snapshots",
+        ],
+    );
     let read = |path: &str| fs::read(folder.join(path)).unwrap();
     assert!(read("one/call_004.png") == read("all/call_004.png"));
     let beyond = complaint(folder, 2, &["show", trace, "--at", "99", "--no-cache"]);
@@ -56,21 +111,39 @@ fn nobody_reading_on_is_no_panic() {
     drop(child.stdout.take());
     let output = child.wait_with_output().unwrap();
     let complaint = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(141) && !complaint.contains("panicked"), "{:?} {complaint}", output.status);
+    assert!(
+        output.status.code() == Some(141) && !complaint.contains("panicked"),
+        "{:?} {complaint}",
+        output.status
+    );
 }
 
 #[test]
 fn pictures_are_dropped_and_drawn_again() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "6", "--out", "tasks"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "2", "--seed", "6", "--out", "tasks",
+        ],
+    );
     expect(folder, 0, &["run", "--tasks", "tasks", "--out", "traces"]);
     let compacted = expect(folder, 0, &["compact", "traces", "--out", "lean"]);
-    assert!(compacted.contains("2 of 2 traces") && compacted.contains("/camera/head"), "{compacted}");
+    assert!(
+        compacted.contains("2 of 2 traces") && compacted.contains("/camera/head"),
+        "{compacted}"
+    );
     expect(folder, 0, &["expand", "lean", "--out", "full", "--json"]);
     for entry in fs::read_dir(folder.join("traces")).unwrap() {
-        let (path, name) = entry.map(|entry| (entry.path(), entry.file_name())).unwrap();
-        assert!(fs::read(path).unwrap() == fs::read(folder.join("full").join(&name)).unwrap(), "{name:?} came back other");
+        let (path, name) = entry
+            .map(|entry| (entry.path(), entry.file_name()))
+            .unwrap();
+        assert!(
+            fs::read(path).unwrap() == fs::read(folder.join("full").join(&name)).unwrap(),
+            "{name:?} came back other"
+        );
     }
     expect(folder, 0, &["compact", "full", "--in-place"]);
     expect(folder, 0, &["replay", "full"]);

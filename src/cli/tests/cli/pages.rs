@@ -1,4 +1,5 @@
-//! The web pages in a browser (`tests/pages`): a real server over recorded episodes, and over traces that are not as they should be.
+//! The web pages in a browser (`tests/pages`): a real server over recorded episodes, and over
+//! traces that are not as they should be.
 
 use std::{
     fs,
@@ -17,12 +18,25 @@ fn people_find_out_why_an_episode_failed() {
     let odd = folder.path().join("odd");
     fs::create_dir(&odd).unwrap();
     let recorded = failed_episode(folder.path());
-    odd_ones(&Trace::read(&recorded).unwrap(), &fs::read(&recorded).unwrap(), &odd);
+    odd_ones(
+        &Trace::read(&recorded).unwrap(),
+        &fs::read(&recorded).unwrap(),
+        &odd,
+    );
     let script = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/pages/run.sh");
-    let output = Command::new("bash").arg(script).env("REEL", env!("CARGO_BIN_EXE_reel")).env("ODD", &odd).output().unwrap();
+    let output = Command::new("bash")
+        .arg(script)
+        .env("REEL", env!("CARGO_BIN_EXE_reel"))
+        .env("ODD", &odd)
+        .output()
+        .unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
     println!("{said}");
-    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{said}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
 }
 
 /// One that its inputs do not give, one that a robot recorded, one that breaks off in the middle.
@@ -40,7 +54,8 @@ fn odd_ones(trace: &Trace, bytes: &[u8], into: &Path) {
 fn write(path: &Path, mut trace: Trace) {
     let link = chain::relink(&trace.header, &mut trace.start, &mut trace.steps);
     trace.end.as_mut().unwrap().chain = link;
-    let mut recorder = Recorder::create(path, &trace.header, &trace.task, &trace.scene, Images::None).unwrap();
+    let mut recorder =
+        Recorder::create(path, &trace.header, &trace.task, &trace.scene, Images::None).unwrap();
     recorder.start(&trace.start, None).unwrap();
     for step in &trace.steps {
         recorder.input(step.step, &step.input).unwrap();

@@ -1,4 +1,5 @@
-//! REAL-Bench from a public checkout: tasks and scenes are written, found without being named, played to their goals and replayed.
+//! REAL-Bench from a public checkout: tasks and scenes are written, found without being named,
+//! played to their goals and replayed.
 
 use std::{fs, path::Path};
 
@@ -11,16 +12,31 @@ const STEP: usize = 20;
 
 #[test]
 fn an_outsider_plays_the_benchmark_from_a_checkout() {
-    let Some(data) = reel_vectors::real_bench() else { return };
+    let Some(data) = reel_vectors::real_bench() else {
+        return;
+    };
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let counts = checkout::write(&data, &folder.join("REAL"), 1);
     let all: usize = counts.values().sum();
-    let text = expect(folder, 0, &["tasks", "real-bench", "REAL", "--out", "real-bench"]);
-    assert!(text.contains(&format!("{all} of {all} tasks load")), "{text}");
-    assert!(text.contains("proven 0.744 m") && text.contains("assumed 0.850 m"), "which is proven, which is assumed: {text}");
+    let text = expect(
+        folder,
+        0,
+        &["tasks", "real-bench", "REAL", "--out", "real-bench"],
+    );
+    assert!(
+        text.contains(&format!("{all} of {all} tasks load")),
+        "{text}"
+    );
+    assert!(
+        text.contains("proven 0.744 m") && text.contains("assumed 0.850 m"),
+        "which is proven, which is assumed: {text}"
+    );
     let checked = expect(folder, 0, &["tasks", "check", "real-bench/tasks"]);
-    assert!(checked.contains(&format!("{all} of {all} tasks load in scene ")), "{checked}");
+    assert!(
+        checked.contains(&format!("{all} of {all} tasks load in scene ")),
+        "{checked}"
+    );
 
     // Some of each family: their files are the published ones, and nobody names the scene.
     for family in counts.keys() {
@@ -28,12 +44,27 @@ fn an_outsider_plays_the_benchmark_from_a_checkout() {
         let to = folder.join("real-bench/some").join(family);
         fs::create_dir_all(&to).unwrap();
         for file in sorted(&from).iter().step_by(STEP) {
-            let published = folder.join("REAL/benchmark/tasks").join(family).join(file.file_name().unwrap());
+            let published = folder
+                .join("REAL/benchmark/tasks")
+                .join(family)
+                .join(file.file_name().unwrap());
             assert_eq!(fs::read(file).unwrap(), fs::read(published).unwrap());
             fs::copy(file, to.join(file.file_name().unwrap())).unwrap();
         }
     }
-    let played = expect(folder, 0, &["run", "--tasks", "real-bench/some", "--no-images", "--out", "traces", "--json"]);
+    let played = expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "real-bench/some",
+            "--no-images",
+            "--out",
+            "traces",
+            "--json",
+        ],
+    );
     for episode in played.lines() {
         let episode: serde_json::Value = serde_json::from_str(episode).unwrap();
         assert_eq!(episode["success"], true, "{episode}");
@@ -44,15 +75,30 @@ fn an_outsider_plays_the_benchmark_from_a_checkout() {
 
 #[test]
 fn an_incomplete_checkout_plays_what_is_there() {
-    let Some(data) = reel_vectors::real_bench() else { return };
+    let Some(data) = reel_vectors::real_bench() else {
+        return;
+    };
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     checkout::write(&data, &folder.join("REAL"), 30);
     let torn = sorted(&folder.join("REAL/benchmark/tasks/FDP")).remove(0);
     fs::write(&torn, "scene_id: [").unwrap();
-    let text = expect(folder, 3, &["tasks", "real-bench", "REAL/benchmark", "--out", "real-bench"]);
+    let text = expect(
+        folder,
+        3,
+        &[
+            "tasks",
+            "real-bench",
+            "REAL/benchmark",
+            "--out",
+            "real-bench",
+        ],
+    );
     assert!(
-        text.contains(&format!("broken: REAL/benchmark/tasks/FDP/{}:2: ", torn.file_name().unwrap().to_str().unwrap())),
+        text.contains(&format!(
+            "broken: REAL/benchmark/tasks/FDP/{}:2: ",
+            torn.file_name().unwrap().to_str().unwrap()
+        )),
         "{text}"
     );
     assert!(
@@ -60,7 +106,14 @@ fn an_incomplete_checkout_plays_what_is_there() {
         "{text}"
     );
     assert!(text.contains("7 of 8 tasks load"), "{text}");
-    assert!(complaint(folder, 2, &["tasks", "real-bench", "elsewhere", "--out", "x"]).contains("give a checkout of"));
+    assert!(
+        complaint(
+            folder,
+            2,
+            &["tasks", "real-bench", "elsewhere", "--out", "x"]
+        )
+        .contains("give a checkout of")
+    );
 }
 
 #[test]
@@ -68,21 +121,53 @@ fn tasks_of_several_scenes_are_played_in_one_run() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for scene in ["S1", "S3"] {
-        expect(folder, 0, &["tasks", "generate", "--scene", scene, "--count", "2", "--seed", "1", "--out", "made"]);
+        expect(
+            folder,
+            0,
+            &[
+                "tasks", "generate", "--scene", scene, "--count", "2", "--seed", "1", "--out",
+                "made",
+            ],
+        );
         // The scene comes with Reel, so it need not lie there.
         fs::remove_file(folder.join("made").join(format!("{scene}.json"))).unwrap();
     }
-    let played = expect(folder, 0, &["run", "--tasks", "made", "--no-images", "--out", "traces", "--json"]);
-    let scenes: std::collections::BTreeSet<&str> =
-        played.lines().filter_map(|line| ["S1", "S3"].into_iter().find(|scene| line.contains(&format!("/{scene}_")))).collect();
+    let played = expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "made",
+            "--no-images",
+            "--out",
+            "traces",
+            "--json",
+        ],
+    );
+    let scenes: std::collections::BTreeSet<&str> = played
+        .lines()
+        .filter_map(|line| {
+            ["S1", "S3"]
+                .into_iter()
+                .find(|scene| line.contains(&format!("/{scene}_")))
+        })
+        .collect();
     assert_eq!((played.lines().count(), scenes.len()), (4, 2), "{played}");
     expect(folder, 0, &["replay", "traces"]);
-    let refused = complaint(folder, 2, &["run", "--tasks", "made", "--scene", "S7", "--out", "traces"]);
+    let refused = complaint(
+        folder,
+        2,
+        &["run", "--tasks", "made", "--scene", "S7", "--out", "traces"],
+    );
     assert!(refused.contains("but the scene given is S7"), "{refused}");
 }
 
 fn sorted(folder: &Path) -> Vec<std::path::PathBuf> {
-    let mut paths: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut paths: Vec<_> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
     paths.sort();
     paths
 }

@@ -1,4 +1,5 @@
-//! `reel recover` and `reel doctor` from outside: what they say, what they leave, and their exit codes.
+//! `reel recover` and `reel doctor` from outside: what they say, what they leave, and their exit
+//! codes.
 
 use std::{fs, path::Path};
 
@@ -6,8 +7,33 @@ use crate::{complaint, expect, first_trace};
 
 /// A trace, and the part of a recording of it that was killed after some steps.
 fn recorded(folder: &Path) -> (std::path::PathBuf, std::path::PathBuf) {
-    expect(folder, 0, &["tasks", "draw", "--count", "1", "--families", "FDP", "--out", "tasks"]);
-    expect(folder, 0, &["run", "--tasks", "tasks", "--out", "traces", "--durability", "fsync"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks",
+            "draw",
+            "--count",
+            "1",
+            "--families",
+            "FDP",
+            "--out",
+            "tasks",
+        ],
+    );
+    expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "tasks",
+            "--out",
+            "traces",
+            "--durability",
+            "fsync",
+        ],
+    );
     let trace = first_trace(folder);
     let part = trace.with_extension("mcap.part");
     (trace, part)
@@ -26,19 +52,36 @@ fn doctor_and_recover_by_exit_code() {
     let whole = fs::read(&trace).unwrap();
     fs::write(&trace, &whole[..whole.len() * 2 / 3]).unwrap();
     let verdict = expect(folder, 1, &["doctor", name]);
-    assert!(verdict.contains("at byte") && verdict.contains("`reel recover`"), "{verdict}");
+    assert!(
+        verdict.contains("at byte") && verdict.contains("`reel recover`"),
+        "{verdict}"
+    );
     let report = expect(folder, 3, &["recover", name]);
-    assert!(report.contains("lost: ") && report.contains(".recovered.mcap"), "{report}");
+    assert!(
+        report.contains("lost: ") && report.contains(".recovered.mcap"),
+        "{report}"
+    );
     assert!(trace.exists());
     let recovered = trace.with_extension("recovered.mcap");
-    assert!(expect(folder, 0, &["doctor", recovered.to_str().unwrap(), "--json"]).contains(r#""findings":[]"#));
+    assert!(
+        expect(
+            folder,
+            0,
+            &["doctor", recovered.to_str().unwrap(), "--json"]
+        )
+        .contains(r#""findings":[]"#)
+    );
     assert!(expect(folder, 3, &["recover", name]).contains("already in"));
 
     // Cut only in the index: everything is there. In another folder, and as JSON.
     fs::write(&trace, &whole[..whole.len() - 20]).unwrap();
     let report = expect(folder, 0, &["recover", name, "--out", "restored", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
-    assert_eq!((&report["restored"], &report["end_recorded"]), (&"written".into(), &true.into()), "{report}");
+    assert_eq!(
+        (&report["restored"], &report["end_recorded"]),
+        (&"written".into(), &true.into()),
+        "{report}"
+    );
     let restored = report["trace"].as_str().unwrap();
     assert!(expect(folder, 0, &["replay", restored]).contains("exact"));
 
@@ -50,8 +93,15 @@ fn doctor_and_recover_by_exit_code() {
     assert!(expect(folder, 3, &["recover", "traces"]).contains("nothing can be restored"));
     assert!(expect(folder, 0, &["doctor", name]).contains("nothing of the recording"));
     let missing = complaint(folder, 2, &["recover", "nowhere"]);
-    assert!(missing.contains("no such recording or folder: nowhere"), "{missing}");
+    assert!(
+        missing.contains("no such recording or folder: nowhere"),
+        "{missing}"
+    );
     complaint(folder, 2, &["doctor", "tasks"]);
-    let unknown = complaint(folder, 2, &["run", "--tasks", "tasks", "--durability", "hope"]);
+    let unknown = complaint(
+        folder,
+        2,
+        &["run", "--tasks", "tasks", "--durability", "hope"],
+    );
     assert!(unknown.contains("there are write and fsync"), "{unknown}");
 }

@@ -1,4 +1,5 @@
-//! `reel serve` and `reel record` from outside: the scripts of `tests/service` and `tests/proxy`, which talk to them as clients do.
+//! `reel serve` and `reel record` from outside: the scripts of `tests/service` and `tests/proxy`,
+//! which talk to them as clients do.
 
 use std::{path::PathBuf, process::Command};
 
@@ -6,7 +7,11 @@ use std::{path::PathBuf, process::Command};
 fn script(name: &str, arguments: &[&str]) {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests");
     let mut command = Command::new("python3");
-    command.arg(folder.join(name)).args(arguments).env("REEL", env!("CARGO_BIN_EXE_reel")).env("PYTHONDONTWRITEBYTECODE", "1");
+    command
+        .arg(folder.join(name))
+        .args(arguments)
+        .env("REEL", env!("CARGO_BIN_EXE_reel"))
+        .env("PYTHONDONTWRITEBYTECODE", "1");
     if std::env::var_os("REEL_REAL_BENCH").is_none() {
         command.env("REEL_REAL_BENCH", folder.join("../../shared/real-bench"));
     }
@@ -16,10 +21,15 @@ fn script(name: &str, arguments: &[&str]) {
     };
     let said = String::from_utf8_lossy(&output.stdout);
     println!("{said}");
-    assert!(output.status.success(), "{name}: {said}{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{name}: {said}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
 }
 
-/// The faults of every day; `make service` has all of them, and the fuzzing of the OpenAPI document.
+/// The faults of every day; `make service` has all of them, and the fuzzing of the OpenAPI
+/// document.
 const FAULTS: &[&str] = &[
     "kill_under_load",
     "names_are_taken_once",

@@ -1,4 +1,5 @@
-//! Questions in the plans of tasks by the command: annotated, gone on with, played and replayed; proposals of a model.
+//! Questions in the plans of tasks by the command: annotated, gone on with, played and replayed;
+//! proposals of a model.
 
 use std::{fs, path::Path};
 
@@ -19,8 +20,14 @@ fn files(folder: &Path) -> Vec<(String, String)> {
             let path = entry.unwrap().path();
             if path.is_dir() {
                 folders.push(path);
-            } else if path.extension().is_some_and(|extension| extension == "yaml") {
-                found.push((path.display().to_string(), fs::read_to_string(path).unwrap()));
+            } else if path
+                .extension()
+                .is_some_and(|extension| extension == "yaml")
+            {
+                found.push((
+                    path.display().to_string(),
+                    fs::read_to_string(path).unwrap(),
+                ));
             }
         }
     }
@@ -32,7 +39,13 @@ fn files(folder: &Path) -> Vec<(String, String)> {
 fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--scene", "S3", "--count", "16", "--seed", "1", "--out", "made"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "generate", "--scene", "S3", "--count", "16", "--seed", "1", "--out", "made",
+        ],
+    );
     let first = annotated(folder, &[]);
     let count = first["annotated"].as_u64().unwrap();
     assert!(count >= 10 && first["kept"] == 0, "{first}");
@@ -42,14 +55,47 @@ fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
     fs::remove_file(&before[0].0).unwrap();
     fs::write(&before[1].0, &before[1].1[..100]).unwrap();
     let again = annotated(folder, &["--jobs", "1"]);
-    assert_eq!((again["annotated"].as_u64(), again["kept"].as_u64()), (Some(count), Some(count - 2)), "{again}");
+    assert_eq!(
+        (again["annotated"].as_u64(), again["kept"].as_u64()),
+        (Some(count), Some(count - 2)),
+        "{again}"
+    );
     assert_eq!(files(&folder.join("social")), before);
-    assert_eq!(annotated(folder, &["--seed", "2"])["kept"], 0, "other options make other tasks");
+    assert_eq!(
+        annotated(folder, &["--seed", "2"])["kept"],
+        0,
+        "other options make other tasks"
+    );
     annotated(folder, &[]);
 
-    expect(folder, 0, &["run", "--tasks", "social/S3", "--scene", "social/S3.json", "--no-images", "--out", "traces"]);
+    expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "social/S3",
+            "--scene",
+            "social/S3.json",
+            "--no-images",
+            "--out",
+            "traces",
+        ],
+    );
     expect(folder, 0, &["replay", "traces"]);
-    expect(folder, 2, &["tasks", "annotate", "made", "--out", "social", "--strategies", "C"]);
+    expect(
+        folder,
+        2,
+        &[
+            "tasks",
+            "annotate",
+            "made",
+            "--out",
+            "social",
+            "--strategies",
+            "C",
+        ],
+    );
 }
 
 #[cfg(feature = "service")]
@@ -59,22 +105,53 @@ fn a_models_proposal_stands_where_nothing_is_against_it() {
 
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "generate", "--scene", "S3", "--count", "8", "--seed", "1", "--out", "made"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "generate", "--scene", "S3", "--count", "8", "--seed", "1", "--out", "made",
+        ],
+    );
     let scene = reel_generate::scene::built_in("S3").unwrap();
     let tasks = reel_tasks::load(&folder.join("made/S3"), &scene).tasks;
-    let options = Options { strategies: &Strategy::ALL, seed: 77 };
-    let (task, wanted) = tasks.iter().find_map(|task| Some((task, annotate(task, &scene, &options).ok()?))).unwrap();
+    let options = Options {
+        strategies: &Strategy::ALL,
+        seed: 77,
+    };
+    let (task, wanted) = tasks
+        .iter()
+        .find_map(|task| Some((task, annotate(task, &scene, &options).ok()?)))
+        .unwrap();
     let proposal = serde_json::json!({ "instruction": wanted.task.instruction, "actions": wanted.annotations });
 
     let url = super::endpoint::endpoint(&format!("It is vague.</think>```json\n{proposal}\n```"));
     let said = annotated(folder, &["--endpoint", &url, "--model", "scripted"]);
-    let fallbacks: u64 = said["fallbacks"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
+    let fallbacks: u64 = said["fallbacks"]
+        .as_object()
+        .unwrap()
+        .values()
+        .map(|count| count.as_u64().unwrap())
+        .sum();
     assert_eq!(fallbacks + 1, said["annotated"].as_u64().unwrap(), "{said}");
     let again = reel_tasks::load(&folder.join("social/S3"), &scene).tasks;
-    let done = again.iter().find(|again| again.task_id == task.task_id).unwrap();
-    assert_eq!((&done.instruction, &done.plan), (&wanted.task.instruction, &wanted.task.plan));
-    assert!(done.extra["episodes[0].social"]["author"].as_str().unwrap().starts_with("scripted by prompt"));
+    let done = again
+        .iter()
+        .find(|again| again.task_id == task.task_id)
+        .unwrap();
+    assert_eq!(
+        (&done.instruction, &done.plan),
+        (&wanted.task.instruction, &wanted.task.plan)
+    );
+    assert!(
+        done.extra["episodes[0].social"]["author"]
+            .as_str()
+            .unwrap()
+            .starts_with("scripted by prompt")
+    );
     // Nobody is asked a second time, and nobody has to be there.
-    let kept = annotated(folder, &["--endpoint", "http://127.0.0.1:9/v1", "--model", "scripted"]);
+    let kept = annotated(
+        folder,
+        &["--endpoint", "http://127.0.0.1:9/v1", "--model", "scripted"],
+    );
     assert_eq!(kept["kept"], said["annotated"]);
 }

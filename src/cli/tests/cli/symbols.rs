@@ -60,25 +60,60 @@ fn no_mathematics_comes_from_the_c_library() {
         .filter(|symbol| symbol.is_undefined())
         .filter_map(|symbol| Some(symbol.name().ok()?.split('@').next()?.to_owned()))
         .collect();
-    assert!(imported.contains("malloc"), "the dynamic symbols were not read: {imported:?}");
-    let foreign: Vec<&String> = imported.iter().filter(|name| is_mathematics(name)).collect();
-    assert!(foreign.is_empty(), "define these in src/sim/src/math.rs: {foreign:?}");
+    assert!(
+        imported.contains("malloc"),
+        "the dynamic symbols were not read: {imported:?}"
+    );
+    let foreign: Vec<&String> = imported
+        .iter()
+        .filter(|name| is_mathematics(name))
+        .collect();
+    assert!(
+        foreign.is_empty(),
+        "define these in src/sim/src/math.rs: {foreign:?}"
+    );
 }
 
 #[test]
 fn the_list_knows_what_it_looks_for() {
-    for name in ["sinf", "acosf", "log2f", "pow", "sincosf", "atan2", "tgammaf", "lgamma_r", "__expf_finite", "expl"] {
+    for name in [
+        "sinf",
+        "acosf",
+        "log2f",
+        "pow",
+        "sincosf",
+        "atan2",
+        "tgammaf",
+        "lgamma_r",
+        "__expf_finite",
+        "expl",
+    ] {
         assert!(is_mathematics(name), "{name}");
     }
-    for name in ["malloc", "logger", "signal", "expand", "fesetround", "cosmos", "write"] {
+    for name in [
+        "malloc",
+        "logger",
+        "signal",
+        "expand",
+        "fesetround",
+        "cosmos",
+        "write",
+    ] {
         assert!(!is_mathematics(name), "{name}");
     }
 }
 
-/// Whether a symbol is one of those functions, for any width of float and in the C libraries' spellings.
+/// Whether a symbol is one of those functions, for any width of float and in the C libraries'
+/// spellings.
 fn is_mathematics(symbol: &str) -> bool {
     let name = symbol.strip_prefix("__").unwrap_or(symbol);
-    let name = name.strip_suffix("_finite").or_else(|| name.strip_suffix("_r")).unwrap_or(name);
+    let name = name
+        .strip_suffix("_finite")
+        .or_else(|| name.strip_suffix("_r"))
+        .unwrap_or(name);
     let widths = ["", "f", "l", "f32", "f64", "f128"];
-    widths.iter().any(|width| name.strip_suffix(width).is_some_and(|name| MATHEMATICS.contains(&name)))
+    widths.iter().any(|width| {
+        name.strip_suffix(width)
+            .is_some_and(|name| MATHEMATICS.contains(&name))
+    })
 }

@@ -17,17 +17,31 @@ fn golden() -> PathBuf {
 
 fn count(folder: &Path, sql: &str) -> u64 {
     let text = expect(folder, 0, &["query", "--format", "csv", sql]);
-    text.lines().nth(1).expect("a row").parse().expect("a number")
+    text.lines()
+        .nth(1)
+        .expect("a row")
+        .parse()
+        .expect("a number")
 }
 
-/// Every episode is whole: its task and scene are there, and its steps and terms are those of its length.
+/// Every episode is whole: its task and scene are there, and its steps and terms are those of its
+/// length.
 fn whole(folder: &Path) -> u64 {
     let episodes = count(folder, "SELECT count(*) FROM episodes");
     let joined = "SELECT count(*) FROM episodes e JOIN tasks t ON t.task_digest = e.task_digest \
                   JOIN scenes s ON s.scene_digest = e.scene_digest WHERE array_length(e.steps) = e.length";
     assert_eq!(count(folder, joined), episodes);
-    assert_eq!(count(folder, "SELECT count(DISTINCT episode_id) FROM episodes"), episodes);
-    assert_eq!(count(folder, "SELECT count(*) - count(DISTINCT task_digest) FROM tasks"), 0);
+    assert_eq!(
+        count(folder, "SELECT count(DISTINCT episode_id) FROM episodes"),
+        episodes
+    );
+    assert_eq!(
+        count(
+            folder,
+            "SELECT count(*) - count(DISTINCT task_digest) FROM tasks"
+        ),
+        0
+    );
     episodes
 }
 
@@ -51,13 +65,19 @@ fn a_killed_ingest_leaves_nothing_in_part_and_loses_nothing() {
         std::thread::sleep(Duration::from_millis(20 + round * 23));
         child.kill().unwrap();
         child.wait().unwrap();
-        if folder.join("store/episodes/_delta_log/00000000000000000000.json").exists() {
+        if folder
+            .join("store/episodes/_delta_log/00000000000000000000.json")
+            .exists()
+        {
             seen.insert(whole(folder));
         }
     }
     expect(folder, 0, &["ingest", traces.to_str().unwrap()]);
     assert_eq!(whole(folder), GOLDEN);
-    assert!(seen.iter().all(|count| [0, GOLDEN].contains(count)), "one commit, whole or not at all: {seen:?}");
+    assert!(
+        seen.iter().all(|count| [0, GOLDEN].contains(count)),
+        "one commit, whole or not at all: {seen:?}"
+    );
     expect(folder, 0, &["reward", "--check"]);
 }
 
@@ -68,7 +88,10 @@ fn ingests_at_a_time_lose_nothing() {
     let traces = golden();
     let ingest = || {
         let mut command = Command::new(env!("CARGO_BIN_EXE_reel"));
-        command.current_dir(folder).args(["ingest", traces.to_str().unwrap()]).stdout(Stdio::null());
+        command
+            .current_dir(folder)
+            .args(["ingest", traces.to_str().unwrap()])
+            .stdout(Stdio::null());
         command.spawn().unwrap()
     };
     let mut children = [ingest(), ingest(), ingest()];
@@ -87,20 +110,61 @@ fn one_weight_changes_the_episodes_in_which_it_paid() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     expect(folder, 0, &["ingest", golden().to_str().unwrap()]);
-    std::fs::write(folder.join("mine.toml"), "name = \"mine\"\nbase = \"paper\"\n[weights]\nask = 0.25\n").unwrap();
-    let listed = expect(folder, 0, &["reward", "--diff", "paper", "mine.toml", "--json"]);
-    let paid = count(folder, "SELECT count(DISTINCT episode_id) FROM rewards WHERE component = 'ask'");
-    assert!(paid > 0 && listed.lines().count() as u64 == paid, "{paid}: {listed}");
-    assert!(listed.lines().all(|line| line.contains(r#""components":{"ask":"#)), "{listed}");
-    assert!(expect(folder, 0, &["reward", "--preset", "mine.toml"]).starts_with(&format!("{GOLDEN} episodes scored")));
-    assert!(expect(folder, 0, &["reward", "--preset", "mine.toml"]).contains(&format!("{GOLDEN} had it already")));
+    std::fs::write(
+        folder.join("mine.toml"),
+        "name = \"mine\"\nbase = \"paper\"\n[weights]\nask = 0.25\n",
+    )
+    .unwrap();
+    let listed = expect(
+        folder,
+        0,
+        &["reward", "--diff", "paper", "mine.toml", "--json"],
+    );
+    let paid = count(
+        folder,
+        "SELECT count(DISTINCT episode_id) FROM rewards WHERE component = 'ask'",
+    );
+    assert!(
+        paid > 0 && listed.lines().count() as u64 == paid,
+        "{paid}: {listed}"
+    );
+    assert!(
+        listed
+            .lines()
+            .all(|line| line.contains(r#""components":{"ask":"#)),
+        "{listed}"
+    );
+    assert!(
+        expect(folder, 0, &["reward", "--preset", "mine.toml"])
+            .starts_with(&format!("{GOLDEN} episodes scored"))
+    );
+    assert!(
+        expect(folder, 0, &["reward", "--preset", "mine.toml"])
+            .contains(&format!("{GOLDEN} had it already"))
+    );
     let sums = "SELECT count(*) FROM rescored WHERE preset = 'mine'";
     assert_eq!(count(folder, sums), GOLDEN);
     // the same terms are not kept twice
-    let recorded = count(folder, "SELECT count(*) FROM episodes WHERE preset = 'paper'");
-    let rows = count(folder, "SELECT count(*) FROM rewards WHERE preset = 'paper'");
-    assert!(recorded > 0 && expect(folder, 0, &["reward", "--preset", "paper"]).contains(&format!("{recorded} had it already")));
-    assert_eq!(count(folder, "SELECT count(*) FROM rewards WHERE preset = 'paper'"), rows);
+    let recorded = count(
+        folder,
+        "SELECT count(*) FROM episodes WHERE preset = 'paper'",
+    );
+    let rows = count(
+        folder,
+        "SELECT count(*) FROM rewards WHERE preset = 'paper'",
+    );
+    assert!(
+        recorded > 0
+            && expect(folder, 0, &["reward", "--preset", "paper"])
+                .contains(&format!("{recorded} had it already"))
+    );
+    assert_eq!(
+        count(
+            folder,
+            "SELECT count(*) FROM rewards WHERE preset = 'paper'"
+        ),
+        rows
+    );
     // from tables as from traces
     expect(folder, 0, &["reward", "--preset", "real-trainer"]);
     let equal = "SELECT count(*) FROM rescored r JOIN episodes e ON e.episode_id = r.episode_id \
@@ -108,6 +172,11 @@ fn one_weight_changes_the_episodes_in_which_it_paid() {
     let ended = "SELECT count(*) FROM episodes WHERE end_reason IS NOT NULL";
     assert_eq!(count(folder, equal), count(folder, ended));
     let listed = expect(folder, 0, &["reward", "--list"]);
-    assert!(["paper", "real-repo", "real-trainer"].iter().all(|preset| listed.contains(preset)), "{listed}");
+    assert!(
+        ["paper", "real-repo", "real-trainer"]
+            .iter()
+            .all(|preset| listed.contains(preset)),
+        "{listed}"
+    );
     expect(folder, 2, &["reward", "--preset", "nobody"]);
 }

@@ -1,4 +1,5 @@
-//! Faults injected, classified, labelled and compared: the short form of `make eval-taxonomy`, and the commands around it.
+//! Faults injected, classified, labelled and compared: the short form of `make eval-taxonomy`, and
+//! the commands around it.
 
 use std::{fs, path::Path};
 
@@ -8,11 +9,33 @@ use super::{complaint, endpoint::endpoint, expect};
 
 /// Plays faulty episodes, ingests and classifies them.
 fn classified(folder: &Path, count: &str) {
-    expect(folder, 0, &["tasks", "draw", "--count", "16", "--seed", "1001", "--out", "tasks"]);
-    expect(folder, 0, &["faults", "run", "--tasks", "tasks", "--count", count, "--seed", "1900000", "--out", "faulty"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "16", "--seed", "1001", "--out", "tasks",
+        ],
+    );
+    expect(
+        folder,
+        0,
+        &[
+            "faults", "run", "--tasks", "tasks", "--count", count, "--seed", "1900000", "--out",
+            "faulty",
+        ],
+    );
     expect(folder, 0, &["ingest", "faulty", "--store", "store"]);
-    let table = expect(folder, 0, &["taxonomy", "--store", "store", "--sankey", "why.svg", "--sankey", "why.png"]);
-    assert!(table.contains("Object Confusion") && table.contains("failures of"), "{table}");
+    let table = expect(
+        folder,
+        0,
+        &[
+            "taxonomy", "--store", "store", "--sankey", "why.svg", "--sankey", "why.png",
+        ],
+    );
+    assert!(
+        table.contains("Object Confusion") && table.contains("failures of"),
+        "{table}"
+    );
 }
 
 #[test]
@@ -20,33 +43,107 @@ fn the_rules_find_what_was_injected() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     classified(folder, "48");
-    assert!(fs::read_to_string(folder.join("why.svg")).unwrap().contains("Why do they fail?"));
-    assert!(fs::read(folder.join("why.png")).unwrap().starts_with(b"\x89PNG"));
+    assert!(
+        fs::read_to_string(folder.join("why.svg"))
+            .unwrap()
+            .contains("Why do they fail?")
+    );
+    assert!(
+        fs::read(folder.join("why.png"))
+            .unwrap()
+            .starts_with(b"\x89PNG")
+    );
 
     // without labels there is nothing to compare with, and it says what to do
-    let refused = complaint(folder, 2, &["taxonomy", "agreement", "--store", "store", "--with", "injected"]);
-    assert!(refused.contains("no episode of 'rules' has a label"), "{refused}");
-    expect(folder, 0, &["label", "import", "faulty", "--store", "store"]);
-    let report = expect(folder, 0, &["taxonomy", "agreement", "--store", "store", "--with", "injected", "--baseline", "--json"]);
+    let refused = complaint(
+        folder,
+        2,
+        &[
+            "taxonomy",
+            "agreement",
+            "--store",
+            "store",
+            "--with",
+            "injected",
+        ],
+    );
+    assert!(
+        refused.contains("no episode of 'rules' has a label"),
+        "{refused}"
+    );
+    expect(
+        folder,
+        0,
+        &["label", "import", "faulty", "--store", "store"],
+    );
+    let report = expect(
+        folder,
+        0,
+        &[
+            "taxonomy",
+            "agreement",
+            "--store",
+            "store",
+            "--with",
+            "injected",
+            "--baseline",
+            "--json",
+        ],
+    );
     let report: Value = serde_json::from_str(&report).unwrap();
-    let macro_f1 = |index: usize| report["reports"][index]["classes"]["macro_f1"].as_f64().unwrap();
-    assert!(report["reports"][0]["classes"]["episodes"].as_u64().unwrap() >= 30, "{report}");
+    let macro_f1 = |index: usize| {
+        report["reports"][index]["classes"]["macro_f1"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!(
+        report["reports"][0]["classes"]["episodes"]
+            .as_u64()
+            .unwrap()
+            >= 30,
+        "{report}"
+    );
     assert!(macro_f1(0) >= 0.9, "{report}");
-    assert!(macro_f1(0) > macro_f1(1) + 0.2, "no better than a naive classifier: {report}");
+    assert!(
+        macro_f1(0) > macro_f1(1) + 0.2,
+        "no better than a naive classifier: {report}"
+    );
 
     // the rules see no labels: the same classes without them
-    let with = expect(folder, 0, &["taxonomy", "--store", "store", "--dry-run", "--json"]);
+    let with = expect(
+        folder,
+        0,
+        &["taxonomy", "--store", "store", "--dry-run", "--json"],
+    );
     expect(folder, 0, &["ingest", "faulty", "--store", "other"]);
-    let mut without: Vec<String> =
-        expect(folder, 0, &["taxonomy", "--store", "other", "--json"]).lines().map(str::to_owned).collect();
+    let mut without: Vec<String> = expect(folder, 0, &["taxonomy", "--store", "other", "--json"])
+        .lines()
+        .map(str::to_owned)
+        .collect();
     let mut with: Vec<String> = with.lines().map(str::to_owned).collect();
     with.sort();
     without.sort();
     assert_eq!(with, without);
 
     let half = "episode_id < '8'";
-    let drift = expect(folder, 0, &["taxonomy", "drift", "--store", "store", "--before", half, "--after", "episode_id >= '8'"]);
-    assert!(drift.contains("Object Confusion") && drift.contains("Fisher"), "{drift}");
+    let drift = expect(
+        folder,
+        0,
+        &[
+            "taxonomy",
+            "drift",
+            "--store",
+            "store",
+            "--before",
+            half,
+            "--after",
+            "episode_id >= '8'",
+        ],
+    );
+    assert!(
+        drift.contains("Object Confusion") && drift.contains("Fisher"),
+        "{drift}"
+    );
 }
 
 #[test]
@@ -56,17 +153,32 @@ fn a_report_holds_everything_it_shows() {
     classified(folder, "8");
     expect(folder, 0, &["blame", "--store", "store"]);
     let report = ["report", "--store", "store", "--out", "why.html"];
-    expect(folder, 0, &[&report[..], &["--title", "Why <they> fail"]].concat());
+    expect(
+        folder,
+        0,
+        &[&report[..], &["--title", "Why <they> fail"]].concat(),
+    );
     let page = fs::read_to_string(folder.join("why.html")).unwrap();
-    assert!(page.contains("Why &lt;they&gt; fail") && page.contains("<svg") && page.contains("data:image/png;base64,"));
+    assert!(
+        page.contains("Why &lt;they&gt; fail")
+            && page.contains("<svg")
+            && page.contains("data:image/png;base64,")
+    );
     // Nothing is fetched, and nothing runs.
     for outside in ["<script", "<link", "src=\"http", "url(http", "@import"] {
         assert!(!page.contains(outside), "{outside}");
     }
     // What cannot be read into it is told, and no file is left.
     fs::remove_file(folder.join("why.html")).unwrap();
-    let refused = complaint(folder, 2, &[&report[..], &["--where", "polcy = 'x'"]].concat());
-    assert!(refused.contains("polcy") && !folder.join("why.html").exists(), "{refused}");
+    let refused = complaint(
+        folder,
+        2,
+        &[&report[..], &["--where", "polcy = 'x'"]].concat(),
+    );
+    assert!(
+        refused.contains("polcy") && !folder.join("why.html").exists(),
+        "{refused}"
+    );
 }
 
 #[test]
@@ -74,33 +186,127 @@ fn people_label_disagree_and_decide() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     classified(folder, "6");
-    let first = expect(folder, 0, &["query", "--store", "store", "--format", "csv", "SELECT min(episode_id) AS id FROM classes"]);
+    let first = expect(
+        folder,
+        0,
+        &[
+            "query",
+            "--store",
+            "store",
+            "--format",
+            "csv",
+            "SELECT min(episode_id) AS id FROM classes",
+        ],
+    );
     let id = first.lines().nth(1).unwrap();
     let set = |arguments: &[&str], code: i32| {
         let all = [&["label", "set", "--store", "store"], arguments].concat();
         expect(folder, code, &all)
     };
-    set(&[id, "--sub-class", "missing_ask", "--step", "1", "--author", "ann", "--note", "two, \"clocks\""], 0);
-    set(&[id, "--class", "Other", "--author", "bob", "--confidence", "0.4"], 0);
+    set(
+        &[
+            id,
+            "--sub-class",
+            "missing_ask",
+            "--step",
+            "1",
+            "--author",
+            "ann",
+            "--note",
+            "two, \"clocks\"",
+        ],
+        0,
+    );
+    set(
+        &[
+            id,
+            "--class",
+            "Other",
+            "--author",
+            "bob",
+            "--confidence",
+            "0.4",
+        ],
+        0,
+    );
     for (arguments, complaint_of) in [
-        (vec![id, "--class", "Bad Luck", "--author", "bob"], "none of Object Confusion"),
-        (vec![id, "--class", "Other", "--author", "bob", "--step", "99"], "steps, from 0"),
-        (vec!["zzzz", "--class", "Other", "--author", "bob"], "0 episodes have an id"),
-        (vec![id, "--class", "Other", "--author", "bob", "--confidence", "3"], "between 0 and 1"),
+        (
+            vec![id, "--class", "Bad Luck", "--author", "bob"],
+            "none of Object Confusion",
+        ),
+        (
+            vec![id, "--class", "Other", "--author", "bob", "--step", "99"],
+            "steps, from 0",
+        ),
+        (
+            vec!["zzzz", "--class", "Other", "--author", "bob"],
+            "0 episodes have an id",
+        ),
+        (
+            vec![
+                id,
+                "--class",
+                "Other",
+                "--author",
+                "bob",
+                "--confidence",
+                "3",
+            ],
+            "between 0 and 1",
+        ),
     ] {
-        let refused = complaint(folder, 2, &[&["label", "set", "--store", "store"], &arguments[..]].concat());
+        let refused = complaint(
+            folder,
+            2,
+            &[&["label", "set", "--store", "store"], &arguments[..]].concat(),
+        );
         assert!(refused.contains(complaint_of), "{refused}");
     }
     let disputed = expect(folder, 1, &["label", "disputed", "--store", "store"]);
-    assert!(disputed.contains("ann") && disputed.contains("bob") && disputed.contains("1 episodes are disputed"), "{disputed}");
+    assert!(
+        disputed.contains("ann")
+            && disputed.contains("bob")
+            && disputed.contains("1 episodes are disputed"),
+        "{disputed}"
+    );
     complaint(folder, 2, &["taxonomy", "agreement", "--store", "store"]);
-    set(&[id, "--sub-class", "wrong_kind", "--author", "cem", "--adjudicate"], 0);
-    assert!(expect(folder, 0, &["label", "disputed", "--store", "store"]).starts_with("0 episodes"));
-    assert!(expect(folder, 0, &["taxonomy", "agreement", "--store", "store"]).contains("against 'agreed': 1 episodes"));
+    set(
+        &[
+            id,
+            "--sub-class",
+            "wrong_kind",
+            "--author",
+            "cem",
+            "--adjudicate",
+        ],
+        0,
+    );
+    assert!(
+        expect(folder, 0, &["label", "disputed", "--store", "store"]).starts_with("0 episodes")
+    );
+    assert!(
+        expect(folder, 0, &["taxonomy", "agreement", "--store", "store"])
+            .contains("against 'agreed': 1 episodes")
+    );
 
     // out and in again, into another store
-    expect(folder, 0, &["label", "export", "--store", "store", "--out", "labels.csv"]);
-    expect(folder, 0, &["label", "export", "--store", "store", "--out", "labels.jsonl"]);
+    expect(
+        folder,
+        0,
+        &["label", "export", "--store", "store", "--out", "labels.csv"],
+    );
+    expect(
+        folder,
+        0,
+        &[
+            "label",
+            "export",
+            "--store",
+            "store",
+            "--out",
+            "labels.jsonl",
+        ],
+    );
     for file in ["labels.csv", "labels.jsonl"] {
         let other = format!("other-{file}");
         expect(folder, 0, &["ingest", "faulty", "--store", &other]);
@@ -109,10 +315,18 @@ fn people_label_disagree_and_decide() {
         assert_eq!(list(&other), list("store"), "{file}");
     }
     fs::write(folder.join("bad.csv"), "episode_id,class\nx,Nonsense\n").unwrap();
-    let refused = complaint(folder, 2, &["label", "import", "bad.csv", "--store", "store"]);
+    let refused = complaint(
+        folder,
+        2,
+        &["label", "import", "bad.csv", "--store", "store"],
+    );
     assert!(refused.contains("bad.csv, line 2"), "{refused}");
     fs::write(folder.join("gone.csv"), "episode_id,class\nnobody,Other\n").unwrap();
-    complaint(folder, 3, &["label", "import", "gone.csv", "--store", "store"]);
+    complaint(
+        folder,
+        3,
+        &["label", "import", "gone.csv", "--store", "store"],
+    );
 }
 
 #[test]
@@ -124,28 +338,107 @@ fn a_judge_says_what_it_thinks_and_overturns_nothing() {
         expect(
             folder,
             0,
-            &["query", "--store", store, "--format", "csv", "SELECT episode_id, class, sub_class FROM classes ORDER BY 1"],
+            &[
+                "query",
+                "--store",
+                store,
+                "--format",
+                "csv",
+                "SELECT episode_id, class, sub_class FROM classes ORDER BY 1",
+            ],
         )
     };
     let before = classes("store");
-    let url = endpoint(r#"{"class": "Other", "sub_class": null, "step": 0, "comment": "it rained", "confidence": 0.9}"#);
-    let judge = ["taxonomy", "judge", "--store", "store", "--endpoint", &url, "--model", "scripted", "--max", "4"];
+    let url = endpoint(
+        r#"{"class": "Other", "sub_class": null, "step": 0, "comment": "it rained", "confidence": 0.9}"#,
+    );
+    let judge = [
+        "taxonomy",
+        "judge",
+        "--store",
+        "store",
+        "--endpoint",
+        &url,
+        "--model",
+        "scripted",
+        "--max",
+        "4",
+    ];
     let said = expect(folder, 0, &judge);
     assert!(said.starts_with("4 episodes judged"), "{said}");
     assert_eq!(classes("store"), before);
     let labels = expect(folder, 0, &["label", "list", "--store", "store"]);
     assert_eq!(labels.matches("judge").count(), 4, "{labels}");
     assert!(labels.contains("it rained"), "{labels}");
-    assert_eq!(fs::read_to_string(folder.join("judge-calls.jsonl")).unwrap().lines().count(), 4);
+    assert_eq!(
+        fs::read_to_string(folder.join("judge-calls.jsonl"))
+            .unwrap()
+            .lines()
+            .count(),
+        4
+    );
     // asked again it answers from what was kept, without the endpoint
-    let gone =
-        ["taxonomy", "judge", "--store", "store", "--endpoint", "http://127.0.0.1:9/v1", "--model", "scripted", "--max", "4"];
+    let gone = [
+        "taxonomy",
+        "judge",
+        "--store",
+        "store",
+        "--endpoint",
+        "http://127.0.0.1:9/v1",
+        "--model",
+        "scripted",
+        "--max",
+        "4",
+    ];
     assert!(expect(folder, 0, &gone).starts_with("4 episodes judged"));
-    let agreement = expect(folder, 0, &["taxonomy", "agreement", "--store", "store", "--with", "judge"]);
-    assert!(agreement.contains("rules against 'judge': 4 episodes"), "{agreement}");
+    let agreement = expect(
+        folder,
+        0,
+        &[
+            "taxonomy",
+            "agreement",
+            "--store",
+            "store",
+            "--with",
+            "judge",
+        ],
+    );
+    assert!(
+        agreement.contains("rules against 'judge': 4 episodes"),
+        "{agreement}"
+    );
     // and the judge beside people
-    let judged = labels.lines().next().unwrap().split_whitespace().next().unwrap();
-    expect(folder, 0, &["label", "set", judged, "--class", "Other", "--author", "ann", "--store", "store"]);
-    let agreement = expect(folder, 0, &["taxonomy", "agreement", "--store", "store", "--of", "judge", "--with", "ann"]);
-    assert!(agreement.contains("judge against 'ann': 1 episodes") && agreement.contains("accuracy 1.000"), "{agreement}");
+    let judged = labels
+        .lines()
+        .next()
+        .unwrap()
+        .split_whitespace()
+        .next()
+        .unwrap();
+    expect(
+        folder,
+        0,
+        &[
+            "label", "set", judged, "--class", "Other", "--author", "ann", "--store", "store",
+        ],
+    );
+    let agreement = expect(
+        folder,
+        0,
+        &[
+            "taxonomy",
+            "agreement",
+            "--store",
+            "store",
+            "--of",
+            "judge",
+            "--with",
+            "ann",
+        ],
+    );
+    assert!(
+        agreement.contains("judge against 'ann': 1 episodes")
+            && agreement.contains("accuracy 1.000"),
+        "{agreement}"
+    );
 }

@@ -1,4 +1,5 @@
-//! Training sets by the command: words by rules and by a model, rollout groups, tokens by a model's own tokenizer.
+//! Training sets by the command: words by rules and by a model, rollout groups, tokens by a model's
+//! own tokenizer.
 
 use std::{fs, path::Path, process::Command};
 
@@ -7,26 +8,55 @@ use serde_json::Value;
 use super::{complaint, endpoint::endpoint, expect};
 
 fn lines(text: &str) -> Vec<Value> {
-    text.lines().map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"))).collect()
+    text.lines()
+        .map(|line| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}")))
+        .collect()
 }
 
 #[test]
 fn a_models_notes_stand_where_nothing_is_against_them() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks"]);
-    expect(folder, 0, &["run", "--tasks", "tasks", "--policy", "oracle", "--no-images", "--out", "traces"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks",
+        ],
+    );
+    expect(
+        folder,
+        0,
+        &[
+            "run",
+            "--tasks",
+            "tasks",
+            "--policy",
+            "oracle",
+            "--no-images",
+            "--out",
+            "traces",
+        ],
+    );
     expect(folder, 0, &["ingest", "traces", "--store", "store"]);
-    let bare =
-        complaint(folder, 3, &["export", "sft", "--store", "store", "--words", "notes", "--images", "none", "--out", "bare"]);
+    let bare = complaint(
+        folder,
+        3,
+        &[
+            "export", "sft", "--store", "store", "--words", "notes", "--images", "none", "--out",
+            "bare",
+        ],
+    );
     assert!(bare.contains("annotate the trace first"), "{bare}");
 
     // the rules' notes are the words that the export writes by itself
     let said = expect(folder, 0, &["annotate", "traces"]);
     assert!(said.contains("of 2 traces annotated"), "{said}");
     let rows = |words: &str| {
-        let export =
-            ["export", "sft", "--store", "store", "--images", "none", "--format", "trl", "--words", words, "--out", words];
+        let export = [
+            "export", "sft", "--store", "store", "--images", "none", "--format", "trl", "--words",
+            words, "--out", words,
+        ];
         expect(folder, 0, &export);
         lines(&fs::read_to_string(folder.join(words).join("train/train-00000.jsonl")).unwrap())
     };
@@ -36,73 +66,197 @@ fn a_models_notes_stand_where_nothing_is_against_them() {
         assert_eq!(note["completion"], rule["completion"]);
     }
 
-    // a model: what it says of the first decision is taken, what it claims falsely of the second is not
+    // a model: what it says of the first decision is taken, what it claims falsely of the second is
+    // not
     let note = |step: usize, history: &str| {
         serde_json::json!({
             "step": step, "reasoning": "Let me think.", "history": history, "schedule": "All of it.", "subtask": "The next thing.",
         })
     };
-    let answer = Value::from(vec![note(0, "Nothing was done yet."), note(1, "I placed the object on bed_1.")]).to_string();
+    let answer = Value::from(vec![
+        note(0, "Nothing was done yet."),
+        note(1, "I placed the object on bed_1."),
+    ])
+    .to_string();
     let url = endpoint(&answer);
-    let said = lines(&expect(folder, 0, &["annotate", "traces", "--endpoint", &url, "--model", "scripted", "--json"]));
+    let said = lines(&expect(
+        folder,
+        0,
+        &[
+            "annotate",
+            "traces",
+            "--endpoint",
+            &url,
+            "--model",
+            "scripted",
+            "--json",
+        ],
+    ));
     for trace in &said {
         let by_rules = trace["by_rules_because"].as_array().unwrap();
-        assert_eq!(by_rules.len() as u64 + 1, trace["decisions"].as_u64().unwrap(), "{trace}");
-        assert!(by_rules[0]["reason"].as_str().unwrap().contains("placed the object"), "{trace}");
+        assert_eq!(
+            by_rules.len() as u64 + 1,
+            trace["decisions"].as_u64().unwrap(),
+            "{trace}"
+        );
+        assert!(
+            by_rules[0]["reason"]
+                .as_str()
+                .unwrap()
+                .contains("placed the object"),
+            "{trace}"
+        );
     }
-    let calls = fs::read_to_string(folder.join("annotate-calls.jsonl")).unwrap().lines().count();
+    let calls = fs::read_to_string(folder.join("annotate-calls.jsonl"))
+        .unwrap()
+        .lines()
+        .count();
     assert!(calls >= 2);
     // nothing is asked twice, not even without the endpoint
-    let again = lines(&expect(folder, 0, &["annotate", "traces", "--endpoint", &url, "--model", "scripted", "--json"]));
-    assert!(again.iter().all(|trace| trace["resumed"] == trace["decisions"]), "{again:?}");
-    assert_eq!(fs::read_to_string(folder.join("annotate-calls.jsonl")).unwrap().lines().count(), calls);
+    let again = lines(&expect(
+        folder,
+        0,
+        &[
+            "annotate",
+            "traces",
+            "--endpoint",
+            &url,
+            "--model",
+            "scripted",
+            "--json",
+        ],
+    ));
+    assert!(
+        again
+            .iter()
+            .all(|trace| trace["resumed"] == trace["decisions"]),
+        "{again:?}"
+    );
+    assert_eq!(
+        fs::read_to_string(folder.join("annotate-calls.jsonl"))
+            .unwrap()
+            .lines()
+            .count(),
+        calls
+    );
 }
 
 #[test]
 fn rollout_groups_and_a_tokenizer() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks",
+        ],
+    );
     for seed in ["1", "2"] {
         expect(
             folder,
             0,
-            &["run", "--tasks", "tasks", "--seed", seed, "--policy", "wrong-object", "--no-images", "--out", "traces"],
+            &[
+                "run",
+                "--tasks",
+                "tasks",
+                "--seed",
+                seed,
+                "--policy",
+                "wrong-object",
+                "--no-images",
+                "--out",
+                "traces",
+            ],
         );
     }
     expect(folder, 0, &["ingest", "traces", "--store", "store"]);
     let words = r#"{"type": "WordLevel", "vocab": {"?": 0}, "unk_token": "?"}"#;
-    let tokenizer = format!(r#"{{"version": "1.0", "pre_tokenizer": {{"type": "Whitespace"}}, "model": {words}}}"#);
+    let tokenizer = format!(
+        r#"{{"version": "1.0", "pre_tokenizer": {{"type": "Whitespace"}}, "model": {words}}}"#
+    );
     fs::write(folder.join("tokenizer.json"), tokenizer).unwrap();
-    let export = ["export", "rl", "--store", "store", "--images", "none", "--tokenizer", "tokenizer.json", "--group-size", "2"];
-    let report = expect(folder, 0, &[&export[..], &["--out", "rl", "--json"]].concat());
+    let export = [
+        "export",
+        "rl",
+        "--store",
+        "store",
+        "--images",
+        "none",
+        "--tokenizer",
+        "tokenizer.json",
+        "--group-size",
+        "2",
+    ];
+    let report = expect(
+        folder,
+        0,
+        &[&export[..], &["--out", "rl", "--json"]].concat(),
+    );
     let report: Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["episodes"], 4, "{report}");
-    assert!(report["tokens"]["tokenizer"].as_str().unwrap().starts_with("tokenizer.json "), "{report}");
+    assert!(
+        report["tokens"]["tokenizer"]
+            .as_str()
+            .unwrap()
+            .starts_with("tokenizer.json "),
+        "{report}"
+    );
     for row in lines(&fs::read_to_string(folder.join("rl/train/train-00000.jsonl")).unwrap()) {
         assert_eq!(row["group_size"], 2);
-        assert!(row["advantage"].is_number() && row["return"].is_number() && row["reward"].is_number());
+        assert!(
+            row["advantage"].is_number() && row["return"].is_number() && row["reward"].is_number()
+        );
     }
-    let tasks: Vec<String> = serde_json::from_str(&fs::read_to_string(folder.join("rl/tasks.json")).unwrap()).unwrap();
+    let tasks: Vec<String> =
+        serde_json::from_str(&fs::read_to_string(folder.join("rl/tasks.json")).unwrap()).unwrap();
     assert_eq!(tasks.len(), 2);
-    let linted = expect(folder, 0, &["dataset", "lint", "rl", "--tokenizer", "tokenizer.json"]);
+    let linted = expect(
+        folder,
+        0,
+        &["dataset", "lint", "rl", "--tokenizer", "tokenizer.json"],
+    );
     assert!(linted.contains("counted by tokenizer.json"), "{linted}");
-    let wrong = complaint(folder, 2, &["dataset", "lint", "rl", "--tokenizer", "rl/tasks.json"]);
-    assert!(wrong.contains("no tokenizer") && wrong.contains("tasks.json"), "{wrong}");
-    complaint(folder, 2, &["export", "rl", "--store", "store", "--format", "parquet", "--out", "other"]);
+    let wrong = complaint(
+        folder,
+        2,
+        &["dataset", "lint", "rl", "--tokenizer", "rl/tasks.json"],
+    );
+    assert!(
+        wrong.contains("no tokenizer") && wrong.contains("tasks.json"),
+        "{wrong}"
+    );
+    complaint(
+        folder,
+        2,
+        &[
+            "export", "rl", "--store", "store", "--format", "parquet", "--out", "other",
+        ],
+    );
 }
 
 /// A script of the repository run by a Python that has packages; none where it has not.
 fn python(variable: &str, packages: &str, script: &str, arguments: &[&str]) -> Option<String> {
     let python = std::env::var(variable).unwrap_or_else(|_| "python3".into());
-    let importable = Command::new(&python).args(["-c", &format!("import {packages}")]).output();
+    let importable = Command::new(&python)
+        .args(["-c", &format!("import {packages}")])
+        .output();
     if !importable.is_ok_and(|output| output.status.success()) {
         eprintln!("skipped: {python} lacks one of {packages} ({variable} names another one)");
         return None;
     }
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(script);
-    let output = Command::new(&python).arg(&script).args(arguments).output().unwrap();
-    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let script = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../..")
+        .join(script);
+    let output = Command::new(&python)
+        .arg(&script)
+        .args(arguments)
+        .output()
+        .unwrap();
+    let (out, err) = (
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr),
+    );
     assert!(output.status.success(), "{out}{err}");
     Some(out.into_owned())
 }
@@ -112,17 +266,54 @@ fn python(variable: &str, packages: &str, script: &str, arguments: &[&str]) -> O
 fn the_benchmarks_script_makes_the_same_rows() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "2", "--seed", "3", "--out", "tasks",
+        ],
+    );
     for policy in ["oracle", "wrong-object"] {
-        expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "full"]);
-        expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--no-images", "--out", "lean"]);
+        expect(
+            folder,
+            0,
+            &[
+                "run", "--tasks", "tasks", "--policy", policy, "--out", "full",
+            ],
+        );
+        expect(
+            folder,
+            0,
+            &[
+                "run",
+                "--tasks",
+                "tasks",
+                "--policy",
+                policy,
+                "--no-images",
+                "--out",
+                "lean",
+            ],
+        );
     }
     let path = |name: &str| folder.join(name).display().to_string();
     let (full, lean, work) = (path("full"), path("lean"), path("work"));
     fs::create_dir(&work).unwrap();
-    let arguments = ["--full", &full, "--lean", &lean, "--work", &work, "--reel", env!("CARGO_BIN_EXE_reel"), "--check"];
+    let arguments = [
+        "--full",
+        &full,
+        "--lean",
+        &lean,
+        "--work",
+        &work,
+        "--reel",
+        env!("CARGO_BIN_EXE_reel"),
+        "--check",
+    ];
     let packages = "blake3, datasets, mcap, google.protobuf, orjson, PIL, pyarrow, re2, zstandard";
-    let Some(said) = python("REEL_PYTHON", packages, "tests/bench/export.py", &arguments) else { return };
+    let Some(said) = python("REEL_PYTHON", packages, "tests/bench/export.py", &arguments) else {
+        return;
+    };
     assert_eq!(said.matches("are the same").count(), 3, "{said}");
 }
 
@@ -131,17 +322,47 @@ fn the_benchmarks_script_makes_the_same_rows() {
 fn the_benchmarks_script_makes_the_same_tables() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    expect(folder, 0, &["tasks", "draw", "--count", "2", "--seed", "5", "--out", "tasks"]);
+    expect(
+        folder,
+        0,
+        &[
+            "tasks", "draw", "--count", "2", "--seed", "5", "--out", "tasks",
+        ],
+    );
     for policy in ["oracle", "wrong-object", "no-ask"] {
-        expect(folder, 0, &["run", "--tasks", "tasks", "--policy", policy, "--out", "traces", "--no-images"]);
+        expect(
+            folder,
+            0,
+            &[
+                "run",
+                "--tasks",
+                "tasks",
+                "--policy",
+                policy,
+                "--out",
+                "traces",
+                "--no-images",
+            ],
+        );
     }
     expect(folder, 0, &["ingest", "traces", "--store", "store"]);
     let path = |name: &str| folder.join(name).display().to_string();
     let (traces, store, rows) = (path("traces"), path("store"), path("rows"));
     let packages = "blake3, deltalake, google.protobuf, mcap, orjson, pyarrow, zstandard";
-    let read = python("REEL_PYTHON", packages, "tests/bench/ingest_python.py", &[&traces, "--out", &rows]);
+    let read = python(
+        "REEL_PYTHON",
+        packages,
+        "tests/bench/ingest_python.py",
+        &[&traces, "--out", &rows],
+    );
     if read.is_some() {
-        let said = python("REEL_PYTHON", packages, "tests/bench/check_ingest.py", &[&store, &rows]).unwrap();
+        let said = python(
+            "REEL_PYTHON",
+            packages,
+            "tests/bench/check_ingest.py",
+            &[&store, &rows],
+        )
+        .unwrap();
         assert!(said.contains("episodes: 6 rows"), "{said}");
     }
 }

@@ -1,5 +1,5 @@
-//! The walk-through of `docs/datasets.md`, from an empty folder to a loaded dataset: every command that stands there prints what
-//! stands below it.
+//! The walk-through of `docs/datasets.md`, from an empty folder to a loaded dataset: every command
+//! that stands there prints what stands below it.
 
 use std::{env, fs, path::Path, process::Command};
 
@@ -7,7 +7,9 @@ use crate::expect;
 
 #[test]
 fn from_generated_tasks_to_a_loaded_dataset() {
-    let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/datasets.md")).unwrap();
+    let text =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/datasets.md"))
+            .unwrap();
     let folder = tempfile::tempdir().unwrap();
     let commands = sessions(&text, "console", "$ reel ");
     assert!(commands.len() >= 6, "{commands:?}");
@@ -15,14 +17,28 @@ fn from_generated_tasks_to_a_loaded_dataset() {
         let said = expect(folder.path(), 0, &command.split(' ').collect::<Vec<_>>());
         assert_shown(&command, &said, &shown);
     }
-    let Some(python) = env::var_os("REEL_PYTHON") else { return println!("skipped: no REEL_PYTHON that could load it") };
+    let Some(python) = env::var_os("REEL_PYTHON") else {
+        return println!("skipped: no REEL_PYTHON that could load it");
+    };
     let expressions = sessions(&text, "python", ">>> ");
     assert!(!expressions.is_empty());
     for (expression, shown) in expressions {
         let program = format!("import datasets\nprint(repr({expression}))");
-        let output = Command::new(&python).current_dir(folder.path()).args(["-c", &program]).output().unwrap();
-        assert!(output.status.success(), "{expression}: {}", String::from_utf8_lossy(&output.stderr));
-        assert_shown(&expression, &String::from_utf8_lossy(&output.stdout), &shown);
+        let output = Command::new(&python)
+            .current_dir(folder.path())
+            .args(["-c", &program])
+            .output()
+            .unwrap();
+        assert!(
+            output.status.success(),
+            "{expression}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+        assert_shown(
+            &expression,
+            &String::from_utf8_lossy(&output.stdout),
+            &shown,
+        );
     }
 }
 
@@ -44,7 +60,8 @@ fn sessions(text: &str, language: &str, prompt: &str) -> Vec<(String, Vec<String
     sessions
 }
 
-/// Every line that is shown was said, in this order; `...` stands for lines left out, and only there may be some.
+/// Every line that is shown was said, in this order; `...` stands for lines left out, and only
+/// there may be some.
 fn assert_shown(typed: &str, said: &str, shown: &[String]) {
     let mut rest: Vec<&str> = said.trim_end().lines().collect();
     let mut gap = false;
@@ -53,10 +70,18 @@ fn assert_shown(typed: &str, said: &str, shown: &[String]) {
             gap = true;
             continue;
         }
-        let at = rest.iter().position(|it| it == line).filter(|at| gap || *at == 0);
-        let Some(at) = at else { panic!("{typed}: {line:?} is not where it is shown; it said:\n{said}") };
+        let at = rest
+            .iter()
+            .position(|it| it == line)
+            .filter(|at| gap || *at == 0);
+        let Some(at) = at else {
+            panic!("{typed}: {line:?} is not where it is shown; it said:\n{said}")
+        };
         rest.drain(..=at);
         gap = false;
     }
-    assert!(gap || rest.is_empty(), "{typed}: it said more than is shown:\n{said}");
+    assert!(
+        gap || rest.is_empty(),
+        "{typed}: it said more than is shown:\n{said}"
+    );
 }

@@ -3,8 +3,8 @@
 use std::fs;
 
 use reel_dataset::{
-    DatasetError, Episode, ExampleOptions, Format, LeakKind, PictureOptions, Pictures, Refusal, Secrets, Shards, Split, Step,
-    Style, Told, examples, privileged, strip,
+    DatasetError, Episode, ExampleOptions, Format, LeakKind, PictureOptions, Pictures, Refusal,
+    Secrets, Shards, Split, Step, Style, Told, examples, privileged, strip,
 };
 use reel_prompt::{Prompt, Wording};
 use reel_world::{Digest, NameSet, ToolSpec};
@@ -15,19 +15,34 @@ use crate::{
     sample::{episode, put_pictures, told},
 };
 
-const TEXT: [Format; 5] = [Format::QwenVl, Format::MsSwift, Format::LlamaFactory, Format::Trl, Format::OpenAi];
+const TEXT: [Format; 5] = [
+    Format::QwenVl,
+    Format::MsSwift,
+    Format::LlamaFactory,
+    Format::Trl,
+    Format::OpenAi,
+];
 
 fn options(style: Style) -> ExampleOptions {
-    ExampleOptions { style, failed_calls: false }
+    ExampleOptions {
+        style,
+        failed_calls: false,
+    }
 }
 
 #[test]
 fn single_turn_as_reals_trainer_puts_it() {
     let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn));
     let calls: Vec<u32> = made.examples.iter().map(|example| example.call).collect();
-    assert_eq!((calls, made.refused.len()), (vec![0, 1, 3, 4, 5], 0), "the failed call is context only");
+    assert_eq!(
+        (calls, made.refused.len()),
+        (vec![0, 1, 3, 4, 5], 0),
+        "the failed call is context only"
+    );
     let messages = made.examples[3].messages();
-    let [("user", user), ("assistant", answer)] = &messages[..] else { panic!("{messages:?}") };
+    let [("user", user), ("assistant", answer)] = &messages[..] else {
+        panic!("{messages:?}")
+    };
     for part in [
         "You are a household robot",
         "{\"name\": \"navigate_to\",",
@@ -43,12 +58,28 @@ fn single_turn_as_reals_trainer_puts_it() {
     let (thought, json) = answer.split_once('\n').unwrap();
     assert_eq!(thought, "<think>I think 4 times.</think>");
     let json: Value = serde_json::from_str(json).unwrap();
-    assert_eq!(json["summary"]["History"].as_str().unwrap().lines().last(), Some("4) I did 4 things."));
+    assert_eq!(
+        json["summary"]["History"].as_str().unwrap().lines().last(),
+        Some("4) I did 4 things.")
+    );
     assert_eq!(json["summary"]["Current subtask"], "Find \"it\".");
-    assert_eq!(json["next action"], json!({ "tool_name": "ask", "args": { "question": "To which \"table\"?\n" } }));
+    assert_eq!(
+        json["next action"],
+        json!({ "tool_name": "ask", "args": { "question": "To which \"table\"?\n" } })
+    );
     let first = made.examples[0].messages();
-    assert!(first[0].1.ends_with("Progress: {}\nLast action: {}\nLast observation: "), "{}", first[0].1);
-    assert!(made.examples[4].messages()[0].1.contains("Questions asked: 1 of 8"));
+    assert!(
+        first[0]
+            .1
+            .ends_with("Progress: {}\nLast action: {}\nLast observation: "),
+        "{}",
+        first[0].1
+    );
+    assert!(
+        made.examples[4].messages()[0]
+            .1
+            .contains("Questions asked: 1 of 8")
+    );
 }
 
 /// The answer of a row, as the format holds it.
@@ -59,7 +90,9 @@ fn answer_of(format: Format, row: &Value) -> String {
         Format::Trl => &row["completion"][0]["content"][0]["text"],
         Format::Parquet => unreachable!("its rows are columns"),
     };
-    text.as_str().unwrap_or_else(|| panic!("{format:?}: {row}")).to_owned()
+    text.as_str()
+        .unwrap_or_else(|| panic!("{format:?}: {row}"))
+        .to_owned()
 }
 
 #[test]
@@ -67,10 +100,17 @@ fn all_published_parsers_read_every_answer_of_every_format() {
     use reel_prompt::published::{agent_answer, gym_answer, scheduler_action, trainer_action};
     let folder = tempfile::tempdir().unwrap();
     let pictures = Pictures::new(folder.path(), PictureOptions::default());
-    let mut episodes = [episode("paper", Split::Train), episode("real-repo", Split::Train), episode("untold", Split::Train)];
+    let mut episodes = [
+        episode("paper", Split::Train),
+        episode("real-repo", Split::Train),
+        episode("untold", Split::Train),
+    ];
     episodes[1].names = NameSet::RealRepo;
     for step in &mut episodes[1].steps {
-        step.call_name = ToolSpec::by_name(&step.tool).unwrap().name(NameSet::RealRepo).into();
+        step.call_name = ToolSpec::by_name(&step.tool)
+            .unwrap()
+            .name(NameSet::RealRepo)
+            .into();
     }
     for step in &mut episodes[2].steps {
         (step.reasoning, step.history) = (String::new(), String::new());
@@ -78,7 +118,13 @@ fn all_published_parsers_read_every_answer_of_every_format() {
     }
     for episode in &episodes {
         put_pictures(episode, &pictures);
-        let made = examples(episode, &ExampleOptions { style: Style::SingleTurn, failed_calls: true });
+        let made = examples(
+            episode,
+            &ExampleOptions {
+                style: Style::SingleTurn,
+                failed_calls: true,
+            },
+        );
         assert_eq!(made.examples.len(), episode.steps.len());
         for (example, step) in made.examples.iter().zip(&episode.steps) {
             let mut answers = vec![example.messages().pop().unwrap().1.into_owned()];
@@ -89,12 +135,29 @@ fn all_published_parsers_read_every_answer_of_every_format() {
             }
             for answer in answers {
                 let trainer = trainer_action(&answer).unwrap();
-                let name = ToolSpec::by_name(&step.tool).unwrap().name(NameSet::RealRepo);
-                assert_eq!((trainer.requested_tool_name.as_str(), trainer.tool_name.as_str()), (name, name));
-                assert!(trainer.arguments.get("marker_id").is_none_or(Value::is_string), "{answer}");
+                let name = ToolSpec::by_name(&step.tool)
+                    .unwrap()
+                    .name(NameSet::RealRepo);
+                assert_eq!(
+                    (
+                        trainer.requested_tool_name.as_str(),
+                        trainer.tool_name.as_str()
+                    ),
+                    (name, name)
+                );
+                assert!(
+                    trainer
+                        .arguments
+                        .get("marker_id")
+                        .is_none_or(Value::is_string),
+                    "{answer}"
+                );
                 let action = Some(json!({ "tool_name": name, "args": trainer.arguments }));
                 let agent = agent_answer(&answer).unwrap();
-                assert_eq!((agent.tool_name.as_str(), &agent.arguments), (name, &trainer.arguments));
+                assert_eq!(
+                    (agent.tool_name.as_str(), &agent.arguments),
+                    (name, &trainer.arguments)
+                );
                 let gym = gym_answer(&answer);
                 let (history, shown) = scheduler_action(&answer).unwrap();
                 assert_eq!((&gym.last_action, &shown), (&action, &action));
@@ -111,15 +174,26 @@ fn all_published_parsers_read_every_answer_of_every_format() {
 
 #[test]
 fn another_template_is_another_prompt() {
-    let template = reel_prompt::TEMPLATE.replace("Last action:", "You did:").replace("Task: {TASK}", "{TASK}<");
-    let prompt = std::sync::Arc::new(Prompt::new("mine.txt", &template, Wording::default()).unwrap());
+    let template = reel_prompt::TEMPLATE
+        .replace("Last action:", "You did:")
+        .replace("Task: {TASK}", "{TASK}<");
+    let prompt =
+        std::sync::Arc::new(Prompt::new("mine.txt", &template, Wording::default()).unwrap());
     let mut episode = episode("e1", Split::Train);
     let told = Told::new("Bring it.", Vec::new(), Secrets::none()).with_prompt(prompt.clone());
     episode.told = told.into();
     let made = examples(&episode, &options(Style::SingleTurn));
     let messages = made.examples[3].messages();
-    assert!(messages[0].1.contains("\nBring it.<\n") && messages[0].1.contains("\nYou did: {\"tool_name\": \"pick\""));
-    assert_eq!(made.examples[3].about.prompt_digest, prompt.digest().to_string());
+    assert!(
+        messages[0].1.contains("\nBring it.<\n")
+            && messages[0]
+                .1
+                .contains("\nYou did: {\"tool_name\": \"pick\"")
+    );
+    assert_eq!(
+        made.examples[3].about.prompt_digest,
+        prompt.digest().to_string()
+    );
     assert_ne!(prompt.digest(), Prompt::builtin().digest());
 }
 
@@ -131,7 +205,13 @@ fn rows_are_json_with_a_tag_a_picture() {
     put_pictures(&episode, &pictures);
     for style in Style::ALL {
         for failed_calls in [true, false] {
-            let made = examples(&episode, &ExampleOptions { style, failed_calls });
+            let made = examples(
+                &episode,
+                &ExampleOptions {
+                    style,
+                    failed_calls,
+                },
+            );
             assert_eq!(
                 made.examples.len(),
                 match (style, failed_calls) {
@@ -140,27 +220,42 @@ fn rows_are_json_with_a_tag_a_picture() {
                     (_, false) => 5,
                 }
             );
-            for (format, example) in TEXT.iter().flat_map(|format| made.examples.iter().map(move |example| (*format, example))) {
+            for (format, example) in TEXT
+                .iter()
+                .flat_map(|format| made.examples.iter().map(move |example| (*format, example)))
+            {
                 let mut row = Vec::new();
                 match format.write_row(example, &pictures, &mut row) {
                     Err(DatasetError::Unfit { .. }) => {
-                        let partial = style == Style::MultiTurnPrefix && format == Format::QwenVl && example.call > 0;
-                        let some =
-                            style == Style::MultiTurn && !failed_calls && !matches!(format, Format::MsSwift | Format::OpenAi);
+                        let partial = style == Style::MultiTurnPrefix
+                            && format == Format::QwenVl
+                            && example.call > 0;
+                        let some = style == Style::MultiTurn
+                            && !failed_calls
+                            && !matches!(format, Format::MsSwift | Format::OpenAi);
                         assert!(partial || some, "{format:?} {style:?} {}", example.id);
                         continue;
                     }
                     written => written.unwrap(),
                 }
-                let row: Value = serde_json::from_slice(&row)
-                    .unwrap_or_else(|error| panic!("{format:?} {style:?}: {error}: {}", String::from_utf8_lossy(&row)));
+                let row: Value = serde_json::from_slice(&row).unwrap_or_else(|error| {
+                    panic!(
+                        "{format:?} {style:?}: {error}: {}",
+                        String::from_utf8_lossy(&row)
+                    )
+                });
                 let text = row.to_string();
                 let tags = match format {
                     Format::Trl => text.matches("{\"type\":\"image\"}").count(),
                     Format::OpenAi => text.matches("data:image/png;base64,").count(),
                     _ => text.matches("<image>").count(),
                 };
-                assert_eq!(tags, example.images().count(), "{format:?} {style:?} {}", example.id);
+                assert_eq!(
+                    tags,
+                    example.images().count(),
+                    "{format:?} {style:?} {}",
+                    example.id
+                );
                 assert!(!text.contains("Debug Info"));
                 assert_eq!(
                     format == Format::Trl && row.get("prompt").is_none(),
@@ -170,7 +265,13 @@ fn rows_are_json_with_a_tag_a_picture() {
                     assert_eq!(row["provenance"]["trace_digest"], "d".repeat(64));
                     assert_eq!(row["provenance"]["call"], example.call);
                     assert_eq!(row["provenance"]["table_version"], 12);
-                    for path in row.get("images").or(row.get("image")).and_then(Value::as_array).into_iter().flatten() {
+                    for path in row
+                        .get("images")
+                        .or(row.get("image"))
+                        .and_then(Value::as_array)
+                        .into_iter()
+                        .flatten()
+                    {
                         assert!(folder.path().join(path.as_str().unwrap()).is_file());
                     }
                 }
@@ -183,15 +284,33 @@ fn rows_are_json_with_a_tag_a_picture() {
 fn the_text_that_holds_it_is_named_wherever_it_was_planted() {
     type Plant = (&'static str, fn(&mut Episode, String));
     let fields: [Plant; 9] = [
-        ("the instruction", |episode, text| episode.told = told(&text, "hall/0", secrets())),
-        ("receptacle table_2", |episode, text| episode.told = told("Bring it.", &text, secrets())),
-        ("the reasoning of call 3", |episode, text| episode.steps[3].reasoning = text),
-        ("the History of call 3", |episode, text| episode.steps[3].history = text),
-        ("the New Schedule of call 3", |episode, text| episode.steps[3].schedule = text),
-        ("the Current subtask of call 3", |episode, text| episode.steps[3].subtask = text),
-        ("the tool of call 3", |episode, text| episode.steps[3].call_name = text),
-        ("the arguments of call 3", |episode, text| episode.steps[3].arguments = json!({ "question": text })),
-        ("the outcome of call 3", |episode, text| episode.steps[3].outcome = text),
+        ("the instruction", |episode, text| {
+            episode.told = told(&text, "hall/0", secrets())
+        }),
+        ("receptacle table_2", |episode, text| {
+            episode.told = told("Bring it.", &text, secrets())
+        }),
+        ("the reasoning of call 3", |episode, text| {
+            episode.steps[3].reasoning = text
+        }),
+        ("the History of call 3", |episode, text| {
+            episode.steps[3].history = text
+        }),
+        ("the New Schedule of call 3", |episode, text| {
+            episode.steps[3].schedule = text
+        }),
+        ("the Current subtask of call 3", |episode, text| {
+            episode.steps[3].subtask = text
+        }),
+        ("the tool of call 3", |episode, text| {
+            episode.steps[3].call_name = text
+        }),
+        ("the arguments of call 3", |episode, text| {
+            episode.steps[3].arguments = json!({ "question": text })
+        }),
+        ("the outcome of call 3", |episode, text| {
+            episode.steps[3].outcome = text
+        }),
     ];
     for (_, text) in planted() {
         for (expected, plant) in fields {
@@ -199,17 +318,23 @@ fn the_text_that_holds_it_is_named_wherever_it_was_planted() {
             episode.told = told("Bring it.", "hall/0", secrets());
             plant(&mut episode, format!("The lamp. {text}"));
             // whole payloads are no part of what a tool told
-            if expected.contains("outcome") && privileged(&strip(&episode.steps[3].outcome), &secrets()).is_none() {
+            if expected.contains("outcome")
+                && privileged(&strip(&episode.steps[3].outcome), &secrets()).is_none()
+            {
                 continue;
             }
             let made = examples(&episode, &options(Style::SingleTurn));
-            let named = made.refused.iter().any(|it| matches!(&it.reason, Refusal::Leak { field, .. } if field == expected));
+            let named = made
+                .refused
+                .iter()
+                .any(|it| matches!(&it.reason, Refusal::Leak { field, .. } if field == expected));
             assert!(named, "{expected}: {text}: {:?}", made.refused);
         }
     }
 }
 
-/// The texts of an episode are looked at together first: what one ends with and the next begins with must hide nothing.
+/// The texts of an episode are looked at together first: what one ends with and the next begins
+/// with must hide nothing.
 #[test]
 fn what_stands_around_a_text_hides_nothing_in_it() {
     let around = [
@@ -221,14 +346,38 @@ fn what_stands_around_a_text_hides_nothing_in_it() {
         ("{\"a\":\"\\", "\"}"),
         ("shelf_1", ""),
     ];
-    for ((before, after), (_, text)) in around.into_iter().flat_map(|around| planted().into_iter().map(move |it| (around, it))) {
+    for ((before, after), (_, text)) in around
+        .into_iter()
+        .flat_map(|around| planted().into_iter().map(move |it| (around, it)))
+    {
         for planted in 1..5 {
             let mut episode = episode("e1", Split::Train);
             episode.told = told("Bring it.", "hall/0", secrets());
-            let [.., step, Step { reasoning, history, schedule, subtask, call_name, .. }, _, _] = &mut episode.steps[..] else {
+            let [
+                ..,
+                step,
+                Step {
+                    reasoning,
+                    history,
+                    schedule,
+                    subtask,
+                    call_name,
+                    ..
+                },
+                _,
+                _,
+            ] = &mut episode.steps[..]
+            else {
                 unreachable!("six steps")
             };
-            let fields = [&mut step.outcome, reasoning, history, schedule, subtask, call_name];
+            let fields = [
+                &mut step.outcome,
+                reasoning,
+                history,
+                schedule,
+                subtask,
+                call_name,
+            ];
             for (at, field) in fields.into_iter().enumerate() {
                 *field = match at {
                     _ if at == planted => text.clone(),
@@ -238,7 +387,11 @@ fn what_stands_around_a_text_hides_nothing_in_it() {
                 };
             }
             let made = examples(&episode, &options(Style::SingleTurn));
-            assert!(made.refused.iter().any(|it| it.call == Some(3)), "{before}{text}{after}: {:?}", made.refused);
+            assert!(
+                made.refused.iter().any(|it| it.call == Some(3)),
+                "{before}{text}{after}: {:?}",
+                made.refused
+            );
         }
     }
 }
@@ -247,21 +400,61 @@ fn what_stands_around_a_text_hides_nothing_in_it() {
 fn what_must_not_be_known_is_refused_with_all_that_repeats_it() {
     let mut episode = episode("e1", Split::Train);
     episode.steps[3].history = "I hold vase_03_on_shelf_1_at_t.".into();
-    let calls = |made: &reel_dataset::Examples| made.examples.iter().map(|example| example.call).collect::<Vec<_>>();
+    let calls = |made: &reel_dataset::Examples| {
+        made.examples
+            .iter()
+            .map(|example| example.call)
+            .collect::<Vec<_>>()
+    };
     let made = examples(&episode, &options(Style::SingleTurn));
     assert_eq!(calls(&made), [0, 1]);
-    assert_eq!(made.refused.iter().map(|it| it.call).collect::<Vec<_>>(), [Some(3), Some(4), Some(5)], "memory keeps it");
-    assert!(matches!(&made.refused[0].reason, Refusal::Leak { kind: LeakKind::Instance, .. }));
-    assert_eq!(calls(&examples(&episode, &options(Style::MultiTurn))), [5], "a History is in no conversation");
+    assert_eq!(
+        made.refused.iter().map(|it| it.call).collect::<Vec<_>>(),
+        [Some(3), Some(4), Some(5)],
+        "memory keeps it"
+    );
+    assert!(matches!(
+        &made.refused[0].reason,
+        Refusal::Leak {
+            kind: LeakKind::Instance,
+            ..
+        }
+    ));
+    assert_eq!(
+        calls(&examples(&episode, &options(Style::MultiTurn))),
+        [5],
+        "a History is in no conversation"
+    );
 
     episode.steps[1].outcome = "See <image>.".into();
-    assert_eq!(calls(&examples(&episode, &options(Style::MultiTurnPrefix))), [0, 1]);
-    assert!(examples(&episode, &options(Style::MultiTurn)).examples.is_empty());
+    assert_eq!(
+        calls(&examples(&episode, &options(Style::MultiTurnPrefix))),
+        [0, 1]
+    );
+    assert!(
+        examples(&episode, &options(Style::MultiTurn))
+            .examples
+            .is_empty()
+    );
 
-    episode.told = told("Bring vase_03.", "hall/0", Secrets::new([(LeakKind::Instance, "vase_03")], []));
+    episode.told = told(
+        "Bring vase_03.",
+        "hall/0",
+        Secrets::new([(LeakKind::Instance, "vase_03")], []),
+    );
     let made = examples(&episode, &options(Style::SingleTurn));
-    assert_eq!((made.examples.len(), made.refused.len(), made.refused[0].call), (0, 1, None));
-    assert_eq!(made.refused[0].reason.to_string(), "the instruction holds an object instance or asset: \"vase_03\"");
+    assert_eq!(
+        (
+            made.examples.len(),
+            made.refused.len(),
+            made.refused[0].call
+        ),
+        (0, 1, None)
+    );
+    assert_eq!(
+        made.refused[0].reason.to_string(),
+        "the instruction holds an object instance or asset: \"vase_03\""
+    );
 }
 
 #[test]
@@ -270,25 +463,44 @@ fn shards_are_whole_files_of_at_most_so_many_rows() {
         let folder = tempfile::tempdir().unwrap();
         let mut shards = Shards::new(folder.path(), format, Split::Validation, 2);
         for at in 0..5 {
-            shards.push(format!("{{\"at\":{at}}}").as_bytes(), b"{}").unwrap();
+            shards
+                .push(format!("{{\"at\":{at}}}").as_bytes(), b"{}")
+                .unwrap();
         }
         let shards = shards.finish().unwrap();
-        assert_eq!(shards.iter().map(|shard| shard.rows).collect::<Vec<_>>(), [2, 2, 1]);
-        assert_eq!(shards[2].path, format!("validation/validation-00002.{}", format.extension()));
+        assert_eq!(
+            shards.iter().map(|shard| shard.rows).collect::<Vec<_>>(),
+            [2, 2, 1]
+        );
+        assert_eq!(
+            shards[2].path,
+            format!("validation/validation-00002.{}", format.extension())
+        );
         let text = fs::read_to_string(folder.path().join(&shards[0].path)).unwrap();
         let rows: Vec<Value> = match format {
             Format::QwenVl => serde_json::from_str(&text).unwrap(),
-            _ => text.lines().map(|line| serde_json::from_str(line).unwrap()).collect(),
+            _ => text
+                .lines()
+                .map(|line| serde_json::from_str(line).unwrap())
+                .collect(),
         };
         assert_eq!(rows.len(), 2);
-        let beside = shards[0].provenance.as_ref().map(|path| fs::read_to_string(folder.path().join(path)).unwrap());
-        assert_eq!(beside.as_deref(), (!format.holds_provenance()).then_some("{}\n{}\n"));
+        let beside = shards[0]
+            .provenance
+            .as_ref()
+            .map(|path| fs::read_to_string(folder.path().join(path)).unwrap());
+        assert_eq!(
+            beside.as_deref(),
+            (!format.holds_provenance()).then_some("{}\n{}\n")
+        );
         assert!(
-            fs::read_dir(folder.path().join("validation")).unwrap().all(|entry| entry
+            fs::read_dir(folder.path().join("validation"))
                 .unwrap()
-                .path()
-                .extension()
-                .is_none_or(|it| it != "part"))
+                .all(|entry| entry
+                    .unwrap()
+                    .path()
+                    .extension()
+                    .is_none_or(|it| it != "part"))
         );
     }
 }
@@ -298,6 +510,8 @@ fn a_missing_picture_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let pictures = Pictures::new(folder.path(), PictureOptions::default());
     let made = examples(&episode("e1", Split::Train), &options(Style::SingleTurn));
-    let error = Format::MsSwift.write_row(&made.examples[1], &pictures, &mut Vec::new()).unwrap_err();
+    let error = Format::MsSwift
+        .write_row(&made.examples[1], &pictures, &mut Vec::new())
+        .unwrap_err();
     assert!(matches!(error, DatasetError::Picture { image, .. } if image == Digest::of(b"e1 0")));
 }

@@ -12,10 +12,16 @@ pub fn secrets() -> Secrets {
         (LeakKind::Instance, "_01cace88a48c"),
     ];
     let phrase = [
-        (LeakKind::Phrase, "Move the tall blue vase from the oak shelf to the glass table."),
+        (
+            LeakKind::Phrase,
+            "Move the tall blue vase from the oak shelf to the glass table.",
+        ),
         (LeakKind::TaskPayload, "FDO/home_0001"),
     ];
-    Secrets::new(instance.into_iter().chain(phrase), ["shelf_1", "table_2", "refrigerator_1", "lamp_on_stand_1"])
+    Secrets::new(
+        instance.into_iter().chain(phrase),
+        ["shelf_1", "table_2", "refrigerator_1", "lamp_on_stand_1"],
+    )
 }
 
 /// What was planted, and as what it is to be found.
@@ -53,14 +59,26 @@ pub fn planted() -> Vec<(LeakKind, String)> {
         (WorldGraph, "-vase@shelf_1 +vase@table_2"),
         (WorldGraph, "refrigerator_1.door: closed -> open"),
         (WorldGraph, "{\"shelf_1\": [\"vase\"], \"table_2\": []}"),
-        (WorldGraph, "{\"shelf\": {\"content\": [\"vase\"], \"door\": \"open\"}}"),
-        (WorldGraph, "{\"kitchen_table_0\": {}, \"kitchen_shelf_1\": {}}"),
+        (
+            WorldGraph,
+            "{\"shelf\": {\"content\": [\"vase\"], \"door\": \"open\"}}",
+        ),
+        (
+            WorldGraph,
+            "{\"kitchen_table_0\": {}, \"kitchen_shelf_1\": {}}",
+        ),
         (WorldGraph, "delta_goal has two elements"),
         (WorldGraph, "the simulator state says so"),
         (Plan, "execution_plan: go, pick, place"),
         (Plan, "Execution plan:\n1. nav_to"),
-        (Plan, "[{\"action\": \"nav_to\", \"args\": {}}, {\"action\": \"pick\", \"args\": {}}]"),
-        (Plan, "{\"steps\": [{\"name\": \"pick\", \"arguments\": {}}, {\"name\": \"place\", \"arguments\": {}}]}"),
+        (
+            Plan,
+            "[{\"action\": \"nav_to\", \"args\": {}}, {\"action\": \"pick\", \"args\": {}}]",
+        ),
+        (
+            Plan,
+            "{\"steps\": [{\"name\": \"pick\", \"arguments\": {}}, {\"name\": \"place\", \"arguments\": {}}]}",
+        ),
         (Plan, "as in the expert trajectory"),
         (Plan, "I follow the optimal plan"),
         (Pose, "the vase is at (1.25, -0.40, 0.93)"),
@@ -87,17 +105,35 @@ pub fn planted() -> Vec<(LeakKind, String)> {
         (Oracle, "reward +1.90"),
         (Oracle, "\"cumulative_reward\": 11.2"),
         (Oracle, "success = true"),
-        (Phrase, "Move the tall blue vase from the oak shelf to the glass table."),
-        (Phrase, "(move the TALL blue vase from the oak shelf to the glass table.)"),
+        (
+            Phrase,
+            "Move the tall blue vase from the oak shelf to the glass table.",
+        ),
+        (
+            Phrase,
+            "(move the TALL blue vase from the oak shelf to the glass table.)",
+        ),
     ];
-    let mut planted: Vec<(LeakKind, String)> = texts.into_iter().map(|(kind, text)| (kind, text.to_owned())).collect();
+    let mut planted: Vec<(LeakKind, String)> = texts
+        .into_iter()
+        .map(|(kind, text)| (kind, text.to_owned()))
+        .collect();
     let hidden = [
         (WorldGraph, "world\u{200b}_gra\u{ad}ph".to_owned()),
         (WorldGraph, r"\u0077orld_graph".to_owned()),
         (WorldGraph, "world%5Fgraph".to_owned()),
-        (WorldGraph, "world&#95;graph and world&#x5f;graph".to_owned()),
-        (WorldGraph, STANDARD.encode("{\"target_world_graph\": {\"shelf_1\": []}}")),
-        (Instance, STANDARD.encode("take vase_03_on_shelf_1_at_home_0001")),
+        (
+            WorldGraph,
+            "world&#95;graph and world&#x5f;graph".to_owned(),
+        ),
+        (
+            WorldGraph,
+            STANDARD.encode("{\"target_world_graph\": {\"shelf_1\": []}}"),
+        ),
+        (
+            Instance,
+            STANDARD.encode("take vase_03_on_shelf_1_at_home_0001"),
+        ),
     ];
     planted.extend(hidden);
     planted
@@ -117,7 +153,9 @@ fn planted_in_many_ways() {
         ] {
             match privileged(&carrier, &secrets) {
                 None => missed.push(format!("not found: {carrier}")),
-                Some(leak) if leak.kind != *kind && carrier == *text => missed.push(format!("{:?}: {carrier}", leak.kind)),
+                Some(leak) if leak.kind != *kind && carrier == *text => {
+                    missed.push(format!("{:?}: {carrier}", leak.kind))
+                }
                 Some(leak) => assert!(carrier.get(leak.span).is_some(), "{carrier}"),
             }
         }
@@ -152,8 +190,18 @@ fn clean_texts_raise_no_alarm() {
     ];
     for text in texts {
         let leak = privileged(text, &secrets());
-        assert_eq!(leak, None, "{text}: {}", leak.as_ref().map(|leak| leak.excerpt(text)).unwrap_or_default());
-        assert!(matches!(strip(text), Cow::Borrowed(same) if same == text), "{text}");
+        assert_eq!(
+            leak,
+            None,
+            "{text}: {}",
+            leak.as_ref()
+                .map(|leak| leak.excerpt(text))
+                .unwrap_or_default()
+        );
+        assert!(
+            matches!(strip(text), Cow::Borrowed(same) if same == text),
+            "{text}"
+        );
     }
 }
 
@@ -183,14 +231,22 @@ fn payloads_are_stripped() {
         assert_eq!(privileged(&stripped, &secrets()), None, "{stripped}");
     }
     let sentence = "The world graph says shelf_1.";
-    assert_eq!(strip(sentence), sentence, "a sentence is refused, never cut");
+    assert_eq!(
+        strip(sentence),
+        sentence,
+        "a sentence is refused, never cut"
+    );
     assert!(privileged(sentence, &Secrets::none()).is_some());
 }
 
 #[test]
 fn hostile_texts_take_no_time() {
-    for text in ["{".repeat(200_000), "[{\"a\":".repeat(50_000), "a_on_".repeat(50_000), "1.0 ".repeat(2) + &"%5F".repeat(50_000)]
-    {
+    for text in [
+        "{".repeat(200_000),
+        "[{\"a\":".repeat(50_000),
+        "a_on_".repeat(50_000),
+        "1.0 ".repeat(2) + &"%5F".repeat(50_000),
+    ] {
         let _ = (privileged(&text, &secrets()), strip(&text));
     }
 }

@@ -10,17 +10,34 @@ use crate::whole;
 fn every_format_is_loaded_by_its_loader() {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/loaders/run.sh");
     let folder = tempfile::tempdir().unwrap();
-    for format in Format::ALL.into_iter().filter(|format| *format != Format::Parquet) {
+    for format in Format::ALL
+        .into_iter()
+        .filter(|format| *format != Format::Parquet)
+    {
         for style in [Style::SingleTurn, Style::MultiTurn] {
-            whole::write(&folder.path().join(format!("{}-{}", format.as_str(), style.as_str())), format, style);
+            whole::write(
+                &folder
+                    .path()
+                    .join(format!("{}-{}", format.as_str(), style.as_str())),
+                format,
+                style,
+            );
         }
     }
-    match Command::new("bash").arg(&script).arg(folder.path()).output() {
+    match Command::new("bash")
+        .arg(&script)
+        .arg(folder.path())
+        .output()
+    {
         Err(error) => eprintln!("skipped: no bash ({error})"),
         Ok(output) => {
             let said = String::from_utf8_lossy(&output.stdout);
             eprintln!("{said}");
-            assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+            assert!(
+                output.status.success(),
+                "{said}{}",
+                String::from_utf8_lossy(&output.stderr)
+            );
             assert!(!said.is_empty());
         }
     }

@@ -9,11 +9,31 @@ use serde_json::{Value, json};
 /// An episode of six decisions with a failed call in it.
 pub fn episode(id: &str, split: Split) -> Episode {
     let calls = [
-        ("nav_to", json!({"receptacle_name": "shelf_1"}), "Arrived at shelf_1."),
-        ("show_object_by_category", json!({"target_category": "vase"}), "Found 2 object(s) matching 'vase': marker 1, marker 2."),
-        ("pick", json!({"marker_id": 7}), "Marker ID 7 not found in the marker map."),
-        ("pick", json!({"marker_id": 2}), "Picked up the object with marker 2.\nDebug Info:\n{\"CURRENT_POS\": [1.0, 2.0]}"),
-        ("ask", json!({"question": "To which \"table\"?\n"}), "The one at the window \\ the glass one."),
+        (
+            "nav_to",
+            json!({"receptacle_name": "shelf_1"}),
+            "Arrived at shelf_1.",
+        ),
+        (
+            "show_object_by_category",
+            json!({"target_category": "vase"}),
+            "Found 2 object(s) matching 'vase': marker 1, marker 2.",
+        ),
+        (
+            "pick",
+            json!({"marker_id": 7}),
+            "Marker ID 7 not found in the marker map.",
+        ),
+        (
+            "pick",
+            json!({"marker_id": 2}),
+            "Picked up the object with marker 2.\nDebug Info:\n{\"CURRENT_POS\": [1.0, 2.0]}",
+        ),
+        (
+            "ask",
+            json!({"question": "To which \"table\"?\n"}),
+            "The one at the window \\ the glass one.",
+        ),
         ("finish", Value::Null, "Episode finished."),
     ];
     let step = |(at, (tool, arguments, outcome)): (usize, (&str, Value, &str))| Step {
@@ -23,12 +43,20 @@ pub fn episode(id: &str, split: Split) -> Episode {
         arguments,
         outcome: outcome.into(),
         error: (at == 2).then(|| "severe: unknown marker".into()),
-        reasoning: if at == 5 { String::new() } else { format!("I think {at} times.") },
+        reasoning: if at == 5 {
+            String::new()
+        } else {
+            format!("I think {at} times.")
+        },
         history: format!("I did {at} things."),
         schedule: "Bring it.".into(),
         subtask: "Find \"it\".".into(),
         held: None,
-        images: if at == 0 { Vec::new() } else { vec![image(id, at / 2)] },
+        images: if at == 0 {
+            Vec::new()
+        } else {
+            vec![image(id, at / 2)]
+        },
         learn: true,
         rollout: None,
     };
@@ -39,7 +67,11 @@ pub fn episode(id: &str, split: Split) -> Episode {
         scene_id: "home".into(),
         policy: "oracle".into(),
         split,
-        told: told("Bring the vase to the \"glass\" table.", "living room/0", Secrets::none()),
+        told: told(
+            "Bring the vase to the \"glass\" table.",
+            "living room/0",
+            Secrets::none(),
+        ),
         names: NameSet::Paper,
         steps: calls.into_iter().enumerate().map(step).collect(),
         source: Source {
@@ -58,9 +90,15 @@ pub fn episode(id: &str, split: Split) -> Episode {
 
 /// What its agent was told, with the room of its second receptacle.
 pub fn told(instruction: &str, room: &str, secrets: Secrets) -> Arc<Told> {
-    let receptacle =
-        |id: &str, category: &str, room: &str| Receptacle { id: id.into(), category: category.into(), room: room.into() };
-    let receptacles = vec![receptacle("shelf_1", "shelf", "living room/0"), receptacle("table_2", "table", room)];
+    let receptacle = |id: &str, category: &str, room: &str| Receptacle {
+        id: id.into(),
+        category: category.into(),
+        room: room.into(),
+    };
+    let receptacles = vec![
+        receptacle("shelf_1", "shelf", "living room/0"),
+        receptacle("table_2", "table", room),
+    ];
     Arc::new(Told::new(instruction, receptacles, secrets))
 }
 
@@ -70,8 +108,15 @@ fn image(id: &str, at: usize) -> ImageId {
 
 /// Puts the pictures of an episode.
 pub fn put_pictures(episode: &Episode, pictures: &Pictures) {
-    for (at, image) in episode.steps.iter().flat_map(|step| &step.images).enumerate() {
-        let rgb: Vec<u8> = (0..640 * 480 * 3).map(|i| (i / 7 + at * 40 + usize::from(image.0[0])) as u8).collect();
+    for (at, image) in episode
+        .steps
+        .iter()
+        .flat_map(|step| &step.images)
+        .enumerate()
+    {
+        let rgb: Vec<u8> = (0..640 * 480 * 3)
+            .map(|i| (i / 7 + at * 40 + usize::from(image.0[0])) as u8)
+            .collect();
         pictures.put(*image, &rgb, 640, 480).unwrap();
     }
 }

@@ -1,10 +1,11 @@
-//! A whole dataset: same inputs, same bytes; the manifest and the card say what is in it; and how fast rows are made.
+//! A whole dataset: same inputs, same bytes; the manifest and the card say what is in it; and how
+//! fast rows are made.
 
 use std::{collections::BTreeMap, fs, path::Path, time::Instant};
 
 use reel_dataset::{
-    DatasetWriter, Description, ExampleOptions, Format, MANIFEST, Manifest, PictureOptions, Pictures, Rollout, Secrets, Split,
-    Style, WriterOptions, examples, files,
+    DatasetWriter, Description, ExampleOptions, Format, MANIFEST, Manifest, PictureOptions,
+    Pictures, Rollout, Secrets, Split, Style, WriterOptions, examples, files,
 };
 use reel_world::{Digest, TokenLogprobs};
 use serde_json::{Value, json};
@@ -13,14 +14,32 @@ use crate::sample::{episode, put_pictures, told};
 
 /// Writes a small dataset with two parts.
 pub fn write(root: &Path, format: Format, style: Style) -> Manifest {
-    let options = WriterOptions { rows_max: 4, ..WriterOptions::new(format) };
+    let options = WriterOptions {
+        rows_max: 4,
+        ..WriterOptions::new(format)
+    };
     let mut writer = DatasetWriter::new(root, options);
-    for (id, split) in [("e1", Split::Train), ("e2", Split::Train), ("e3", Split::Validation)] {
+    for (id, split) in [
+        ("e1", Split::Train),
+        ("e2", Split::Train),
+        ("e3", Split::Validation),
+    ] {
         let mut episode = episode(id, split);
-        episode.told = told(&format!("Bring the vase of {id}."), "hall/0", Secrets::none());
+        episode.told = told(
+            &format!("Bring the vase of {id}."),
+            "hall/0",
+            Secrets::none(),
+        );
         episode.steps.retain(|step| step.error.is_none());
         put_pictures(&episode, writer.pictures());
-        let made = examples(&episode, &ExampleOptions { style, failed_calls: false }).examples;
+        let made = examples(
+            &episode,
+            &ExampleOptions {
+                style,
+                failed_calls: false,
+            },
+        )
+        .examples;
         let prepared = writer.prepare(&made).unwrap();
         writer.push(&made, &prepared).unwrap();
     }
@@ -48,13 +67,38 @@ fn same_inputs_same_bytes() {
     assert_eq!(manifest.files, files(first.path()).unwrap());
     for file in &manifest.files {
         let bytes = fs::read(first.path().join(&file.path)).unwrap();
-        assert_eq!((bytes.len() as u64, Digest::of(&bytes)), (file.bytes, file.blake3), "{}", file.path);
+        assert_eq!(
+            (bytes.len() as u64, Digest::of(&bytes)),
+            (file.bytes, file.blake3),
+            "{}",
+            file.path
+        );
     }
-    let shards: BTreeMap<Split, Vec<u64>> =
-        manifest.shards.iter().map(|(split, shards)| (*split, shards.iter().map(|it| it.rows).collect())).collect();
-    assert_eq!(shards, BTreeMap::from([(Split::Train, vec![4, 4, 2]), (Split::Validation, vec![4, 1])]));
-    assert_eq!((manifest.counts.examples, manifest.counts.tools["pick"]), (15, 3));
-    assert_eq!(manifest.leakage.iter().map(|it| it.what.as_str()).collect::<Vec<_>>(), ["scene"], "all play at home");
+    let shards: BTreeMap<Split, Vec<u64>> = manifest
+        .shards
+        .iter()
+        .map(|(split, shards)| (*split, shards.iter().map(|it| it.rows).collect()))
+        .collect();
+    assert_eq!(
+        shards,
+        BTreeMap::from([
+            (Split::Train, vec![4, 4, 2]),
+            (Split::Validation, vec![4, 1])
+        ])
+    );
+    assert_eq!(
+        (manifest.counts.examples, manifest.counts.tools["pick"]),
+        (15, 3)
+    );
+    assert_eq!(
+        manifest
+            .leakage
+            .iter()
+            .map(|it| it.what.as_str())
+            .collect::<Vec<_>>(),
+        ["scene"],
+        "all play at home"
+    );
     assert_eq!(manifest.tokens.as_ref().unwrap().examples, 15);
     let info: Value = serde_json::from_str(&read(first.path(), "dataset_info.json")).unwrap();
     assert_eq!(info["sample_train"]["file_name"], "train");
@@ -65,7 +109,11 @@ fn the_card_says_what_is_in_it() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), Format::OpenAi, Style::MultiTurn);
     let card = fs::read_to_string(folder.path().join("README.md")).unwrap();
-    let (front, text) = card.strip_prefix("---\n").unwrap().split_once("\n---\n").unwrap();
+    let (front, text) = card
+        .strip_prefix("---\n")
+        .unwrap()
+        .split_once("\n---\n")
+        .unwrap();
     assert!(front.contains("license: \"mit\"") && front.contains("path: \"train/*.jsonl\""));
     for part in [
         "| train | 2 |",
@@ -98,18 +146,37 @@ fn rollouts_carry_what_decisions_were_worth() {
             episode_return: 7.5,
             advantage: 1.25,
             success: true,
-            logprobs: Some(TokenLogprobs::sampled(vec!["{".into(), "}".into()], vec![-0.5, -0.25]).unwrap()),
+            logprobs: Some(
+                TokenLogprobs::sampled(vec!["{".into(), "}".into()], vec![-0.5, -0.25]).unwrap(),
+            ),
         };
         step.rollout = Some(worth);
     }
-    let made = examples(&episode, &ExampleOptions { style: Style::SingleTurn, failed_calls: true });
+    let made = examples(
+        &episode,
+        &ExampleOptions {
+            style: Style::SingleTurn,
+            failed_calls: true,
+        },
+    );
     for (format, answers) in [(Format::Trl, "completion"), (Format::MsSwift, "messages")] {
         let mut row = Vec::new();
-        format.write_row(&made.examples[2], &pictures, &mut row).unwrap();
+        format
+            .write_row(&made.examples[2], &pictures, &mut row)
+            .unwrap();
         let row: Value = serde_json::from_slice(&row).unwrap();
-        assert_eq!((&row["return"], &row["advantage"], &row["reward"]), (&json!(7.5), &json!(1.25), &json!(-0.03)));
-        assert_eq!((&row["tokens"], &row["logprobs"]), (&json!(["{", "}"]), &json!({"old": [-0.5, -0.25]})));
-        assert_eq!((&row["group"], &row["step"], &row["rollout"]), (&json!("g"), &json!(2), &json!(5)));
+        assert_eq!(
+            (&row["return"], &row["advantage"], &row["reward"]),
+            (&json!(7.5), &json!(1.25), &json!(-0.03))
+        );
+        assert_eq!(
+            (&row["tokens"], &row["logprobs"]),
+            (&json!(["{", "}"]), &json!({"old": [-0.5, -0.25]}))
+        );
+        assert_eq!(
+            (&row["group"], &row["step"], &row["rollout"]),
+            (&json!("g"), &json!(2), &json!(5))
+        );
         assert!(!row[answers].as_array().unwrap().is_empty());
         assert_eq!(row["provenance"]["call"], 2);
     }
@@ -127,21 +194,37 @@ fn speed() {
         .cycle()
         .take(30)
         .zip(0..)
-        .map(|(step, call)| reel_dataset::Step { call, images: Vec::new(), ..step })
+        .map(|(step, call)| reel_dataset::Step {
+            call,
+            images: Vec::new(),
+            ..step
+        })
         .collect();
     let begin = Instant::now();
     let (mut count, mut bytes) = (0, 0);
     while count < 6_000 {
-        let made = examples(&episode, &ExampleOptions { style: Style::SingleTurn, failed_calls: true });
+        let made = examples(
+            &episode,
+            &ExampleOptions {
+                style: Style::SingleTurn,
+                failed_calls: true,
+            },
+        );
         let mut rows = Vec::new();
         for example in &made.examples {
-            Format::MsSwift.write_row(example, &pictures, &mut rows).unwrap();
+            Format::MsSwift
+                .write_row(example, &pictures, &mut rows)
+                .unwrap();
         }
         count += made.examples.len();
         bytes += rows.len();
     }
     let s = begin.elapsed().as_secs_f64();
-    eprintln!("speed: {:.0} examples/s, {:.0} MB/s without pictures", count as f64 / s, bytes as f64 / s / 1e6);
+    eprintln!(
+        "speed: {:.0} examples/s, {:.0} MB/s without pictures",
+        count as f64 / s,
+        bytes as f64 / s / 1e6
+    );
     assert!(bytes > count * 1_000);
 }
 
@@ -153,7 +236,10 @@ fn threads_may_put_the_same_picture() {
     let put = || pictures.put(Digest::of(&grey), &grey, 640, 480).unwrap();
     let put_all: Vec<_> = std::thread::scope(|scope| {
         let threads: Vec<_> = (0..8).map(|_| scope.spawn(put)).collect();
-        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        threads
+            .into_iter()
+            .map(|thread| thread.join().unwrap())
+            .collect()
     });
     assert!(put_all.iter().all(|picture| *picture == put_all[0]));
     assert_eq!(files(folder.path()).unwrap().len(), 1);

@@ -1,70 +1,134 @@
-//! The four rules of the simulated user as a check of a reply, written apart from the user itself. Works on replies of any
-//! source.
+//! The four rules of the simulated user as a check of a reply, written apart from the user itself.
+//! Works on replies of any source.
 
 use reel_world::{Receptacle, Scene, Task, language};
 
-/// Which of the rules a reply breaks: `not_goal_driven`, `exact_position`, `target_named_too_early`, `raw_id`.
+/// Which of the rules a reply breaks: `not_goal_driven`, `exact_position`,
+/// `target_named_too_early`, `raw_id`.
 ///
 /// - `raw_id`: it speaks an instance, asset or receptacle id.
-/// - `exact_position`: it says where the target stands more exactly than the instruction (a caption of the source), or gives
-///   numbers or directions.
-/// - `target_named_too_early`: before the target was seen it says the caption, category or an attribute of the target that
-///   the instruction does not say.
-/// - `not_goal_driven`: it says nothing of the object or a place, sends the robot to a receptacle that is neither source nor
-///   destination, or, once the target was seen, describes an object that the target does not fit.
+/// - `exact_position`: it says where the target stands more exactly than the instruction (a caption
+///   of the source), or gives numbers or directions.
+/// - `target_named_too_early`: before the target was seen it says the caption, category or an
+///   attribute of the target that the instruction does not say.
+/// - `not_goal_driven`: it says nothing of the object or a place, sends the robot to a receptacle
+///   that is neither source nor destination, or, once the target was seen, describes an object that
+///   the target does not fit.
 pub fn violations(task: &Task, scene: &Scene, reply: &str, seen_target: bool) -> Vec<&'static str> {
     let bare = without_places(scene, reply);
     let checks = [
-        ("not_goal_driven", leads_astray(task, scene, reply, &bare, seen_target)),
+        (
+            "not_goal_driven",
+            leads_astray(task, scene, reply, &bare, seen_target),
+        ),
         ("exact_position", tells_position(task, scene, reply, &bare)),
-        ("target_named_too_early", !seen_target && names_target(task, &bare)),
+        (
+            "target_named_too_early",
+            !seen_target && names_target(task, &bare),
+        ),
         ("raw_id", spoken_id(task, scene, reply).is_some()),
     ];
-    checks.into_iter().filter(|(_, broken)| *broken).map(|(name, _)| name).collect()
+    checks
+        .into_iter()
+        .filter(|(_, broken)| *broken)
+        .map(|(name, _)| name)
+        .collect()
 }
 
 fn leads_astray(task: &Task, scene: &Scene, reply: &str, bare: &str, seen_target: bool) -> bool {
-    let about_places = without(reply, bare) || scene.receptacles.iter().any(|receptacle| says(reply, receptacle.room_name()));
+    let about_places = without(reply, bare)
+        || scene
+            .receptacles
+            .iter()
+            .any(|receptacle| says(reply, receptacle.room_name()));
     let about_objects = language::names_object(bare) || says(reply, "what I asked for");
     let ours = |receptacle: &&Receptacle| receptacle.id == task.src || receptacle.id == task.dest;
-    let own: Vec<&String> = scene.receptacles.iter().filter(ours).flat_map(|receptacle| receptacle.captions.keys()).collect();
-    let elsewhere = scene.receptacles.iter().filter(|receptacle| !ours(receptacle)).any(|receptacle| {
-        let foreign = |caption: &&String| !own.iter().any(|own| language::quotes(own, caption));
-        receptacle.captions.keys().filter(foreign).any(|caption| says(reply, caption))
-    });
+    let own: Vec<&String> = scene
+        .receptacles
+        .iter()
+        .filter(ours)
+        .flat_map(|receptacle| receptacle.captions.keys())
+        .collect();
+    let elsewhere = scene
+        .receptacles
+        .iter()
+        .filter(|receptacle| !ours(receptacle))
+        .any(|receptacle| {
+            let foreign = |caption: &&String| !own.iter().any(|own| language::quotes(own, caption));
+            receptacle
+                .captions
+                .keys()
+                .filter(foreign)
+                .any(|caption| says(reply, caption))
+        });
     let target = task.target_object();
     let wrong_object = seen_target && !language::fits(bare, target, task.purpose.as_deref());
     !(about_places || about_objects) || elsewhere || wrong_object
 }
 
 fn tells_position(task: &Task, scene: &Scene, reply: &str, bare: &str) -> bool {
-    const DIRECTIONS: [&str; 10] =
-        ["left", "corner", "beside", "behind", "metres", "meters", "cm", "edge", "front", "coordinates"];
-    let source = scene.receptacle(&task.src).filter(|_| task.src != task.dest);
+    const DIRECTIONS: [&str; 10] = [
+        "left",
+        "corner",
+        "beside",
+        "behind",
+        "metres",
+        "meters",
+        "cm",
+        "edge",
+        "front",
+        "coordinates",
+    ];
+    let source = scene
+        .receptacle(&task.src)
+        .filter(|_| task.src != task.dest);
     let told = |caption: &String| says(reply, caption) && !says(&task.instruction, caption);
     let words = language::words(bare);
     source.is_some_and(|source| source.captions.keys().any(told))
-        || words.iter().any(|word| DIRECTIONS.contains(&word.as_str()) || word.chars().all(|letter| letter.is_ascii_digit()))
+        || words.iter().any(|word| {
+            DIRECTIONS.contains(&word.as_str())
+                || word.chars().all(|letter| letter.is_ascii_digit())
+        })
 }
 
 fn names_target(task: &Task, bare: &str) -> bool {
     let target = task.target_object();
     let instruction = language::words(&task.instruction);
     let purpose = language::words(task.purpose.as_deref().unwrap_or_default());
-    let new = |word: &str| !instruction.iter().chain(&purpose).any(|said| language::lemma(said) == language::lemma(word));
+    let new = |word: &str| {
+        !instruction
+            .iter()
+            .chain(&purpose)
+            .any(|said| language::lemma(said) == language::lemma(word))
+    };
     let caption = target.caption.as_deref().unwrap_or_default();
     let attributes = language::attribute_words(caption);
-    let telling = attributes.values().chain(target.attributes.values()).flatten().any(|word| new(word) && says(bare, word));
+    let telling = attributes
+        .values()
+        .chain(target.attributes.values())
+        .flatten()
+        .any(|word| new(word) && says(bare, word));
     let category = language::words(&target.category);
     let named = says(bare, &target.category) && category.iter().any(|word| new(word));
-    telling || named || (!caption.is_empty() && says(bare, caption) && !says(&task.instruction, caption))
+    telling
+        || named
+        || (!caption.is_empty() && says(bare, caption) && !says(&task.instruction, caption))
 }
 
-/// The first identifier of an object, an asset or a receptacle that a text speaks. What is a word, too (`sink`), is none.
+/// The first identifier of an object, an asset or a receptacle that a text speaks. What is a word,
+/// too (`sink`), is none.
 pub fn spoken_id<'a>(task: &'a Task, scene: &'a Scene, text: &str) -> Option<&'a str> {
     let text = text.to_lowercase();
-    let objects = task.objects.iter().flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
-    let ids = objects.chain(scene.receptacles.iter().map(|receptacle| receptacle.id.as_str()));
+    let objects = task
+        .objects
+        .iter()
+        .flat_map(|object| [object.instance.as_str(), object.asset.as_str()]);
+    let ids = objects.chain(
+        scene
+            .receptacles
+            .iter()
+            .map(|receptacle| receptacle.id.as_str()),
+    );
     let raw = |id: &&str| id.contains('_') || id.chars().any(|letter| letter.is_ascii_digit());
     ids.filter(raw).find(|id| text.contains(&id.to_lowercase()))
 }
@@ -79,7 +143,11 @@ fn without_places(scene: &Scene, reply: &str) -> String {
         .receptacles
         .iter()
         .flat_map(|receptacle| {
-            receptacle.captions.keys().map(String::as_str).chain([receptacle.category.as_str(), receptacle.room_name()])
+            receptacle
+                .captions
+                .keys()
+                .map(String::as_str)
+                .chain([receptacle.category.as_str(), receptacle.room_name()])
         })
         .filter(|name| !name.is_empty())
         .collect();

@@ -45,16 +45,30 @@ fn traces_of_a_bucket_are_verified_drawn_and_refused_like_files() {
     let made = |name: &str, paths: &[PathBuf]| {
         let mut store = Store::open_or_create(at(name)).unwrap();
         let ingested = store.ingest(paths, &|_, _| ()).unwrap();
-        assert_eq!((ingested.added, ingested.quarantined.len()), (4, 0), "{:?}", ingested.quarantined);
+        assert_eq!(
+            (ingested.added, ingested.quarantined.len()),
+            (4, 0),
+            "{:?}",
+            ingested.quarantined
+        );
         store
     };
     let beside = made("beside", &files);
     let bucket = made("bucket", &files.iter().map(named).collect::<Vec<_>>());
 
-    let how = ExportOptions { pictures: true, words: Words::Rules, ..options(Format::Trl) };
+    let how = ExportOptions {
+        pictures: true,
+        words: Words::Rules,
+        ..options(Format::Trl)
+    };
     let exported = |store: &Store, name: &str| {
         let report = export(store, &at(name), &how);
-        assert_eq!((report.episodes, report.unverified, report.refused.len()), (4, 0, 0), "{:?}", report.refused);
+        assert_eq!(
+            (report.episodes, report.unverified, report.refused.len()),
+            (4, 0, 0),
+            "{:?}",
+            report.refused
+        );
         assert!(report.pictures > 4);
         rows(&at(name), "train")
     };
@@ -71,9 +85,21 @@ fn traces_of_a_bucket_are_verified_drawn_and_refused_like_files() {
     fs::write(&files[0], bytes).unwrap();
     fs::remove_file(&files[1]).unwrap();
     let report = export(&bucket, &at("later"), &how);
-    let mut reasons: Vec<&str> = report.refused.iter().map(|refusal| refusal.reason.as_str()).collect();
+    let mut reasons: Vec<&str> = report
+        .refused
+        .iter()
+        .map(|refusal| refusal.reason.as_str())
+        .collect();
     reasons.sort_unstable();
     assert_eq!((report.episodes, reasons.len()), (2, 2), "{reasons:?}");
-    assert!(reasons[0].starts_with("refused: ") && reasons[1].starts_with("the trace cannot be read"), "{reasons:?}");
-    assert!(report.refused.iter().all(|refusal| refusal.trace.starts_with(SCHEME)));
+    assert!(
+        reasons[0].starts_with("refused: ") && reasons[1].starts_with("the trace cannot be read"),
+        "{reasons:?}"
+    );
+    assert!(
+        report
+            .refused
+            .iter()
+            .all(|refusal| refusal.trace.starts_with(SCHEME))
+    );
 }

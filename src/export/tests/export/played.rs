@@ -13,7 +13,11 @@ use crate::episodes::{record, record_seeded, relink, tasks, write};
 pub fn play(folder: &Path, name: &str, images: Images) -> Vec<PathBuf> {
     fs::create_dir_all(folder).unwrap();
     let path = |index: usize| folder.join(format!("{name}-{index}.mcap"));
-    tasks().iter().enumerate().map(|(index, task)| record(&path(index), task, name, images)).collect()
+    tasks()
+        .iter()
+        .enumerate()
+        .map(|(index, task)| record(&path(index), task, name, images))
+        .collect()
 }
 
 /// Traces that must not be trained on.
@@ -32,9 +36,15 @@ impl Played {
     /// Four more episodes, of which one was forged.
     pub fn spoilt(folder: &Path) -> Self {
         let path = |name: &str| folder.join(format!("{name}.mcap"));
-        let [diverging, changed, renewed, gone] = ["diverging", "changed", "renewed", "gone"].map(path);
+        let [diverging, changed, renewed, gone] =
+            ["diverging", "changed", "renewed", "gone"].map(path);
         let task = &tasks()[0];
-        for (seed, path) in [(11, &changed), (12, &gone), (13, &diverging), (14, &renewed)] {
+        for (seed, path) in [
+            (11, &changed),
+            (12, &gone),
+            (13, &diverging),
+            (14, &renewed),
+        ] {
             record_seeded(path, task, "oracle", seed, Images::None);
         }
         let mut trace = Trace::read(&diverging).unwrap();
@@ -42,6 +52,11 @@ impl Played {
         relink(&mut trace);
         fs::remove_file(&diverging).unwrap();
         write(&diverging, &trace);
-        Self { diverging, changed, renewed, gone }
+        Self {
+            diverging,
+            changed,
+            renewed,
+            gone,
+        }
     }
 }

@@ -1,4 +1,5 @@
-//! How people call the furniture of a scene: captions made of what is seen, each true of one piece only.
+//! How people call the furniture of a scene: captions made of what is seen, each true of one piece
+//! only.
 
 use std::collections::BTreeMap;
 
@@ -27,45 +28,69 @@ enum Fact {
     At(String),
 }
 
-/// Gives every piece two or three captions, the usual one with the greatest weight; false where a piece has none that is
-/// true of it alone.
+/// Gives every piece two or three captions, the usual one with the greatest weight; false where a
+/// piece has none that is true of it alone.
 pub(super) fn write(pieces: &mut [Receptacle], stream: &mut Stream) -> bool {
-    let facts: Vec<Vec<Fact>> = (0..pieces.len()).map(|index| facts(pieces, index)).collect();
+    let facts: Vec<Vec<Fact>> = (0..pieces.len())
+        .map(|index| facts(pieces, index))
+        .collect();
     for index in 0..pieces.len() {
         let most = 2 + stream.below(2);
         let name = pieces[index].category.clone();
         let alone = |said: &[&Fact]| {
-            let others = (0..pieces.len()).filter(|other| *other != index && is_called(&pieces[*other], &name));
-            others.filter(|other| said.iter().all(|fact| facts[*other].contains(fact))).count() == 0
+            let others = (0..pieces.len())
+                .filter(|other| *other != index && is_called(&pieces[*other], &name));
+            others
+                .filter(|other| said.iter().all(|fact| facts[*other].contains(fact)))
+                .count()
+                == 0
         };
         let own = &facts[index];
         let mut sayings: Vec<Vec<&Fact>> = vec![Vec::new()];
         sayings.extend(own.iter().map(|fact| vec![fact]));
         sayings.extend(pairs(own));
-        sayings.extend(
-            own.iter()
-                .enumerate()
-                .flat_map(|(first, fact)| pairs(&own[first + 1..]).into_iter().map(move |pair| [vec![fact], pair].concat())),
-        );
+        sayings.extend(own.iter().enumerate().flat_map(|(first, fact)| {
+            pairs(&own[first + 1..])
+                .into_iter()
+                .map(move |pair| [vec![fact], pair].concat())
+        }));
         // The shortest that are true of it alone; then what says more than they do.
         let (mut told, mut longer): (Vec<Vec<&Fact>>, Vec<Vec<&Fact>>) = (Vec::new(), Vec::new());
         for said in sayings.into_iter().filter(|said| alone(said)) {
-            let says_more = told.iter().any(|other| !other.is_empty() && other.iter().all(|fact| said.contains(fact)));
-            if says_more { longer.push(said) } else { told.push(said) }
+            let says_more = told
+                .iter()
+                .any(|other| !other.is_empty() && other.iter().all(|fact| said.contains(fact)));
+            if says_more {
+                longer.push(said)
+            } else {
+                told.push(said)
+            }
         }
-        let captions: Vec<String> = told.iter().chain(&longer).take(most).map(|said| phrase(&name, said)).collect();
+        let captions: Vec<String> = told
+            .iter()
+            .chain(&longer)
+            .take(most)
+            .map(|said| phrase(&name, said))
+            .collect();
         if captions.is_empty() {
             return false;
         }
         let weights = [3.0, 2.0, 1.0];
-        pieces[index].captions = captions.into_iter().zip(weights).collect::<BTreeMap<_, _>>();
+        pieces[index].captions = captions
+            .into_iter()
+            .zip(weights)
+            .collect::<BTreeMap<_, _>>();
     }
     true
 }
 
 fn pairs(facts: &[Fact]) -> Vec<Vec<&Fact>> {
     let later = |first: usize| facts[first + 1..].iter();
-    facts.iter().enumerate().flat_map(|(first, fact)| later(first).map(move |other| vec![fact, other])).collect()
+    facts
+        .iter()
+        .enumerate()
+        .flat_map(|(first, fact)| later(first).map(move |other| vec![fact, other]))
+        .collect()
 }
 
 /// Whether people may call a piece by a name: a tea table is a table.
@@ -81,12 +106,22 @@ fn facts(pieces: &[Receptacle], index: usize) -> Vec<Fact> {
     let material = word("material").filter(|word| word.as_str() != "fabric");
     facts.extend(word("colour").or(material).cloned().map(Fact::Body));
     let parts = ["bedding", "top", "basin", "handles", "pillows", "legs"];
-    facts.extend(parts.iter().filter_map(|part| Some(Fact::Part(part, word(part)?.clone()))));
+    facts.extend(
+        parts
+            .iter()
+            .filter_map(|part| Some(Fact::Part(part, word(part)?.clone()))),
+    );
     facts.push(Fact::Room(piece.room_name().to_owned()));
     facts.extend(neighbours(pieces, index).into_iter().map(Fact::At));
     if piece.category == "bed" {
-        let width = (0..2).map(|axis| piece.surface_max[axis] - piece.surface_min[axis]).fold(f64::MAX, f64::min);
-        facts.push(Fact::Size(if width >= DOUBLE_M { "double" } else { "single" }));
+        let width = (0..2)
+            .map(|axis| piece.surface_max[axis] - piece.surface_min[axis])
+            .fold(f64::MAX, f64::min);
+        facts.push(Fact::Size(if width >= DOUBLE_M {
+            "double"
+        } else {
+            "single"
+        }));
     }
     facts
 }
@@ -94,8 +129,16 @@ fn facts(pieces: &[Receptacle], index: usize) -> Vec<Fact> {
 /// Places relative to things of which the scene has one.
 fn neighbours(pieces: &[Receptacle], index: usize) -> Vec<String> {
     let piece = &pieces[index];
-    let is_one = |other: &Receptacle| pieces.iter().filter(|any| is_called(any, noun(&other.category))).count() == 1;
-    let others = pieces.iter().filter(|other| other.id != piece.id && other.room == piece.room && is_one(other));
+    let is_one = |other: &Receptacle| {
+        pieces
+            .iter()
+            .filter(|any| is_called(any, noun(&other.category)))
+            .count()
+            == 1
+    };
+    let others = pieces
+        .iter()
+        .filter(|other| other.id != piece.id && other.room == piece.room && is_one(other));
     let mut places = Vec::new();
     for other in others {
         let gap = |axis: usize| {
@@ -105,7 +148,8 @@ fn neighbours(pieces: &[Receptacle], index: usize) -> Vec<String> {
         let apart = gap(0).max(gap(1));
         let ahead = other.facing_deg.is_some_and(|degrees| {
             let axis = usize::from(degrees == 90.0 || degrees == 270.0);
-            let forward = piece.surface_min[axis] + piece.surface_max[axis] > other.surface_min[axis] + other.surface_max[axis];
+            let forward = piece.surface_min[axis] + piece.surface_max[axis]
+                > other.surface_min[axis] + other.surface_max[axis];
             gap(axis) > 0.0 && gap(1 - axis) < -0.2 && forward == (degrees < 180.0)
         });
         if apart <= BESIDE_M && gap(0).min(gap(1)) < -0.1 {
@@ -126,7 +170,9 @@ fn phrase(name: &str, said: &[&Fact]) -> String {
         match fact {
             Fact::Body(word) => before = format!("{before}{word} "),
             Fact::Size(word) => before = format!("{word} {before}"),
-            Fact::Part(part @ ("top" | "basin"), word) => with.push(format!("{} {word} {part}", article(word))),
+            Fact::Part(part @ ("top" | "basin"), word) => {
+                with.push(format!("{} {word} {part}", article(word)))
+            }
             Fact::Part(part, word) => with.push(format!("{word} {part}")),
             Fact::Room(room) => {
                 let at = if room == "balcony" { "on" } else { "in" };
@@ -135,10 +181,18 @@ fn phrase(name: &str, said: &[&Fact]) -> String {
             Fact::At(place) => after = format!("{after} {}", place.replace("tv stand", "TV stand")),
         }
     }
-    let with = if with.is_empty() { String::new() } else { format!(" with {}", with.join(" and ")) };
+    let with = if with.is_empty() {
+        String::new()
+    } else {
+        format!(" with {}", with.join(" and "))
+    };
     format!("the {before}{name}{with}{after}")
 }
 
 fn article(word: &str) -> &'static str {
-    if word.starts_with(['a', 'e', 'i', 'o', 'u']) { "an" } else { "a" }
+    if word.starts_with(['a', 'e', 'i', 'o', 'u']) {
+        "an"
+    } else {
+        "a"
+    }
 }

@@ -1,5 +1,6 @@
-//! Furniture into the rooms of a flat: every piece stands where pieces of its kind stand, leaves doorways and its own front
-//! free, and never closes a passage. Whole cells of 5 cm; never says what anything looks like.
+//! Furniture into the rooms of a flat: every piece stands where pieces of its kind stand, leaves
+//! doorways and its own front free, and never closes a passage. Whole cells of 5 cm; never says
+//! what anything looks like.
 
 use reel_tasks::random::Stream;
 
@@ -40,7 +41,9 @@ pub(super) fn furnish(flat: &Flat, room: usize, stream: &mut Stream) -> Option<V
     let wanted = flat.plots[room].pieces.iter();
     wanted
         .map(|category| {
-            let index = placed.iter().position(|piece| piece.category == *category)?;
+            let index = placed
+                .iter()
+                .position(|piece| piece.category == *category)?;
             Some(placed.remove(index))
         })
         .collect()
@@ -50,8 +53,17 @@ fn furnish_room(flat: &Flat, room: usize, stream: &mut Stream) -> Option<Vec<Pie
     let plot = &flat.plots[room];
     // Beside a tea table another table stands at a wall.
     let has_tea_table = plot.pieces.iter().any(|category| category == "tea table");
-    let at_home = |category: &str| if category == "table" && has_tea_table { "entry" } else { plot.kind };
-    let kinds = plot.pieces.iter().map(|category| kind(category, at_home(category)).map(|kind| (category, kind)));
+    let at_home = |category: &str| {
+        if category == "table" && has_tea_table {
+            "entry"
+        } else {
+            plot.kind
+        }
+    };
+    let kinds = plot
+        .pieces
+        .iter()
+        .map(|category| kind(category, at_home(category)).map(|kind| (category, kind)));
     let mut wanted: Vec<(&String, Kind)> = kinds.collect::<Option<_>>()?;
     // What has least choice first.
     wanted.sort_by_key(|(category, kind)| match kind.stand {
@@ -64,8 +76,16 @@ fn furnish_room(flat: &Flat, room: usize, stream: &mut Stream) -> Option<Vec<Pie
         Stand::Row => 6,
         Stand::Wall => 7,
     });
-    let beds = wanted.iter().filter(|(_, kind)| kind.stand == Stand::Bed).count();
-    let mut room = Room { plot, room, ways: doorway_zones(flat, room), placed: Vec::new() };
+    let beds = wanted
+        .iter()
+        .filter(|(_, kind)| kind.stand == Stand::Bed)
+        .count();
+    let mut room = Room {
+        plot,
+        room,
+        ways: doorway_zones(flat, room),
+        placed: Vec::new(),
+    };
     for (category, kind) in wanted {
         let piece = room.place(category, kind, beds, stream)?;
         room.placed.push(piece);
@@ -98,7 +118,8 @@ struct Room<'a> {
 impl Room<'_> {
     /// The best place for a piece, with some chance in it.
     fn place(&self, category: &str, kind: Kind, beds: usize, stream: &mut Stream) -> Option<Piece> {
-        let mut draw = |[least, most]: [i32; 2]| least + stream.below((most - least + 1) as usize) as i32;
+        let mut draw =
+            |[least, most]: [i32; 2]| least + stream.below((most - least + 1) as usize) as i32;
         let width = match kind.stand {
             Stand::Bed if beds > 1 || self.plot.rects[0].size(0) < 70 => draw(SINGLE_BED),
             Stand::Bed => draw(DOUBLE_BED),
@@ -110,9 +131,19 @@ impl Room<'_> {
         let mut best: Option<(i32, Piece)> = None;
         for quarters in 0..4 {
             for surface in self.surfaces(kind, quarters, [width, depth]) {
-                let Some((body, clear)) = self.stands(kind, quarters, surface) else { continue };
-                let piece =
-                    Piece { category: category.to_owned(), room: self.room, kind, quarters, surface, height_cm, body, clear };
+                let Some((body, clear)) = self.stands(kind, quarters, surface) else {
+                    continue;
+                };
+                let piece = Piece {
+                    category: category.to_owned(),
+                    room: self.room,
+                    kind,
+                    quarters,
+                    surface,
+                    height_cm,
+                    body,
+                    clear,
+                };
                 let score = self.score(&piece) + stream.below(12) as i32;
                 if best.as_ref().is_none_or(|(most, _)| score > *most) {
                     best = Some((score, piece));
@@ -129,7 +160,11 @@ impl Room<'_> {
         let mut put = |back: i32, side: i32| {
             // `back` is the coordinate of the edge away from the front.
             let (mut low, mut high) = ([0; 2], [0; 2]);
-            let front = if quarters < 2 { back + depth } else { back - depth };
+            let front = if quarters < 2 {
+                back + depth
+            } else {
+                back - depth
+            };
             (low[along], high[along]) = (back.min(front), back.max(front));
             (low[across], high[across]) = (side, side + width);
             found.push(Cells { low, high });
@@ -145,7 +180,9 @@ impl Room<'_> {
                     }
                 }
                 Stand::BesideBed => {
-                    let beds = self.placed.iter().filter(|piece| piece.kind.stand == Stand::Bed && piece.quarters == quarters);
+                    let beds = self.placed.iter().filter(|piece| {
+                        piece.kind.stand == Stand::Bed && piece.quarters == quarters
+                    });
                     for bed in beds {
                         let back = against_wall(rect, quarters, kind.back);
                         put(back, bed.body.low[across] - GAP - width);
@@ -168,20 +205,39 @@ impl Room<'_> {
         let floats = matches!(kind.stand, Stand::Middle | Stand::BeforeCouch);
         let mut body = surface;
         let (back, front) = (if floats { 0 } else { kind.back - WALL }, kind.front);
-        let (before, behind) = if quarters < 2 { (back, front) } else { (front, back) };
+        let (before, behind) = if quarters < 2 {
+            (back, front)
+        } else {
+            (front, back)
+        };
         body.low[along] -= before;
         body.high[along] += behind;
         body.low[across] -= kind.side;
         body.high[across] += kind.side;
 
-        let inside = |cells: &Cells| self.plot.rects.iter().any(|rect| rect.grown(-WALL).holds(cells));
-        let hindered = |other: &Piece| other.body.grown(GAP).meets(&body) || other.clear.iter().any(|clear| clear.meets(&body));
-        if !inside(&body) || self.ways.iter().any(|way| way.meets(&body)) || self.placed.iter().any(hindered) {
+        let inside = |cells: &Cells| {
+            self.plot
+                .rects
+                .iter()
+                .any(|rect| rect.grown(-WALL).holds(cells))
+        };
+        let hindered = |other: &Piece| {
+            other.body.grown(GAP).meets(&body) || other.clear.iter().any(|clear| clear.meets(&body))
+        };
+        if !inside(&body)
+            || self.ways.iter().any(|way| way.meets(&body))
+            || self.placed.iter().any(hindered)
+        {
             return None;
         }
-        let is_free = |cells: &Cells| inside(cells) && !self.placed.iter().any(|other| cells.meets(&other.body));
+        let is_free = |cells: &Cells| {
+            inside(cells) && !self.placed.iter().any(|other| cells.meets(&other.body))
+        };
         let clear = free_floor(kind, quarters, &body, surface.size(across));
-        clear.into_iter().find(|clear| clear.iter().all(is_free)).map(|clear| (body, clear))
+        clear
+            .into_iter()
+            .find(|clear| clear.iter().all(is_free))
+            .map(|clear| (body, clear))
     }
 
     /// How well a piece stands, in cells.
@@ -189,7 +245,12 @@ impl Room<'_> {
         let (along, across) = axes(piece.quarters);
         let middle = |cells: &Cells, axis: usize| cells.low[axis] + cells.high[axis];
         let couch = self.placed.iter().find(|other| other.category == "couch");
-        let rect = self.plot.rects.iter().find(|rect| rect.holds(&piece.surface)).expect("it stands in the room");
+        let rect = self
+            .plot
+            .rects
+            .iter()
+            .find(|rect| rect.holds(&piece.surface))
+            .expect("it stands in the room");
         let off_center = |axis: usize| (middle(&piece.body, axis) - middle(rect, axis)).abs() / 2;
         let mut score = match (piece.kind.stand, couch) {
             (Stand::Middle, _) => {
@@ -200,7 +261,12 @@ impl Room<'_> {
                 let (_, side) = axes(couch.quarters);
                 let beside = (middle(&piece.body, side) - middle(&couch.body, side)).abs() / 2;
                 let ahead = distance(&piece.body, &couch.body);
-                -4 * beside - 3 * (ahead - PASSAGE).abs() + if piece.quarters == couch.quarters { 200 } else { 0 }
+                -4 * beside - 3 * (ahead - PASSAGE).abs()
+                    + if piece.quarters == couch.quarters {
+                        200
+                    } else {
+                        0
+                    }
             }
             (Stand::BeforeCouch, None) => -2 * (off_center(0) + off_center(1)),
             (Stand::OppositeCouch, Some(couch)) => {
@@ -209,15 +275,20 @@ impl Room<'_> {
                 -4 * beside + if opposite { 300 } else { 0 }
             }
             (Stand::Bed, _)
-                if self.placed.iter().any(|other| other.kind.stand == Stand::Bed && other.quarters == piece.quarters) =>
+                if self.placed.iter().any(|other| {
+                    other.kind.stand == Stand::Bed && other.quarters == piece.quarters
+                }) =>
             {
                 150
             }
-            (Stand::Bed, _) if piece.surface.size(across) >= DOUBLE_BED[0] => -3 * off_center(across),
+            (Stand::Bed, _) if piece.surface.size(across) >= DOUBLE_BED[0] => {
+                -3 * off_center(across)
+            }
             (_, None) if piece.category == "couch" => {
                 // What stands opposite needs the wall there.
                 let mut opposite = *rect;
-                (opposite.low[across], opposite.high[across]) = (piece.body.low[across], piece.body.high[across]);
+                (opposite.low[across], opposite.high[across]) =
+                    (piece.body.low[across], piece.body.high[across]);
                 let way = self.ways.iter().any(|way| way.meets(&opposite));
                 -3 * off_center(across) - if way { 150 } else { 0 }
             }
@@ -226,17 +297,26 @@ impl Room<'_> {
         };
         if piece.kind.stand == Stand::Row {
             let beside = self.placed.iter().any(|other| {
-                other.kind.stand == Stand::Row && other.quarters == piece.quarters && distance(&piece.body, &other.body) <= 2
+                other.kind.stand == Stand::Row
+                    && other.quarters == piece.quarters
+                    && distance(&piece.body, &other.body) <= 2
             });
             score += if beside { 200 } else { 0 };
         }
         // Nooks that nobody can stand in, between bodies or between a body and a wall.
-        let nook = |gap: i32| if (4..PASSAGE).contains(&gap) { 30 - (gap - 4).min(PASSAGE - gap) } else { 0 };
+        let nook = |gap: i32| {
+            if (4..PASSAGE).contains(&gap) {
+                30 - (gap - 4).min(PASSAGE - gap)
+            } else {
+                0
+            }
+        };
         for other in &self.placed {
             score -= nook(distance(&piece.body, &other.body));
         }
         for axis in 0..2 {
-            score -= nook(piece.body.low[axis] - rect.low[axis] - WALL) + nook(rect.high[axis] - WALL - piece.body.high[axis]);
+            score -= nook(piece.body.low[axis] - rect.low[axis] - WALL)
+                + nook(rect.high[axis] - WALL - piece.body.high[axis]);
         }
         score
     }
@@ -250,16 +330,29 @@ fn axes(quarters: usize) -> (usize, usize) {
 /// Where the back edge is when a piece stands so far from the wall.
 fn against_wall(rect: &Cells, quarters: usize, gap: i32) -> i32 {
     let axis = quarters % 2;
-    if quarters < 2 { rect.low[axis] + gap } else { rect.high[axis] - gap }
+    if quarters < 2 {
+        rect.low[axis] + gap
+    } else {
+        rect.high[axis] - gap
+    }
 }
 
-/// The floor that must stay free, one of these: before the front; of a bed at its sides, from the foot to the pillows.
+/// The floor that must stay free, one of these: before the front; of a bed at its sides, from the
+/// foot to the pillows.
 fn free_floor(kind: Kind, quarters: usize, body: &Cells, width: i32) -> Vec<Vec<Cells>> {
     let (along, across) = axes(quarters);
     let beside = |low_side: bool| {
         let mut cells = *body;
-        let edge = if low_side { body.low[across] } else { body.high[across] };
-        (cells.low[across], cells.high[across]) = if low_side { (edge - PASSAGE, edge) } else { (edge, edge + PASSAGE) };
+        let edge = if low_side {
+            body.low[across]
+        } else {
+            body.high[across]
+        };
+        (cells.low[across], cells.high[across]) = if low_side {
+            (edge - PASSAGE, edge)
+        } else {
+            (edge, edge + PASSAGE)
+        };
         let pillows = 16;
         if quarters < 2 {
             cells.low[along] += pillows

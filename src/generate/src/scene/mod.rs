@@ -64,7 +64,9 @@ pub enum SceneError {
         most: usize,
     },
     /// No flat was found.
-    #[error("no flat was found in {tries} tries for these rooms and this furniture; another seed or less furniture may do")]
+    #[error(
+        "no flat was found in {tries} tries for these rooms and this furniture; another seed or less furniture may do"
+    )]
     NoFlat {
         /// After so many tries.
         tries: usize,
@@ -88,7 +90,11 @@ pub fn built_in(name: &str) -> Option<Scene> {
         return Some(reel_tasks::home());
     }
     let (name, text) = BUILT_IN.iter().find(|(known, _)| *known == name)?;
-    Some(reel_tasks::scene::parse(text, name).expect("the committed scenes are well formed").scene)
+    Some(
+        reel_tasks::scene::parse(text, name)
+            .expect("the committed scenes are well formed")
+            .scene,
+    )
 }
 
 /// A scene that comes along, by its id: what tasks call it.
@@ -96,7 +102,8 @@ pub fn by_id(scene_id: &str) -> Option<Scene> {
     built_in(scene_id).filter(|scene| scene.scene_id == scene_id)
 }
 
-/// Makes a scene: equal briefs, names and seeds give equal scenes, and what it gives passes [`check`].
+/// Makes a scene: equal briefs, names and seeds give equal scenes, and what it gives passes
+/// [`check`].
 ///
 /// # Errors
 /// When no flat is found that takes all of it.
@@ -105,17 +112,28 @@ pub fn generate(brief: &Brief, scene_id: &str, seed: u64) -> Result<Scene, Scene
         let mut stream = Stream::new(seed, "scene", index);
         let flat = flat::arrange(brief, &mut stream)?;
         let rooms = 0..flat.plots.len();
-        let mut pieces: Vec<Vec<Piece>> = rooms.map(|room| furnish::furnish(&flat, room, &mut stream)).collect::<Option<_>>()?;
+        let mut pieces: Vec<Vec<Piece>> = rooms
+            .map(|room| furnish::furnish(&flat, room, &mut stream))
+            .collect::<Option<_>>()?;
         for _ in 0..REPAIRS {
             let scene = assemble(scene_id, &flat, &pieces.concat(), &mut stream)?;
             let findings = check(&scene);
             if findings.is_empty() {
                 return Some(scene);
             }
-            // Only rooms with a fault are furnished anew, so that a large house is not lost to one chair.
+            // Only rooms with a fault are furnished anew, so that a large house is not lost to one
+            // chair.
             for (room, plot) in flat.plots.iter().enumerate() {
-                let inside = |at: &str| scene.receptacles.iter().any(|piece| piece.id.as_str() == at && piece.room == plot.name);
-                if findings.iter().any(|finding| finding.at == plot.name || inside(&finding.at)) {
+                let inside = |at: &str| {
+                    scene
+                        .receptacles
+                        .iter()
+                        .any(|piece| piece.id.as_str() == at && piece.room == plot.name)
+                };
+                if findings
+                    .iter()
+                    .any(|finding| finding.at == plot.name || inside(&finding.at))
+                {
                     pieces[room] = furnish::furnish(&flat, room, &mut stream)?;
                 }
             }
@@ -131,9 +149,16 @@ fn assemble(scene_id: &str, flat: &Flat, pieces: &[Piece], stream: &mut Stream) 
     let mut numbers: BTreeMap<&str, usize> = BTreeMap::new();
     let mut receptacles: Vec<Receptacle> = Vec::new();
     for (piece, attributes) in pieces.iter().zip(looks) {
-        let number = numbers.entry(&piece.category).and_modify(|number| *number += 1).or_insert(1);
+        let number = numbers
+            .entry(&piece.category)
+            .and_modify(|number| *number += 1)
+            .or_insert(1);
         let corner = |corner: [i32; 2], height_cm: i32| {
-            [metres(f64::from(corner[0])), metres(f64::from(corner[1])), f64::from(height_cm) / 100.0]
+            [
+                metres(f64::from(corner[0])),
+                metres(f64::from(corner[1])),
+                f64::from(height_cm) / 100.0,
+            ]
         };
         let hinge = [Door::Left, Door::Right][stream.below(2)];
         receptacles.push(Receptacle {
@@ -156,13 +181,29 @@ fn assemble(scene_id: &str, flat: &Flat, pieces: &[Piece], stream: &mut Stream) 
     }
     let rooms = flat.plots.iter().map(|plot| {
         let corner = |corner: [i32; 2]| corner.map(|value| metres(f64::from(value)));
-        let rects: Vec<Rect> = plot.rects.iter().map(|rect| Rect { min: corner(rect.low), max: corner(rect.high) }).collect();
+        let rects: Vec<Rect> = plot
+            .rects
+            .iter()
+            .map(|rect| Rect {
+                min: corner(rect.low),
+                max: corner(rect.high),
+            })
+            .collect();
         let bound = |pick: fn(f64, f64) -> f64, of: fn(&Rect) -> [f64; 2], start: f64| {
             [0, 1].map(|axis| rects.iter().map(|rect| of(rect)[axis]).fold(start, pick))
         };
-        let (min, max) = (bound(f64::min, |rect| rect.min, f64::MAX), bound(f64::max, |rect| rect.max, f64::MIN));
+        let (min, max) = (
+            bound(f64::min, |rect| rect.min, f64::MAX),
+            bound(f64::max, |rect| rect.max, f64::MIN),
+        );
         let rects = if rects.len() > 1 { rects } else { Vec::new() };
-        Room { name: plot.name.clone(), rects, min, max, extra: BTreeMap::new() }
+        Room {
+            name: plot.name.clone(),
+            rects,
+            min,
+            max,
+            extra: BTreeMap::new(),
+        }
     });
     let mut scene = Scene {
         scene_id: scene_id.to_owned(),

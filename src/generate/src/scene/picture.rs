@@ -1,4 +1,5 @@
-//! Pictures of a scene without a task: each receptacle as the robot sees it from its viewpoint. Never moves anything.
+//! Pictures of a scene without a task: each receptacle as the robot sees it from its viewpoint.
+//! Never moves anything.
 
 use reel_sim::{
     geometry::Pose,
@@ -22,13 +23,28 @@ pub struct View {
 pub fn views(scene: &Scene) -> Vec<View> {
     let (model, viewpoints) = viewpoints(scene);
     let frame = |index: usize, viewpoint: Viewpoint| {
-        let mut drawables = vec![Drawable { parts: &model.shell, pose: Pose::IDENTITY, mesh: None, entity: 1 }];
+        let mut drawables = vec![Drawable {
+            parts: &model.shell,
+            pose: Pose::IDENTITY,
+            mesh: None,
+            entity: 1,
+        }];
         for (other, piece) in model.furniture.iter().enumerate() {
-            drawables.push(Drawable { parts: &piece.parts, pose: Pose::IDENTITY, mesh: None, entity: 1 });
+            drawables.push(Drawable {
+                parts: &piece.parts,
+                pose: Pose::IDENTITY,
+                mesh: None,
+                entity: 1,
+            });
             if let Some(door) = &piece.door {
                 let angle = if other == index { door.open_angle } else { 0.0 };
                 let pose = door.closed.then(&Pose::yawed([0.0; 3], angle));
-                drawables.push(Drawable { parts: &door.parts, pose, mesh: None, entity: 1 });
+                drawables.push(Drawable {
+                    parts: &door.parts,
+                    pose,
+                    mesh: None,
+                    entity: 1,
+                });
             }
         }
         render(&viewpoint.camera, &drawables, Detail::Picture)

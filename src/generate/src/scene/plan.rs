@@ -1,5 +1,5 @@
-//! The floor plan of a scene: rooms, walls, furniture with names, how doors swing, the robot's start and a scale. As SVG, or
-//! as PNG by `plan_png`. Labels keep clear of each other.
+//! The floor plan of a scene: rooms, walls, furniture with names, how doors swing, the robot's
+//! start and a scale. As SVG, or as PNG by `plan_png`. Labels keep clear of each other.
 
 use std::collections::BTreeSet;
 
@@ -37,11 +37,24 @@ const ROBOT: Colour = [232, 122, 40];
 #[derive(Clone, PartialEq, Debug)]
 pub(super) enum Item {
     /// A filled rectangle with an outline of a width.
-    Rect { corner: [f64; 2], size: [f64; 2], fill: Colour, edge: Option<(Colour, f64)> },
+    Rect {
+        corner: [f64; 2],
+        size: [f64; 2],
+        fill: Colour,
+        edge: Option<(Colour, f64)>,
+    },
     /// A line through points.
-    Line { points: Vec<[f64; 2]>, colour: Colour, width: f64 },
+    Line {
+        points: Vec<[f64; 2]>,
+        colour: Colour,
+        width: f64,
+    },
     /// A filled disc.
-    Disc { centre: [f64; 2], radius: f64, fill: Colour },
+    Disc {
+        centre: [f64; 2],
+        radius: f64,
+        fill: Colour,
+    },
     /// A line of text around a point.
     Text(Label),
 }
@@ -120,13 +133,28 @@ struct Draft<'a> {
 impl<'a> Draft<'a> {
     fn new(scene: &'a Scene, model: &'a SceneModel) -> Self {
         let [low, high] = model.bounds.map(|corner| corner.map(f64::from));
-        let size =
-            [((high[0] - low[0]) * SCALE + 2.0 * MARGIN).max(420.0), (high[1] - low[1]) * SCALE + 2.0 * MARGIN + HEADER + FOOTER];
-        Self { scene, model, origin: [low[0], high[1]], size, items: Vec::new(), taken: Vec::new(), crossings: 0 }
+        let size = [
+            ((high[0] - low[0]) * SCALE + 2.0 * MARGIN).max(420.0),
+            (high[1] - low[1]) * SCALE + 2.0 * MARGIN + HEADER + FOOTER,
+        ];
+        Self {
+            scene,
+            model,
+            origin: [low[0], high[1]],
+            size,
+            items: Vec::new(),
+            taken: Vec::new(),
+            crossings: 0,
+        }
     }
 
     fn draw(mut self) -> Plan {
-        self.items.push(Item::Rect { corner: [0.0; 2], size: self.size, fill: PAPER, edge: None });
+        self.items.push(Item::Rect {
+            corner: [0.0; 2],
+            size: self.size,
+            fill: PAPER,
+            edge: None,
+        });
         self.rooms();
         self.walls();
         for piece in &self.model.furniture {
@@ -141,12 +169,19 @@ impl<'a> Draft<'a> {
         }
         self.room_names();
         self.title_and_scale();
-        Plan { size: self.size, items: self.items, crossings: self.crossings }
+        Plan {
+            size: self.size,
+            items: self.items,
+            crossings: self.crossings,
+        }
     }
 
     /// A point of the scene in pixels.
     fn point(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        [MARGIN + (x - self.origin[0]) * SCALE, MARGIN + HEADER + (self.origin[1] - y) * SCALE]
+        [
+            MARGIN + (x - self.origin[0]) * SCALE,
+            MARGIN + HEADER + (self.origin[1] - y) * SCALE,
+        ]
     }
 
     /// A rectangle of the scene in pixels.
@@ -155,7 +190,12 @@ impl<'a> Draft<'a> {
     }
 
     fn rect(&mut self, [from, to]: Area, fill: Colour, edge: Option<(Colour, f64)>) {
-        self.items.push(Item::Rect { corner: from, size: [to[0] - from[0], to[1] - from[1]], fill, edge });
+        self.items.push(Item::Rect {
+            corner: from,
+            size: [to[0] - from[0], to[1] - from[1]],
+            fill,
+            edge,
+        });
     }
 
     fn rooms(&mut self) {
@@ -171,23 +211,34 @@ impl<'a> Draft<'a> {
         for wall in walls {
             let along = usize::from(wall.from[0] == wall.to[0]);
             let end = |pick: fn(f64, f64) -> f64, out: f64| {
-                [0, 1].map(|axis| pick(wall.from[axis], wall.to[axis]) + if axis == along { 0.0 } else { out })
+                [0, 1].map(|axis| {
+                    pick(wall.from[axis], wall.to[axis]) + if axis == along { 0.0 } else { out }
+                })
             };
             let (low, high) = (end(f64::min, -HALF_WALL_M), end(f64::max, HALF_WALL_M));
             let area = self.area(low, high);
             self.rect(area, WALL, None);
             self.taken.push(area);
             // Corners: what both walls leave open between them.
-            for other in walls.iter().filter(|other| usize::from(other.from[0] == other.to[0]) != along && along == 0) {
+            for other in walls
+                .iter()
+                .filter(|other| usize::from(other.from[0] == other.to[0]) != along && along == 0)
+            {
                 let corner = [other.from[0], wall.from[1]];
                 let near = |wall: &Wall| {
                     (0..2).all(|axis| {
-                        let (from, to) = (wall.from[axis].min(wall.to[axis]), wall.from[axis].max(wall.to[axis]));
+                        let (from, to) = (
+                            wall.from[axis].min(wall.to[axis]),
+                            wall.from[axis].max(wall.to[axis]),
+                        );
                         (from - 0.06..=to + 0.06).contains(&corner[axis])
                     })
                 };
                 if near(wall) && near(other) {
-                    let area = self.area(corner.map(|value| value - HALF_WALL_M), corner.map(|value| value + HALF_WALL_M));
+                    let area = self.area(
+                        corner.map(|value| value - HALF_WALL_M),
+                        corner.map(|value| value + HALF_WALL_M),
+                    );
                     self.rect(area, WALL, None);
                 }
             }
@@ -198,7 +249,10 @@ impl<'a> Draft<'a> {
         let [low, high] = piece.bounds.map(|[x, y, _]| [f64::from(x), f64::from(y)]);
         let area = self.area(low, high);
         self.rect(area, BODY, Some((EDGE, 1.5)));
-        let surface = self.area(piece.surface.min.map(f64::from), piece.surface.max.map(f64::from));
+        let surface = self.area(
+            piece.surface.min.map(f64::from),
+            piece.surface.max.map(f64::from),
+        );
         self.rect(surface, [240, 232, 214], Some(([190, 178, 154], 1.0)));
         // The front has a heavy edge.
         let [fx, fy] = piece.facing.map(|value| f64::from(value).round());
@@ -210,36 +264,70 @@ impl<'a> Draft<'a> {
             [[low[0], y], [high[0], y]]
         };
         let points = ends.iter().map(|end| self.point(*end)).collect();
-        self.items.push(Item::Line { points, colour: EDGE, width: 3.5 });
+        self.items.push(Item::Line {
+            points,
+            colour: EDGE,
+            width: 3.5,
+        });
         self.taken.push(area);
     }
 
     fn swing(&mut self, piece: &Furniture) {
         let Some(door) = &piece.door else { return };
-        let Some(panel) = door.parts.iter().find(|part| part.solid) else { return };
+        let Some(panel) = door.parts.iter().find(|part| part.solid) else {
+            return;
+        };
         let end = 2.0 * panel.pose.position[1];
         let at = |share: f32, reach: f32| {
-            let pose = door.closed.then(&Pose::yawed([0.0; 3], door.open_angle * share));
+            let pose = door
+                .closed
+                .then(&Pose::yawed([0.0; 3], door.open_angle * share));
             let [x, y, _] = pose.apply([0.0, end * reach, 0.0]);
             [f64::from(x), f64::from(y)]
         };
-        let arc: Vec<[f64; 2]> = (0..=16).map(|step| self.point(at(step as f32 / 16.0, 1.0))).collect();
+        let arc: Vec<[f64; 2]> = (0..=16)
+            .map(|step| self.point(at(step as f32 / 16.0, 1.0)))
+            .collect();
         let leaf = vec![self.point(at(1.0, 0.0)), self.point(at(1.0, 1.0))];
         let [low, high] = bounds(arc.iter().chain(&leaf));
         self.taken.push([low, high]);
-        self.items.push(Item::Line { points: arc, colour: DOOR, width: 1.0 });
-        self.items.push(Item::Line { points: leaf, colour: DOOR, width: 2.5 });
+        self.items.push(Item::Line {
+            points: arc,
+            colour: DOOR,
+            width: 1.0,
+        });
+        self.items.push(Item::Line {
+            points: leaf,
+            colour: DOOR,
+            width: 2.5,
+        });
     }
 
     fn robot(&mut self) {
-        let Some([x, y, yaw]) = self.scene.robot_start else { return };
+        let Some([x, y, yaw]) = self.scene.robot_start else {
+            return;
+        };
         let centre = self.point([x, y]);
         let radius = 0.2 * SCALE;
-        let tip = [centre[0] + yaw.cos() * radius * 1.7, centre[1] - yaw.sin() * radius * 1.7];
-        self.items.push(Item::Disc { centre, radius, fill: ROBOT });
-        self.items.push(Item::Line { points: vec![centre, tip], colour: INK, width: 3.0 });
+        let tip = [
+            centre[0] + yaw.cos() * radius * 1.7,
+            centre[1] - yaw.sin() * radius * 1.7,
+        ];
+        self.items.push(Item::Disc {
+            centre,
+            radius,
+            fill: ROBOT,
+        });
+        self.items.push(Item::Line {
+            points: vec![centre, tip],
+            colour: INK,
+            width: 3.0,
+        });
         let reach = radius * 1.8;
-        self.taken.push([centre.map(|value| value - reach), centre.map(|value| value + reach)]);
+        self.taken.push([
+            centre.map(|value| value - reach),
+            centre.map(|value| value + reach),
+        ]);
     }
 
     /// Writes a receptacle's name into it, else beside it.
@@ -268,7 +356,11 @@ impl<'a> Draft<'a> {
                 places.push(([from[0] - off - height * 0.5, y], true));
             }
         }
-        let room = self.scene.rooms.iter().find(|room| room.name == receptacle.room);
+        let room = self
+            .scene
+            .rooms
+            .iter()
+            .find(|room| room.name == receptacle.room);
         let is_free = |(centre, upright): &&([f64; 2], bool)| {
             let area = text_area(*centre, text.len(), *upright);
             self.is_free(area) && room.is_none_or(|room| self.is_in(room, area))
@@ -281,10 +373,14 @@ impl<'a> Draft<'a> {
 
     fn room_names(&mut self) {
         for room in &self.scene.rooms {
-            let text = room
-                .name
-                .strip_suffix("/0")
-                .filter(|kind| self.scene.rooms.iter().filter(|other| other.name.split('/').next() == Some(*kind)).count() == 1);
+            let text = room.name.strip_suffix("/0").filter(|kind| {
+                self.scene
+                    .rooms
+                    .iter()
+                    .filter(|other| other.name.split('/').next() == Some(*kind))
+                    .count()
+                    == 1
+            });
             let text = text.unwrap_or(&room.name).to_owned();
             let mut best: Option<(f64, [f64; 2], bool)> = None;
             for rect in room.footprint() {
@@ -294,7 +390,8 @@ impl<'a> Draft<'a> {
                     for column in 1..40 {
                         for row in 1..40 {
                             let share = [f64::from(column) / 40.0, f64::from(row) / 40.0];
-                            let centre = [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * share[axis]);
+                            let centre = [0, 1]
+                                .map(|axis| from[axis] + (to[axis] - from[axis]) * share[axis]);
                             let off = (centre[0] - middle[0]).abs() + (centre[1] - middle[1]).abs();
                             let off = off + if upright { 1000.0 } else { 0.0 };
                             if best.is_none_or(|(least, _, _)| off < least)
@@ -315,32 +412,74 @@ impl<'a> Draft<'a> {
 
     fn title_and_scale(&mut self) {
         let scene = self.scene;
-        let text = format!("{}   {} rooms, {} receptacles", scene.scene_id, scene.rooms.len(), scene.receptacles.len());
+        let text = format!(
+            "{}   {} rooms, {} receptacles",
+            scene.scene_id,
+            scene.rooms.len(),
+            scene.receptacles.len()
+        );
         let x = MARGIN + text.len() as f64 * CHARACTER[0] * 0.5;
         self.label([x, 28.0], text, INK, true, false);
         let y = self.size[1] - 26.0;
-        let points = vec![[MARGIN, y - 5.0], [MARGIN, y], [MARGIN + 2.0 * SCALE, y], [MARGIN + 2.0 * SCALE, y - 5.0]];
-        self.items.push(Item::Line { points, colour: INK, width: 2.0 });
-        self.label([MARGIN + SCALE, y - 12.0], "2 m".to_owned(), INK, false, false);
+        let points = vec![
+            [MARGIN, y - 5.0],
+            [MARGIN, y],
+            [MARGIN + 2.0 * SCALE, y],
+            [MARGIN + 2.0 * SCALE, y - 5.0],
+        ];
+        self.items.push(Item::Line {
+            points,
+            colour: INK,
+            width: 2.0,
+        });
+        self.label(
+            [MARGIN + SCALE, y - 12.0],
+            "2 m".to_owned(),
+            INK,
+            false,
+            false,
+        );
         let centre = [MARGIN + 2.0 * SCALE + 44.0, y - 6.0];
-        self.items.push(Item::Disc { centre, radius: 9.0, fill: ROBOT });
-        self.label([centre[0] + 64.0, centre[1]], "robot start".to_owned(), INK, false, false);
+        self.items.push(Item::Disc {
+            centre,
+            radius: 9.0,
+            fill: ROBOT,
+        });
+        self.label(
+            [centre[0] + 64.0, centre[1]],
+            "robot start".to_owned(),
+            INK,
+            false,
+            false,
+        );
     }
 
     /// Whether an area lies in a room.
     fn is_in(&self, room: &Room, [low, high]: Area) -> bool {
-        let holds = |[from, to]: Area| (0..2).all(|axis| from[axis] <= low[axis] && high[axis] <= to[axis]);
-        room.footprint().iter().any(|rect| holds(self.area(rect.min, rect.max)))
+        let holds =
+            |[from, to]: Area| (0..2).all(|axis| from[axis] <= low[axis] && high[axis] <= to[axis]);
+        room.footprint()
+            .iter()
+            .any(|rect| holds(self.area(rect.min, rect.max)))
     }
 
     fn is_free(&self, [low, high]: Area) -> bool {
         let inside = (0..2).all(|axis| low[axis] > 2.0 && high[axis] < self.size[axis] - 2.0);
-        inside && !self.taken.iter().any(|[from, to]| (0..2).all(|axis| low[axis] < to[axis] && from[axis] < high[axis]))
+        inside
+            && !self.taken.iter().any(|[from, to]| {
+                (0..2).all(|axis| low[axis] < to[axis] && from[axis] < high[axis])
+            })
     }
 
     fn label(&mut self, centre: [f64; 2], text: String, colour: Colour, bold: bool, upright: bool) {
         self.taken.push(text_area(centre, text.len(), upright));
-        self.items.push(Item::Text(Label { centre, text, colour, bold, upright }));
+        self.items.push(Item::Text(Label {
+            centre,
+            text,
+            colour,
+            bold,
+            upright,
+        }));
     }
 }
 
@@ -354,7 +493,10 @@ fn text_area([x, y]: [f64; 2], length: usize, upright: bool) -> Area {
 
 fn bounds<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> Area {
     points.fold([[f64::MAX; 2], [f64::MIN; 2]], |[low, high], point| {
-        [[low[0].min(point[0]), low[1].min(point[1])], [high[0].max(point[0]), high[1].max(point[1])]]
+        [
+            [low[0].min(point[0]), low[1].min(point[1])],
+            [high[0].max(point[0]), high[1].max(point[1])],
+        ]
     })
 }
 
@@ -375,22 +517,56 @@ fn floor(room: &str) -> Colour {
 fn element(item: &Item) -> String {
     let hex = |[red, green, blue]: Colour| format!("#{red:02x}{green:02x}{blue:02x}");
     match item {
-        Item::Rect { corner: [x, y], size: [width, height], fill, edge } => {
-            let edge =
-                edge.map_or_else(String::new, |(colour, wide)| format!(" stroke=\"{}\" stroke-width=\"{wide}\"", hex(colour)));
+        Item::Rect {
+            corner: [x, y],
+            size: [width, height],
+            fill,
+            edge,
+        } => {
+            let edge = edge.map_or_else(String::new, |(colour, wide)| {
+                format!(" stroke=\"{}\" stroke-width=\"{wide}\"", hex(colour))
+            });
             let fill = hex(*fill);
-            format!("<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{fill}\"{edge}/>")
+            format!(
+                "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{fill}\"{edge}/>"
+            )
         }
-        Item::Line { points, colour, width } => {
-            let points: Vec<String> = points.iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+        Item::Line {
+            points,
+            colour,
+            width,
+        } => {
+            let points: Vec<String> = points
+                .iter()
+                .map(|[x, y]| format!("{x:.1},{y:.1}"))
+                .collect();
             let (points, colour) = (points.join(" "), hex(*colour));
-            format!("<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"/>")
+            format!(
+                "<polyline points=\"{points}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"/>"
+            )
         }
-        Item::Disc { centre: [x, y], radius, fill } => {
-            format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius:.1}\" fill=\"{}\"/>", hex(*fill))
+        Item::Disc {
+            centre: [x, y],
+            radius,
+            fill,
+        } => {
+            format!(
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius:.1}\" fill=\"{}\"/>",
+                hex(*fill)
+            )
         }
-        Item::Text(Label { centre: [x, y], text, colour, bold, upright }) => {
-            let turn = if *upright { format!(" transform=\"rotate(-90 {x:.1} {y:.1})\"") } else { String::new() };
+        Item::Text(Label {
+            centre: [x, y],
+            text,
+            colour,
+            bold,
+            upright,
+        }) => {
+            let turn = if *upright {
+                format!(" transform=\"rotate(-90 {x:.1} {y:.1})\"")
+            } else {
+                String::new()
+            };
             let weight = if *bold { " font-weight=\"bold\"" } else { "" };
             // The length is given, so that no viewer's font makes names cover each other.
             let length = text.len() as f64 * CHARACTER[0];

@@ -1,10 +1,12 @@
-//! Social annotation (paper, Social Interaction Annotation): what an expert has to ask before it can know what is meant. The
-//! instruction is rewritten to leave something open, and questions about it are put into the plan; whoever follows the plan asks
-//! them, so that an annotated trajectory is an episode like any other.
+//! Social annotation (paper, Social Interaction Annotation): what an expert has to ask before it
+//! can know what is meant. The instruction is rewritten to leave something open, and questions
+//! about it are put into the plan; whoever follows the plan asks them, so that an annotated
+//! trajectory is an episode like any other.
 //!
-//! Strategy A asks which object is meant, strategy B which of several receptacles alike. Nothing is asked that was told, and
-//! everything is told in the end: [`settles`] plays the conversation with the simulated user before a task is let through. Knows no
-//! file and no model; what a model proposes (`proposal`) is judged by the same rules.
+//! Strategy A asks which object is meant, strategy B which of several receptacles alike. Nothing is
+//! asked that was told, and everything is told in the end: [`settles`] plays the conversation with
+//! the simulated user before a task is let through. Knows no file and no model; what a model
+//! proposes (`proposal`) is judged by the same rules.
 
 pub mod proposal;
 mod talk;
@@ -47,7 +49,9 @@ impl Strategy {
 
     /// Reads what [`Strategy::as_str`] wrote.
     pub fn parse(text: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|strategy| strategy.as_str() == text)
+        Self::ALL
+            .into_iter()
+            .find(|strategy| strategy.as_str() == text)
     }
 }
 
@@ -78,7 +82,11 @@ impl About {
 
     /// The strategy that asks about it.
     pub fn strategy(self) -> Strategy {
-        if self == About::Object { Strategy::A } else { Strategy::B }
+        if self == About::Object {
+            Strategy::A
+        } else {
+            Strategy::B
+        }
     }
 }
 
@@ -152,8 +160,9 @@ struct Proposal {
     instead: Option<(std::ops::Range<usize>, String)>,
 }
 
-/// Puts one or two questions into the plan of a task, by strategies drawn from those that apply, and rewrites its instruction so
-/// that they have to be asked. What is vague already is always asked about.
+/// Puts one or two questions into the plan of a task, by strategies drawn from those that apply,
+/// and rewrites its instruction so that they have to be asked. What is vague already is always
+/// asked about.
 ///
 /// # Errors
 /// The reason why nothing can be asked.
@@ -164,12 +173,18 @@ pub fn annotate(task: &Task, scene: &Scene, options: &Options<'_>) -> Result<Ann
     if task.plan.iter().any(|step| step.action == "ask") {
         return Err(Skipped::AsksAlready);
     }
-    let mut stream = Stream::new(options.seed, &format!("social/{}/{}", task.scene_id, task.task_id), 0);
+    let mut stream = Stream::new(
+        options.seed,
+        &format!("social/{}/{}", task.scene_id, task.task_id),
+        0,
+    );
     let (mut needed, mut possible, mut why) = (Vec::new(), Vec::new(), Skipped::NothingAlike);
     for about in About::ALL {
         let allowed = options.strategies.contains(&about.strategy());
         match propose(task, scene, about, &mut stream) {
-            Ok(proposal) if proposal.instead.is_none() && !allowed => return Err(Skipped::LeftVague),
+            Ok(proposal) if proposal.instead.is_none() && !allowed => {
+                return Err(Skipped::LeftVague);
+            }
             Ok(proposal) if proposal.instead.is_none() => needed.push(proposal),
             Ok(proposal) if allowed => possible.push(proposal),
             Ok(_) => {}
@@ -180,7 +195,12 @@ pub fn annotate(task: &Task, scene: &Scene, options: &Options<'_>) -> Result<Ann
     let order = stream.pick_some(&(0..possible.len()).collect::<Vec<_>>(), possible.len());
     let mut choices: Vec<Vec<usize>> = Vec::new();
     if needed.is_empty() && wanted == 2 {
-        choices.extend(order.iter().enumerate().flat_map(|(at, one)| order[at + 1..].iter().map(|other| vec![*one, *other])));
+        choices.extend(
+            order
+                .iter()
+                .enumerate()
+                .flat_map(|(at, one)| order[at + 1..].iter().map(|other| vec![*one, *other])),
+        );
     }
     if needed.len() < wanted {
         choices.extend(order.iter().map(|one| vec![*one]));
@@ -189,15 +209,31 @@ pub fn annotate(task: &Task, scene: &Scene, options: &Options<'_>) -> Result<Ann
         choices.push(Vec::new());
     }
     for choice in choices {
-        let chosen: Vec<&Proposal> = needed.iter().chain(choice.iter().map(|index| &possible[*index])).collect();
-        let both_ends =
-            [About::Source, About::Destination].iter().all(|end| chosen.iter().any(|one| one.annotation.about == *end));
+        let chosen: Vec<&Proposal> = needed
+            .iter()
+            .chain(choice.iter().map(|index| &possible[*index]))
+            .collect();
+        let both_ends = [About::Source, About::Destination]
+            .iter()
+            .all(|end| chosen.iter().any(|one| one.annotation.about == *end));
         // "From a table to a table" is nothing that people say.
-        if both_ends && [(&task.src, &task.dest), (&task.dest, &task.src)].iter().any(|(one, other)| alike(scene, one, other)) {
+        if both_ends
+            && [(&task.src, &task.dest), (&task.dest, &task.src)]
+                .iter()
+                .any(|(one, other)| alike(scene, one, other))
+        {
             continue;
         }
-        let annotations = chosen.iter().map(|proposal| proposal.annotation.clone()).collect();
-        match apply(task, scene, reworded(&task.instruction, &chosen), annotations) {
+        let annotations = chosen
+            .iter()
+            .map(|proposal| proposal.annotation.clone())
+            .collect();
+        match apply(
+            task,
+            scene,
+            reworded(&task.instruction, &chosen),
+            annotations,
+        ) {
             Ok(annotated) => return Ok(annotated),
             Err(_) => why = why.max(Skipped::NotSettled),
         }
@@ -209,20 +245,31 @@ pub fn annotate(task: &Task, scene: &Scene, options: &Options<'_>) -> Result<Ann
 ///
 /// # Errors
 /// What speaks against it.
-pub fn apply(task: &Task, scene: &Scene, instruction: String, mut annotations: Vec<Annotation>) -> Result<Annotated, Objection> {
-    annotations.sort_by_key(|annotation| (annotation.insert_before, annotation.about != About::Source));
+pub fn apply(
+    task: &Task,
+    scene: &Scene,
+    instruction: String,
+    mut annotations: Vec<Annotation>,
+) -> Result<Annotated, Objection> {
+    annotations
+        .sort_by_key(|annotation| (annotation.insert_before, annotation.about != About::Source));
     let mut next = task.clone();
     let is_told = instruction == task.instruction;
     next.instruction = instruction;
     next.fuzzy = true;
-    if annotations.iter().any(|annotation| annotation.about == About::Object) && next.purpose.is_none() {
+    if annotations
+        .iter()
+        .any(|annotation| annotation.about == About::Object)
+        && next.purpose.is_none()
+    {
         next.purpose = Some(task.target_object().category.clone());
     }
     talk::admits(task, &annotations)?;
     insert(&mut next.plan, &annotations);
     talk::settles(&next, scene)?;
     talk::leaves_the_rest(task, &next, scene, &annotations)?;
-    // One more question that can pay (SPEC section 5, `B_ask`), if receptacles were told apart before.
+    // One more question that can pay (SPEC section 5, `B_ask`), if receptacles were told apart
+    // before.
     let vaguer = About::ALL[1..].iter().any(|about| {
         places(task, scene, *about, &[&task.instruction]).len() < 2
             && places(&next, scene, *about, &[&next.instruction]).len() > 1
@@ -235,14 +282,17 @@ pub fn apply(task: &Task, scene: &Scene, instruction: String, mut annotations: V
         social["instruction_before"] = json!(task.instruction);
     }
     next.extra.insert(FIELD.to_owned(), social);
-    Ok(Annotated { task: next, annotations })
+    Ok(Annotated {
+        task: next,
+        annotations,
+    })
 }
 
 /// Where a task file says what was done to it.
 pub const FIELD: &str = "episodes[0].social";
 
-/// Puts questions into a plan, the last one first, so that the indices of the others stay valid; of several before one step, the
-/// first comes first.
+/// Puts questions into a plan, the last one first, so that the indices of the others stay valid; of
+/// several before one step, the first comes first.
 ///
 /// # Panics
 /// When an index is beyond the end of the plan.
@@ -251,15 +301,34 @@ pub fn insert(plan: &mut Vec<PlanStep>, annotations: &[Annotation]) {
     order.sort_by_key(|annotation| annotation.insert_before);
     for annotation in order.into_iter().rev() {
         let text = |text: &str| Value::from(text);
-        let mut args = [("strategy", text(annotation.strategy.as_str())), ("about", text(annotation.about.as_str()))]
-            .map(|(key, value)| (key.to_owned(), value))
-            .to_vec();
-        args.extend(annotation.question.as_deref().map(|question| ("question".to_owned(), text(question))));
-        plan.insert(annotation.insert_before, PlanStep { action: "ask".to_owned(), args: args.into_iter().collect() });
+        let mut args = [
+            ("strategy", text(annotation.strategy.as_str())),
+            ("about", text(annotation.about.as_str())),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .to_vec();
+        args.extend(
+            annotation
+                .question
+                .as_deref()
+                .map(|question| ("question".to_owned(), text(question))),
+        );
+        plan.insert(
+            annotation.insert_before,
+            PlanStep {
+                action: "ask".to_owned(),
+                args: args.into_iter().collect(),
+            },
+        );
     }
 }
 
-fn propose(task: &Task, scene: &Scene, about: About, stream: &mut Stream) -> Result<Proposal, Skipped> {
+fn propose(
+    task: &Task,
+    scene: &Scene,
+    about: About,
+    stream: &mut Stream,
+) -> Result<Proposal, Skipped> {
     match about {
         About::Object => object(task, scene),
         About::Source | About::Destination => place(task, scene, about, stream),
@@ -271,16 +340,29 @@ fn object(task: &Task, scene: &Scene) -> Result<Proposal, Skipped> {
     if !moves_one(task) {
         return Err(Skipped::NothingAlike);
     }
-    let find = task.plan.iter().position(|step| step.action == "find").ok_or(Skipped::NotWorded)?;
+    let find = task
+        .plan
+        .iter()
+        .position(|step| step.action == "find")
+        .ok_or(Skipped::NotWorded)?;
     let proposal = |instead| Proposal {
-        annotation: Annotation { strategy: Strategy::A, about: About::Object, insert_before: find + 1, question: None },
+        annotation: Annotation {
+            strategy: Strategy::A,
+            about: About::Object,
+            insert_before: find + 1,
+            question: None,
+        },
         instead,
     };
     if is_vague(task, scene, About::Object) {
         return Ok(proposal(None));
     }
     let target = task.target_object();
-    let alike = task.objects.iter().filter(|object| object.receptacle == task.src && object.category == target.category).count();
+    let alike = task
+        .objects
+        .iter()
+        .filter(|object| object.receptacle == task.src && object.category == target.category)
+        .count();
     if alike < 2 {
         return Err(Skipped::NothingAlike);
     }
@@ -291,9 +373,16 @@ fn object(task: &Task, scene: &Scene) -> Result<Proposal, Skipped> {
 }
 
 /// Strategy B.
-fn place(task: &Task, scene: &Scene, about: About, stream: &mut Stream) -> Result<Proposal, Skipped> {
+fn place(
+    task: &Task,
+    scene: &Scene,
+    about: About,
+    stream: &mut Stream,
+) -> Result<Proposal, Skipped> {
     let is_source = about == About::Source;
-    let right = scene.receptacle(if is_source { &task.src } else { &task.dest }).ok_or(Skipped::NotWorded)?;
+    let right = scene
+        .receptacle(if is_source { &task.src } else { &task.dest })
+        .ok_or(Skipped::NotWorded)?;
     let likes = pool(task, scene, about);
     if likes.len() < 2 || (is_source && !moves_one(task)) {
         return Err(Skipped::NothingAlike);
@@ -303,12 +392,19 @@ fn place(task: &Task, scene: &Scene, about: About, stream: &mut Stream) -> Resul
         None
     } else {
         let phrases = words::names(right, scene);
-        Some((phrase_in(&task.instruction, &phrases).ok_or(Skipped::NotWorded)?, vaguely))
+        Some((
+            phrase_in(&task.instruction, &phrases).ok_or(Skipped::NotWorded)?,
+            vaguely,
+        ))
     };
     let category = &right.category;
     let inside = right.door.exists();
     let (ask, names) = if is_source {
-        let ways = if inside { ["look in", "check"] } else { ["look on", "check"] };
+        let ways = if inside {
+            ["look in", "check"]
+        } else {
+            ["look on", "check"]
+        };
         let mut rooms: Vec<String> = Vec::new();
         for like in &likes {
             let room = format!("the one in the {}", like.room_name());
@@ -316,28 +412,65 @@ fn place(task: &Task, scene: &Scene, about: About, stream: &mut Stream) -> Resul
                 rooms.push(room);
             }
         }
-        (format!("Which {category} should I {}", ways[stream.below(2)]), Some(rooms))
+        (
+            format!("Which {category} should I {}", ways[stream.below(2)]),
+            Some(rooms),
+        )
     } else {
-        let ways = if inside { ["put it into", "bring it to"] } else { ["put it on", "bring it to"] };
-        let names = likes.iter().map(|like| words::name(like, scene)).collect::<Option<Vec<String>>>();
-        (format!("Which {category} should I {}", ways[stream.below(2)]), names)
+        let ways = if inside {
+            ["put it into", "bring it to"]
+        } else {
+            ["put it on", "bring it to"]
+        };
+        let names = likes
+            .iter()
+            .map(|like| words::name(like, scene))
+            .collect::<Option<Vec<String>>>();
+        (
+            format!("Which {category} should I {}", ways[stream.below(2)]),
+            names,
+        )
     };
     let question = match names.filter(|names| names.len() <= NAMED_MAX) {
         Some(names) => format!("{ask}: {}?", or(&names)),
         None => format!("There are several. {ask}?"),
     };
     // Before the way to the destination, detours included, or before everything.
-    let way = task.plan.iter().position(|step| place_of_step(step) == Some(task.dest.as_str())).unwrap_or(0);
+    let way = task
+        .plan
+        .iter()
+        .position(|step| place_of_step(step) == Some(task.dest.as_str()))
+        .unwrap_or(0);
     let is_visit = |step: &PlanStep| step.action == "nav_to";
-    let way = way - task.plan[..way].iter().rev().take_while(|step| is_visit(step)).count();
-    let insert_before = if is_source || stream.below(2) == 0 { 0 } else { way };
-    let annotation = Annotation { strategy: Strategy::B, about, insert_before, question: Some(question) };
-    Ok(Proposal { annotation, instead })
+    let way = way
+        - task.plan[..way]
+            .iter()
+            .rev()
+            .take_while(|step| is_visit(step))
+            .count();
+    let insert_before = if is_source || stream.below(2) == 0 {
+        0
+    } else {
+        way
+    };
+    let annotation = Annotation {
+        strategy: Strategy::B,
+        about,
+        insert_before,
+        question: Some(question),
+    };
+    Ok(Proposal {
+        annotation,
+        instead,
+    })
 }
 
 /// The instruction with vaguer words in the places of these.
 fn reworded(instruction: &str, proposals: &[&Proposal]) -> String {
-    let mut all: Vec<_> = proposals.iter().filter_map(|proposal| proposal.instead.clone()).collect();
+    let mut all: Vec<_> = proposals
+        .iter()
+        .filter_map(|proposal| proposal.instead.clone())
+        .collect();
     all.sort_by_key(|(at, _)| std::cmp::Reverse(at.start));
     let mut text = instruction.to_owned();
     for (at, vaguely) in all {
@@ -347,7 +480,11 @@ fn reworded(instruction: &str, proposals: &[&Proposal]) -> String {
 }
 
 fn alike(scene: &Scene, one: &ReceptacleId, other: &ReceptacleId) -> bool {
-    let category = |id| scene.receptacle(id).map_or("", |receptacle| receptacle.category.as_str());
+    let category = |id| {
+        scene
+            .receptacle(id)
+            .map_or("", |receptacle| receptacle.category.as_str())
+    };
     words::is_called(category(one), category(other))
 }
 

@@ -1,5 +1,5 @@
-//! What a model may propose: the words it is asked in, and its answer, judged by the rules of every other annotation. Never speaks
-//! to a model.
+//! What a model may propose: the words it is asked in, and its answer, judged by the rules of every
+//! other annotation. Never speaks to a model.
 
 use reel_world::{Digest, Scene, Task};
 use serde::Deserialize;
@@ -72,18 +72,28 @@ pub fn summary(task: &Task, scene: &Scene, strategies: &[Strategy]) -> String {
         json!({ "category": object.category, "looks": object.caption, "on": object.receptacle, "is_target": object.instance == task.target })
     });
     let plan = task.plan.iter().enumerate().map(|(index, step)| {
-        let args: Map<String, Value> =
-            step.args.iter().filter(|(key, _)| *key != "instance").map(|(key, value)| (key.clone(), value.clone())).collect();
+        let args: Map<String, Value> = step
+            .args
+            .iter()
+            .filter(|(key, _)| *key != "instance")
+            .map(|(key, value)| (key.clone(), value.clone()))
+            .collect();
         json!({ "step": index, "action": step.action, "args": args })
     });
     let lines = |title: &str, lines: &mut dyn Iterator<Item = Value>| {
         let lines: Vec<String> = lines.map(|line| line.to_string()).collect();
         format!("{title}:\n{}\n", lines.join("\n"))
     };
-    let strategies: Vec<&str> = strategies.iter().map(|strategy| strategy.as_str()).collect();
+    let strategies: Vec<&str> = strategies
+        .iter()
+        .map(|strategy| strategy.as_str())
+        .collect();
     [
         format!("Strategies: {}\n", strategies.join(", ")),
-        format!("Instruction: {}\nPrecise instruction: {}\n", task.instruction, task.precise_instruction),
+        format!(
+            "Instruction: {}\nPrecise instruction: {}\n",
+            task.instruction, task.precise_instruction
+        ),
         format!("From {} to {}\n", task.src, task.dest),
         lines("Plan", &mut plan.into_iter()),
         lines("Receptacles", &mut receptacles.into_iter()),
@@ -96,10 +106,21 @@ pub fn summary(task: &Task, scene: &Scene, strategies: &[Strategy]) -> String {
 ///
 /// # Errors
 /// What does.
-pub fn judge(task: &Task, scene: &Scene, strategies: &[Strategy], answer: &str) -> Result<Annotated, Refusal> {
+pub fn judge(
+    task: &Task,
+    scene: &Scene,
+    strategies: &[Strategy],
+    answer: &str,
+) -> Result<Annotated, Refusal> {
     let proposed = parse(answer).ok_or(Refusal::Unreadable)?;
     let mut annotations = Vec::new();
-    for Action { strategy, about, insert_before, question } in proposed.actions {
+    for Action {
+        strategy,
+        about,
+        insert_before,
+        question,
+    } in proposed.actions
+    {
         if !strategies.contains(&strategy) {
             return Err(Refusal::Strategy(strategy.as_str()));
         }
@@ -108,15 +129,27 @@ pub fn judge(task: &Task, scene: &Scene, strategies: &[Strategy], answer: &str) 
         if question.is_none() && about != About::Object {
             return Err(Refusal::NoWords(about.as_str()));
         }
-        annotations.push(Annotation { strategy, about, insert_before, question });
+        annotations.push(Annotation {
+            strategy,
+            about,
+            insert_before,
+            question,
+        });
     }
     Ok(apply(task, scene, proposed.instruction, annotations)?)
 }
 
 /// The last proposal of an answer: thoughts before it and fences around it do not matter.
 fn parse(text: &str) -> Option<Proposed> {
-    let answer = text.rsplit_once("</think>").map_or(text, |(_, answer)| answer);
+    let answer = text
+        .rsplit_once("</think>")
+        .map_or(text, |(_, answer)| answer);
     let starts = answer.match_indices('{').take(TRIES_MAX);
-    let read = |at: usize| Deserializer::from_str(&answer[at..]).into_iter::<Proposed>().next()?.ok();
+    let read = |at: usize| {
+        Deserializer::from_str(&answer[at..])
+            .into_iter::<Proposed>()
+            .next()?
+            .ok()
+    };
     starts.filter_map(|(at, _)| read(at)).last()
 }

@@ -1,5 +1,6 @@
-//! The conversation of a plan, played with the simulated user: whether every question has to be asked, and is settled by its
-//! answer. Pure predicates; what the robot sees when it asks is taken to be all that stands where it looks.
+//! The conversation of a plan, played with the simulated user: whether every question has to be
+//! asked, and is settled by its answer. Pure predicates; what the robot sees when it asks is taken
+//! to be all that stands where it looks.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -108,8 +109,8 @@ impl Objection {
 /// Longest text in bytes that is said.
 const TEXT_MAX: usize = 600;
 
-/// Whether questions may come where they shall: about the object once it was looked for and before it is picked, about a
-/// receptacle before anything is done there or at one like it.
+/// Whether questions may come where they shall: about the object once it was looked for and before
+/// it is picked, about a receptacle before anything is done there or at one like it.
 pub(super) fn admits(task: &Task, annotations: &[Annotation]) -> Result<(), Objection> {
     if annotations.is_empty() {
         return Err(Objection::Nothing);
@@ -117,29 +118,40 @@ pub(super) fn admits(task: &Task, annotations: &[Annotation]) -> Result<(), Obje
     for annotation in annotations {
         let (about, index) = (annotation.about, annotation.insert_before);
         if annotation.strategy != about.strategy() {
-            return Err(Objection::Strategy { strategy: annotation.strategy.as_str(), about: about.as_str() });
+            return Err(Objection::Strategy {
+                strategy: annotation.strategy.as_str(),
+                about: about.as_str(),
+            });
         }
-        let twice = annotations.iter().filter(|other| other.about == about).count() > 1;
+        let twice = annotations
+            .iter()
+            .filter(|other| other.about == about)
+            .count()
+            > 1;
         let before = task.plan.get(..index);
         let is = |step: &PlanStep, actions: &[&str]| actions.contains(&step.action.as_str());
         let at = |step: &PlanStep, id: &str| place_of_step(step) == Some(id);
         let fits = before.is_some_and(|before| match about {
             About::Object => {
-                before.iter().any(|step| is(step, &["find"])) && !before.iter().any(|step| is(step, &["pick", "gaze_at"]))
+                before.iter().any(|step| is(step, &["find"]))
+                    && !before.iter().any(|step| is(step, &["pick", "gaze_at"]))
             }
             About::Source => before.is_empty(),
             About::Destination => !before.iter().any(|step| at(step, task.dest.as_str())),
         });
         if twice || !fits {
-            return Err(Objection::Place { about: about.as_str(), index });
+            return Err(Objection::Place {
+                about: about.as_str(),
+                index,
+            });
         }
     }
     Ok(())
 }
 
-/// Whether every question of a plan has to be asked, and its answer settles it: what was told before (the instruction and the
-/// answers) leaves at least two possible, among them the right one, and with the answer only that one. No text holds an
-/// identifier.
+/// Whether every question of a plan has to be asked, and its answer settles it: what was told
+/// before (the instruction and the answers) leaves at least two possible, among them the right one,
+/// and with the answer only that one. No text holds an identifier.
 ///
 /// # Errors
 /// The first question that is not so.
@@ -147,7 +159,11 @@ pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
     speakable(task, scene, &task.instruction)?;
     let mut user = RuleUser::new(task, scene);
     // Whoever has seen the target is told no more where it is.
-    if task.plan.iter().any(|step| asks_about(step) == Some(About::Source)) {
+    if task
+        .plan
+        .iter()
+        .any(|step| asks_about(step) == Some(About::Source))
+    {
         user.observe("", &seen_at_start(task, scene));
     }
     let mut answers: BTreeMap<About, Vec<String>> = BTreeMap::new();
@@ -155,7 +171,9 @@ pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
         match step.action.as_str() {
             "find" => {
                 let place = &meant(task, step).receptacle;
-                let seen: Vec<InstanceId> = on(task, place).map(|object| object.instance.clone()).collect();
+                let seen: Vec<InstanceId> = on(task, place)
+                    .map(|object| object.instance.clone())
+                    .collect();
                 user.observe("find", &seen);
             }
             "pick" => user.observe_held(Some(&meant(task, step).instance)),
@@ -169,13 +187,20 @@ pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
                 let possible = possible(task, scene, about, said);
                 let right = right(task, about);
                 if possible.len() < 2 || !possible.contains(&right) {
-                    return Err(Objection::Unneeded { about: about.as_str(), possible });
+                    return Err(Objection::Unneeded {
+                        about: about.as_str(),
+                        possible,
+                    });
                 }
                 let reply = user.answer(&question).text;
                 said.push(reply.clone());
                 let possible = self::possible(task, scene, about, said);
                 if possible != [right] {
-                    return Err(Objection::Unsettled { about: about.as_str(), reply, possible });
+                    return Err(Objection::Unsettled {
+                        about: about.as_str(),
+                        reply,
+                        possible,
+                    });
                 }
             }
             _ => {}
@@ -185,27 +210,46 @@ pub fn settles(task: &Task, scene: &Scene) -> Result<(), Objection> {
 }
 
 /// Whether an instruction leaves what nobody asks about as it was, and says of the rest what it is.
-pub(super) fn leaves_the_rest(before: &Task, after: &Task, scene: &Scene, annotations: &[Annotation]) -> Result<(), Objection> {
-    let unasked = |about: &About| !annotations.iter().any(|annotation| annotation.about == *about);
+pub(super) fn leaves_the_rest(
+    before: &Task,
+    after: &Task,
+    scene: &Scene,
+    annotations: &[Annotation],
+) -> Result<(), Objection> {
+    let unasked = |about: &About| {
+        !annotations
+            .iter()
+            .any(|annotation| annotation.about == *about)
+    };
     for about in About::ALL.into_iter().filter(unasked) {
         if words::is_vague(before, scene, about) {
-            return Err(Objection::LeftVague { about: about.as_str() });
+            return Err(Objection::LeftVague {
+                about: about.as_str(),
+            });
         }
         let kept = |name: &String| language::quotes(&after.instruction, name);
         let is_told = words::told(before, scene, about).iter().all(kept);
         if !is_told || possible(before, scene, about, &[]) != possible(after, scene, about, &[]) {
-            return Err(Objection::Rest { about: about.as_str() });
+            return Err(Objection::Rest {
+                about: about.as_str(),
+            });
         }
     }
     for annotation in annotations {
-        let category = |id| scene.receptacle(id).map_or("", |receptacle| receptacle.category.as_str());
+        let category = |id| {
+            scene
+                .receptacle(id)
+                .map_or("", |receptacle| receptacle.category.as_str())
+        };
         let kind = match annotation.about {
             About::Object => after.purpose.as_deref().unwrap_or_default(),
             About::Source => category(&after.src),
             About::Destination => category(&after.dest),
         };
         if !language::quotes(&after.instruction, kind) {
-            return Err(Objection::Unnamed { about: annotation.about.as_str() });
+            return Err(Objection::Unnamed {
+                about: annotation.about.as_str(),
+            });
         }
     }
     Ok(())
@@ -216,8 +260,14 @@ fn possible(task: &Task, scene: &Scene, about: About, answers: &[String]) -> Vec
     let mut texts = vec![task.instruction.as_str()];
     texts.extend(answers.iter().map(String::as_str));
     match about {
-        About::Object => words::objects(task, &texts).iter().map(|object| object.instance.to_string()).collect(),
-        _ => words::places(task, scene, about, &texts).iter().map(|place| place.id.to_string()).collect(),
+        About::Object => words::objects(task, &texts)
+            .iter()
+            .map(|object| object.instance.to_string())
+            .collect(),
+        _ => words::places(task, scene, about, &texts)
+            .iter()
+            .map(|place| place.id.to_string())
+            .collect(),
     }
 }
 
@@ -230,7 +280,11 @@ fn right(task: &Task, about: About) -> String {
 }
 
 fn asks_about(step: &PlanStep) -> Option<About> {
-    let about = step.args.get("about").filter(|_| step.action == "ask")?.as_str()?;
+    let about = step
+        .args
+        .get("about")
+        .filter(|_| step.action == "ask")?
+        .as_str()?;
     About::ALL.into_iter().find(|known| known.as_str() == about)
 }
 
@@ -240,29 +294,50 @@ fn seen_at_start(task: &Task, scene: &Scene) -> Vec<InstanceId> {
     let mut simulator = Simulator::new(stage, Profile::Paper, 0);
     simulator.set_detail(Detail::Geometry);
     simulator.take_picture();
-    simulator.visible().into_iter().map(|seen| seen.object).collect()
+    simulator
+        .visible()
+        .into_iter()
+        .map(|seen| seen.object)
+        .collect()
 }
 
 /// The question in words for what is seen, as one asks who sees all that stands there.
 fn question(task: &Task) -> String {
-    which(on(task, &task.src).map(|object| object.caption.as_deref().unwrap_or(&object.category)), task.purpose.as_deref())
+    which(
+        on(task, &task.src).map(|object| object.caption.as_deref().unwrap_or(&object.category)),
+        task.purpose.as_deref(),
+    )
 }
 
 fn speakable(task: &Task, scene: &Scene, text: &str) -> Result<(), Objection> {
     if text.trim().is_empty() || text.len() > TEXT_MAX || text.chars().any(char::is_control) {
-        return Err(Objection::Unspeakable { text: text.to_owned() });
+        return Err(Objection::Unspeakable {
+            text: text.to_owned(),
+        });
     }
     match spoken_id(task, scene, text) {
-        Some(id) => Err(Objection::Identifier { text: text.to_owned(), id: id.to_owned() }),
+        Some(id) => Err(Objection::Identifier {
+            text: text.to_owned(),
+            id: id.to_owned(),
+        }),
         None => Ok(()),
     }
 }
 
 fn meant<'a>(task: &'a Task, step: &PlanStep) -> &'a ObjectInstance {
-    let named = step.args.get("instance").and_then(Value::as_str).and_then(|instance| task.object(&instance.into()));
+    let named = step
+        .args
+        .get("instance")
+        .and_then(Value::as_str)
+        .and_then(|instance| task.object(&instance.into()));
     named.unwrap_or_else(|| task.target_object())
 }
 
-fn on<'a>(task: &'a Task, place: &reel_world::ReceptacleId) -> impl Iterator<Item = &'a ObjectInstance> {
-    task.objects.iter().filter(move |object| object.receptacle == *place)
+fn on<'a>(
+    task: &'a Task,
+    place: &reel_world::ReceptacleId,
+) -> impl Iterator<Item = &'a ObjectInstance> {
+    task.objects
+        .iter()
+        .filter(move |object| object.receptacle == *place)
 }

@@ -1,5 +1,5 @@
-//! A scene made ready for placing: which receptacles tasks may use, what they are called, and where on and around them
-//! something fixed is in the way. Made once a scene; never changes.
+//! A scene made ready for placing: which receptacles tasks may use, what they are called, and where
+//! on and around them something fixed is in the way. Made once a scene; never changes.
 
 use std::{collections::BTreeSet, sync::Arc};
 
@@ -12,7 +12,8 @@ use reel_world::{Receptacle, Rect, Scene};
 
 use super::{compatibility::Compatibility, describe, grid::REACH_RADIUS_M};
 
-/// So near to a surface, or to a ceiling above it, these themselves do not count as obstacles, in metres.
+/// So near to a surface, or to a ceiling above it, these themselves do not count as obstacles, in
+/// metres.
 const ABOVE_SURFACE_M: f32 = 0.01;
 /// What stands higher above a surface is in nothing's way, in metres.
 const TALLEST_M: f32 = 0.4;
@@ -60,26 +61,56 @@ pub struct Side {
 impl Side {
     /// All four.
     pub const ALL: [Side; 4] = [
-        Side { axis: 0, upper: false },
-        Side { axis: 0, upper: true },
-        Side { axis: 1, upper: false },
-        Side { axis: 1, upper: true },
+        Side {
+            axis: 0,
+            upper: false,
+        },
+        Side {
+            axis: 0,
+            upper: true,
+        },
+        Side {
+            axis: 1,
+            upper: false,
+        },
+        Side {
+            axis: 1,
+            upper: true,
+        },
     ];
 
     /// How far a point in a rectangle is from this side.
     pub fn distance(self, rect: &Rect, point: [f64; 2]) -> f64 {
         let Side { axis, upper } = self;
-        if upper { rect.max[axis] - point[axis] } else { point[axis] - rect.min[axis] }
+        if upper {
+            rect.max[axis] - point[axis]
+        } else {
+            point[axis] - rect.min[axis]
+        }
     }
 
     /// The point of this side nearest to a point in the rectangle.
     pub fn nearest(self, rect: &Rect, mut point: [f64; 2]) -> [f64; 2] {
-        point[self.axis] = if self.upper { rect.max[self.axis] } else { rect.min[self.axis] };
+        point[self.axis] = if self.upper {
+            rect.max[self.axis]
+        } else {
+            rect.min[self.axis]
+        };
         point
     }
 
     fn facing([x, y]: [f32; 2]) -> Self {
-        if x.abs() > y.abs() { Side { axis: 0, upper: x > 0.0 } } else { Side { axis: 1, upper: y > 0.0 } }
+        if x.abs() > y.abs() {
+            Side {
+                axis: 0,
+                upper: x > 0.0,
+            }
+        } else {
+            Side {
+                axis: 1,
+                upper: y > 0.0,
+            }
+        }
     }
 }
 
@@ -97,22 +128,40 @@ impl Ground {
             .collect();
         for index in 0..sites.len() {
             let category = &sites[index].receptacle.category;
-            let alike = (0..sites.len()).filter(|other| *other != index && sites[*other].receptacle.category == *category);
+            let alike = (0..sites.len())
+                .filter(|other| *other != index && sites[*other].receptacle.category == *category);
             sites[index].alike = alike.collect();
         }
         Self { scene, sites }
     }
 
-    /// The pairs of sites between which at least one object plausibly moves: source, destination, objects by index.
-    pub fn triplets(&self, library: &[LibraryObject], table: &Compatibility) -> Vec<(usize, usize, Vec<usize>)> {
-        let holds: Vec<Vec<bool>> =
-            self.sites.iter().map(|site| library.iter().map(|object| table.holds(&site.receptacle, object)).collect()).collect();
-        let pairs = (0..self.sites.len()).flat_map(|src| (0..self.sites.len()).map(move |dest| (src, dest)));
+    /// The pairs of sites between which at least one object plausibly moves: source, destination,
+    /// objects by index.
+    pub fn triplets(
+        &self,
+        library: &[LibraryObject],
+        table: &Compatibility,
+    ) -> Vec<(usize, usize, Vec<usize>)> {
+        let holds: Vec<Vec<bool>> = self
+            .sites
+            .iter()
+            .map(|site| {
+                library
+                    .iter()
+                    .map(|object| table.holds(&site.receptacle, object))
+                    .collect()
+            })
+            .collect();
+        let pairs = (0..self.sites.len())
+            .flat_map(|src| (0..self.sites.len()).map(move |dest| (src, dest)));
         let with_objects = pairs.filter(|(src, dest)| src != dest).map(|(src, dest)| {
-            let objects = (0..library.len()).filter(|object| holds[src][*object] && holds[dest][*object]);
+            let objects =
+                (0..library.len()).filter(|object| holds[src][*object] && holds[dest][*object]);
             (src, dest, objects.collect::<Vec<_>>())
         });
-        with_objects.filter(|(_, _, objects)| !objects.is_empty()).collect()
+        with_objects
+            .filter(|(_, _, objects)| !objects.is_empty())
+            .collect()
     }
 }
 
@@ -126,10 +175,16 @@ impl Site {
             receptacle: receptacle.clone(),
             alike: Vec::new(),
             clearance_m: f64::from(clearance),
-            front: receptacle.door.exists().then(|| Side::facing(furniture.facing)),
+            front: receptacle
+                .door
+                .exists()
+                .then(|| Side::facing(furniture.facing)),
             above: Occupancy::between(
                 model,
-                [surface + ABOVE_SURFACE_M, surface + (clearance - ABOVE_SURFACE_M).min(TALLEST_M)],
+                [
+                    surface + ABOVE_SURFACE_M,
+                    surface + (clearance - ABOVE_SURFACE_M).min(TALLEST_M),
+                ],
                 None,
             ),
             around: Occupancy::on_floor(model, index),
@@ -143,20 +198,32 @@ impl Site {
 
     /// Whether nothing fixed stands in a disc on the surface.
     pub fn is_free_above(&self, center: [f64; 2], radius: f64) -> bool {
-        self.above.disc_is_free(center.map(|value| value as f32), radius as f32)
+        self.above
+            .disc_is_free(center.map(|value| value as f32), radius as f32)
     }
 
-    /// How many points of a lattice of 5 cm around a place, within [`REACH_RADIUS_M`] of it, are free floor.
+    /// How many points of a lattice of 5 cm around a place, within [`REACH_RADIUS_M`] of it, are
+    /// free floor.
     pub fn free_floor_near(&self, [x, y]: [f64; 2]) -> usize {
         let steps = (REACH_RADIUS_M / FLOOR_STEP_M).round() as i32;
-        let offsets = (-steps..=steps).flat_map(|across| (-steps..=steps).map(move |along| (across, along)));
-        let near = offsets.filter(|(across, along)| across * across + along * along <= steps * steps);
-        let point = |(across, along): (i32, i32)| [x + f64::from(across) * FLOOR_STEP_M, y + f64::from(along) * FLOOR_STEP_M];
-        near.map(point).filter(|point| !self.surface().contains(*point) && self.is_free_around(*point, 0.0)).count()
+        let offsets =
+            (-steps..=steps).flat_map(|across| (-steps..=steps).map(move |along| (across, along)));
+        let near =
+            offsets.filter(|(across, along)| across * across + along * along <= steps * steps);
+        let point = |(across, along): (i32, i32)| {
+            [
+                x + f64::from(across) * FLOOR_STEP_M,
+                y + f64::from(along) * FLOOR_STEP_M,
+            ]
+        };
+        near.map(point)
+            .filter(|point| !self.surface().contains(*point) && self.is_free_around(*point, 0.0))
+            .count()
     }
 
     /// Whether nothing but the receptacle itself stands in a disc on the floor.
     pub fn is_free_around(&self, center: [f64; 2], radius: f64) -> bool {
-        self.around.disc_is_free(center.map(|value| value as f32), radius as f32)
+        self.around
+            .disc_is_free(center.map(|value| value as f32), radius as f32)
     }
 }

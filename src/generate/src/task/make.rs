@@ -56,7 +56,9 @@ pub enum Placing {
 #[derive(Debug, thiserror::Error)]
 pub enum MakeError {
     /// No family has one of the types.
-    #[error("none of these families has tasks of these types; docs/tasks.md lists which have which")]
+    #[error(
+        "none of these families has tasks of these types; docs/tasks.md lists which have which"
+    )]
     NothingWanted,
     /// Two scenes have one name.
     #[error("two scenes are called {scene_id}; tasks are named after their scene")]
@@ -77,40 +79,60 @@ pub enum MakeError {
 /// What came of it.
 #[derive(Clone, PartialEq, Debug)]
 pub struct Made {
-    /// The tasks, by family, scene and type, each with the index of its scene; fewer than asked for where the scenes do not
-    /// allow more.
+    /// The tasks, by family, scene and type, each with the index of its scene; fewer than asked for
+    /// where the scenes do not allow more.
     pub tasks: Vec<(usize, Task)>,
     /// What was rejected.
     pub statistics: Statistics,
 }
 
-/// Makes tasks; `on_task` is called from the threads as they come. Task ids are `<family>/<scene>_<type>_<number>`, the number
-/// being that of the draft, so that rejected ones leave gaps.
+/// Makes tasks; `on_task` is called from the threads as they come. Task ids are
+/// `<family>/<scene>_<type>_<number>`, the number being that of the draft, so that rejected ones
+/// leave gaps.
 pub fn make(options: &Options<'_>, on_task: impl Fn() + Sync) -> Result<Made, MakeError> {
-    let mut names: Vec<&str> = options.scenes.iter().map(|scene| scene.scene_id.as_str()).collect();
+    let mut names: Vec<&str> = options
+        .scenes
+        .iter()
+        .map(|scene| scene.scene_id.as_str())
+        .collect();
     names.sort_unstable();
     if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
-        return Err(MakeError::SameScene { scene_id: twice[0].to_owned() });
+        return Err(MakeError::SameScene {
+            scene_id: twice[0].to_owned(),
+        });
     }
     let jobs = options.jobs;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
-    pool.map_err(|source| MakeError::Threads { jobs, source })?.install(|| make_here(options, &on_task))
+    pool.map_err(|source| MakeError::Threads { jobs, source })?
+        .install(|| make_here(options, &on_task))
 }
 
 fn make_here(options: &Options<'_>, on_task: &(impl Fn() + Sync)) -> Result<Made, MakeError> {
-    let grounds: Vec<Ground> = options.scenes.par_iter().map(|scene| Ground::survey(scene.clone())).collect();
+    let grounds: Vec<Ground> = options
+        .scenes
+        .par_iter()
+        .map(|scene| Ground::survey(scene.clone()))
+        .collect();
     let sources: Vec<Source<'_>> = grounds
         .par_iter()
-        .map(|ground| Source { ground, library: options.library, triplets: ground.triplets(options.library, options.table) })
+        .map(|ground| Source {
+            ground,
+            library: options.library,
+            triplets: ground.triplets(options.library, options.table),
+        })
         .collect();
     let mut cells: Vec<Cell<'_>> = Vec::new();
     let mut turns: Vec<Vec<usize>> = Vec::new();
     for family in options.families {
-        let types = TaskType::of_family(*family).iter().filter(|task_type| options.types.contains(task_type));
+        let types = TaskType::of_family(*family)
+            .iter()
+            .filter(|task_type| options.types.contains(task_type));
         let mut turn = Vec::new();
         for task_type in types {
             for (scene, source) in sources.iter().enumerate() {
-                let same = |cell: &Cell<'_>| (cell.family, cell.task_type, cell.scene) == (*family, *task_type, scene);
+                let same = |cell: &Cell<'_>| {
+                    (cell.family, cell.task_type, cell.scene) == (*family, *task_type, scene)
+                };
                 let at = cells.iter().position(same).unwrap_or_else(|| {
                     cells.push(Cell::new((*family, *task_type), scene, source, options));
                     cells.len() - 1
@@ -147,10 +169,23 @@ fn make_here(options: &Options<'_>, on_task: &(impl Fn() + Sync)) -> Result<Made
 fn gather(options: &Options<'_>, sources: &[Source<'_>], mut cells: Vec<Cell<'_>>) -> Made {
     let mut statistics = Statistics {
         receptacle_pairs: sources.iter().map(|source| source.triplets.len()).sum(),
-        triplets: sources.iter().flat_map(|source| &source.triplets).map(|(_, _, objects)| objects.len()).sum(),
+        triplets: sources
+            .iter()
+            .flat_map(|source| &source.triplets)
+            .map(|(_, _, objects)| objects.len())
+            .sum(),
         ..Statistics::default()
     };
-    cells.sort_by_key(|cell| (options.families.iter().position(|family| *family == cell.family), cell.scene, cell.task_type));
+    cells.sort_by_key(|cell| {
+        (
+            options
+                .families
+                .iter()
+                .position(|family| *family == cell.family),
+            cell.scene,
+            cell.task_type,
+        )
+    });
     let mut tasks = Vec::new();
     for cell in cells {
         statistics.drafts += cell.next;
@@ -181,25 +216,56 @@ struct Cell<'a> {
 }
 
 impl<'a> Cell<'a> {
-    fn new((family, task_type): (Family, TaskType), scene: usize, source: &'a Source<'a>, options: &Options<'_>) -> Self {
+    fn new(
+        (family, task_type): (Family, TaskType),
+        scene: usize,
+        source: &'a Source<'a>,
+        options: &Options<'_>,
+    ) -> Self {
         let Options { seed, placing, .. } = *options;
         let sites = &source.ground.sites;
         let scene_id = &source.ground.scene.scene_id;
-        let mut stream = Stream::new(seed, &format!("triplets/{family}/{scene_id}/{}", task_type.as_str()), 0);
-        let admitted =
-            |(src, dest, _): &&(usize, usize, Vec<usize>)| Wanted::admits(family, task_type, &sites[*src], &sites[*dest]);
-        let pairs: Vec<&(usize, usize, Vec<usize>)> = source.triplets.iter().filter(admitted).collect();
+        let mut stream = Stream::new(
+            seed,
+            &format!("triplets/{family}/{scene_id}/{}", task_type.as_str()),
+            0,
+        );
+        let admitted = |(src, dest, _): &&(usize, usize, Vec<usize>)| {
+            Wanted::admits(family, task_type, &sites[*src], &sites[*dest])
+        };
+        let pairs: Vec<&(usize, usize, Vec<usize>)> =
+            source.triplets.iter().filter(admitted).collect();
         let pairs = stream.pick_some(&pairs, pairs.len());
-        let objects: Vec<Vec<usize>> = pairs.iter().map(|(_, _, objects)| stream.pick_some(objects, objects.len())).collect();
+        let objects: Vec<Vec<usize>> = pairs
+            .iter()
+            .map(|(_, _, objects)| stream.pick_some(objects, objects.len()))
+            .collect();
         let rounds = 0..objects.iter().map(Vec::len).max().unwrap_or(0);
         let order = rounds.flat_map(|round| {
             let of_round =
-                pairs.iter().zip(&objects).filter_map(move |((src, dest, _), objects)| Some((*src, *dest, *objects.get(round)?)));
+                pairs
+                    .iter()
+                    .zip(&objects)
+                    .filter_map(move |((src, dest, _), objects)| {
+                        Some((*src, *dest, *objects.get(round)?))
+                    });
             of_round.collect::<Vec<_>>()
         });
         let order = order.collect();
         let (next, wanted, tasks, rejected) = (0, 0, Vec::new(), BTreeMap::new());
-        Self { family, task_type, scene, source, seed, placing, order, next, wanted, tasks, rejected }
+        Self {
+            family,
+            task_type,
+            scene,
+            source,
+            seed,
+            placing,
+            order,
+            next,
+            wanted,
+            tasks,
+            rejected,
+        }
     }
 
     /// Whether every triplet was tried.
@@ -207,13 +273,19 @@ impl<'a> Cell<'a> {
         self.next == self.order.len()
     }
 
-    /// Tries drafts until there are as many tasks as wanted, or no triplet is left. Those tried too many are forgotten, so
-    /// that the counts do not depend on how many were tried at a time.
+    /// Tries drafts until there are as many tasks as wanted, or no triplet is left. Those tried too
+    /// many are forgotten, so that the counts do not depend on how many were tried at a time.
     fn fill(&mut self, on_task: &(impl Fn() + Sync)) {
         while self.tasks.len() < self.wanted && !self.is_empty() {
             let missing = self.wanted - self.tasks.len();
-            let end = (self.next + missing + missing / 4).max(self.next + 1).min(self.order.len());
-            let tried: Vec<_> = (self.next..end).into_par_iter().with_max_len(1).map(|number| self.draft(number)).collect();
+            let end = (self.next + missing + missing / 4)
+                .max(self.next + 1)
+                .min(self.order.len());
+            let tried: Vec<_> = (self.next..end)
+                .into_par_iter()
+                .with_max_len(1)
+                .map(|number| self.draft(number))
+                .collect();
             for draft in tried {
                 if self.tasks.len() == self.wanted {
                     break;
@@ -233,12 +305,20 @@ impl<'a> Cell<'a> {
     /// One draft through all filters.
     fn draft(&self, number: usize) -> Result<Task, Rejection> {
         let Source { ground, .. } = self.source;
-        let (family, kind, scene_id) = (self.family, self.task_type.as_str(), &ground.scene.scene_id);
+        let (family, kind, scene_id) =
+            (self.family, self.task_type.as_str(), &ground.scene.scene_id);
         let mut stream = Stream::new(self.seed, &format!("{family}/{scene_id}/{kind}"), number);
         let (src, dest, object) = self.order[number];
-        let wanted = Wanted { family, task_type: self.task_type, src, dest, object };
+        let wanted = Wanted {
+            family,
+            task_type: self.task_type,
+            src,
+            dest,
+            object,
+        };
         let name = format!("{scene_id}_{kind}_{number:05}");
-        let mut task = draft::draw(self.source, wanted, &name, &mut stream).map_err(Rejection::Draft)?;
+        let mut task =
+            draft::draw(self.source, wanted, &name, &mut stream).map_err(Rejection::Draft)?;
         place(&mut task, ground, self.placing, &mut stream).map_err(Rejection::Static)?;
         let task = Arc::new(task);
         let spawned = settle::spawn(&ground.scene, &task);
@@ -255,10 +335,19 @@ impl<'a> Cell<'a> {
     }
 }
 
-/// Both filters of geometry, on every receptacle that holds something at the start or, of what moves, at the end.
-fn place(task: &mut Task, ground: &Ground, placing: Placing, stream: &mut Stream) -> Result<(), Misfit> {
+/// Both filters of geometry, on every receptacle that holds something at the start or, of what
+/// moves, at the end.
+fn place(
+    task: &mut Task,
+    ground: &Ground,
+    placing: Placing,
+    stream: &mut Stream,
+) -> Result<(), Misfit> {
     let in_use = |site: &&Site| {
-        task.objects.iter().any(|object| object.receptacle == site.receptacle.id) || site.receptacle.id == task.dest
+        task.objects
+            .iter()
+            .any(|object| object.receptacle == site.receptacle.id)
+            || site.receptacle.id == task.dest
     };
     let sites: Vec<&Site> = ground.sites.iter().filter(in_use).collect();
     let mut placement = Placement::default();
@@ -266,13 +355,19 @@ fn place(task: &mut Task, ground: &Ground, placing: Placing, stream: &mut Stream
         let surface = site.surface();
         let mut grid = GridPlacement::new(surface.min, surface.max);
         let id = &site.receptacle.id;
-        let mut here: Vec<usize> = (0..task.objects.len()).filter(|index| task.objects[*index].receptacle == *id).collect();
+        let mut here: Vec<usize> = (0..task.objects.len())
+            .filter(|index| task.objects[*index].receptacle == *id)
+            .collect();
         // The target has the choice.
         here.sort_by_key(|index| task.objects[*index].instance != task.target);
-        let arriving =
-            task.objects.iter().filter(|object| object.receptacle != *id && task.goal.place_of(&object.instance) == Some(id));
-        let sizes: Vec<[f64; 3]> =
-            here.iter().map(|index| task.objects[*index].size).chain(arriving.map(|object| object.size)).collect();
+        let arriving = task.objects.iter().filter(|object| {
+            object.receptacle != *id && task.goal.place_of(&object.instance) == Some(id)
+        });
+        let sizes: Vec<[f64; 3]> = here
+            .iter()
+            .map(|index| task.objects[*index].size)
+            .chain(arriving.map(|object| object.size))
+            .collect();
         placement::static_filter(site, &sizes, stream)?;
         for index in here {
             let size = task.objects[index].size;
@@ -282,9 +377,16 @@ fn place(task: &mut Task, ground: &Ground, placing: Placing, stream: &mut Stream
                     let footprint = [size[0], size[1]];
                     let best = grid.best(footprint, |at| site.free_floor_near(at));
                     // Whole micrometres, as the generator's files have them.
-                    let at = best.first().ok_or(Misfit::OutOfReach)?.map(|length_m| (length_m * 1e6).round() / 1e6);
+                    let at = best
+                        .first()
+                        .ok_or(Misfit::OutOfReach)?
+                        .map(|length_m| (length_m * 1e6).round() / 1e6);
                     grid.put(at, footprint);
-                    [at[0], at[1], site.receptacle.surface_height() + size[2] / 2.0]
+                    [
+                        at[0],
+                        at[1],
+                        site.receptacle.surface_height() + size[2] / 2.0,
+                    ]
                 }
             };
             task.objects[index].position = [x, y, ((z + SPAWN_GAP_M) * 1e4).round() / 1e4];

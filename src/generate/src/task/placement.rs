@@ -1,5 +1,5 @@
-//! Where objects stand: the static filter, and collision-free placement within reach (paper, Collision-Free Object Placement and
-//! Two-Stage Task Filtering; SPEC section 3). Never simulates.
+//! Where objects stand: the static filter, and collision-free placement within reach (paper,
+//! Collision-Free Object Placement and Two-Stage Task Filtering; SPEC section 3). Never simulates.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,8 @@ pub const BAND_M: f64 = 0.5;
 pub const STAND_RADIUS_M: f64 = 0.05;
 /// Grid of candidates within the band, in metres.
 const STEP_M: f64 = 0.05;
-/// Room above an object when it is spawned over its place, in metres: the gap of the task files and the spawn offset.
+/// Room above an object when it is spawned over its place, in metres: the gap of the task files and
+/// the spawn offset.
 const HEADROOM_M: f64 = 0.13;
 
 /// Why an object cannot be placed.
@@ -48,7 +49,8 @@ impl Misfit {
     }
 }
 
-/// The static filter: whether objects (width, depth, height) fit on a surface together, tried at random.
+/// The static filter: whether objects (width, depth, height) fit on a surface together, tried at
+/// random.
 pub fn static_filter(site: &Site, sizes: &[[f64; 3]], stream: &mut Stream) -> Result<(), Misfit> {
     let mut placed: Vec<Rect> = Vec::new();
     for size in sizes {
@@ -56,7 +58,10 @@ pub fn static_filter(site: &Site, sizes: &[[f64; 3]], stream: &mut Stream) -> Re
         let found = (0..TRIES_MAX).find_map(|_| {
             let centre = [0, 1].map(|axis| stream.between(centres.min[axis], centres.max[axis]));
             let footprint = footprint(centre, *size);
-            placed.iter().all(|other| are_apart(&footprint, other)).then_some(footprint)
+            placed
+                .iter()
+                .all(|other| are_apart(&footprint, other))
+                .then_some(footprint)
         });
         placed.push(found.ok_or(Misfit::TriesExceeded)?);
     }
@@ -70,34 +75,60 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// Finds a place for an object (width, depth, height) and takes it; gives the centre of its box on the surface.
+    /// Finds a place for an object (width, depth, height) and takes it; gives the centre of its box
+    /// on the surface.
     ///
-    /// Candidates lie on a grid over strips along the edges. Of those that are free and within reach it takes the one farthest
-    /// from all objects placed before; the first object stands anywhere.
-    pub fn place(&mut self, site: &Site, size: [f64; 3], stream: &mut Stream) -> Result<[f64; 3], Misfit> {
+    /// Candidates lie on a grid over strips along the edges. Of those that are free and within
+    /// reach it takes the one farthest from all objects placed before; the first object stands
+    /// anywhere.
+    pub fn place(
+        &mut self,
+        site: &Site,
+        size: [f64; 3],
+        stream: &mut Stream,
+    ) -> Result<[f64; 3], Misfit> {
         let centres = centres(site, size)?;
-        let placed = self.placed.entry(site.receptacle.id.to_string()).or_default();
+        let placed = self
+            .placed
+            .entry(site.receptacle.id.to_string())
+            .or_default();
         let candidates = candidates(site, &centres, stream);
         let free: Vec<[f64; 2]> = candidates
             .into_iter()
             .filter(|centre| {
-                placed.iter().all(|other| are_apart(&footprint(*centre, size), other)) && is_valid(site, *centre, size)
+                placed
+                    .iter()
+                    .all(|other| are_apart(&footprint(*centre, size), other))
+                    && is_valid(site, *centre, size)
             })
             .collect();
-        let spread =
-            |centre: &[f64; 2]| placed.iter().map(|other| distance(*centre, middle(other))).fold(f64::INFINITY, f64::min);
+        let spread = |centre: &[f64; 2]| {
+            placed
+                .iter()
+                .map(|other| distance(*centre, middle(other)))
+                .fold(f64::INFINITY, f64::min)
+        };
         let best = match placed.as_slice() {
             [] => stream.pick(&free).copied(),
             // The first of equals.
-            _ => free.iter().rev().max_by(|a, b| spread(a).total_cmp(&spread(b))).copied(),
+            _ => free
+                .iter()
+                .rev()
+                .max_by(|a, b| spread(a).total_cmp(&spread(b)))
+                .copied(),
         };
         let centre = best.ok_or(Misfit::OutOfReach)?;
         placed.push(footprint(centre, size));
-        Ok([centre[0], centre[1], site.receptacle.surface_height() + size[2] / 2.0])
+        Ok([
+            centre[0],
+            centre[1],
+            site.receptacle.surface_height() + size[2] / 2.0,
+        ])
     }
 }
 
-/// Whether an object may stand at a place of a site, other objects apart: its round footprint is free, and it can be reached.
+/// Whether an object may stand at a place of a site, other objects apart: its round footprint is
+/// free, and it can be reached.
 pub fn is_valid(site: &Site, centre: [f64; 2], [width, depth, _]: [f64; 3]) -> bool {
     let (side, away) = nearest_side(site, centre);
     away <= BAND_M
@@ -105,12 +136,17 @@ pub fn is_valid(site: &Site, centre: [f64; 2], [width, depth, _]: [f64; 3]) -> b
         && site.is_free_above(centre, 0.5 * (width * width + depth * depth).sqrt())
 }
 
-/// The edge an object is reached over, and how far it is: the nearest one, or the one with the door.
+/// The edge an object is reached over, and how far it is: the nearest one, or the one with the
+/// door.
 pub fn nearest_side(site: &Site, centre: [f64; 2]) -> (Side, f64) {
     let surface = site.surface();
-    let sides = Side::ALL.into_iter().filter(|side| site.front.is_none_or(|front| front == *side));
+    let sides = Side::ALL
+        .into_iter()
+        .filter(|side| site.front.is_none_or(|front| front == *side));
     let by_distance = sides.map(|side| (side, side.distance(&surface, centre)));
-    by_distance.min_by(|(_, a), (_, b)| a.total_cmp(b)).expect("a surface has four sides")
+    by_distance
+        .min_by(|(_, a), (_, b)| a.total_cmp(b))
+        .expect("a surface has four sides")
 }
 
 /// Where the centre of an object can be.
@@ -120,8 +156,15 @@ fn centres(site: &Site, [width, depth, height]: [f64; 3]) -> Result<Rect, Misfit
     }
     let Rect { min, max } = site.surface();
     let rim = [width / 2.0 + MARGIN_M, depth / 2.0 + MARGIN_M];
-    let centres = Rect { min: [0, 1].map(|axis| min[axis] + rim[axis]), max: [0, 1].map(|axis| max[axis] - rim[axis]) };
-    if (0..2).any(|axis| centres.min[axis] >= centres.max[axis]) { Err(Misfit::TooLarge) } else { Ok(centres) }
+    let centres = Rect {
+        min: [0, 1].map(|axis| min[axis] + rim[axis]),
+        max: [0, 1].map(|axis| max[axis] - rim[axis]),
+    };
+    if (0..2).any(|axis| centres.min[axis] >= centres.max[axis]) {
+        Err(Misfit::TooLarge)
+    } else {
+        Ok(centres)
+    }
 }
 
 /// Grid points within the strips along the edges, at a random offset; whole millimetres.
@@ -130,20 +173,27 @@ fn candidates(site: &Site, centres: &Rect, stream: &mut Stream) -> Vec<[f64; 2]>
         let (from, to) = (centres.min[axis], centres.max[axis]);
         let start = from + stream.between(0.0, STEP_M.min(to - from));
         let count = ((to - start) / STEP_M) as usize + 1;
-        let points = (0..count).map(|index| ((start + index as f64 * STEP_M) * 1000.0).round() / 1000.0);
+        let points =
+            (0..count).map(|index| ((start + index as f64 * STEP_M) * 1000.0).round() / 1000.0);
         points.filter(|point| (from..=to).contains(point)).collect()
     };
     let (xs, ys) = (axis(0, stream), axis(1, stream));
     let points = ys.iter().flat_map(|y| xs.iter().map(|x| [*x, *y]));
-    points.filter(|point| nearest_side(site, *point).1 <= BAND_M).collect()
+    points
+        .filter(|point| nearest_side(site, *point).1 <= BAND_M)
+        .collect()
 }
 
 fn footprint([x, y]: [f64; 2], [width, depth, _]: [f64; 3]) -> Rect {
-    Rect { min: [x - width / 2.0, y - depth / 2.0], max: [x + width / 2.0, y + depth / 2.0] }
+    Rect {
+        min: [x - width / 2.0, y - depth / 2.0],
+        max: [x + width / 2.0, y + depth / 2.0],
+    }
 }
 
 fn are_apart(a: &Rect, b: &Rect) -> bool {
-    (0..2).any(|axis| a.min[axis] >= b.max[axis] + MARGIN_M || b.min[axis] >= a.max[axis] + MARGIN_M)
+    (0..2)
+        .any(|axis| a.min[axis] >= b.max[axis] + MARGIN_M || b.min[axis] >= a.max[axis] + MARGIN_M)
 }
 
 fn middle(rect: &Rect) -> [f64; 2] {

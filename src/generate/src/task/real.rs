@@ -1,5 +1,6 @@
-//! Tasks in the schema of REAL-Bench and nothing but it (SPEC section 10): what published code can read. `reel_tasks::yaml` writes
-//! more, so that nothing of a task is lost; here it is left out, and what published files have besides is made up.
+//! Tasks in the schema of REAL-Bench and nothing but it (SPEC section 10): what published code can
+//! read. `reel_tasks::yaml` writes more, so that nothing of a task is lost; here it is left out,
+//! and what published files have besides is made up.
 
 use std::collections::BTreeMap;
 
@@ -7,9 +8,11 @@ use reel_tasks::{real_proc, yaml};
 use reel_world::{Family, Scene, Task};
 use serde_json::{Value, json};
 
-/// The task as the text of a REAL-Bench file; none where the schema cannot say it: it moves one object.
+/// The task as the text of a REAL-Bench file; none where the schema cannot say it: it moves one
+/// object.
 ///
-/// `index` numbers the tasks of a set. There are no USD files: the paths are where published code would look for them.
+/// `index` numbers the tasks of a set. There are no USD files: the paths are where published code
+/// would look for them.
 pub fn write(task: &Task, scene: &Scene, index: usize) -> Option<String> {
     if task.goal_changes().len() != 2 {
         return None;
@@ -25,7 +28,11 @@ fn published(task: &Task, scene: &Scene, index: usize) -> Task {
     task.task_type = task.task_type.filter(|_| articulated);
     for object in &mut task.objects {
         // What the caption does not say, published files do not say.
-        object.attributes = object.caption.as_deref().map(reel_tasks::attributes::from_caption).unwrap_or_default();
+        object.attributes = object
+            .caption
+            .as_deref()
+            .map(reel_tasks::attributes::from_caption)
+            .unwrap_or_default();
         if articulated {
             object.caption = None;
             object.attributes.clear();
@@ -39,12 +46,24 @@ fn published(task: &Task, scene: &Scene, index: usize) -> Task {
     extra.insert("paths".to_owned(), real_proc::paths(&task.scene_id));
     for object in &task.objects {
         let usd = format!("{}.usd", object.asset);
-        extra.insert(format!("objects.{}.usd_path", object.instance), json!(format!("${{MESATASK_USD_ROOT}}/{usd}")));
-        extra.insert(format!("objects.{}.usd_scale", object.instance), json!([1.0, 1.0, 1.0]));
+        extra.insert(
+            format!("objects.{}.usd_path", object.instance),
+            json!(format!("${{MESATASK_USD_ROOT}}/{usd}")),
+        );
+        extra.insert(
+            format!("objects.{}.usd_scale", object.instance),
+            json!([1.0, 1.0, 1.0]),
+        );
         let distracts = task.object_distractors.contains(&object.asset);
-        for meta in [("obj_meta", object.instance == task.target), ("obj_distractor_meta", distracts)] {
+        for meta in [
+            ("obj_meta", object.instance == task.target),
+            ("obj_distractor_meta", distracts),
+        ] {
             if let (section, true) = meta {
-                extra.insert(format!("episodes[0].{section}.{}.usd_path", object.asset), json!(usd));
+                extra.insert(
+                    format!("episodes[0].{section}.{}.usd_path", object.asset),
+                    json!(usd),
+                );
             }
         }
     }
@@ -52,7 +71,10 @@ fn published(task: &Task, scene: &Scene, index: usize) -> Task {
         extra.insert(format!("episodes[0].{key}"), json!(index));
     }
     if let Some(purpose) = &task.purpose {
-        extra.insert("episodes[0].purpose_group".to_owned(), json!(real_proc::purpose_group(purpose)));
+        extra.insert(
+            "episodes[0].purpose_group".to_owned(),
+            json!(real_proc::purpose_group(purpose)),
+        );
     }
     task.extra = extra;
     task
@@ -61,6 +83,8 @@ fn published(task: &Task, scene: &Scene, index: usize) -> Task {
 /// The scene as the graphs of a family have it: only FDO knows furniture with doors.
 fn without_doors(task: &Task, scene: &Scene) -> Scene {
     let mut scene = scene.clone();
-    scene.receptacles.retain(|receptacle| task.family == Family::FDO || !receptacle.door.exists());
+    scene
+        .receptacles
+        .retain(|receptacle| task.family == Family::FDO || !receptacle.door.exists());
     scene
 }

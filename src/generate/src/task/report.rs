@@ -29,7 +29,15 @@ impl Distribution {
         let last = values.len().checked_sub(1)?;
         let at = |share: f64| values[(last as f64 * share).round() as usize];
         let mean = values.iter().sum::<f64>() / values.len() as f64;
-        Some(Self { count: values.len(), min: values[0], p10: at(0.1), median: at(0.5), mean, p90: at(0.9), max: values[last] })
+        Some(Self {
+            count: values.len(),
+            min: values[0],
+            p10: at(0.1),
+            median: at(0.5),
+            mean,
+            p90: at(0.9),
+            max: values[last],
+        })
     }
 }
 
@@ -50,12 +58,22 @@ type Values = fn(&Task) -> Vec<f64>;
 /// What is counted in a task, by name.
 const QUANTITIES: [(&str, Values); 8] = [
     ("plan length (steps)", |task| vec![task.plan.len() as f64]),
-    ("instruction length (words)", |task| vec![task.instruction.split_whitespace().count() as f64]),
+    ("instruction length (words)", |task| {
+        vec![task.instruction.split_whitespace().count() as f64]
+    }),
     ("objects placed", |task| vec![task.objects.len() as f64]),
-    ("object distractors", |task| vec![task.object_distractors.len() as f64]),
-    ("source distractors", |task| vec![task.src_distractors.len() as f64]),
-    ("destination distractors", |task| vec![task.dest_distractors.len() as f64]),
-    ("object size, longest side (m)", |task| sizes(task, |size| size.iter().copied().fold(0.0, f64::max))),
+    ("object distractors", |task| {
+        vec![task.object_distractors.len() as f64]
+    }),
+    ("source distractors", |task| {
+        vec![task.src_distractors.len() as f64]
+    }),
+    ("destination distractors", |task| {
+        vec![task.dest_distractors.len() as f64]
+    }),
+    ("object size, longest side (m)", |task| {
+        sizes(task, |size| size.iter().copied().fold(0.0, f64::max))
+    }),
     ("object height (m)", |task| sizes(task, |size| size[2])),
 ];
 
@@ -63,10 +81,16 @@ const QUANTITIES: [(&str, Values); 8] = [
 pub fn report(tasks: &[Task]) -> Vec<Row> {
     let families = [None].into_iter().chain(Family::ALL.map(Some));
     let rows = families.flat_map(|family| {
-        let of_family = tasks.iter().filter(move |task| family.is_none_or(|family| task.family == family));
+        let of_family = tasks
+            .iter()
+            .filter(move |task| family.is_none_or(|family| task.family == family));
         QUANTITIES.iter().filter_map(move |(quantity, of)| {
             let distribution = Distribution::of(of_family.clone().flat_map(of).collect())?;
-            Some(Row { family, quantity, distribution })
+            Some(Row {
+                family,
+                quantity,
+                distribution,
+            })
         })
     });
     rows.collect()
@@ -83,7 +107,10 @@ mod tests {
     #[test]
     fn a_distribution_is_of_its_values() {
         let of = Distribution::of((0..=10).rev().map(f64::from).collect()).unwrap();
-        assert_eq!((of.count, of.min, of.p10, of.median, of.mean, of.p90, of.max), (11, 0.0, 1.0, 5.0, 5.0, 9.0, 10.0));
+        assert_eq!(
+            (of.count, of.min, of.p10, of.median, of.mean, of.p90, of.max),
+            (11, 0.0, 1.0, 5.0, 5.0, 9.0, 10.0)
+        );
         assert_eq!(Distribution::of(Vec::new()), None);
     }
 }

@@ -1,6 +1,6 @@
-//! The physics filter: every object is spawned above its place and has to come to rest there (paper, Two-Stage Task Filtering;
-//! SPEC section 3). The simulator does what it does at the start of every episode; here is only what must come of it, and
-//! whether the robot can get near then.
+//! The physics filter: every object is spawned above its place and has to come to rest there
+//! (paper, Two-Stage Task Filtering; SPEC section 3). The simulator does what it does at the start
+//! of every episode; here is only what must come of it, and whether the robot can get near then.
 
 use std::sync::Arc;
 
@@ -41,12 +41,17 @@ pub fn spawn(scene: &Arc<Scene>, task: &Arc<Task>) -> Simulator {
     Simulator::new(Stage::new(scene.clone(), task.clone()), Profile::Paper, 0)
 }
 
-/// The final rest positions, in the order of the objects, if every object came to rest on its receptacle.
+/// The final rest positions, in the order of the objects, if every object came to rest on its
+/// receptacle.
 pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, Unsettled> {
     let bodies = spawned.bodies();
     let rest = |(index, object): (usize, &ObjectInstance)| {
         let body = &bodies[index];
-        assert_eq!(body.body, object.instance.as_str(), "objects come first, in the order of the task");
+        assert_eq!(
+            body.body,
+            object.instance.as_str(),
+            "objects come first, in the order of the task"
+        );
         let position = body.position.map(f64::from);
         if spawned.fault() || !position.iter().all(|value| value.abs() <= FARTHEST_M) {
             return Err(Unsettled::FlewAway);
@@ -54,19 +59,43 @@ pub fn settle(spawned: &Simulator) -> Result<Vec<[f64; 3]>, Unsettled> {
         if position[2] < object.position[2] + f64::from(SPAWN_OFFSET_M) - FALL_MAX_M {
             return Err(Unsettled::Fell);
         }
-        let place = spawned.place_of(index).flatten().map(|furniture| &spawned.model().furniture[furniture].id);
-        if place == Some(&object.receptacle) { Ok(position) } else { Err(Unsettled::RestsElsewhere) }
+        let place = spawned
+            .place_of(index)
+            .flatten()
+            .map(|furniture| &spawned.model().furniture[furniture].id);
+        if place == Some(&object.receptacle) {
+            Ok(position)
+        } else {
+            Err(Unsettled::RestsElsewhere)
+        }
     };
-    spawned.task().objects.iter().enumerate().map(rest).collect()
+    spawned
+        .task()
+        .objects
+        .iter()
+        .enumerate()
+        .map(rest)
+        .collect()
 }
 
-/// Whether the robot finds somewhere to stand from which each object that shall move is near enough and in sight.
+/// Whether the robot finds somewhere to stand from which each object that shall move is near enough
+/// and in sight.
 ///
-/// The static filter knows no robot: beside a bed there may be room for the 5 cm that it asks for, and none for a base.
+/// The static filter knows no robot: beside a bed there may be room for the 5 cm that it asks for,
+/// and none for a base.
 pub fn can_be_approached(spawned: &Simulator) -> bool {
     let (task, nav, bodies) = (spawned.task(), spawned.nav(), spawned.bodies());
-    task.objects.iter().enumerate().filter(|(_, object)| task.moves(object)).all(|(index, _)| {
-        let position = bodies[index].position;
-        nav.approach(spawned.robot().base, position, spawned.place_of(index).flatten()).is_some()
-    })
+    task.objects
+        .iter()
+        .enumerate()
+        .filter(|(_, object)| task.moves(object))
+        .all(|(index, _)| {
+            let position = bodies[index].position;
+            nav.approach(
+                spawned.robot().base,
+                position,
+                spawned.place_of(index).flatten(),
+            )
+            .is_some()
+        })
 }

@@ -15,7 +15,8 @@ pub enum Rejection {
     Static(Misfit),
     /// The physics filter.
     Physics(Unsettled),
-    /// The robot cannot get near enough to an object that shall move, or does not see it from there.
+    /// The robot cannot get near enough to an object that shall move, or does not see it from
+    /// there.
     Approach,
 }
 
@@ -53,7 +54,8 @@ pub struct Statistics {
     pub tasks: usize,
     /// How many were rejected, by reason.
     pub rejected: BTreeMap<Rejection, usize>,
-    /// How many (source, destination) pairs of receptacles have an object that plausibly moves between them, over all scenes.
+    /// How many (source, destination) pairs of receptacles have an object that plausibly moves
+    /// between them, over all scenes.
     pub receptacle_pairs: usize,
     /// How many such (source, destination, object) triplets there are.
     pub triplets: usize,
@@ -74,11 +76,20 @@ impl Statistics {
     /// Pass rates, filter by filter.
     pub fn filters(&self) -> [Passed; 4] {
         let mut seen = self.drafts;
-        let stopped =
-            |filter| self.rejected.iter().filter(|(why, _)| why.filter() == filter).map(|(_, count)| count).sum::<usize>();
+        let stopped = |filter| {
+            self.rejected
+                .iter()
+                .filter(|(why, _)| why.filter() == filter)
+                .map(|(_, count)| count)
+                .sum::<usize>()
+        };
         std::array::from_fn(|index| {
             let passed = seen - stopped(index);
-            let step = Passed { filter: Rejection::FILTERS[index], seen, passed };
+            let step = Passed {
+                filter: Rejection::FILTERS[index],
+                seen,
+                passed,
+            };
             seen = passed;
             step
         })

@@ -3,7 +3,10 @@
 use reel_tasks::{Stream, wording::TEMPLATES};
 
 /// Beside those of plain tasks.
-const MORE: &[&str] = &["Please carry {object} from {src} to {dest}.", "Fetch {object} from {src} and leave it {at} {dest}."];
+const MORE: &[&str] = &[
+    "Please carry {object} from {src} to {dest}.",
+    "Fetch {object} from {src} and leave it {at} {dest}.",
+];
 
 /// For fuzzy instructions also these.
 const CASUAL: &[&str] = &[
@@ -20,7 +23,8 @@ const GATHERING: &[&str] = &[
     "Carry {objects} to {dest}.",
 ];
 
-/// One way to say it, chosen once, so that the precise and the fuzzy instruction of a task are worded alike.
+/// One way to say it, chosen once, so that the precise and the fuzzy instruction of a task are
+/// worded alike.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wording {
     template: &'static str,
@@ -30,20 +34,31 @@ impl Wording {
     /// For one object.
     pub(crate) fn moving(fuzzy: bool, stream: &mut Stream) -> Self {
         if fuzzy && stream.below(3) == 0 {
-            return Self { template: CASUAL[stream.below(CASUAL.len())] };
+            return Self {
+                template: CASUAL[stream.below(CASUAL.len())],
+            };
         }
         let index = stream.below(TEMPLATES.len() + MORE.len());
-        Self { template: TEMPLATES.get(index).unwrap_or_else(|| &MORE[index - TEMPLATES.len()]) }
+        Self {
+            template: TEMPLATES
+                .get(index)
+                .unwrap_or_else(|| &MORE[index - TEMPLATES.len()]),
+        }
     }
 
     /// For several objects.
     pub(crate) fn gathering(stream: &mut Stream) -> Self {
-        Self { template: GATHERING[stream.below(GATHERING.len())] }
+        Self {
+            template: GATHERING[stream.below(GATHERING.len())],
+        }
     }
 
-    /// The instruction for an object on `src`; `into` where the destination is something to put into.
+    /// The instruction for an object on `src`; `into` where the destination is something to put
+    /// into.
     pub(crate) fn say(self, object: &str, src: &str, dest: &str, into: bool) -> String {
-        self.fill(dest, into).replace("{src}", src).replace("{object}", object)
+        self.fill(dest, into)
+            .replace("{src}", src)
+            .replace("{object}", object)
     }
 
     /// The instruction for objects, each with where it stands.
@@ -55,13 +70,18 @@ impl Wording {
                 None => places.push((src, vec![object])),
             }
         }
-        let parts: Vec<String> = places.iter().map(|(src, there)| format!("{} from {src}", and(there))).collect();
+        let parts: Vec<String> = places
+            .iter()
+            .map(|(src, there)| format!("{} from {src}", and(there)))
+            .collect();
         let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
         self.fill(dest, into).replace("{objects}", &and(&parts))
     }
 
     fn fill(self, dest: &str, into: bool) -> String {
-        self.template.replace("{dest}", dest).replace("{at}", if into { "in" } else { "on" })
+        self.template
+            .replace("{dest}", dest)
+            .replace("{at}", if into { "in" } else { "on" })
     }
 }
 
@@ -81,13 +101,26 @@ mod tests {
 
     #[test]
     fn phrases_read_as_english() {
-        let take = Wording { template: TEMPLATES[8] };
+        let take = Wording {
+            template: TEMPLATES[8],
+        };
         let said = take.say(&indefinite("apple"), "the couch", "the microwave", true);
-        assert_eq!(said, "Take an apple from the couch and put it in the microwave.");
-        let gather = Wording { template: GATHERING[0] };
-        let objects =
-            [("the red mug".to_owned(), "the couch"), ("the cup".to_owned(), "the desk"), ("the pen".to_owned(), "the desk")];
+        assert_eq!(
+            said,
+            "Take an apple from the couch and put it in the microwave."
+        );
+        let gather = Wording {
+            template: GATHERING[0],
+        };
+        let objects = [
+            ("the red mug".to_owned(), "the couch"),
+            ("the cup".to_owned(), "the desk"),
+            ("the pen".to_owned(), "the desk"),
+        ];
         let said = gather.say_all(&objects, "the shelf", false);
-        assert_eq!(said, "Bring the red mug from the couch and the cup and the pen from the desk to the shelf.");
+        assert_eq!(
+            said,
+            "Bring the red mug from the couch and the cup and the pen from the desk to the shelf."
+        );
     }
 }

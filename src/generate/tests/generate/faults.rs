@@ -8,8 +8,8 @@ fn wall(from: [f64; 2], to: [f64; 2]) -> Value {
     json!({ "from": from, "to": to, "height": 2.5 })
 }
 
-/// Two rooms of 4 x 4 m with a doorway between them from y = `low` to `high`, a table in the first and a cupboard with a
-/// door in the second, whose front looks to -x.
+/// Two rooms of 4 x 4 m with a doorway between them from y = `low` to `high`, a table in the first
+/// and a cupboard with a door in the second, whose front looks to -x.
 fn two_rooms([low, high]: [f64; 2]) -> Value {
     let mut walls = vec![
         wall([0.0, -0.05], [8.0, -0.05]),
@@ -45,15 +45,22 @@ fn two_rooms([low, high]: [f64; 2]) -> Value {
 }
 
 fn found(scene: &Value) -> Vec<Finding> {
-    let scene: Scene = reel_tasks::scene::parse(&scene.to_string(), "planted").unwrap().scene;
+    let scene: Scene = reel_tasks::scene::parse(&scene.to_string(), "planted")
+        .unwrap()
+        .scene;
     check(&scene)
 }
 
 /// That a fault is found of something, and how it is told.
 fn assert_found(scene: &Value, fault: Fault, at: &str, told: &str) {
     let findings = found(scene);
-    let hit = findings.iter().any(|finding| finding.fault == fault && finding.at == at && finding.what.contains(told));
-    assert!(hit, "no {fault:?} of {at} that tells {told:?} in {findings:?}");
+    let hit = findings
+        .iter()
+        .any(|finding| finding.fault == fault && finding.at == at && finding.what.contains(told));
+    assert!(
+        hit,
+        "no {fault:?} of {at} that tells {told:?} in {findings:?}"
+    );
 }
 
 const DOORWAY: [f64; 2] = [1.5, 2.5];
@@ -73,8 +80,14 @@ fn overlap() {
     second["surface_max"] = json!([2.5, 1.0, 0.74]);
     scene["receptacles"].as_array_mut().unwrap().push(second);
     assert_found(&scene, Fault::Overlap, "table_2", "stands in table_1");
-    let overlap = found(&scene).into_iter().find(|finding| finding.fault == Fault::Overlap).unwrap();
-    assert!((overlap.place[0] - 1.75).abs() < 0.03 && (overlap.place[1] - 0.55).abs() < 0.03, "{overlap:?}");
+    let overlap = found(&scene)
+        .into_iter()
+        .find(|finding| finding.fault == Fault::Overlap)
+        .unwrap();
+    assert!(
+        (overlap.place[0] - 1.75).abs() < 0.03 && (overlap.place[1] - 0.55).abs() < 0.03,
+        "{overlap:?}"
+    );
 }
 
 #[test]
@@ -89,19 +102,32 @@ fn overlap_with_a_wall_and_out_of_the_room() {
 #[test]
 fn unreachable() {
     let scene = two_rooms([4.0, 4.0]);
-    assert_found(&scene, Fault::Unreachable, "bedroom/0", "cannot get into this room");
+    assert_found(
+        &scene,
+        Fault::Unreachable,
+        "bedroom/0",
+        "cannot get into this room",
+    );
     assert_found(&scene, Fault::Unreachable, "cupboard_1", "cannot come near");
 }
 
 #[test]
 fn narrow() {
-    assert_found(&two_rooms([1.5, 2.15]), Fault::Narrow, "cupboard_1", "narrower than 0.9 m");
+    assert_found(
+        &two_rooms([1.5, 2.15]),
+        Fault::Narrow,
+        "cupboard_1",
+        "narrower than 0.9 m",
+    );
 }
 
 #[test]
 fn door_into_a_wall() {
     let mut scene = two_rooms(DOORWAY);
-    scene["walls"].as_array_mut().unwrap().push(wall([6.8, 1.0], [6.8, 2.8]));
+    scene["walls"]
+        .as_array_mut()
+        .unwrap()
+        .push(wall([6.8, 1.0], [6.8, 2.8]));
     assert_found(&scene, Fault::Door, "cupboard_1", "its door hits a wall");
 }
 
@@ -122,15 +148,29 @@ fn no_sight() {
     assert_found(&above_the_eyes, Fault::NoSight, "table_1", "0 of 5 points");
 
     let mut behind_a_wall = two_rooms(DOORWAY);
-    behind_a_wall["walls"].as_array_mut().unwrap().push(wall([7.1, 0.9], [7.1, 2.8]));
-    assert_found(&behind_a_wall, Fault::NoSight, "cupboard_1", "something stands before it");
+    behind_a_wall["walls"]
+        .as_array_mut()
+        .unwrap()
+        .push(wall([7.1, 0.9], [7.1, 2.8]));
+    assert_found(
+        &behind_a_wall,
+        Fault::NoSight,
+        "cupboard_1",
+        "something stands before it",
+    );
 }
 
 #[test]
 fn captions_that_mislead() {
     let mut scene = two_rooms(DOORWAY);
-    scene["receptacles"][1]["captions"] = json!({ "The White Table": 1.0, "the green cupboard": 1.0 });
-    assert_found(&scene, Fault::Caption, "cupboard_1", "is said of table_1 too");
+    scene["receptacles"][1]["captions"] =
+        json!({ "The White Table": 1.0, "the green cupboard": 1.0 });
+    assert_found(
+        &scene,
+        Fault::Caption,
+        "cupboard_1",
+        "is said of table_1 too",
+    );
     assert_found(&scene, Fault::Caption, "cupboard_1", "says green");
     scene["receptacles"][1]["captions"] = json!({});
     assert_found(&scene, Fault::Caption, "cupboard_1", "no caption");

@@ -20,7 +20,12 @@ fn a_file_for_each_type_reads_back_as_the_tasks() {
         placing: Placing::Grid,
         jobs: 2,
     };
-    let tasks: Vec<Task> = make(&options, || {}).unwrap().tasks.into_iter().map(|(_, task)| task).collect();
+    let tasks: Vec<Task> = make(&options, || {})
+        .unwrap()
+        .tasks
+        .into_iter()
+        .map(|(_, task)| task)
+        .collect();
     assert_eq!(tasks.len(), 24);
     let on_grid = |task: &Task| {
         task.objects.iter().all(|object| {
@@ -40,8 +45,20 @@ fn a_file_for_each_type_reads_back_as_the_tasks() {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, file.text()).unwrap();
     }
-    let names: Vec<&str> = files.iter().map(|file| file.path.rsplit('/').next().unwrap()).collect();
-    assert_eq!(names, ["articulation.yaml", "basic.yaml", "distractor.yaml", "gather.yaml", "interactive.yaml"]);
+    let names: Vec<&str> = files
+        .iter()
+        .map(|file| file.path.rsplit('/').next().unwrap())
+        .collect();
+    assert_eq!(
+        names,
+        [
+            "articulation.yaml",
+            "basic.yaml",
+            "distractor.yaml",
+            "gather.yaml",
+            "interactive.yaml"
+        ]
+    );
 
     let report = reel_tasks::load(folder.path(), &scene);
     assert!(report.broken.is_empty(), "{:?}", report.broken);
@@ -52,16 +69,37 @@ fn a_file_for_each_type_reads_back_as_the_tasks() {
             .objects
             .iter()
             .map(|object| {
-                format!("{} {} {} {:?} {:?}", object.asset, object.category, object.receptacle, object.position, object.size)
+                format!(
+                    "{} {} {} {:?} {:?}",
+                    object.asset, object.category, object.receptacle, object.position, object.size
+                )
             })
             .collect();
-        let moved: BTreeSet<String> = task.moved().map(|object| format!("{} {}", object.asset, object.receptacle)).collect();
-        (task.instruction.clone(), task.precise_instruction.clone(), task.src.clone(), task.dest.clone(), objects, moved)
+        let moved: BTreeSet<String> = task
+            .moved()
+            .map(|object| format!("{} {}", object.asset, object.receptacle))
+            .collect();
+        (
+            task.instruction.clone(),
+            task.precise_instruction.clone(),
+            task.src.clone(),
+            task.dest.clone(),
+            objects,
+            moved,
+        )
     };
     for read in &report.tasks {
-        let original = tasks.iter().find(|task| told(task) == told(read)).unwrap_or_else(|| panic!("{read:?}"));
+        let original = tasks
+            .iter()
+            .find(|task| told(task) == told(read))
+            .unwrap_or_else(|| panic!("{read:?}"));
         assert_eq!(read.fuzzy, original.fuzzy);
-        let actions = |task: &Task| task.plan.iter().map(|step| step.action.clone()).collect::<Vec<_>>();
+        let actions = |task: &Task| {
+            task.plan
+                .iter()
+                .map(|step| step.action.clone())
+                .collect::<Vec<_>>()
+        };
         assert_eq!(actions(read), actions(original));
         assert_eq!(read.goal_changes().len(), original.goal_changes().len());
     }
@@ -75,16 +113,26 @@ fn what_is_wrong_with_such_a_file_says_where() {
             episodes:\n- task_id: task_0\n  task_type: basic\n  task_description: Move the mug.\n  src: table_1\n  dest: table_2\n  \
             target_object_id: m\n  execution_plan: [find mug]\n  placements:\n    obj_0: {furniture: table_1, original_id: m}\n";
         assert!(text.contains(from));
-        reel_tasks::parse(&text.replace(from, to), "f.yaml", &scene).map_err(|error| error.to_string())
+        reel_tasks::parse(&text.replace(from, to), "f.yaml", &scene)
+            .map_err(|error| error.to_string())
     };
     let (task, _) = file("m", "m").unwrap();
     assert_eq!(task.task_id, "FDP/home_basic_task_0");
     assert_eq!(task.goal_changes().len(), 2);
     let error = |from, to| file(from, to).unwrap_err();
-    assert!(error("dest: table_2", "dest: moon_1").contains("episodes[0].dest: moon_1 is no receptacle"));
+    assert!(
+        error("dest: table_2", "dest: moon_1")
+            .contains("episodes[0].dest: moon_1 is no receptacle")
+    );
     assert!(error("[find mug]", "[dance]").contains("execution_plan[0]: expected a step such as"));
     assert!(error("target_object_id: m", "target_object_id: k").contains("no k stands on table_1"));
     assert!(error("    obj_0: {f", "    obj_7: {f").contains("obj_7 is not among the objects"));
-    assert!(error("size: [0.1, 0.1, 0.1]", "size: [0.1, 0, 0.1]").contains("size: expected lengths above 0 m"));
-    assert!(error("\n  task_type: basic", "\n  task_type: odd").contains("task_type: expected basic, distractor"));
+    assert!(
+        error("size: [0.1, 0.1, 0.1]", "size: [0.1, 0, 0.1]")
+            .contains("size: expected lengths above 0 m")
+    );
+    assert!(
+        error("\n  task_type: basic", "\n  task_type: odd")
+            .contains("task_type: expected basic, distractor")
+    );
 }

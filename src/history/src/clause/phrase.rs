@@ -30,8 +30,8 @@ const TIMES: [&str; 14] = [
 
 /// Parts of things: `the top of the table` is the table.
 const PARTS: [&str; 17] = [
-    "top", "front", "side", "middle", "edge", "corner", "centre", "center", "left", "right", "inside", "contents", "pair",
-    "kind", "type", "vicinity", "pick",
+    "top", "front", "side", "middle", "edge", "corner", "centre", "center", "left", "right",
+    "inside", "contents", "pair", "kind", "type", "vicinity", "pick",
 ];
 
 impl Reader<'_> {
@@ -58,8 +58,12 @@ impl Reader<'_> {
         while let Some(token) = self.tokens.get(self.at) {
             match token.kind {
                 Kind::Quote if words.is_empty() && !named => {
-                    let quoted = token.text.trim_matches(|letter: char| !letter.is_alphanumeric());
-                    arg.referent = self.names.phrase(&quoted.split_whitespace().collect::<Vec<_>>());
+                    let quoted = token
+                        .text
+                        .trim_matches(|letter: char| !letter.is_alphanumeric());
+                    arg.referent = self
+                        .names
+                        .phrase(&quoted.split_whitespace().collect::<Vec<_>>());
                     named = true;
                     self.at += 1;
                     break;
@@ -124,8 +128,14 @@ impl Reader<'_> {
                     named = true;
                     arg.marker = self.tokens.get(self.at).and_then(crate::lex::Token::number);
                     self.at += usize::from(arg.marker.is_some());
-                    arg.referent =
-                        if arg.marker.is_some() { Referent::anything() } else { Referent { open: true, ..Referent::default() } };
+                    arg.referent = if arg.marker.is_some() {
+                        Referent::anything()
+                    } else {
+                        Referent {
+                            open: true,
+                            ..Referent::default()
+                        }
+                    };
                     break;
                 }
                 Class::Door => {
@@ -152,14 +162,18 @@ impl Reader<'_> {
                     break;
                 }
                 Class::Noun => words.push(word),
-                Class::Adverb | Class::Free | Class::Empty if determined && words.is_empty() && self.name_follows() => {
+                Class::Adverb | Class::Free | Class::Empty
+                    if determined && words.is_empty() && self.name_follows() =>
+                {
                     words.push(word)
                 }
                 Class::Last if determined => {
                     self.last |= self.is_last_action();
                 }
                 Class::Verb if self.is_adjective(determined, &words) => {}
-                Class::Verb if determined && words.is_empty() && self.is_name_of_its_own(word) => words.push(word),
+                Class::Verb if determined && words.is_empty() && self.is_name_of_its_own(word) => {
+                    words.push(word)
+                }
                 _ => break,
             }
             self.at += 1;
@@ -205,8 +219,9 @@ impl Reader<'_> {
             Some(Class::Noun | Class::Other) => true,
             Some(Class::Adverb) => matches!(self.class_at(next + 1), Some(Class::Noun)),
             Some(Class::Verb) => {
-                verb(self.word_at(next)).is_some_and(|verb| verb.form == Form::PastOrParticiple && verb.act == Act::Mark)
-                    && self.class_at(next + 1) == Some(Class::Noun)
+                verb(self.word_at(next)).is_some_and(|verb| {
+                    verb.form == Form::PastOrParticiple && verb.act == Act::Mark
+                }) && self.class_at(next + 1) == Some(Class::Noun)
             }
             _ => false,
         }
@@ -217,7 +232,10 @@ impl Reader<'_> {
         let form = verb(self.word_at(self.at)).map(|verb| verb.form);
         determined
             && words.is_empty()
-            && matches!(form, Some(Form::PastOrParticiple | Form::Participle | Form::Any))
+            && matches!(
+                form,
+                Some(Form::PastOrParticiple | Form::Participle | Form::Any)
+            )
             && self.class_at(self.at + 1) == Some(Class::Noun)
     }
 
@@ -250,7 +268,14 @@ impl Reader<'_> {
         if arg.hand && arg.prep == Prep::At && self.in_hand() {
             return;
         }
-        let arg = Arg { prep: if arg.prep == Prep::Of { Prep::Direct } else { arg.prep }, ..arg };
+        let arg = Arg {
+            prep: if arg.prep == Prep::Of {
+                Prep::Direct
+            } else {
+                arg.prep
+            },
+            ..arg
+        };
         match self.found.last_mut() {
             Some(last) if !self.fresh => {
                 last.negated |= arg.no;
@@ -268,17 +293,30 @@ impl Reader<'_> {
             Some(last) if !fresh => &mut last.args,
             _ => &mut self.pending,
         };
-        let Some(thing) = list.pop_if(|arg| arg.prep == Prep::With) else { return false };
+        let Some(thing) = list.pop_if(|arg| arg.prep == Prep::With) else {
+            return false;
+        };
         let span = thing.span.start..self.tokens[self.at - 1].span.end;
-        let args = vec![Arg { prep: Prep::Direct, ..thing }];
-        let held = Predicate { args, ..Predicate::new(Act::Hold, span) };
+        let args = vec![Arg {
+            prep: Prep::Direct,
+            ..thing
+        }];
+        let held = Predicate {
+            args,
+            ..Predicate::new(Act::Hold, span)
+        };
         // before the last verb, so that what follows still belongs to that
-        let at = if fresh { self.found.len() } else { self.found.len() - 1 };
+        let at = if fresh {
+            self.found.len()
+        } else {
+            self.found.len() - 1
+        };
         self.found.insert(at, held);
         true
     }
 
-    /// `the door of the fridge`, `one of the mugs`, `the top of table_1`: the second name says what is meant.
+    /// `the door of the fridge`, `one of the mugs`, `the top of table_1`: the second name says what
+    /// is meant.
     fn merge(&mut self, arg: &Arg) -> bool {
         let fresh = self.fresh;
         let whole = match self.found.last_mut() {
@@ -287,7 +325,11 @@ impl Reader<'_> {
         };
         let Some(whole) = whole else { return false };
         let last = whole.referent.words.rsplit(' ').next().unwrap_or("");
-        if whole.door || whole.referent.any_thing || whole.referent.any_place || whole.referent.open && PARTS.contains(&last) {
+        if whole.door
+            || whole.referent.any_thing
+            || whole.referent.any_place
+            || whole.referent.open && PARTS.contains(&last)
+        {
             whole.referent = arg.referent.clone();
         }
         whole.marker = whole.marker.or(arg.marker);

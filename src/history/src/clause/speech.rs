@@ -1,4 +1,5 @@
-//! Reads what was asked and said, and calls as they were written. Never looks inside an answer for deeds.
+//! Reads what was asked and said, and calls as they were written. Never looks inside an answer for
+//! deeds.
 
 use reel_world::ToolSpec;
 
@@ -19,7 +20,9 @@ impl Reader<'_> {
             // `without asking again` does not deny the first time
             Form::Gerund if before.without && self.word_at(at + 1) == "again" => Mood::Intent,
             Form::Gerund
-                if matches!(before.link, Some(Link::After | Link::Before)) || before.without || before.be == Some(false) =>
+                if matches!(before.link, Some(Link::After | Link::Before))
+                    || before.without
+                    || before.be == Some(false) =>
             {
                 Mood::Done
             }
@@ -37,7 +40,15 @@ impl Reader<'_> {
         let times = content.times(&self.tokens[at + 1..end]);
         let span = self.tokens[at].span.start..self.tokens[end - 1].span.end;
         let first_word = self.tokens[at].span.clone();
-        self.push(Predicate { mood, passive, content, times, verb, verb_span: first_word, ..Predicate::new(act, span) });
+        self.push(Predicate {
+            mood,
+            passive,
+            content,
+            times,
+            verb,
+            verb_span: first_word,
+            ..Predicate::new(act, span)
+        });
         if let Some(said) = self.found.last_mut() {
             said.user = according || told || said.user && (!passive || act == Act::Say);
             said.agent = !said.user && (said.agent || user_asked);
@@ -47,24 +58,35 @@ impl Reader<'_> {
     }
 
     fn content_end(&self, from: usize) -> usize {
-        let subordinate = self.before.without || matches!(self.before.link, Some(Link::After | Link::Before));
+        let subordinate =
+            self.before.without || matches!(self.before.link, Some(Link::After | Link::Before));
         let starts = |at: usize| {
-            let at = if self.class_at(at) == Some(Class::Determiner) { at + 1 } else { self.ahead(at) };
+            let at = if self.class_at(at) == Some(Class::Determiner) {
+                at + 1
+            } else {
+                self.ahead(at)
+            };
             match self.class_at(at) {
                 Some(Class::Agent | Class::User | Class::Be(_) | Class::Have) => true,
-                Some(Class::Verb) => verb(self.word_at(at)).is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Gerund)),
+                Some(Class::Verb) => verb(self.word_at(at))
+                    .is_some_and(|verb| !matches!(verb.form, Form::Base | Form::Gerund)),
                 _ => false,
             }
         };
         let mut at = from;
         while at < self.tokens.len() {
             let divides = match self.tokens[at].kind {
-                Kind::Comma => starts(at + 1) || matches!(self.class_at(at + 1), Some(Class::Link(_))) && starts(at + 2),
+                Kind::Comma => {
+                    starts(at + 1)
+                        || matches!(self.class_at(at + 1), Some(Class::Link(_))) && starts(at + 2)
+                }
                 Kind::Word if self.class_at(at) == Some(Class::Agent) => subordinate,
                 Kind::Word => {
                     matches!(
                         self.class_at(at),
-                        Some(Class::Link(Link::And | Link::But | Link::Then | Link::Before | Link::After))
+                        Some(Class::Link(
+                            Link::And | Link::But | Link::Then | Link::Before | Link::After
+                        ))
                     ) && starts(at + 1)
                 }
                 _ => false,
@@ -81,8 +103,12 @@ impl Reader<'_> {
     pub(super) fn is_call(&self) -> bool {
         let word = &self.tokens[self.at];
         let next = self.tokens.get(self.at + 1);
-        let opens = next.is_some_and(|open| open.kind == Kind::Open && word.span.end == open.span.start);
-        let named = self.at.checked_sub(1).is_some_and(|at| self.names_calls(at));
+        let opens =
+            next.is_some_and(|open| open.kind == Kind::Open && word.span.end == open.span.start);
+        let named = self
+            .at
+            .checked_sub(1)
+            .is_some_and(|at| self.names_calls(at));
         (opens || named) && ToolSpec::by_name(word.word()).is_some()
     }
 
@@ -92,13 +118,20 @@ impl Reader<'_> {
     }
 
     fn names_calls(&self, at: usize) -> bool {
-        matches!(self.word_at(at), "called" | "used" | "executed" | "invoked" | "issued")
+        matches!(
+            self.word_at(at),
+            "called" | "used" | "executed" | "invoked" | "issued"
+        )
     }
 
     pub(super) fn call(&mut self) {
         let start = self.at;
         let mut depth = 0;
-        if self.tokens.get(start + 1).is_none_or(|next| next.kind != Kind::Open) {
+        if self
+            .tokens
+            .get(start + 1)
+            .is_none_or(|next| next.kind != Kind::Open)
+        {
             self.at += 1;
             return self.call_of(start);
         }
@@ -123,6 +156,10 @@ impl Reader<'_> {
         let content = Content::of(&self.tokens[start..end]);
         let span = self.tokens[start].span.start..self.tokens[end - 1].span.end;
         self.pending.clear();
-        self.push(Predicate { mood: Mood::Tried, content, ..Predicate::new(Act::Call, span) });
+        self.push(Predicate {
+            mood: Mood::Tried,
+            content,
+            ..Predicate::new(Act::Call, span)
+        });
     }
 }

@@ -1,4 +1,5 @@
-//! Real episodes, as plain data: a scene, a task, the graph at the start, and step records without motion states.
+//! Real episodes, as plain data: a scene, a task, the graph at the start, and step records without
+//! motion states.
 
 use std::{
     collections::BTreeMap,
@@ -32,13 +33,25 @@ static EPISODES: LazyLock<BTreeMap<&'static str, Arc<Episode>>> = LazyLock::new(
         ("vase", include_str!("episodes/oracle_fdo_home_0001.json")),
         ("deco", include_str!("episodes/oracle_sul_home_0001.json")),
         ("book", include_str!("episodes/explorer_fdp_home_0005.json")),
-        ("bear", include_str!("episodes/explorer_fodp_home_0001.json")),
-        ("note", include_str!("episodes/explorer_fodp_home_0002.json")),
-        ("clock", include_str!("episodes/explorer_sul_home_0004.json")),
+        (
+            "bear",
+            include_str!("episodes/explorer_fodp_home_0001.json"),
+        ),
+        (
+            "note",
+            include_str!("episodes/explorer_fodp_home_0002.json"),
+        ),
+        (
+            "clock",
+            include_str!("episodes/explorer_sul_home_0004.json"),
+        ),
         ("timer", include_str!("episodes/planner_sul_home_0004.json")),
     ];
     let scene: Scene = serde_json::from_str(include_str!("episodes/home.json")).unwrap();
-    files.into_iter().map(|(name, text)| (name, Arc::new(Episode::read(name, &scene, text)))).collect()
+    files
+        .into_iter()
+        .map(|(name, text)| (name, Arc::new(Episode::read(name, &scene, text))))
+        .collect()
 });
 
 impl Episode {
@@ -50,7 +63,10 @@ impl Episode {
 
     fn read(name: &str, scene: &Scene, text: &str) -> Self {
         let File { task, graph, steps } = serde_json::from_str(text).unwrap();
-        let narration = steps.iter().enumerate().filter_map(|(at, step)| Some((at, step.input.policy.as_ref()?.history.clone())));
+        let narration = steps
+            .iter()
+            .enumerate()
+            .filter_map(|(at, step)| Some((at, step.input.policy.as_ref()?.history.clone())));
         let base = lines(include_str!("base.txt")).filter_map(|line| {
             let (episode, rest) = line.split_once(" | ")?;
             let (step, sentence) = rest.split_once(" | ")?;
@@ -59,8 +75,13 @@ impl Episode {
         Self {
             setting: Setting::of(&task, scene, &graph),
             deeds: steps.iter().map(Deed::of).collect(),
-            bare: steps.iter().map(|step| Deed::called(step.step, &step.input.call, &step.outcome.text)).collect(),
-            narration: narration.filter(|(_, history)| !history.is_empty()).collect(),
+            bare: steps
+                .iter()
+                .map(|step| Deed::called(step.step, &step.input.call, &step.outcome.text))
+                .collect(),
+            narration: narration
+                .filter(|(_, history)| !history.is_empty())
+                .collect(),
             base: base.collect(),
         }
     }
@@ -72,21 +93,40 @@ impl Episode {
     /// A checker that was told the first so many deeds.
     pub fn checker(&self, steps: usize) -> Checker {
         let mut checker = Checker::new(self.setting.clone());
-        self.deeds.iter().take(steps).cloned().for_each(|deed| checker.did(deed));
+        self.deeds
+            .iter()
+            .take(steps)
+            .cloned()
+            .for_each(|deed| checker.did(deed));
         checker
     }
 
     /// Tells a checker of another episode the first so many deeds of this one.
     pub fn restart(&self, checker: &mut Checker, steps: usize) {
         checker.begin(self.setting.clone());
-        self.deeds.iter().take(steps).cloned().for_each(|deed| checker.did(deed));
+        self.deeds
+            .iter()
+            .take(steps)
+            .cloned()
+            .for_each(|deed| checker.did(deed));
     }
 
     /// A checker that knows receptacles, calls and texts only.
     pub fn bare(&self, steps: usize) -> Checker {
-        let places = self.setting.places.iter().cloned().map(|place| Place { door: None, captions: Vec::new(), ..place });
-        let mut checker = Checker::new(Setting { places: places.collect(), ..Setting::default() });
-        self.bare.iter().take(steps).cloned().for_each(|deed| checker.did(deed));
+        let places = self.setting.places.iter().cloned().map(|place| Place {
+            door: None,
+            captions: Vec::new(),
+            ..place
+        });
+        let mut checker = Checker::new(Setting {
+            places: places.collect(),
+            ..Setting::default()
+        });
+        self.bare
+            .iter()
+            .take(steps)
+            .cloned()
+            .for_each(|deed| checker.did(deed));
         checker
     }
 
@@ -100,7 +140,11 @@ impl Episode {
             text.push_str(sentence);
         }
         // the terse style ends without a mark
-        if !text.is_empty() && !text.ends_with('.') { text + "." } else { text }
+        if !text.is_empty() && !text.ends_with('.') {
+            text + "."
+        } else {
+            text
+        }
     }
 
     /// What the policy said at which step.
@@ -111,5 +155,6 @@ impl Episode {
 
 /// The lines of a text file that say something.
 pub fn lines(file: &str) -> impl Iterator<Item = &str> {
-    file.lines().filter(|line| !line.is_empty() && !line.starts_with('#'))
+    file.lines()
+        .filter(|line| !line.is_empty() && !line.starts_with('#'))
 }

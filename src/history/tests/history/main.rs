@@ -1,4 +1,5 @@
-//! Sentences true and false beside real episodes. The sentences stand in text files, one a line; never made to fit the code.
+//! Sentences true and false beside real episodes. The sentences stand in text files, one a line;
+//! never made to fit the code.
 
 mod episodes;
 
@@ -19,47 +20,88 @@ fn planted(file: &str, fields: usize) -> Vec<Planted> {
     lines(file)
         .map(|line| {
             let parts: Vec<&str> = line.splitn(fields, " | ").collect();
-            let [.., episode, steps, text] = parts[..] else { panic!("a line has {fields} fields: {line}") };
+            let [.., episode, steps, text] = parts[..] else {
+                panic!("a line has {fields} fields: {line}")
+            };
             let kind = if fields > 3 { parts[0] } else { "" };
-            Planted { kind: kind.to_owned(), episode: episode.to_owned(), steps: steps.parse().unwrap(), text: text.to_owned() }
+            Planted {
+                kind: kind.to_owned(),
+                episode: episode.to_owned(),
+                steps: steps.parse().unwrap(),
+                text: text.to_owned(),
+            }
         })
         .collect()
 }
 
 fn false_claims(history: &str, claims: &[Claim]) -> Vec<String> {
-    let text = |claim: &Claim| format!("{:?} [{}] {:?}", &history[claim.span.clone()], claim.kind, claim.verdict);
-    claims.iter().filter(|claim| claim.is_false()).map(text).collect()
+    let text = |claim: &Claim| {
+        format!(
+            "{:?} [{}] {:?}",
+            &history[claim.span.clone()],
+            claim.kind,
+            claim.verdict
+        )
+    };
+    claims
+        .iter()
+        .filter(|claim| claim.is_false())
+        .map(text)
+        .collect()
 }
 
 /// Every sentence of a file of true ones is judged alone and behind the episode's own true History.
 fn alarms(file: &str) -> (Vec<String>, usize, usize) {
     let (mut alarms, mut supported, mut all) = (Vec::new(), 0, 0);
-    for Planted { episode, steps, text, .. } in planted(file, 3) {
+    for Planted {
+        episode,
+        steps,
+        text,
+        ..
+    } in planted(file, 3)
+    {
         let episode = Episode::named(&episode);
         let mut checker = episode.checker(steps);
         let base = episode.base(steps);
         for history in [text.clone(), format!("{base} {text}")] {
             let claims = checker.check(&history);
-            alarms.extend(false_claims(&history, &claims).into_iter().map(|claim| format!("{text}: {claim}")));
+            alarms.extend(
+                false_claims(&history, &claims)
+                    .into_iter()
+                    .map(|claim| format!("{text}: {claim}")),
+            );
         }
         all += 1;
         let claims = checker.check(&text);
-        supported += usize::from(claims.iter().any(|claim| matches!(claim.verdict, Verdict::Supported { .. })));
+        supported += usize::from(
+            claims
+                .iter()
+                .any(|claim| matches!(claim.verdict, Verdict::Supported { .. })),
+        );
     }
     (alarms, supported, all)
 }
 
-/// Every sentence of a file of false ones is planted behind the true History; what is not found, or found elsewhere.
+/// Every sentence of a file of false ones is planted behind the true History; what is not found, or
+/// found elsewhere.
 fn overlooked(file: &str) -> Vec<String> {
     let mut overlooked = Vec::new();
-    for Planted { kind, episode, steps, text } in planted(file, 4) {
+    for Planted {
+        kind,
+        episode,
+        steps,
+        text,
+    } in planted(file, 4)
+    {
         let episode = Episode::named(&episode);
         let mut checker = episode.checker(steps);
         let base = episode.base(steps);
         let history = format!("{base} {text}");
         let claims = checker.check(&history);
-        let (here, elsewhere): (Vec<&Claim>, Vec<&Claim>) =
-            claims.iter().filter(|claim| claim.is_false()).partition(|claim| claim.span.start > base.len());
+        let (here, elsewhere): (Vec<&Claim>, Vec<&Claim>) = claims
+            .iter()
+            .filter(|claim| claim.is_false())
+            .partition(|claim| claim.span.start > base.len());
         if here.is_empty() || !elsewhere.is_empty() {
             overlooked.push(format!("{kind}: {text}: elsewhere {}", elsewhere.len()));
         }
@@ -70,14 +112,27 @@ fn overlooked(file: &str) -> Vec<String> {
 #[test]
 fn planted_false_claims_are_found() {
     let missed = overlooked(include_str!("false.txt"));
-    assert!(missed.is_empty(), "{} overlooked:\n{}", missed.len(), missed.join("\n"));
+    assert!(
+        missed.is_empty(),
+        "{} overlooked:\n{}",
+        missed.len(),
+        missed.join("\n")
+    );
 }
 
 #[test]
 fn true_sentences_raise_no_alarm_and_most_are_understood() {
     let (alarms, supported, all) = alarms(include_str!("true.txt"));
-    assert!(alarms.is_empty(), "{} false alarms:\n{}", alarms.len(), alarms.join("\n"));
-    assert!(supported * 100 >= all * 80, "only {supported} of {all} are understood");
+    assert!(
+        alarms.is_empty(),
+        "{} false alarms:\n{}",
+        alarms.len(),
+        alarms.join("\n")
+    );
+    assert!(
+        supported * 100 >= all * 80,
+        "only {supported} of {all} are understood"
+    );
 }
 
 #[test]
@@ -87,7 +142,11 @@ fn the_true_histories_stay_true_at_every_step() {
         for steps in 0..=episode.length() {
             let base = episode.base(steps);
             let claims = episode.checker(steps).check(&base);
-            assert_eq!(false_claims(&base, &claims), Vec::<String>::new(), "after {steps} steps");
+            assert_eq!(
+                false_claims(&base, &claims),
+                Vec::<String>::new(),
+                "after {steps} steps"
+            );
         }
     }
 }
@@ -99,7 +158,11 @@ fn what_the_built_in_policies_tell_is_true() {
         let episode = Episode::named(episode);
         for (step, history) in episode.narration() {
             let claims = episode.checker(step).check(&history);
-            assert_eq!(false_claims(&history, &claims), Vec::<String>::new(), "at step {step}: {history}");
+            assert_eq!(
+                false_claims(&history, &claims),
+                Vec::<String>::new(),
+                "at step {step}: {history}"
+            );
             told += claims.len();
         }
     }
@@ -110,23 +173,43 @@ fn what_the_built_in_policies_tell_is_true() {
 #[test]
 fn a_checker_that_begins_anew_judges_as_a_new_one() {
     let mut used = Episode::named("vase").checker(3);
-    for Planted { episode, steps, text, .. } in planted(include_str!("false.txt"), 4) {
+    for Planted {
+        episode,
+        steps,
+        text,
+        ..
+    } in planted(include_str!("false.txt"), 4)
+    {
         let episode = Episode::named(&episode);
         let history = format!("{} {text}", episode.base(steps));
         episode.restart(&mut used, steps);
-        assert_eq!(used.check(&history), episode.checker(steps).check(&history), "{history}");
+        assert_eq!(
+            used.check(&history),
+            episode.checker(steps).check(&history),
+            "{history}"
+        );
     }
 }
 
 #[test]
 fn a_mended_history_is_true_and_keeps_what_was() {
-    for Planted { episode, steps, text, .. } in planted(include_str!("false.txt"), 4) {
+    for Planted {
+        episode,
+        steps,
+        text,
+        ..
+    } in planted(include_str!("false.txt"), 4)
+    {
         let episode = Episode::named(&episode);
         let mut checker = episode.checker(steps);
         let base = episode.base(steps);
         let mended = mend(&mut checker, &format!("{base} {text}"));
         let claims = checker.check(&mended.text);
-        assert_eq!(false_claims(&mended.text, &claims), Vec::<String>::new(), "{text}");
+        assert_eq!(
+            false_claims(&mended.text, &claims),
+            Vec::<String>::new(),
+            "{text}"
+        );
         assert!(mended.text.starts_with(&base), "{text}: {}", mended.text);
         assert_eq!(mended.mended + mended.dropped, 1, "{text}: {}", mended.text);
     }
@@ -135,28 +218,56 @@ fn a_mended_history_is_true_and_keeps_what_was() {
 /// Batches that were written when the reader was done; what they taught was mended afterwards.
 #[test]
 fn fresh_false_claims_are_found() {
-    for file in [include_str!("false_fresh.txt"), include_str!("false_last.txt")] {
+    for file in [
+        include_str!("false_fresh.txt"),
+        include_str!("false_last.txt"),
+    ] {
         let missed = overlooked(file);
-        assert!(missed.is_empty(), "{} overlooked:\n{}", missed.len(), missed.join("\n"));
+        assert!(
+            missed.is_empty(),
+            "{} overlooked:\n{}",
+            missed.len(),
+            missed.join("\n")
+        );
     }
 }
 
 #[test]
 fn fresh_true_sentences_raise_no_alarm() {
-    for file in [include_str!("true_fresh.txt"), include_str!("true_last.txt")] {
+    for file in [
+        include_str!("true_fresh.txt"),
+        include_str!("true_last.txt"),
+    ] {
         let (alarms, supported, all) = alarms(file);
-        assert!(alarms.is_empty(), "{} false alarms ({supported} of {all} understood):\n{}", alarms.len(), alarms.join("\n"));
-        assert!(supported * 100 >= all * 65, "only {supported} of {all} are understood");
+        assert!(
+            alarms.is_empty(),
+            "{} false alarms ({supported} of {all} understood):\n{}",
+            alarms.len(),
+            alarms.join("\n")
+        );
+        assert!(
+            supported * 100 >= all * 65,
+            "only {supported} of {all} are understood"
+        );
     }
 }
 
-/// Every deed of the episodes in every wording of a rule-based annotator, alone and as whole stories.
+/// Every deed of the episodes in every wording of a rule-based annotator, alone and as whole
+/// stories.
 #[test]
 fn told_deeds_raise_no_alarm() {
     for file in [include_str!("wordings.txt"), include_str!("stories.txt")] {
         let (alarms, supported, all) = alarms(file);
-        assert!(alarms.is_empty(), "{} false alarms ({supported} of {all} understood):\n{}", alarms.len(), alarms.join("\n"));
-        assert!(supported * 100 >= all * 80, "only {supported} of {all} are understood");
+        assert!(
+            alarms.is_empty(),
+            "{} false alarms ({supported} of {all} understood):\n{}",
+            alarms.len(),
+            alarms.join("\n")
+        );
+        assert!(
+            supported * 100 >= all * 80,
+            "only {supported} of {all} are understood"
+        );
     }
 }
 
@@ -165,17 +276,31 @@ fn any_story() -> impl Strategy<Value = (&'static str, usize, String)> {
     let all: Vec<(String, String)> = [include_str!("true.txt"), include_str!("true_fresh.txt")]
         .into_iter()
         .flat_map(|file| planted(file, 3))
-        .chain([include_str!("false.txt"), include_str!("false_fresh.txt")].into_iter().flat_map(|file| planted(file, 4)))
+        .chain(
+            [include_str!("false.txt"), include_str!("false_fresh.txt")]
+                .into_iter()
+                .flat_map(|file| planted(file, 4)),
+        )
         .map(|planted| (planted.episode, planted.text))
         .collect();
-    (0..Episode::ALL.len(), 0usize..30, proptest::collection::vec(any::<proptest::sample::Index>(), 1..12)).prop_map(
-        move |(episode, steps, picks)| {
-            let episode = Episode::ALL[episode];
-            let own: Vec<&str> = all.iter().filter(|(name, _)| name == episode).map(|(_, text)| text.as_str()).collect();
-            let story: Vec<&str> = picks.iter().map(|pick| own[pick.index(own.len())]).collect();
-            (episode, steps, story.join(" "))
-        },
+    (
+        0..Episode::ALL.len(),
+        0usize..30,
+        proptest::collection::vec(any::<proptest::sample::Index>(), 1..12),
     )
+        .prop_map(move |(episode, steps, picks)| {
+            let episode = Episode::ALL[episode];
+            let own: Vec<&str> = all
+                .iter()
+                .filter(|(name, _)| name == episode)
+                .map(|(_, text)| text.as_str())
+                .collect();
+            let story: Vec<&str> = picks
+                .iter()
+                .map(|pick| own[pick.index(own.len())])
+                .collect();
+            (episode, steps, story.join(" "))
+        })
 }
 
 proptest! {
@@ -225,10 +350,24 @@ fn hostile_texts_end() {
 fn bare_calls_and_their_texts_are_enough_for_what_they_tell() {
     let mut checker = Episode::named("deco").bare(10);
     let claims = checker.check("I went to table_1 and picked up the vase. I am holding nothing. It is on table_2. I saw 4 mugs. I walked around shelf_1. I asked twice.");
-    let wrong: Vec<&str> = claims.iter().filter(|claim| claim.is_false()).map(|claim| claim.kind.as_str()).collect();
+    let wrong: Vec<&str> = claims
+        .iter()
+        .filter(|claim| claim.is_false())
+        .map(|claim| claim.kind.as_str())
+        .collect();
     assert_eq!(wrong, ["explore", "ask"]);
-    for text in planted(include_str!("true.txt"), 3).into_iter().chain(planted(include_str!("true_fresh.txt"), 3)) {
-        let claims = Episode::named(&text.episode).bare(text.steps).check(&text.text);
-        assert_eq!(false_claims(&text.text, &claims), Vec::<String>::new(), "{}", text.text);
+    for text in planted(include_str!("true.txt"), 3)
+        .into_iter()
+        .chain(planted(include_str!("true_fresh.txt"), 3))
+    {
+        let claims = Episode::named(&text.episode)
+            .bare(text.steps)
+            .check(&text.text);
+        assert_eq!(
+            false_claims(&text.text, &claims),
+            Vec::<String>::new(),
+            "{}",
+            text.text
+        );
     }
 }

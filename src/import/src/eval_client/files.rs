@@ -1,4 +1,5 @@
-//! The files of a run: `<out>/<scene>/<id>/<slug>/` for an episode, and one with the results of all.
+//! The files of a run: `<out>/<scene>/<id>/<slug>/` for an episode, and one with the results of
+//! all.
 
 use std::{
     fs, io,
@@ -11,8 +12,20 @@ use serde_json::{Map, Value, json};
 use super::{Decision, ToolResult, names::path_component};
 
 /// Fields of a task that its files repeat, in their order.
-const IDENTITY: &[&str] = &["benchmark_task_id", "family", "global_index", "task_id", "episode_idx"];
-const DESCRIPTION: &[&str] = &["task_description", "scene_id", "source_furniture", "destination_furniture", "target_object"];
+const IDENTITY: &[&str] = &[
+    "benchmark_task_id",
+    "family",
+    "global_index",
+    "task_id",
+    "episode_idx",
+];
+const DESCRIPTION: &[&str] = &[
+    "task_description",
+    "scene_id",
+    "source_furniture",
+    "destination_furniture",
+    "target_object",
+];
 
 /// Why a run cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -27,7 +40,9 @@ pub enum EvalError {
         what: String,
     },
     /// `finish` did not answer with a task.
-    #[error("`finish` answered no task ({what}); expected a JSON object with task_id, or the end of the evaluation")]
+    #[error(
+        "`finish` answered no task ({what}); expected a JSON object with task_id, or the end of the evaluation"
+    )]
     NoTask {
         /// What is wrong with it.
         what: String,
@@ -54,14 +69,20 @@ impl EpisodeFiles {
     /// Of a task: by its benchmark id, else family and id, else id.
     pub fn of(out: &Path, task: &Map<String, Value>, slug: &str) -> Self {
         let of = |key: &str| task.get(key).filter(|value| !value.is_null());
-        let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        let text = |value: &Value| {
+            value
+                .as_str()
+                .map_or_else(|| value.to_string(), str::to_owned)
+        };
         let id = match (of("benchmark_task_id"), of("family"), of("task_id")) {
             (Some(id), _, _) => id.clone(),
             (None, Some(family), Some(id)) => json!(format!("{}/{}", text(family), text(id))),
             (None, _, id) => id.cloned().unwrap_or_default(),
         };
         let scene = path_component(task.get("scene_id").unwrap_or(&Value::Null));
-        Self { folder: out.join(scene).join(path_component(&id)).join(slug) }
+        Self {
+            folder: out.join(scene).join(path_component(&id)).join(slug),
+        }
     }
 
     /// Whether something is there already.
@@ -69,7 +90,12 @@ impl EpisodeFiles {
         fs::read_dir(&self.folder).is_ok_and(|mut entries| entries.next().is_some())
     }
 
-    pub fn write_meta(&self, task: &Map<String, Value>, model: &str, metadata: &Map<String, Value>) -> Result<(), EvalError> {
+    pub fn write_meta(
+        &self,
+        task: &Map<String, Value>,
+        model: &str,
+        metadata: &Map<String, Value>,
+    ) -> Result<(), EvalError> {
         let mut meta = fields(task, IDENTITY);
         meta.extend(fields(task, DESCRIPTION));
         meta.insert("model".to_owned(), json!(model));
@@ -78,15 +104,22 @@ impl EpisodeFiles {
     }
 
     pub fn write_summary(&self, summary: &Map<String, Value>) -> Result<(), EvalError> {
-        write_json(&self.folder.join("episode_summary.json"), &Value::Object(summary.clone()))
+        write_json(
+            &self.folder.join("episode_summary.json"),
+            &Value::Object(summary.clone()),
+        )
     }
 
     /// A step in which the agent (`inference`) or the call (`action`) failed.
     pub fn write_error(&self, step: u32, of: &str, what: &str) -> Result<(), EvalError> {
-        write(&self.step(step).join(format!("{of}_error.txt")), what.as_bytes())
+        write(
+            &self.step(step).join(format!("{of}_error.txt")),
+            what.as_bytes(),
+        )
     }
 
-    /// A step: what was decided, then what came of it. `Ok(Err(..))` says which image is none; what follows it is then not written.
+    /// A step: what was decided, then what came of it. `Ok(Err(..))` says which image is none; what
+    /// follows it is then not written.
     pub fn write_step(
         &self,
         step: u32,
@@ -96,7 +129,10 @@ impl EpisodeFiles {
     ) -> Result<Result<(), String>, EvalError> {
         let folder = self.step(step);
         let args = decision.args.as_object().cloned().unwrap_or_default();
-        write_json(&folder.join("tool_call.json"), &json!({ "tool_name": decision.tool, "args": args }))?;
+        write_json(
+            &folder.join("tool_call.json"),
+            &json!({ "tool_name": decision.tool, "args": args }),
+        )?;
         let time = json!({ "inference_time": decision.seconds, "total_inference_time": total_s });
         write_json(&folder.join("inference_time.json"), &time)?;
         match &decision.raw {
@@ -112,11 +148,17 @@ impl EpisodeFiles {
         }
         for (index, image) in result.images.iter().enumerate() {
             match png(image) {
-                Ok(bytes) => write(&folder.join(format!("image_observation_{index}.png")), &bytes)?,
+                Ok(bytes) => write(
+                    &folder.join(format!("image_observation_{index}.png")),
+                    &bytes,
+                )?,
                 Err(what) => return Ok(Err(format!("image {index} of the result: {what}"))),
             }
         }
-        write_json(&folder.join("debug_info.json"), &Value::Object(result.debug.clone()))?;
+        write_json(
+            &folder.join("debug_info.json"),
+            &Value::Object(result.debug.clone()),
+        )?;
         Ok(Ok(()))
     }
 
@@ -135,20 +177,39 @@ pub(super) fn write_json(path: &Path, value: &Value) -> Result<(), EvalError> {
 }
 
 fn fields(task: &Map<String, Value>, keys: &[&str]) -> Map<String, Value> {
-    keys.iter().map(|key| ((*key).to_owned(), task.get(*key).cloned().unwrap_or_default())).collect()
+    keys.iter()
+        .map(|key| {
+            (
+                (*key).to_owned(),
+                task.get(*key).cloned().unwrap_or_default(),
+            )
+        })
+        .collect()
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), EvalError> {
-    let failed = |source| EvalError::Write { path: path.to_owned(), source };
+    let failed = |source| EvalError::Write {
+        path: path.to_owned(),
+        source,
+    };
     fs::create_dir_all(path.parent().unwrap_or(path)).map_err(failed)?;
     fs::write(path, bytes).map_err(failed)
 }
 
 /// The bytes of a PNG image in Base64.
 fn png(image: &str) -> Result<Vec<u8>, String> {
-    let bytes = STANDARD.decode(image).map_err(|error| format!("no Base64 ({error})"))?;
-    let side = |from: usize| bytes.get(from..).and_then(|rest| rest.first_chunk()).map(|side| u32::from_be_bytes(*side) as usize);
-    let (Some(width), Some(height)) = (side(16), side(20)) else { return Err("no PNG image".to_owned()) };
+    let bytes = STANDARD
+        .decode(image)
+        .map_err(|error| format!("no Base64 ({error})"))?;
+    let side = |from: usize| {
+        bytes
+            .get(from..)
+            .and_then(|rest| rest.first_chunk())
+            .map(|side| u32::from_be_bytes(*side) as usize)
+    };
+    let (Some(width), Some(height)) = (side(16), side(20)) else {
+        return Err("no PNG image".to_owned());
+    };
     reel_trace::decode_png(&bytes, (width, height))?;
     Ok(bytes)
 }

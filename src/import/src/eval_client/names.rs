@@ -5,8 +5,8 @@ use serde_json::Value;
 /// Of what has no letter that may stand in a name.
 const UNKNOWN: &str = "unknown";
 
-/// A value as a folder name: what is no ASCII letter, digit, `.`, `_` or `-` becomes one `_`, and none of `._` stands at the ends. As
-/// in Python, nothing is `None`.
+/// A value as a folder name: what is no ASCII letter, digit, `.`, `_` or `-` becomes one `_`, and
+/// none of `._` stands at the ends. As in Python, nothing is `None`.
 pub fn path_component(value: &Value) -> String {
     let text = match value {
         Value::Null => "None".to_owned(),

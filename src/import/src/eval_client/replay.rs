@@ -1,4 +1,5 @@
-//! Recorded traces as a server and an agent, so that [`super::run`] writes the files that the client would have written.
+//! Recorded traces as a server and an agent, so that [`super::run`] writes the files that the
+//! client would have written.
 
 use std::path::PathBuf;
 
@@ -33,7 +34,12 @@ struct Playing {
 impl<'a> Recorded<'a> {
     /// The traces of these files.
     pub fn new(paths: &'a [PathBuf]) -> Self {
-        Self { paths: paths.iter(), index: 0, playing: None, problem: None }
+        Self {
+            paths: paths.iter(),
+            index: 0,
+            playing: None,
+            problem: None,
+        }
     }
 
     /// The trace that could not be read, if that is what ended the run.
@@ -44,7 +50,10 @@ impl<'a> Recorded<'a> {
 
 impl Play for Recorded<'_> {
     fn tools(&mut self) -> Vec<String> {
-        ToolSpec::POLICY.iter().map(|spec| spec.repo_name.to_owned()).collect()
+        ToolSpec::POLICY
+            .iter()
+            .map(|spec| spec.repo_name.to_owned())
+            .collect()
     }
 
     fn call(&mut self, tool: &str, _args: &Value) -> Result<Vec<Content>, String> {
@@ -52,7 +61,9 @@ impl Play for Recorded<'_> {
             let playing = self.playing.as_mut().ok_or("no episode is under way")?;
             return playing.result();
         }
-        let Some(path) = self.paths.next() else { return Ok(vec![Content::Text(super::run::END.to_owned())]) };
+        let Some(path) = self.paths.next() else {
+            return Ok(vec![Content::Text(super::run::END.to_owned())]);
+        };
         let trace = Trace::read(path).map_err(|error| {
             let what = error.to_string();
             self.problem = Some(error);
@@ -61,7 +72,12 @@ impl Play for Recorded<'_> {
         let task = payload(&trace, self.index);
         self.index += 1;
         let graph = trace.start.graphs.registry.clone();
-        self.playing = Some(Playing { trace, next: 0, graph, landmark: None });
+        self.playing = Some(Playing {
+            trace,
+            next: 0,
+            graph,
+            landmark: None,
+        });
         Ok(vec![Content::Text(Value::Object(task).to_string())])
     }
 
@@ -86,29 +102,48 @@ impl Playing {
         };
         self.next += 1;
         let policy = record.input.policy.as_ref();
-        let raw = policy.map(|policy| policy.raw.as_str()).filter(|raw| !raw.is_empty());
+        let raw = policy
+            .map(|policy| policy.raw.as_str())
+            .filter(|raw| !raw.is_empty());
         Ok(Decision {
             tool: tool(record),
             args: arguments(record),
             raw: raw.map(Value::from),
             user_message: None,
-            seconds: policy.and_then(|policy| policy.latency_ns).map_or(0.0, |latency| latency as f64 / 1e9),
+            seconds: policy
+                .and_then(|policy| policy.latency_ns)
+                .map_or(0.0, |latency| latency as f64 / 1e9),
         })
     }
 
-    /// What the call that was decided last came to: its text, the image after it, and what is known of the world.
+    /// What the call that was decided last came to: its text, the image after it, and what is known
+    /// of the world.
     fn result(&mut self) -> Result<Vec<Content>, String> {
-        let record = self.next.checked_sub(1).and_then(|index| self.trace.steps.get(index)).ok_or("no call was decided")?;
+        let record = self
+            .next
+            .checked_sub(1)
+            .and_then(|index| self.trace.steps.get(index))
+            .ok_or("no call was decided")?;
         self.graph.apply(&record.changes.registry);
-        if let (Ok(Tool::NavTo { receptacle }), true) = (Tool::parse(&record.input.call), record.outcome.is_ok()) {
+        if let (Ok(Tool::NavTo { receptacle }), true) =
+            (Tool::parse(&record.input.call), record.outcome.is_ok())
+        {
             self.landmark = Some(receptacle.to_string());
         }
         let mut content = Vec::new();
         if !record.outcome.text.is_empty() {
             content.push(Content::Text(record.outcome.text.clone()));
         }
-        if let Some(rgb) = self.trace.frame_rgb(Some(record.step)).map_err(|error| error.to_string())? {
-            content.push(Content::Image(STANDARD.encode(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))));
+        if let Some(rgb) = self
+            .trace
+            .frame_rgb(Some(record.step))
+            .map_err(|error| error.to_string())?
+        {
+            content.push(Content::Image(STANDARD.encode(encode_png(
+                &rgb,
+                FRAME_WIDTH as u32,
+                FRAME_HEIGHT as u32,
+            ))));
         }
         let markers: Map<String, Value> = record
             .markers
@@ -136,12 +171,22 @@ impl Playing {
 /// The tool of a call under its canonical name; `None` if the agent named none.
 fn tool(record: &StepRecord) -> Option<String> {
     let name = record.input.call.name.as_str();
-    (!name.is_empty()).then(|| ToolSpec::by_name(name).map_or(name, |spec| spec.repo_name).to_owned())
+    (!name.is_empty()).then(|| {
+        ToolSpec::by_name(name)
+            .map_or(name, |spec| spec.repo_name)
+            .to_owned()
+    })
 }
 
 /// The arguments of a call; the number of a marker is a text in the published schema.
 fn arguments(record: &StepRecord) -> Value {
-    let mut arguments = record.input.call.arguments.as_object().cloned().unwrap_or_default();
+    let mut arguments = record
+        .input
+        .call
+        .arguments
+        .as_object()
+        .cloned()
+        .unwrap_or_default();
     if let Some(marker) = arguments.get_mut("marker_id")
         && let Value::Number(number) = marker
     {
@@ -158,7 +203,12 @@ fn payload(trace: &Trace, index: u32) -> Map<String, Value> {
         Some((_, short)) => (true, short),
         None => (false, task.task_id.as_str()),
     };
-    let extra = |key: &str| task.extra.get(&format!("episodes[0].{key}")).or_else(|| task.extra.get(key)).cloned();
+    let extra = |key: &str| {
+        task.extra
+            .get(&format!("episodes[0].{key}"))
+            .or_else(|| task.extra.get(key))
+            .cloned()
+    };
     let payload = json!({
         "task_id": short,
         "benchmark_task_id": is_benchmark.then_some(&task.task_id),

@@ -1,5 +1,5 @@
-//! The loop of the client: `finish` gives a task; decide, call and observe until the agent finishes or the steps are used up; then the
-//! next task.
+//! The loop of the client: `finish` gives a task; decide, call and observe until the agent finishes
+//! or the steps are used up; then the next task.
 
 use std::path::PathBuf;
 
@@ -91,14 +91,18 @@ pub trait Play {
 /// Plays every task of the server and writes the files. Gives what the file of results holds.
 ///
 /// # Errors
-/// Fails if the server gives no tasks, or a file cannot be written. What a call or the agent fails of ends its episode only.
+/// Fails if the server gives no tasks, or a file cannot be written. What a call or the agent fails
+/// of ends its episode only.
 pub fn run(settings: &RunSettings, play: &mut impl Play) -> Result<Value, EvalError> {
     if !play.tools().iter().any(|tool| tool == "finish") {
         return Err(EvalError::NoFinish);
     }
     let mut episodes: Vec<Map<String, Value>> = Vec::new();
     while let Some(task) = next_task(play)? {
-        let index = task.get("episode_idx").and_then(Value::as_i64).unwrap_or(-1);
+        let index = task
+            .get("episode_idx")
+            .and_then(Value::as_i64)
+            .unwrap_or(-1);
         if index < settings.start_idx {
             continue;
         }
@@ -108,14 +112,21 @@ pub fn run(settings: &RunSettings, play: &mut impl Play) -> Result<Value, EvalEr
         episodes.push(episode(settings, play, &task)?);
     }
     let results = results(settings, &episodes);
-    let name = format!("{}_results_{}_{}.json", settings.prefix, model_slug(&settings.model), settings.run_tag);
+    let name = format!(
+        "{}_results_{}_{}.json",
+        settings.prefix,
+        model_slug(&settings.model),
+        settings.run_tag
+    );
     write_json(&settings.out.join(name), &results)?;
     Ok(results)
 }
 
 /// The task that `finish` answers with; `None` after the last one.
 fn next_task(play: &mut impl Play) -> Result<Option<Map<String, Value>>, EvalError> {
-    let content = play.call("finish", &json!({})).map_err(|what| EvalError::Finish { what })?;
+    let content = play
+        .call("finish", &json!({}))
+        .map_err(|what| EvalError::Finish { what })?;
     let no_task = |what: String| EvalError::NoTask { what };
     let text = content.iter().find_map(|item| match item {
         Content::Text(text) => Some(text.trim()),
@@ -132,7 +143,11 @@ fn next_task(play: &mut impl Play) -> Result<Option<Map<String, Value>>, EvalErr
     }
 }
 
-fn episode(settings: &RunSettings, play: &mut impl Play, task: &Map<String, Value>) -> Result<Map<String, Value>, EvalError> {
+fn episode(
+    settings: &RunSettings,
+    play: &mut impl Play,
+    task: &Map<String, Value>,
+) -> Result<Map<String, Value>, EvalError> {
     let files = EpisodeFiles::of(&settings.out, task, &model_slug(&settings.model));
     let mut summary = identity(task);
     if files.exist() {
@@ -159,14 +174,24 @@ fn episode(settings: &RunSettings, play: &mut impl Play, task: &Map<String, Valu
             }
         };
         total_s += decision.seconds;
-        let told = |text: String, debug: Map<String, Value>| ToolResult { text: Some(text), images: Vec::new(), debug };
+        let told = |text: String, debug: Map<String, Value>| ToolResult {
+            text: Some(text),
+            images: Vec::new(),
+            debug,
+        };
         let result = match decision.tool.as_deref() {
             None => told(NO_TOOL.to_owned(), Map::new()),
             Some("finish") => {
-                success = is_success(&graph, task.get("target_world_graph").unwrap_or(&Value::Null));
+                success = is_success(
+                    &graph,
+                    task.get("target_world_graph").unwrap_or(&Value::Null),
+                );
                 status = "finished";
                 let said = if success { "True" } else { "False" };
-                told(format!("Episode finished. Success: {said}"), Map::from_iter([("world_graph".to_owned(), graph.clone())]))
+                told(
+                    format!("Episode finished. Success: {said}"),
+                    Map::from_iter([("world_graph".to_owned(), graph.clone())]),
+                )
             }
             Some(tool) => match play.call(tool, &decision.args) {
                 Ok(content) => ToolResult::of(&content),
@@ -206,12 +231,18 @@ fn episode(settings: &RunSettings, play: &mut impl Play, task: &Map<String, Valu
 fn results(settings: &RunSettings, episodes: &[Map<String, Value>]) -> Value {
     let count = |statuses: &[&str]| {
         let has = |episode: &&Map<String, Value>| {
-            episode.get("status").and_then(Value::as_str).is_some_and(|status| statuses.contains(&status))
+            episode
+                .get("status")
+                .and_then(Value::as_str)
+                .is_some_and(|status| statuses.contains(&status))
         };
         episodes.iter().filter(has).count()
     };
     let finished = count(&["finished"]);
-    let successes = episodes.iter().filter(|episode| episode.get("success") == Some(&json!(true))).count();
+    let successes = episodes
+        .iter()
+        .filter(|episode| episode.get("success") == Some(&json!(true)))
+        .count();
     json!({
         "mode": settings.prefix,
         "run_tag": settings.run_tag,

@@ -1,5 +1,6 @@
-//! What was said, in the order of time, as episodes: which calls belong together, what came of each, what was measured and
-//! shown meanwhile, and the records that follow. Knows neither files nor encodings.
+//! What was said, in the order of time, as episodes: which calls belong together, what came of
+//! each, what was measured and shown meanwhile, and the records that follow. Knows neither files
+//! nor encodings.
 
 use std::path::Path;
 
@@ -11,8 +12,8 @@ use reel_trace::{
 use reel_world::{
     Digest, ErrorCode, FrameDigests, Outcome, Scene, Task, Tool, ToolCall, ToolSpec, WorldGraph,
     record::{
-        Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, PolicyOutput, RobotState, StartRecord, StepInput, StepRecord,
-        UserReply, UserSource,
+        Backend, EndReason, EndRecord, EpisodeHeader, PolicyInfo, PolicyOutput, RobotState,
+        StartRecord, StepInput, StepRecord, UserReply, UserSource,
     },
 };
 use serde_json::json;
@@ -52,12 +53,24 @@ pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<Playing> {
             open = Some(Playing::after(std::mem::take(&mut between), bare));
         }
         match (&mut open, event) {
-            (Some(playing), Event { what: What::End(told), .. }) => {
+            (
+                Some(playing),
+                Event {
+                    what: What::End(told),
+                    ..
+                },
+            ) => {
                 playing.ended = Some(told);
                 played.extend(open.take());
             }
             // A `finish` came before.
-            (None, Event { what: What::End(told), .. }) => {
+            (
+                None,
+                Event {
+                    what: What::End(told),
+                    ..
+                },
+            ) => {
                 if let Some(last) = played.last_mut() {
                     last.ended.get_or_insert(told);
                 }
@@ -68,9 +81,15 @@ pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<Playing> {
     }
     played.extend(open);
     match played.last_mut() {
-        // What is measured after the end is of the last episode; where the robot stands then, and what it sees, is not.
-        Some(last) => between.into_iter().filter(Event::is_of_skills).for_each(|event| last.take(event)),
-        None if between.iter().any(Event::is_of_skills) => played.push(Playing::after(between, bare)),
+        // What is measured after the end is of the last episode; where the robot stands then, and
+        // what it sees, is not.
+        Some(last) => between
+            .into_iter()
+            .filter(Event::is_of_skills)
+            .for_each(|event| last.take(event)),
+        None if between.iter().any(Event::is_of_skills) => {
+            played.push(Playing::after(between, bare))
+        }
         None => {}
     }
     played
@@ -78,7 +97,10 @@ pub(crate) fn episodes(events: Vec<Event>, mapping: &Mapping) -> Vec<Playing> {
 
 impl Event {
     fn is_of_skills(&self) -> bool {
-        matches!(self.what, What::Primitive(_) | What::Vla(_) | What::Alignment(_))
+        matches!(
+            self.what,
+            What::Primitive(_) | What::Vla(_) | What::Alignment(_)
+        )
     }
 }
 
@@ -146,10 +168,16 @@ pub(crate) struct Recorded {
 }
 
 impl Playing {
-    /// Opens an episode before which something was said: of where the robot was only the last counts.
+    /// Opens an episode before which something was said: of where the robot was only the last
+    /// counts.
     fn after(between: Vec<Event>, bare: bool) -> Self {
-        let mut playing = Self { bare, ..Self::default() };
-        let last = between.iter().rposition(|event| matches!(event.what, What::Odometry(_)));
+        let mut playing = Self {
+            bare,
+            ..Self::default()
+        };
+        let last = between
+            .iter()
+            .rposition(|event| matches!(event.what, What::Odometry(_)));
         for (index, event) in between.into_iter().enumerate() {
             if !matches!(event.what, What::Odometry(_)) || Some(index) == last {
                 playing.take(event);
@@ -160,7 +188,11 @@ impl Playing {
 
     /// The pictures that its trace shall hold.
     pub(crate) fn pictures(&self) -> impl Iterator<Item = Place> {
-        self.steps.iter().map(|step| &step.moment).chain([&self.start]).filter_map(|moment| moment.picture)
+        self.steps
+            .iter()
+            .map(|step| &step.moment)
+            .chain([&self.start])
+            .filter_map(|moment| moment.picture)
     }
 
     /// What was said and belongs to nothing: when, and what.
@@ -169,7 +201,9 @@ impl Playing {
     }
 
     fn now(&self) -> Option<u32> {
-        u32::try_from(self.steps.len()).expect("an episode has few steps").checked_sub(1)
+        u32::try_from(self.steps.len())
+            .expect("an episode has few steps")
+            .checked_sub(1)
     }
 
     fn take(&mut self, event: Event) {
@@ -180,7 +214,10 @@ impl Playing {
             What::Call(called) => self.call(ns, called),
             What::Result(answered) => self.answer(ns, answered),
             What::Primitive(outcome) if self.bare => self.skill(outcome),
-            What::Primitive(outcome) => self.log.primitives.push(PrimitiveOutcome { step, ..outcome }),
+            What::Primitive(outcome) => self
+                .log
+                .primitives
+                .push(PrimitiveOutcome { step, ..outcome }),
             What::Odometry(measured) => self.drive(Odometry { step, ..measured }),
             What::Vla(measured) => self.log.vla.push(VlaLatency { step, ..measured }),
             What::Alignment(measured) => self.log.alignments.push(Alignment { step, ..measured }),
@@ -196,7 +233,9 @@ impl Playing {
             }
             What::Reply(reply) => match self.steps.last_mut() {
                 Some(step) => step.reply = Some(reply),
-                None => self.lost.push((ns, "an answer of the user that nobody asked for".to_owned())),
+                None => self
+                    .lost
+                    .push((ns, "an answer of the user that nobody asked for".to_owned())),
             },
             What::Policy(output) => self.policy = Some(output),
         }
@@ -204,13 +243,21 @@ impl Playing {
 
     fn call(&mut self, ns: u64, called: Called) {
         if self.steps.is_empty() {
-            self.start = Moment { pose: self.pose, path_m: self.path_m, picture: self.picture.map(|(_, place)| place) };
+            self.start = Moment {
+                pose: self.pose,
+                path_m: self.path_m,
+                picture: self.picture.map(|(_, place)| place),
+            };
         }
         self.finished |= is_tool(&called.call, "finish");
         let mut policy = self.policy.take();
         if let Some(raw) = called.raw {
             let policy = policy.get_or_insert_default();
-            policy.raw = if policy.raw.is_empty() { raw } else { std::mem::take(&mut policy.raw) };
+            policy.raw = if policy.raw.is_empty() {
+                raw
+            } else {
+                std::mem::take(&mut policy.raw)
+            };
         }
         self.steps.push(Step {
             call: called.call,
@@ -221,7 +268,11 @@ impl Playing {
             answer: None,
             reply: None,
             state: self.state.clone(),
-            moment: Moment { pose: self.pose, path_m: self.path_m, picture: None },
+            moment: Moment {
+                pose: self.pose,
+                path_m: self.path_m,
+                picture: None,
+            },
         });
     }
 
@@ -229,38 +280,76 @@ impl Playing {
     fn answer(&mut self, ns: u64, answered: Answered) {
         let by_id = |step: &Step| answered.id.is_some() && step.id == answered.id;
         let named = self.steps.iter().rposition(by_id);
-        let last = self.steps.len().checked_sub(1).filter(|last| answered.id.is_none() || self.steps[*last].id.is_none());
-        match named.or(last).map(|index| &mut self.steps[index]).filter(|step| step.answer.is_none()) {
+        let last = self
+            .steps
+            .len()
+            .checked_sub(1)
+            .filter(|last| answered.id.is_none() || self.steps[*last].id.is_none());
+        match named
+            .or(last)
+            .map(|index| &mut self.steps[index])
+            .filter(|step| step.answer.is_none())
+        {
             Some(step) => {
                 step.answer = Some((ns, answered));
                 self.answered_ns = ns;
             }
-            None => self.lost.push((ns, "a result that no call waits for".to_owned())),
+            None => self
+                .lost
+                .push((ns, "a result that no call waits for".to_owned())),
         }
     }
 
     /// A skill that was executed without a call is a step of its own, from its beginning on.
     fn skill(&mut self, outcome: PrimitiveOutcome) {
         let ended = outcome.unix_ns;
-        let begun = outcome.duration_ns.map(|took| ended.saturating_sub(took).max(self.answered_ns));
+        let begun = outcome
+            .duration_ns
+            .map(|took| ended.saturating_sub(took).max(self.answered_ns));
         let since = begun.unwrap_or(self.answered_ns);
-        let picture = self.picture.filter(|(taken, _)| *taken >= since).map(|(_, place)| place);
+        let picture = self
+            .picture
+            .filter(|(taken, _)| *taken >= since)
+            .map(|(_, place)| place);
         if self.steps.is_empty() {
-            let before = self.picture.filter(|(taken, _)| *taken < since).map(|(_, place)| place);
-            let pose = self.log.odometry.iter().rev().find(|it| it.unix_ns < since).copied();
-            self.start = Moment { pose, path_m: 0.0, picture: before };
-        } else if let Some(last) = self.steps.last_mut().filter(|last| last.moment.picture == picture) {
+            let before = self
+                .picture
+                .filter(|(taken, _)| *taken < since)
+                .map(|(_, place)| place);
+            let pose = self
+                .log
+                .odometry
+                .iter()
+                .rev()
+                .find(|it| it.unix_ns < since)
+                .copied();
+            self.start = Moment {
+                pose,
+                path_m: 0.0,
+                picture: before,
+            };
+        } else if let Some(last) = self
+            .steps
+            .last_mut()
+            .filter(|last| last.moment.picture == picture)
+        {
             last.moment.picture = None;
         }
         let spec = ToolSpec::by_name(&outcome.skill);
-        let argument =
-            spec.and_then(|spec| spec.argument).map(|argument| argument.name).filter(|name| *name == "receptacle_name");
+        let argument = spec
+            .and_then(|spec| spec.argument)
+            .map(|argument| argument.name)
+            .filter(|name| *name == "receptacle_name");
         let arguments = match outcome.target.as_str() {
             "" => json!({}),
             target => json!({ argument.unwrap_or("target"): target }),
         };
-        let answered =
-            Answered { text: outcome.error.clone().unwrap_or_default(), error: None, success: Some(outcome.success), id: None };
+        let answered = Answered {
+            text: outcome.error.clone().unwrap_or_default(),
+            error: None,
+            success: Some(outcome.success),
+            id: None,
+        };
         self.steps.push(Step {
             call: ToolCall::new(outcome.skill.clone(), arguments),
             id: None,
@@ -270,15 +359,31 @@ impl Playing {
             answer: Some((ended, answered)),
             reply: None,
             state: self.state.clone(),
-            moment: Moment { pose: self.pose, path_m: self.path_m, picture },
+            moment: Moment {
+                pose: self.pose,
+                path_m: self.path_m,
+                picture,
+            },
         });
         self.answered_ns = ended;
         let step = self.now();
         let log = &mut self.log;
         log.primitives.push(PrimitiveOutcome { step, ..outcome });
-        log.odometry.iter_mut().rev().take_while(|it| it.unix_ns >= since).for_each(|it| it.step = step);
-        log.vla.iter_mut().rev().take_while(|it| it.unix_ns >= since).for_each(|it| it.step = step);
-        log.alignments.iter_mut().rev().take_while(|it| it.unix_ns >= since).for_each(|it| it.step = step);
+        log.odometry
+            .iter_mut()
+            .rev()
+            .take_while(|it| it.unix_ns >= since)
+            .for_each(|it| it.step = step);
+        log.vla
+            .iter_mut()
+            .rev()
+            .take_while(|it| it.unix_ns >= since)
+            .for_each(|it| it.step = step);
+        log.alignments
+            .iter_mut()
+            .rev()
+            .take_while(|it| it.unix_ns >= since)
+            .for_each(|it| it.step = step);
     }
 
     fn drive(&mut self, measured: Odometry) {
@@ -295,7 +400,11 @@ impl Playing {
     /// The picture of a step is the last one up to its result, else the first one after it.
     fn see(&mut self, ns: u64, place: Place) {
         self.picture = Some((ns, place));
-        if let Some(step) = self.steps.last_mut().filter(|step| step.answer.is_none() || step.moment.picture.is_none()) {
+        if let Some(step) = self
+            .steps
+            .last_mut()
+            .filter(|step| step.answer.is_none() || step.moment.picture.is_none())
+        {
             step.moment.picture = Some(place);
         }
     }
@@ -309,24 +418,43 @@ impl Playing {
         frame: &dyn Fn(Place) -> Option<FrameDigests>,
     ) -> Recorded {
         let mut notes = Vec::new();
-        let (Setting { task, scene, settings }, known) = self.setting(options, path, &mut notes);
+        let (
+            Setting {
+                task,
+                scene,
+                settings,
+            },
+            known,
+        ) = self.setting(options, path, &mut notes);
         let reason = self.reason(&mut notes);
         let ended = self.ended.as_deref();
         let told_success = ended.and_then(|told| told.success);
 
-        let initial = self.first.clone().or_else(|| known.then(|| task.initial.clone()));
-        let mut before = State { graph: initial.clone(), ..State::default() };
+        let initial = self
+            .first
+            .clone()
+            .or_else(|| known.then(|| task.initial.clone()));
+        let mut before = State {
+            graph: initial.clone(),
+            ..State::default()
+        };
         let start_picture = self.start.picture;
         let mut start = StartRecord {
             graphs: initial.as_ref().map(both).unwrap_or_default(),
             robot: robot(&mut before, &self.start),
-            shortest_path_m: self.told.shortest_path_m.or_else(|| ended.and_then(|told| told.shortest_path_m)),
+            shortest_path_m: self
+                .told
+                .shortest_path_m
+                .or_else(|| ended.and_then(|told| told.shortest_path_m)),
             ..StartRecord::default()
         };
         start.digests.frame = start_picture.and_then(frame);
         let mut steps = Vec::new();
         for (number, step) in (0..).zip(self.steps) {
-            let mut after = State { graph: step.state.graph.clone().or_else(|| before.graph.clone()), ..step.state.clone() };
+            let mut after = State {
+                graph: step.state.graph.clone().or_else(|| before.graph.clone()),
+                ..step.state.clone()
+            };
             let robot = robot(&mut after, &step.moment);
             let timing = step.timing();
             let picture = step.moment.picture;
@@ -340,22 +468,33 @@ impl Playing {
         }
 
         let preset = Preset::default();
-        let mut records: Vec<StepRecord> = steps.iter().map(|(record, ..)| record.clone()).collect();
+        let mut records: Vec<StepRecord> =
+            steps.iter().map(|(record, ..)| record.clone()).collect();
         let terms = rewards(&preset, &task, &scene, &start, &records);
         for (record, terms) in records.iter_mut().zip(terms) {
             record.reward = terms;
         }
-        let policy = self.told.policy.or_else(|| ended.and_then(|told| told.policy.clone())).or_else(|| mapping.policy.clone());
+        let policy = self
+            .told
+            .policy
+            .or_else(|| ended.and_then(|told| told.policy.clone()))
+            .or_else(|| mapping.policy.clone());
         let mut header = EpisodeHeader {
             run_id: options.run_id.to_owned(),
             reward_preset: preset.name().to_owned(),
-            policy: PolicyInfo { name: policy.unwrap_or_else(|| "unknown".to_owned()), checkpoint: None, parameters: settings },
+            policy: PolicyInfo {
+                name: policy.unwrap_or_else(|| "unknown".to_owned()),
+                checkpoint: None,
+                parameters: settings,
+            },
             backend: Backend::Robot,
             ..observe::header(&task, &scene)
         };
         // Many trials of a skill have equal records; what was measured and when tells them apart.
         let times: Vec<&Option<Timing>> = steps.iter().map(|(_, timing, _)| timing).collect();
-        header.episode_id = Digest::of_json(&(&header, &start, &records, times, &self.log)).to_string()[..16].to_owned();
+        header.episode_id = Digest::of_json(&(&header, &start, &records, times, &self.log))
+            .to_string()[..16]
+            .to_owned();
         header.build = env!("CARGO_PKG_VERSION").to_owned();
         let link = episode::link(&header, &mut start, &mut records);
 
@@ -363,48 +502,96 @@ impl Playing {
         let judged = match told_success {
             // Nothing shows how the world was left: the word of the recording counts.
             Some(success) if self.first.is_none() || !known => {
-                notes.push(format!("success is what the recording says ({success}); no graph and goal tell it"));
+                notes.push(format!(
+                    "success is what the recording says ({success}); no graph and goal tell it"
+                ));
                 both(if success { &task.goal } else { &task.initial })
             }
             Some(_) => graphs.clone(),
             None => {
                 if self.first.is_none() || !known {
-                    notes.push("nothing says whether the episode was a success; it counts as none".to_owned());
+                    notes.push(
+                        "nothing says whether the episode was a success; it counts as none"
+                            .to_owned(),
+                    );
                 }
                 graphs.clone()
             }
         };
         let metrics = metrics(&preset, &task, &start, &records, &judged);
         if told_success.is_some_and(|told| told != metrics.success) {
-            notes.push(format!("the recording says success {}, the graphs {}", !metrics.success, metrics.success));
+            notes.push(format!(
+                "the recording says success {}, the graphs {}",
+                !metrics.success, metrics.success
+            ));
         }
-        let end = EndRecord { reason, graphs, metrics, chain: link, steps: records.len() as u32 };
-        let steps = records.into_iter().zip(steps).map(|(record, (_, timing, picture))| (record, timing, picture)).collect();
-        Recorded { header, task, scene, start, start_picture, steps, log: self.log, end, notes }
+        let end = EndRecord {
+            reason,
+            graphs,
+            metrics,
+            chain: link,
+            steps: records.len() as u32,
+        };
+        let steps = records
+            .into_iter()
+            .zip(steps)
+            .map(|(record, (_, timing, picture))| (record, timing, picture))
+            .collect();
+        Recorded {
+            header,
+            task,
+            scene,
+            start,
+            start_picture,
+            steps,
+            log: self.log,
+            end,
+            notes,
+        }
     }
 
     /// Its task: of the files given, else of its messages, else none; and whether it is known.
-    fn setting(&self, options: &Options<'_>, path: &Path, notes: &mut Vec<String>) -> (Setting, bool) {
+    fn setting(
+        &self,
+        options: &Options<'_>,
+        path: &Path,
+        notes: &mut Vec<String>,
+    ) -> (Setting, bool) {
         let mut meta = self.told.meta.clone();
         for (key, value) in self.ended.iter().flat_map(|told| &told.meta) {
             meta.entry(key).or_insert_with(|| value.clone());
         }
-        let mut seen = Seen { first: self.first.clone(), ..Seen::default() };
-        for graph in self.first.iter().chain(self.steps.iter().filter_map(|step| step.state.graph.as_ref())) {
+        let mut seen = Seen {
+            first: self.first.clone(),
+            ..Seen::default()
+        };
+        for graph in self.first.iter().chain(
+            self.steps
+                .iter()
+                .filter_map(|step| step.state.graph.as_ref()),
+        ) {
             seen.take_in(graph);
         }
         // A single task that was given is that of episodes that name none.
         if let (None, [task]) = (task::text(&meta, "benchmark_task_id"), options.tasks) {
             meta.insert("benchmark_task_id".to_owned(), task.task_id.clone().into());
         }
-        let mut told = task::Told { meta: &meta, folders: [None, None], path, notes: Vec::new() };
+        let mut told = task::Told {
+            meta: &meta,
+            folders: [None, None],
+            path,
+            notes: Vec::new(),
+        };
         let setting = task::setting(&mut told, &seen, options);
         notes.append(&mut told.notes);
         match setting {
             Ok(setting) => (setting, true),
             Err(_) => {
                 notes.push("the task is not known; give its task file with --tasks".to_owned());
-                (task::unknown(&told, self.first.clone().unwrap_or_default()), false)
+                (
+                    task::unknown(&told, self.first.clone().unwrap_or_default()),
+                    false,
+                )
             }
         }
     }
@@ -412,21 +599,31 @@ impl Playing {
     /// Why it ended: as its message says, else as its calls do.
     fn reason(&self, notes: &mut Vec<String>) -> EndReason {
         let told = self.ended.as_deref();
-        let word = told.and_then(|told| told.reason.as_deref()).map(str::to_lowercase);
+        let word = told
+            .and_then(|told| told.reason.as_deref())
+            .map(str::to_lowercase);
         match word.as_deref() {
-            Some("finished" | "finish" | "done" | "success" | "succeeded" | "completed") => EndReason::Finished,
+            Some("finished" | "finish" | "done" | "success" | "succeeded" | "completed") => {
+                EndReason::Finished
+            }
             Some("horizon" | "max_steps" | "max_steps_reached" | "timeout") => EndReason::Horizon,
             Some("fault" | "error" | "inference_error" | "action_error") => EndReason::Fault,
-            Some("aborted" | "abort" | "stopped" | "interrupted" | "cancelled") => EndReason::Aborted,
+            Some("aborted" | "abort" | "stopped" | "interrupted" | "cancelled") => {
+                EndReason::Aborted
+            }
             _ if self.finished => EndReason::Finished,
             Some(other) => {
-                notes.push(format!("the reason of the end is '{other}'; taken as broken off"));
+                notes.push(format!(
+                    "the reason of the end is '{other}'; taken as broken off"
+                ));
                 EndReason::Aborted
             }
             // Somebody looked at how it went.
             None if told.is_some_and(|told| told.success.is_some()) => EndReason::Finished,
             None => {
-                notes.push("nothing says how the episode ended; it is taken as broken off".to_owned());
+                notes.push(
+                    "nothing says how the episode ended; it is taken as broken off".to_owned(),
+                );
                 EndReason::Aborted
             }
         }
@@ -436,21 +633,38 @@ impl Playing {
 impl Step {
     fn timing(&self) -> Option<Timing> {
         let (called, (answered, _)) = (self.called_ns?, self.answer.as_ref()?);
-        Some(Timing { called_unix_ns: called, took_ns: answered.saturating_sub(called) })
+        Some(Timing {
+            called_unix_ns: called,
+            took_ns: answered.saturating_sub(called),
+        })
     }
 
     fn shown(self, frame: Option<FrameDigests>) -> Shown {
         let outcome = self.outcome();
         let asks = is_tool(&self.call, "ask");
         // An answer of which nobody says from whom it is came from a person: this is no simulation.
-        let of_result = || outcome::reply(&self.call, &outcome).map(|reply| UserReply { source: UserSource::Human, ..reply });
+        let of_result = || {
+            outcome::reply(&self.call, &outcome).map(|reply| UserReply {
+                source: UserSource::Human,
+                ..reply
+            })
+        };
         let reply = self.reply.filter(|_| asks).or_else(of_result);
-        let input = StepInput { policy: self.policy, user_reply: reply.clone(), ..StepInput::bare(self.call) };
-        Shown { input, outcome, reply, frame }
+        let input = StepInput {
+            policy: self.policy,
+            user_reply: reply.clone(),
+            ..StepInput::bare(self.call)
+        };
+        Shown {
+            input,
+            outcome,
+            reply,
+            frame,
+        }
     }
 
-    /// What the call came to. An error code of Reel's is taken, and so are the published server's words; else what moves the
-    /// robot failed by its skill.
+    /// What the call came to. An error code of Reel's is taken, and so are the published server's
+    /// words; else what moves the robot failed by its skill.
     fn outcome(&self) -> Outcome {
         let Some((_, answer)) = &self.answer else {
             return match &self.reply {
@@ -459,18 +673,38 @@ impl Step {
                 _ => Outcome::error(ErrorCode::BackendError, NO_RESULT),
             };
         };
-        let tool = Tool::parse(&self.call).ok().map(|tool| tool.paper_name()).or(self.skill);
-        let told = || ErrorCode::told_by(&answer.text).filter(|_| tool.is_some_and(|tool| tool != "ask"));
+        let tool = Tool::parse(&self.call)
+            .ok()
+            .map(|tool| tool.paper_name())
+            .or(self.skill);
+        let told =
+            || ErrorCode::told_by(&answer.text).filter(|_| tool.is_some_and(|tool| tool != "ask"));
         let failed = answer.error.is_some() || answer.success == Some(false);
         if !failed {
-            let error = if answer.success.is_none() { told() } else { None };
-            return Outcome { text: answer.text.clone(), error };
+            let error = if answer.success.is_none() {
+                told()
+            } else {
+                None
+            };
+            return Outcome {
+                text: answer.text.clone(),
+                error,
+            };
         }
         let named = answer.error.as_deref().unwrap_or_default();
-        let moves = matches!(tool, Some("nav_to" | "walk_around" | "gaze_at" | "pick" | "place" | "open" | "close"));
-        let otherwise = if moves || self.skill.is_some() { ErrorCode::SkillFailed } else { ErrorCode::BackendError };
+        let moves = matches!(
+            tool,
+            Some("nav_to" | "walk_around" | "gaze_at" | "pick" | "place" | "open" | "close")
+        );
+        let otherwise = if moves || self.skill.is_some() {
+            ErrorCode::SkillFailed
+        } else {
+            ErrorCode::BackendError
+        };
         let code = ErrorCode::parse(named).or_else(|| told().or_else(|| ErrorCode::told_by(named)));
-        let text = [answer.text.as_str(), named, "the call failed"].into_iter().find(|text| !text.is_empty());
+        let text = [answer.text.as_str(), named, "the call failed"]
+            .into_iter()
+            .find(|text| !text.is_empty());
         Outcome::error(code.unwrap_or(otherwise), text.unwrap_or_default())
     }
 }
@@ -479,7 +713,11 @@ impl Step {
 fn robot(state: &mut State, moment: &Moment) -> RobotState {
     state.position = moment.pose.map(|pose| [pose.x as f32, pose.y as f32, 0.0]);
     let yaw = moment.pose.map_or(0.0, |pose| pose.yaw as f32);
-    RobotState { yaw, path_length_m: moment.path_m as f32, ..state.robot() }
+    RobotState {
+        yaw,
+        path_length_m: moment.path_m as f32,
+        ..state.robot()
+    }
 }
 
 fn is_tool(call: &ToolCall, name: &str) -> bool {

@@ -1,5 +1,6 @@
-//! MCAP files of any origin, record by record: what can be read of a file that broke off or is damaged is read, and what
-//! cannot is named. Holds one record at a time; knows no meaning of messages.
+//! MCAP files of any origin, record by record: what can be read of a file that broke off or is
+//! damaged is read, and what cannot is named. Holds one record at a time; knows no meaning of
+//! messages.
 
 use std::{
     fs::File,
@@ -33,20 +34,33 @@ pub(crate) struct Message<'a> {
     pub data: &'a [u8],
 }
 
-/// Hands every message of a file to the visitor, in the order of the file and always the same ones under the same numbers.
-/// Says what could not be read.
+/// Hands every message of a file to the visitor, in the order of the file and always the same ones
+/// under the same numbers. Says what could not be read.
 pub(crate) fn walk(path: &Path, visit: &mut dyn FnMut(Message<'_>)) -> Vec<String> {
     let file = match File::open(path) {
         Ok(file) => BufReader::with_capacity(1 << 16, file),
         Err(error) => return vec![format!("it cannot be read ({error})")],
     };
-    let mut walk =
-        Walk { file, at: 0, channels: ChannelAccumulator::default(), numbered: 0, unknown: 0, visit, lost: Vec::new() };
+    let mut walk = Walk {
+        file,
+        at: 0,
+        channels: ChannelAccumulator::default(),
+        numbered: 0,
+        unknown: 0,
+        visit,
+        lost: Vec::new(),
+    };
     if let Err(error) = walk.file() {
-        walk.lost.push(format!("it cannot be read from byte {} on ({error}); what stands before it is imported", walk.at));
+        walk.lost.push(format!(
+            "it cannot be read from byte {} on ({error}); what stands before it is imported",
+            walk.at
+        ));
     }
     if walk.unknown > 0 {
-        walk.lost.push(format!("{} messages are of topics that nothing in the file names any more", walk.unknown));
+        walk.lost.push(format!(
+            "{} messages are of topics that nothing in the file names any more",
+            walk.unknown
+        ));
     }
     walk.lost
 }
@@ -90,7 +104,10 @@ impl Walk<'_> {
                     let found = body.len() as u64;
                     (body, found)
                 }
-                false => (Vec::new(), io::copy(&mut self.file.by_ref().take(length), &mut io::sink())?),
+                false => (
+                    Vec::new(),
+                    io::copy(&mut self.file.by_ref().take(length), &mut io::sink())?,
+                ),
             };
             match opcode {
                 op::CHUNK => self.chunk(length, &body),
@@ -102,15 +119,23 @@ impl Walk<'_> {
             }
             self.at += PREFIX as u64 + length;
         }
-        self.lost.push(format!("the recording breaks off at byte {}; what stands before it is imported", self.at));
+        self.lost.push(format!(
+            "the recording breaks off at byte {}; what stands before it is imported",
+            self.at
+        ));
         Ok(())
     }
 
     /// Opcode and length of the next record; none where the file ends.
     fn prefix(&mut self) -> io::Result<Option<(u8, u64)>> {
         let prefix = self.read(PREFIX as u64)?;
-        let Some((opcode, length)) = prefix.split_first() else { return Ok(None) };
-        Ok(length.try_into().ok().map(|length| (*opcode, u64::from_le_bytes(length))))
+        let Some((opcode, length)) = prefix.split_first() else {
+            return Ok(None);
+        };
+        Ok(length
+            .try_into()
+            .ok()
+            .map(|length| (*opcode, u64::from_le_bytes(length))))
     }
 
     /// So many bytes, or fewer where the file ends.
@@ -120,15 +145,28 @@ impl Walk<'_> {
         Ok(bytes)
     }
 
-    /// Learns the topics that stand at the end of a finished file; one that is not finished has none there.
+    /// Learns the topics that stand at the end of a finished file; one that is not finished has
+    /// none there.
     fn summary(&mut self) {
-        let footer = self.file.seek(SeekFrom::End(-CLOSING)).and_then(|_| self.read(CLOSING as u64));
-        let Some((op::FOOTER, rest)) = footer.as_ref().ok().and_then(|bytes| bytes.split_first()).map(|(op, rest)| (*op, rest))
+        let footer = self
+            .file
+            .seek(SeekFrom::End(-CLOSING))
+            .and_then(|_| self.read(CLOSING as u64));
+        let Some((op::FOOTER, rest)) = footer
+            .as_ref()
+            .ok()
+            .and_then(|bytes| bytes.split_first())
+            .map(|(op, rest)| (*op, rest))
         else {
             return;
         };
-        let start = rest.get(PREFIX - 1..).and_then(|rest| rest.first_chunk()).map(|start| u64::from_le_bytes(*start));
-        let Some(start) = start.filter(|start| *start > 0 && rest.ends_with(MAGIC)) else { return };
+        let start = rest
+            .get(PREFIX - 1..)
+            .and_then(|rest| rest.first_chunk())
+            .map(|start| u64::from_le_bytes(*start));
+        let Some(start) = start.filter(|start| *start > 0 && rest.ends_with(MAGIC)) else {
+            return;
+        };
         if self.file.seek(SeekFrom::Start(start)).is_err() {
             return;
         }
@@ -140,7 +178,8 @@ impl Walk<'_> {
         }
     }
 
-    /// The records of a chunk: all of them if its checksum holds, and as far as they go where the file ends in it.
+    /// The records of a chunk: all of them if its checksum holds, and as far as they go where the
+    /// file ends in it.
     fn chunk(&mut self, length: u64, body: &[u8]) {
         let torn = (body.len() as u64) < length;
         let options = LinearReaderOptions::default()
@@ -171,12 +210,20 @@ impl Walk<'_> {
     }
 
     fn damaged(&mut self, chunk: &[u8], error: &McapError) {
-        let time = |from: usize| chunk.get(from..).and_then(|rest| rest.first_chunk()).map(|ns| seconds(u64::from_le_bytes(*ns)));
+        let time = |from: usize| {
+            chunk
+                .get(from..)
+                .and_then(|rest| rest.first_chunk())
+                .map(|ns| seconds(u64::from_le_bytes(*ns)))
+        };
         let when = match (time(0), time(8)) {
             (Some(first), Some(last)) => format!(", with the messages from {first} to {last},"),
             _ => String::new(),
         };
-        self.lost.push(format!("the chunk at byte {}{when} is damaged ({error}) and left out", self.at));
+        self.lost.push(format!(
+            "the chunk at byte {}{when} is damaged ({error}) and left out",
+            self.at
+        ));
     }
 
     fn record(&mut self, opcode: u8, body: &[u8]) {
@@ -184,7 +231,8 @@ impl Walk<'_> {
             return self.name(opcode, body);
         }
         let Ok(Record::Message { header, data }) = mcap::parse_record(opcode, body) else {
-            self.lost.push(format!("a message at byte {} has no head", self.at));
+            self.lost
+                .push(format!("a message at byte {} has no head", self.at));
             return;
         };
         let number = self.numbered;
@@ -192,7 +240,13 @@ impl Walk<'_> {
         match self.channels.get(header.channel_id) {
             Some(channel) => {
                 let (log_ns, publish_ns) = (header.log_time, header.publish_time);
-                (self.visit)(Message { number, channel: &channel, log_ns, publish_ns, data: &data });
+                (self.visit)(Message {
+                    number,
+                    channel: &channel,
+                    log_ns,
+                    publish_ns,
+                    data: &data,
+                });
             }
             None => self.unknown += 1,
         }
@@ -204,13 +258,18 @@ impl Walk<'_> {
             return;
         }
         let named = match mcap::parse_record(opcode, body) {
-            Ok(Record::Schema { header, data }) => self.channels.add_schema_from_slice(header, &data),
+            Ok(Record::Schema { header, data }) => {
+                self.channels.add_schema_from_slice(header, &data)
+            }
             Ok(Record::Channel(channel)) => self.channels.add_channel(channel),
             Ok(_) => Ok(()),
             Err(error) => Err(error),
         };
         if let Err(error) = named {
-            self.lost.push(format!("a topic at byte {} cannot be read ({error})", self.at));
+            self.lost.push(format!(
+                "a topic at byte {} cannot be read ({error})",
+                self.at
+            ));
         }
     }
 }

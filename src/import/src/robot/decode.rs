@@ -1,14 +1,19 @@
-//! Messages as JSON values: JSON itself, protobuf by the descriptors in the file, CDR by the `ros2msg` definitions in the
-//! file. Bytes become Base64, as protobuf's own JSON has them; numbers that are none become null.
+//! Messages as JSON values: JSON itself, protobuf by the descriptors in the file, CDR by the
+//! `ros2msg` definitions in the file. Bytes become Base64, as protobuf's own JSON has them; numbers
+//! that are none become null.
 
 use std::{collections::BTreeMap, panic::catch_unwind};
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
-use prost_reflect::{DescriptorPool, DynamicMessage, MapKey, MessageDescriptor, ReflectMessage as _};
+use prost_reflect::{
+    DescriptorPool, DynamicMessage, MapKey, MessageDescriptor, ReflectMessage as _,
+};
 use re_cdr::{BigEndian, CdrEndian, CdrReader, LittleEndian};
 use re_ros_msg::{
     MessageSchema,
-    message_spec::{ArraySize, BuiltInType, ComplexType, MessageSpecification, Type, message_package},
+    message_spec::{
+        ArraySize, BuiltInType, ComplexType, MessageSpecification, Type, message_package,
+    },
 };
 use serde_json::{Map, Value};
 
@@ -33,15 +38,30 @@ impl Decoders {
     ///
     /// # Errors
     /// Why it cannot be read.
-    pub(crate) fn decode(&mut self, channel: &mcap::Channel<'_>, data: &[u8]) -> Result<Value, String> {
-        let form = self.0.entry(channel.id).or_insert_with(|| Form::of(channel)).as_ref().map_err(Clone::clone)?;
+    pub(crate) fn decode(
+        &mut self,
+        channel: &mcap::Channel<'_>,
+        data: &[u8],
+    ) -> Result<Value, String> {
+        let form = self
+            .0
+            .entry(channel.id)
+            .or_insert_with(|| Form::of(channel))
+            .as_ref()
+            .map_err(Clone::clone)?;
         let value = match form {
-            Form::Json => serde_json::from_slice(data).map_err(|error| format!("no JSON: {error}"))?,
+            Form::Json => {
+                serde_json::from_slice(data).map_err(|error| format!("no JSON: {error}"))?
+            }
             Form::Protobuf(descriptor) => {
                 let message = DynamicMessage::decode(descriptor.clone(), data);
-                protobuf_message(&message.map_err(|error| format!("no {}: {error}", descriptor.full_name()))?)
+                protobuf_message(
+                    &message.map_err(|error| format!("no {}: {error}", descriptor.full_name()))?,
+                )
             }
-            Form::Cdr(schema) => cdr(schema, data).map_err(|error| format!("no {}: {error}", schema.spec.name))?,
+            Form::Cdr(schema) => {
+                cdr(schema, data).map_err(|error| format!("no {}: {error}", schema.spec.name))?
+            }
         };
         Ok(told_in_text(value))
     }
@@ -49,48 +69,84 @@ impl Decoders {
 
 impl Form {
     fn of(channel: &mcap::Channel<'_>) -> Result<Self, String> {
-        let schema = || channel.schema.as_ref().ok_or_else(|| "the topic has no schema".to_owned());
+        let schema = || {
+            channel
+                .schema
+                .as_ref()
+                .ok_or_else(|| "the topic has no schema".to_owned())
+        };
         match channel.message_encoding.as_str() {
             "json" => Ok(Form::Json),
             "protobuf" => {
                 let schema = schema()?;
                 // The library panics on some descriptors instead of refusing them.
-                let pool = catch_unwind(|| DescriptorPool::decode(schema.data.as_ref()).map_err(|error| error.to_string()));
-                let pool = pool.unwrap_or_else(|_| Err("its descriptors contradict themselves".to_owned()));
-                let pool = pool.map_err(|error| format!("the schema of {} cannot be read: {error}", schema.name))?;
+                let pool = catch_unwind(|| {
+                    DescriptorPool::decode(schema.data.as_ref()).map_err(|error| error.to_string())
+                });
+                let pool = pool
+                    .unwrap_or_else(|_| Err("its descriptors contradict themselves".to_owned()));
+                let pool = pool.map_err(|error| {
+                    format!("the schema of {} cannot be read: {error}", schema.name)
+                })?;
                 let message = pool.get_message_by_name(&schema.name);
-                message.map(Form::Protobuf).ok_or_else(|| format!("the schema does not define {}", schema.name))
+                message
+                    .map(Form::Protobuf)
+                    .ok_or_else(|| format!("the schema does not define {}", schema.name))
             }
             "cdr" => {
                 let schema = schema()?;
                 if schema.encoding != "ros2msg" {
-                    return Err(format!("a schema in {}; of CDR only ros2msg is read", schema.encoding));
+                    return Err(format!(
+                        "a schema in {}; of CDR only ros2msg is read",
+                        schema.encoding
+                    ));
                 }
-                let text = std::str::from_utf8(&schema.data).map_err(|_| "the schema is no text".to_owned())?;
+                let text = std::str::from_utf8(&schema.data)
+                    .map_err(|_| "the schema is no text".to_owned())?;
                 let parsed = MessageSchema::parse(&schema.name, text);
-                parsed.map(|schema| Form::Cdr(Box::new(schema))).map_err(|error| format!("the schema cannot be read: {error:#}"))
+                parsed
+                    .map(|schema| Form::Cdr(Box::new(schema)))
+                    .map_err(|error| format!("the schema cannot be read: {error:#}"))
             }
-            other => Err(format!("messages in the encoding {other}; json, protobuf and cdr are read")),
+            other => Err(format!(
+                "messages in the encoding {other}; json, protobuf and cdr are read"
+            )),
         }
     }
 }
 
 /// A text that is all there is (`std_msgs/String`) and holds JSON stands for what it holds.
 fn told_in_text(value: Value) -> Value {
-    let text = value.as_object().filter(|object| object.len() == 1).and_then(|object| object.get("data")?.as_str());
+    let text = value
+        .as_object()
+        .filter(|object| object.len() == 1)
+        .and_then(|object| object.get("data")?.as_str());
     text.and_then(parse_text).unwrap_or(value)
 }
 
 /// An object or a list that a text holds.
 pub(crate) fn parse_text(text: &str) -> Option<Value> {
-    text.trim_start().starts_with(['{', '[']).then(|| serde_json::from_str(text).ok()).flatten()
+    text.trim_start()
+        .starts_with(['{', '['])
+        .then(|| serde_json::from_str(text).ok())
+        .flatten()
 }
 
 fn protobuf_message(message: &DynamicMessage) -> Value {
     let descriptor = message.descriptor();
     // A field that knows no absence has its default where it is not written.
-    let told = descriptor.fields().filter(|field| message.has_field(field) || !field.supports_presence());
-    Value::Object(told.map(|field| (field.name().to_owned(), protobuf(&message.get_field(&field), &field.kind()))).collect())
+    let told = descriptor
+        .fields()
+        .filter(|field| message.has_field(field) || !field.supports_presence());
+    Value::Object(
+        told.map(|field| {
+            (
+                field.name().to_owned(),
+                protobuf(&message.get_field(&field), &field.kind()),
+            )
+        })
+        .collect(),
+    )
 }
 
 fn protobuf(value: &prost_reflect::Value, kind: &prost_reflect::Kind) -> Value {
@@ -112,9 +168,14 @@ fn protobuf(value: &prost_reflect::Value, kind: &prost_reflect::Kind) -> Value {
         P::Message(message) => protobuf_message(message),
         P::List(values) => values.iter().map(|value| protobuf(value, kind)).collect(),
         P::Map(entries) => {
-            let of = kind.as_message().filter(|entry| entry.is_map_entry()).map(|entry| entry.map_entry_value_field().kind());
-            let entries: BTreeMap<String, Value> =
-                entries.iter().map(|(key, value)| (map_key(key), protobuf(value, of.as_ref().unwrap_or(kind)))).collect();
+            let of = kind
+                .as_message()
+                .filter(|entry| entry.is_map_entry())
+                .map(|entry| entry.map_entry_value_field().kind());
+            let entries: BTreeMap<String, Value> = entries
+                .iter()
+                .map(|(key, value)| (map_key(key), protobuf(value, of.as_ref().unwrap_or(kind))))
+                .collect();
             Value::Object(entries.into_iter().collect())
         }
     }
@@ -137,11 +198,15 @@ fn single(value: f32) -> Value {
 }
 
 fn cdr(schema: &MessageSchema, data: &[u8]) -> Result<Value, String> {
-    let (head, body) = data.split_at_checked(CDR_HEAD).ok_or("fewer than four bytes")?;
+    let (head, body) = data
+        .split_at_checked(CDR_HEAD)
+        .ok_or("fewer than four bytes")?;
     match head[..2] {
         [0, 0] => Cdr::<BigEndian>::message(schema, body),
         [0, 1] => Cdr::<LittleEndian>::message(schema, body),
-        [first, second] => Err(format!("CDR of the kind {first:#04x} {second:#04x}; the plain one is read")),
+        [first, second] => Err(format!(
+            "CDR of the kind {first:#04x} {second:#04x}; the plain one is read"
+        )),
         _ => Err("no CDR".to_owned()),
     }
 }
@@ -153,7 +218,11 @@ struct Cdr<'a, Order> {
 
 impl<'a, Order: CdrEndian> Cdr<'a, Order> {
     fn message(schema: &'a MessageSchema, body: &'a [u8]) -> Result<Value, String> {
-        Self { schema, reader: CdrReader::new(body) }.fields(&schema.spec, 0)
+        Self {
+            schema,
+            reader: CdrReader::new(body),
+        }
+        .fields(&schema.spec, 0)
     }
 
     fn fields(&mut self, spec: &'a MessageSpecification, depth: usize) -> Result<Value, String> {
@@ -167,26 +236,46 @@ impl<'a, Order: CdrEndian> Cdr<'a, Order> {
         Ok(Value::Object(fields))
     }
 
-    fn value(&mut self, scope: &'a MessageSpecification, of: &'a Type, depth: usize) -> Result<Value, String> {
+    fn value(
+        &mut self,
+        scope: &'a MessageSpecification,
+        of: &'a Type,
+        depth: usize,
+    ) -> Result<Value, String> {
         match of {
             Type::BuiltIn(of) => self.scalar(of),
             Type::Array { ty, size } => {
                 let count = match size {
                     ArraySize::Fixed(count) => *count,
-                    ArraySize::Bounded(_) | ArraySize::Unbounded => self.reader.read_sequence_length().map_err(told)?,
+                    ArraySize::Bounded(_) | ArraySize::Unbounded => {
+                        self.reader.read_sequence_length().map_err(told)?
+                    }
                 };
                 // Every element has at least one byte.
                 if count > self.reader.remaining() {
-                    return Err(format!("{count} elements in {} bytes", self.reader.remaining()));
+                    return Err(format!(
+                        "{count} elements in {} bytes",
+                        self.reader.remaining()
+                    ));
                 }
-                if matches!(**ty, Type::BuiltIn(BuiltInType::UInt8 | BuiltInType::Byte | BuiltInType::Char)) {
-                    return Ok(STANDARD.encode(self.reader.read_bytes(count).map_err(told)?).into());
+                if matches!(
+                    **ty,
+                    Type::BuiltIn(BuiltInType::UInt8 | BuiltInType::Byte | BuiltInType::Char)
+                ) {
+                    return Ok(STANDARD
+                        .encode(self.reader.read_bytes(count).map_err(told)?)
+                        .into());
                 }
-                (0..count).map(|_| self.value(scope, ty, depth + 1)).collect()
+                (0..count)
+                    .map(|_| self.value(scope, ty, depth + 1))
+                    .collect()
             }
             Type::Complex(of) => {
                 let spec = self.find(scope, of)?;
-                match spec.underlying_type_if_enum_like().map_err(|error| error.to_string())? {
+                match spec
+                    .underlying_type_if_enum_like()
+                    .map_err(|error| error.to_string())?
+                {
                     Some(of) => self.scalar(of),
                     None => self.fields(spec, depth + 1),
                 }
@@ -198,7 +287,9 @@ impl<'a, Order: CdrEndian> Cdr<'a, Order> {
         let reader = &mut self.reader;
         let value = match of {
             BuiltInType::Bool => reader.read_bool().map(Value::from),
-            BuiltInType::Byte | BuiltInType::Char | BuiltInType::UInt8 => reader.read_u8().map(Value::from),
+            BuiltInType::Byte | BuiltInType::Char | BuiltInType::UInt8 => {
+                reader.read_u8().map(Value::from)
+            }
             BuiltInType::Int8 => reader.read_i8().map(Value::from),
             BuiltInType::Int16 => reader.read_i16().map(Value::from),
             BuiltInType::UInt16 => reader.read_u16().map(Value::from),
@@ -215,7 +306,11 @@ impl<'a, Order: CdrEndian> Cdr<'a, Order> {
     }
 
     /// The definition of a message in a message; without a package it is of the same one.
-    fn find(&self, scope: &MessageSpecification, of: &ComplexType) -> Result<&'a MessageSpecification, String> {
+    fn find(
+        &self,
+        scope: &MessageSpecification,
+        of: &ComplexType,
+    ) -> Result<&'a MessageSpecification, String> {
         let short = |name: &str| name.replace("/msg/", "/");
         let wanted = match of {
             ComplexType::Absolute { package, name } => short(&format!("{package}/{name}")),
@@ -225,7 +320,9 @@ impl<'a, Order: CdrEndian> Cdr<'a, Order> {
             },
         };
         let mut known = self.schema.dependencies.iter();
-        known.find(|spec| short(&spec.name) == wanted).ok_or_else(|| format!("the schema does not define {wanted}"))
+        known
+            .find(|spec| short(&spec.name) == wanted)
+            .ok_or_else(|| format!("the schema does not define {wanted}"))
     }
 }
 

@@ -1,5 +1,6 @@
-//! What a message says, as its entry in the mapping reads it: values are looked up, numbers and texts are taken in the forms
-//! that robots write them, and what is missing is named. Knows no order and no files.
+//! What a message says, as its entry in the mapping reads it: values are looked up, numbers and
+//! texts are taken in the forms that robots write them, and what is missing is named. Knows no
+//! order and no files.
 
 use reel_trace::robot::{Alignment, Odometry, PrimitiveOutcome, VlaLatency};
 use reel_world::{
@@ -78,7 +79,12 @@ pub(crate) struct Answered {
 ///
 /// # Errors
 /// What is missing.
-pub(crate) fn read(entry: &Entry, mapping: &Mapping, ns: u64, message: &Value) -> Result<What, String> {
+pub(crate) fn read(
+    entry: &Entry,
+    mapping: &Mapping,
+    ns: u64,
+    message: &Value,
+) -> Result<What, String> {
     let said = Said { entry, message };
     Ok(match entry.kind {
         Kind::Call => What::Call(call(&said, mapping)?),
@@ -90,8 +96,14 @@ pub(crate) fn read(entry: &Entry, mapping: &Mapping, ns: u64, message: &Value) -
         }),
         Kind::Primitive => What::Primitive(primitive(&said, mapping, ns)?),
         Kind::Vla => {
-            let latency_ns = said.nanoseconds("latency_s", "latency_ms").ok_or_else(|| said.missing("latency_s"))?;
-            What::Vla(VlaLatency { step: None, unix_ns: ns, latency_ns })
+            let latency_ns = said
+                .nanoseconds("latency_s", "latency_ms")
+                .ok_or_else(|| said.missing("latency_s"))?;
+            What::Vla(VlaLatency {
+                step: None,
+                unix_ns: ns,
+                latency_ns,
+            })
         }
         Kind::Odometry => What::Odometry(odometry(&said, ns)?),
         Kind::Alignment => What::Alignment(Alignment {
@@ -113,14 +125,23 @@ pub(crate) fn read(entry: &Entry, mapping: &Mapping, ns: u64, message: &Value) -
                 Some("model" | "llm") => UserSource::Model,
                 _ => UserSource::Human,
             };
-            What::Reply(UserReply { text: words(said.get("text").ok_or_else(|| said.missing("text"))?), source })
+            What::Reply(UserReply {
+                text: words(said.get("text").ok_or_else(|| said.missing("text"))?),
+                source,
+            })
         }
         Kind::Policy => {
-            let (raw, latency_ns) = (said.text("raw"), said.nanoseconds("latency_s", "latency_ms"));
+            let (raw, latency_ns) = (
+                said.text("raw"),
+                said.nanoseconds("latency_s", "latency_ms"),
+            );
             if raw.is_none() && latency_ns.is_none() {
                 return Err(said.missing("raw"));
             }
-            What::Policy(PolicyOutput { latency_ns, ..response::parse(Raw::Text(raw.unwrap_or_default())) })
+            What::Policy(PolicyOutput {
+                latency_ns,
+                ..response::parse(Raw::Text(raw.unwrap_or_default()))
+            })
         }
         Kind::Episode => episode(&said)?,
         Kind::Camera => return Err("pictures are not read here".to_owned()),
@@ -135,28 +156,47 @@ fn call(said: &Said<'_>, mapping: &Mapping) -> Result<Called, String> {
     let name = words(said.get("tool").ok_or_else(|| said.missing("tool"))?);
     let arguments = match said.get("arguments") {
         Some(Value::String(text)) if text.is_empty() => json!({}),
-        Some(Value::String(text)) => parse_text(text).ok_or_else(|| format!("arguments that are no JSON: {text}"))?,
+        Some(Value::String(text)) => {
+            parse_text(text).ok_or_else(|| format!("arguments that are no JSON: {text}"))?
+        }
         Some(arguments) => arguments.clone(),
         None => json!({}),
     };
     let call = ToolCall::new(name, arguments);
     let id = said.text("id");
     Ok(match mapping.tools.call(&call) {
-        Some(ours) => Called { call: ours, raw: Some(json!({"name": call.name, "arguments": call.arguments}).to_string()), id },
-        None => Called { call, raw: None, id },
+        Some(ours) => Called {
+            call: ours,
+            raw: Some(json!({"name": call.name, "arguments": call.arguments}).to_string()),
+            id,
+        },
+        None => Called {
+            call,
+            raw: None,
+            id,
+        },
     })
 }
 
 fn primitive(said: &Said<'_>, mapping: &Mapping, ns: u64) -> Result<PrimitiveOutcome, String> {
     let skill = words(said.get("skill").ok_or_else(|| said.missing("skill"))?);
     let error = said.error();
-    let success = said.get("success").and_then(truth).or(error.as_ref().map(|_| false));
-    let control_steps = said.number("control_steps").filter(|steps| (1.0..=f64::from(u32::MAX)).contains(steps));
+    let success = said
+        .get("success")
+        .and_then(truth)
+        .or(error.as_ref().map(|_| false));
+    let control_steps = said
+        .number("control_steps")
+        .filter(|steps| (1.0..=f64::from(u32::MAX)).contains(steps));
     let known = || ToolSpec::by_name(&skill).map(|spec| spec.paper_name);
     Ok(PrimitiveOutcome {
         step: None,
         unix_ns: ns,
-        skill: mapping.tools.name(&skill).or_else(known).map_or_else(|| skill.clone(), str::to_owned),
+        skill: mapping
+            .tools
+            .name(&skill)
+            .or_else(known)
+            .map_or_else(|| skill.clone(), str::to_owned),
         target: said.text("target").unwrap_or_default(),
         success: success.ok_or_else(|| said.missing("success"))?,
         duration_ns: said.nanoseconds("duration_s", "duration_ms"),
@@ -171,19 +211,38 @@ fn odometry(said: &Said<'_>, ns: u64) -> Result<Odometry, String> {
         value.and_then(number)
     };
     let place = |value: &Value| Some([axis(value, "x", 0)?, axis(value, "y", 1)?]);
-    let [x, y] = said.all("position").find_map(place).ok_or_else(|| said.missing("position"))?;
+    let [x, y] = said
+        .all("position")
+        .find_map(place)
+        .ok_or_else(|| said.missing("position"))?;
     let turned = |value: &Value| {
-        let [x, y, z, w] = [axis(value, "x", 0)?, axis(value, "y", 1)?, axis(value, "z", 2)?, axis(value, "w", 3)?];
+        let [x, y, z, w] = [
+            axis(value, "x", 0)?,
+            axis(value, "y", 1)?,
+            axis(value, "z", 2)?,
+            axis(value, "w", 3)?,
+        ];
         Some((2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z)))
     };
-    let yaw = said.all("orientation").find_map(turned).or_else(|| said.number("yaw"));
-    Ok(Odometry { step: None, unix_ns: ns, x, y, yaw: yaw.unwrap_or_default() })
+    let yaw = said
+        .all("orientation")
+        .find_map(turned)
+        .or_else(|| said.number("yaw"));
+    Ok(Odometry {
+        step: None,
+        unix_ns: ns,
+        x,
+        y,
+        yaw: yaw.unwrap_or_default(),
+    })
 }
 
 fn episode(said: &Said<'_>) -> Result<What, String> {
     let text = |key: &str| said.text(key);
-    let shortest =
-        said.number("shortest_path_m").map(|length| length as f32).filter(|length| length.is_finite() && *length > 0.0);
+    let shortest = said
+        .number("shortest_path_m")
+        .map(|length| length as f32)
+        .filter(|length| length.is_finite() && *length > 0.0);
     let mut told = Told {
         meta: said.message.as_object().cloned().unwrap_or_default(),
         policy: text("policy"),
@@ -191,8 +250,12 @@ fn episode(said: &Said<'_>) -> Result<What, String> {
         success: said.get("success").and_then(truth),
         shortest_path_m: shortest,
     };
-    let named =
-        [("task_id", "benchmark_task_id"), ("instruction", "task_description"), ("family", "family"), ("scene_id", "scene_id")];
+    let named = [
+        ("task_id", "benchmark_task_id"),
+        ("instruction", "task_description"),
+        ("family", "family"),
+        ("scene_id", "scene_id"),
+    ];
     let named = named.map(|(key, name)| (name, text(key)));
     let about_task = named.iter().any(|(_, text)| text.is_some());
     let ends = match text("event").map(|event| event.to_lowercase()).as_deref() {
@@ -201,14 +264,30 @@ fn episode(said: &Said<'_>) -> Result<What, String> {
         Some(other) => return Err(format!("the event '{other}'; there are: start, end")),
         None => !about_task && (told.success.is_some() || told.reason.is_some()),
     };
-    for key in ["event", "task_id", "instruction", "policy", "reason", "success", "shortest_path_m"] {
+    for key in [
+        "event",
+        "task_id",
+        "instruction",
+        "policy",
+        "reason",
+        "success",
+        "shortest_path_m",
+    ] {
         for pointer in said.entry.places(key) {
             told.meta.shift_remove(pointer.trim_start_matches('/'));
         }
     }
     told.meta.shift_remove("header");
-    told.meta.extend(named.into_iter().filter_map(|(name, text)| Some((name.to_owned(), Value::from(text?)))));
-    Ok(if ends { What::End(Box::new(told)) } else { What::Begin(Box::new(told)) })
+    told.meta.extend(
+        named
+            .into_iter()
+            .filter_map(|(name, text)| Some((name.to_owned(), Value::from(text?)))),
+    );
+    Ok(if ends {
+        What::End(Box::new(told))
+    } else {
+        What::Begin(Box::new(told))
+    })
 }
 
 /// A message under an entry.
@@ -221,7 +300,11 @@ impl<'a> Said<'a> {
     /// Every value that is where the one of a key may be.
     fn all(&self, key: &str) -> impl Iterator<Item = &'a Value> {
         let message = self.message;
-        self.entry.places(key).into_iter().map(str::to_owned).filter_map(move |place| message.pointer(&place))
+        self.entry
+            .places(key)
+            .into_iter()
+            .map(str::to_owned)
+            .filter_map(move |place| message.pointer(&place))
     }
 
     fn get(&self, key: &str) -> Option<&'a Value> {
@@ -236,9 +319,13 @@ impl<'a> Said<'a> {
         self.get(key).and_then(number)
     }
 
-    /// A duration, under a key in seconds or another in milliseconds. Zero says nothing: many messages cannot leave a field out.
+    /// A duration, under a key in seconds or another in milliseconds. Zero says nothing: many
+    /// messages cannot leave a field out.
     fn nanoseconds(&self, seconds: &str, milliseconds: &str) -> Option<u64> {
-        let told = self.get(seconds).and_then(duration).or_else(|| self.number(milliseconds).map(|told| told / 1e3))?;
+        let told = self
+            .get(seconds)
+            .and_then(duration)
+            .or_else(|| self.number(milliseconds).map(|told| told / 1e3))?;
         (told > 0.0 && told <= SECONDS_MAX).then(|| (told * 1e9).round() as u64)
     }
 
@@ -254,29 +341,54 @@ impl<'a> Said<'a> {
     /// An object, perhaps in a text.
     fn object(&self, key: &str) -> Result<Value, String> {
         let value = self.get(key).ok_or_else(|| self.missing(key))?;
-        let value = value.as_str().and_then(parse_text).unwrap_or_else(|| value.clone());
-        if value.is_object() { Ok(value) } else { Err(format!("{key} is no object")) }
+        let value = value
+            .as_str()
+            .and_then(parse_text)
+            .unwrap_or_else(|| value.clone());
+        if value.is_object() {
+            Ok(value)
+        } else {
+            Err(format!("{key} is no object"))
+        }
     }
 
     /// A name, or null for nothing.
     fn name(&self, key: &str) -> Result<Value, String> {
         let value = self.all(key).next().ok_or_else(|| self.missing(key))?;
-        if value.is_string() || value.is_null() { Ok(value.clone()) } else { Err(format!("{key} is no name")) }
+        if value.is_string() || value.is_null() {
+            Ok(value.clone())
+        } else {
+            Err(format!("{key} is no name"))
+        }
     }
 
     fn missing(&self, key: &str) -> String {
-        let places: Vec<String> = self.entry.places(key).iter().map(|place| format!("'{place}'")).collect();
-        format!("a {} without {key} (looked for at {})", self.entry.word, places.join(", "))
+        let places: Vec<String> = self
+            .entry
+            .places(key)
+            .iter()
+            .map(|place| format!("'{place}'"))
+            .collect();
+        format!(
+            "a {} without {key} (looked for at {})",
+            self.entry.word,
+            places.join(", ")
+        )
     }
 }
 
 /// A text as it is, anything else as JSON.
 fn words(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_owned)
 }
 
 fn number(value: &Value) -> Option<f64> {
-    value.as_f64().or_else(|| value.as_str()?.trim().parse().ok()).filter(|number: &f64| number.is_finite())
+    value
+        .as_f64()
+        .or_else(|| value.as_str()?.trim().parse().ok())
+        .filter(|number: &f64| number.is_finite())
 }
 
 fn truth(value: &Value) -> Option<bool> {
@@ -295,6 +407,10 @@ fn truth(value: &Value) -> Option<bool> {
 /// Seconds, as a number or as ROS and protobuf write durations.
 fn duration(value: &Value) -> Option<f64> {
     let part = |names: &[&str]| names.iter().find_map(|name| number(value.get(name)?));
-    number(value)
-        .or_else(|| Some(part(&["sec", "secs", "seconds"])? + part(&["nanosec", "nsec", "nsecs", "nanos"]).unwrap_or(0.0) / 1e9))
+    number(value).or_else(|| {
+        Some(
+            part(&["sec", "secs", "seconds"])?
+                + part(&["nanosec", "nsec", "nsecs", "nanos"]).unwrap_or(0.0) / 1e9,
+        )
+    })
 }

@@ -1,5 +1,5 @@
-//! Mapping files of recordings: what each topic is, and where its messages say it. Never opens a file: texts come.
-//! `docs/robots.md` explains the format.
+//! Mapping files of recordings: what each topic is, and where its messages say it. Never opens a
+//! file: texts come. `docs/robots.md` explains the format.
 
 use std::{borrow::Cow, collections::BTreeMap};
 
@@ -29,7 +29,8 @@ pub(crate) enum Kind {
     Episode,
 }
 
-/// A key, and where its value is looked for when the file does not say it; the first that is there counts.
+/// A key, and where its value is looked for when the file does not say it; the first that is there
+/// counts.
 type Key = (&'static str, &'static [&'static str]);
 
 /// The word of each kind, and its keys.
@@ -37,7 +38,11 @@ const KINDS: &[(&str, Kind, &[Key])] = &[
     (
         "call",
         Kind::Call,
-        &[("tool", &["/tool", "/tool_name", "/name"]), ("arguments", &["/arguments", "/args"]), ("id", &["/id", "/call_id"])],
+        &[
+            ("tool", &["/tool", "/tool_name", "/name"]),
+            ("arguments", &["/arguments", "/args"]),
+            ("id", &["/id", "/call_id"]),
+        ],
     ),
     (
         "result",
@@ -62,13 +67,30 @@ const KINDS: &[(&str, Kind, &[Key])] = &[
             ("error", &["/error"]),
         ],
     ),
-    ("vla", Kind::Vla, &[("latency_s", &["/latency_s", "/latency", "/data"]), ("latency_ms", &["/latency_ms"])]),
+    (
+        "vla",
+        Kind::Vla,
+        &[
+            ("latency_s", &["/latency_s", "/latency", "/data"]),
+            ("latency_ms", &["/latency_ms"]),
+        ],
+    ),
     (
         "odometry",
         Kind::Odometry,
         &[
-            ("position", &["/pose/pose/position", "/pose/position", "/position", ""]),
-            ("orientation", &["/pose/pose/orientation", "/pose/orientation", "/orientation"]),
+            (
+                "position",
+                &["/pose/pose/position", "/pose/position", "/position", ""],
+            ),
+            (
+                "orientation",
+                &[
+                    "/pose/pose/orientation",
+                    "/pose/orientation",
+                    "/orientation",
+                ],
+            ),
             ("yaw", &["/yaw", "/theta"]),
         ],
     ),
@@ -84,11 +106,30 @@ const KINDS: &[(&str, Kind, &[Key])] = &[
         ],
     ),
     ("camera", Kind::Camera, &[("data", &["/data"])]),
-    ("graph", Kind::Graph, &[("graph", &["/world_graph", "/graph", ""])]),
+    (
+        "graph",
+        Kind::Graph,
+        &[("graph", &["/world_graph", "/graph", ""])],
+    ),
     ("held", Kind::Held, &[("held", &["/held", "/data", ""])]),
-    ("landmark", Kind::Landmark, &[("landmark", &["/landmark", "/data", ""])]),
-    ("markers", Kind::Markers, &[("markers", &["/markers", "/marker_map", ""])]),
-    ("reply", Kind::Reply, &[("text", &["/text", "/reply", "/data", ""]), ("source", &["/source"])]),
+    (
+        "landmark",
+        Kind::Landmark,
+        &[("landmark", &["/landmark", "/data", ""])],
+    ),
+    (
+        "markers",
+        Kind::Markers,
+        &[("markers", &["/markers", "/marker_map", ""])],
+    ),
+    (
+        "reply",
+        Kind::Reply,
+        &[
+            ("text", &["/text", "/reply", "/data", ""]),
+            ("source", &["/source"]),
+        ],
+    ),
     (
         "policy",
         Kind::Policy,
@@ -155,8 +196,16 @@ impl Entry {
         match self.pointers.get(key) {
             Some(pointer) => vec![pointer.as_str()],
             None => {
-                let places = keys(self.kind).iter().find(|(name, _)| *name == key).map(|(_, places)| *places);
-                places.into_iter().flatten().copied().filter(|place| self.alone || !place.is_empty()).collect()
+                let places = keys(self.kind)
+                    .iter()
+                    .find(|(name, _)| *name == key)
+                    .map(|(_, places)| *places);
+                places
+                    .into_iter()
+                    .flatten()
+                    .copied()
+                    .filter(|place| self.alone || !place.is_empty())
+                    .collect()
             }
         }
     }
@@ -173,21 +222,29 @@ impl Mapping {
         for (key, value) in &table {
             match key.get_ref().as_ref() {
                 "clock" => mapping.clock = clock(&file, value)?,
-                "policy" => mapping.policy = Some(file.text_of(value, "the name of the policy, in quotes")?),
+                "policy" => {
+                    mapping.policy = Some(file.text_of(value, "the name of the policy, in quotes")?)
+                }
                 "tools" => mapping.tools = Tools::parse(&file, value)?,
                 "topics" => {
                     for (topic, value) in file.table(value, "topics")? {
-                        mapping.topics.insert(topic.get_ref().to_string(), entries(&file, topic.get_ref(), value)?);
+                        mapping.topics.insert(
+                            topic.get_ref().to_string(),
+                            entries(&file, topic.get_ref(), value)?,
+                        );
                     }
                 }
                 other => {
-                    let what = format!("unknown key '{other}'; there are: clock, policy, tools, topics");
+                    let what =
+                        format!("unknown key '{other}'; there are: clock, policy, tools, topics");
                     return Err(file.error(Some(key.span()), what));
                 }
             }
         }
         if mapping.topics.is_empty() {
-            let what = "no topic is named; say what one is, e.g. [topics.\"/odom\"] and is = \"odometry\"".to_owned();
+            let what =
+                "no topic is named; say what one is, e.g. [topics.\"/odom\"] and is = \"odometry\""
+                    .to_owned();
             return Err(file.error(None, what));
         }
         Ok(mapping)
@@ -195,26 +252,46 @@ impl Mapping {
 
     /// Whether any topic says such a thing.
     pub(crate) fn has(&self, kind: Kind) -> bool {
-        self.topics.values().flatten().any(|entry| entry.kind == kind)
+        self.topics
+            .values()
+            .flatten()
+            .any(|entry| entry.kind == kind)
     }
 }
 
 fn keys(kind: Kind) -> &'static [Key] {
-    KINDS.iter().find(|(_, found, _)| *found == kind).map(|(_, _, keys)| *keys).expect("every kind has keys")
+    KINDS
+        .iter()
+        .find(|(_, found, _)| *found == kind)
+        .map(|(_, _, keys)| *keys)
+        .expect("every kind has keys")
 }
 
 fn clock(file: &MappingFile<'_>, value: &Spanned<DeValue<'_>>) -> Result<Clock, MappingError> {
-    match file.text_of(value, "\"log_time\" or \"publish_time\"")?.as_str() {
+    match file
+        .text_of(value, "\"log_time\" or \"publish_time\"")?
+        .as_str()
+    {
         "log_time" => Ok(Clock::Log),
         "publish_time" => Ok(Clock::Publish),
-        other => Err(file.error(Some(value.span()), format!("'{other}' is no clock; there are: log_time, publish_time"))),
+        other => Err(file.error(
+            Some(value.span()),
+            format!("'{other}' is no clock; there are: log_time, publish_time"),
+        )),
     }
 }
 
 /// What a topic says: a table, or several in a list.
-fn entries(file: &MappingFile<'_>, topic: &str, value: &Spanned<DeValue<'_>>) -> Result<Vec<Entry>, MappingError> {
+fn entries(
+    file: &MappingFile<'_>,
+    topic: &str,
+    value: &Spanned<DeValue<'_>>,
+) -> Result<Vec<Entry>, MappingError> {
     let mut entries = match value.get_ref().as_array() {
-        Some(list) => list.iter().map(|value| entry(file, topic, value)).collect::<Result<Vec<_>, _>>()?,
+        Some(list) => list
+            .iter()
+            .map(|value| entry(file, topic, value))
+            .collect::<Result<Vec<_>, _>>()?,
         None => vec![entry(file, topic, value)?],
     };
     let alone = entries.len() == 1;
@@ -223,30 +300,69 @@ fn entries(file: &MappingFile<'_>, topic: &str, value: &Spanned<DeValue<'_>>) ->
     Ok(entries)
 }
 
-fn entry(file: &MappingFile<'_>, topic: &str, value: &Spanned<DeValue<'_>>) -> Result<Entry, MappingError> {
+fn entry(
+    file: &MappingFile<'_>,
+    topic: &str,
+    value: &Spanned<DeValue<'_>>,
+) -> Result<Entry, MappingError> {
     let table = file.table(value, topic)?;
     let is = table.iter().find(|(key, _)| key.get_ref() == "is");
-    let words = || KINDS.iter().map(|(word, ..)| *word).collect::<Vec<_>>().join(", ");
+    let words = || {
+        KINDS
+            .iter()
+            .map(|(word, ..)| *word)
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
     let Some((_, is)) = is else {
-        return Err(file.error(Some(value.span()), format!("[topics.\"{topic}\"] needs 'is': one of {}", words())));
+        return Err(file.error(
+            Some(value.span()),
+            format!("[topics.\"{topic}\"] needs 'is': one of {}", words()),
+        ));
     };
     let word = file.text_of(is, "what the topic is, in quotes")?;
     let Some((word, kind, keys)) = KINDS.iter().find(|(known, ..)| *known == word) else {
-        return Err(file.error(Some(is.span()), format!("'{word}' is nothing that a topic can be; there are: {}", words())));
+        return Err(file.error(
+            Some(is.span()),
+            format!(
+                "'{word}' is nothing that a topic can be; there are: {}",
+                words()
+            ),
+        ));
     };
-    let mut entry = Entry { kind: *kind, word, name: None, pointers: BTreeMap::new(), alone: true };
+    let mut entry = Entry {
+        kind: *kind,
+        word,
+        name: None,
+        pointers: BTreeMap::new(),
+        alone: true,
+    };
     for (key, value) in table {
         let name: &Cow<'_, str> = key.get_ref();
         match keys.iter().find(|(known, _)| known == name) {
             Some((known, _)) => drop(entry.pointers.insert(known, file.pointer_of(value)?)),
             None if name == "is" => {}
             None if name == "name" && *kind == Kind::Camera => {
-                entry.name = Some(file.text_of(value, "the name of the camera, in quotes; head is the one that is kept")?);
+                entry.name = Some(file.text_of(
+                    value,
+                    "the name of the camera, in quotes; head is the one that is kept",
+                )?);
             }
             None => {
-                let more = if *kind == Kind::Camera { &["is", "name"][..] } else { &["is"] };
-                let known: Vec<&str> = more.iter().copied().chain(keys.iter().map(|(key, _)| *key)).collect();
-                let what = format!("unknown key '{name}' in [topics.\"{topic}\"]; {word} has: {}", known.join(", "));
+                let more = if *kind == Kind::Camera {
+                    &["is", "name"][..]
+                } else {
+                    &["is"]
+                };
+                let known: Vec<&str> = more
+                    .iter()
+                    .copied()
+                    .chain(keys.iter().map(|(key, _)| *key))
+                    .collect();
+                let what = format!(
+                    "unknown key '{name}' in [topics.\"{topic}\"]; {word} has: {}",
+                    known.join(", ")
+                );
                 return Err(file.error(Some(key.span()), what));
             }
         }
@@ -277,27 +393,49 @@ graph = "/world"
 "#;
         let mapping = Mapping::parse(text).unwrap();
         assert_eq!(
-            (mapping.clock, mapping.policy.as_deref(), mapping.tools.name("grasp")),
+            (
+                mapping.clock,
+                mapping.policy.as_deref(),
+                mapping.tools.name("grasp")
+            ),
             (Clock::Publish, Some("qwen-vl"), Some("pick"))
         );
         let result = &mapping.topics["/result"];
         // What a message says of the world stands before what it says of the call.
-        assert_eq!((result[0].kind, result[1].kind), (Kind::Graph, Kind::Result));
-        assert_eq!((result[1].places("text"), result[1].places("id")), (vec!["/said"], vec!["/id", "/call_id"]));
+        assert_eq!(
+            (result[0].kind, result[1].kind),
+            (Kind::Graph, Kind::Result)
+        );
+        assert_eq!(
+            (result[1].places("text"), result[1].places("id")),
+            (vec!["/said"], vec!["/id", "/call_id"])
+        );
         assert_eq!(mapping.topics["/cam"][0].name.as_deref(), Some("wrist"));
         assert_eq!(mapping.topics["/odom"][0].places("yaw"), ["/yaw", "/theta"]);
         // A message is a value as a whole only where it is nothing else.
         let graphs =
             Mapping::parse("[topics]\n\"/a\" = { is = \"graph\" }\n\"/b\" = [{ is = \"graph\" }, { is = \"held\" }]\n").unwrap();
-        assert_eq!(graphs.topics["/a"][0].places("graph"), ["/world_graph", "/graph", ""]);
-        assert_eq!(graphs.topics["/b"][0].places("graph"), ["/world_graph", "/graph"]);
+        assert_eq!(
+            graphs.topics["/a"][0].places("graph"),
+            ["/world_graph", "/graph", ""]
+        );
+        assert_eq!(
+            graphs.topics["/b"][0].places("graph"),
+            ["/world_graph", "/graph"]
+        );
     }
 
     #[test]
     fn mistakes_have_lines() {
         let error = |text: &str| Mapping::parse(text).unwrap_err().to_string();
-        assert!(error("[topics.\"/a\"]\nis = \"fly\"\n").starts_with("line 2, column 6: 'fly' is nothing that a topic can be"));
-        assert!(error("[topics.\"/a\"]\nis = \"odometry\"\nx = \"/x\"\n").starts_with("line 3, column 1: unknown key 'x'"));
+        assert!(
+            error("[topics.\"/a\"]\nis = \"fly\"\n")
+                .starts_with("line 2, column 6: 'fly' is nothing that a topic can be")
+        );
+        assert!(
+            error("[topics.\"/a\"]\nis = \"odometry\"\nx = \"/x\"\n")
+                .starts_with("line 3, column 1: unknown key 'x'")
+        );
         assert!(
             error("[topics.\"/a\"]\nis = \"odometry\"\nyaw = \"yaw\"\n")
                 .starts_with("line 3, column 7: 'yaw' is no JSON pointer")
@@ -310,6 +448,9 @@ graph = "/world"
         assert!(error("\n[topic]\n").starts_with("line 2, column 2: unknown key 'topic'"));
         assert!(error("policy = \"x\"\n").starts_with("line 2, column 1: no topic is named"));
         assert!(error("[topics\n").starts_with("line 1"));
-        assert!(error("[topics.\"/a\"]\nis = \"odometry\"\nname = \"x\"\n").contains("unknown key 'name'"));
+        assert!(
+            error("[topics.\"/a\"]\nis = \"odometry\"\nname = \"x\"\n")
+                .contains("unknown key 'name'")
+        );
     }
 }

@@ -1,7 +1,9 @@
-//! Recordings of robots (MCAP files, folders of rosbag2) as traces, by a mapping of their topics. Reads what can be read: a
-//! torn file, a damaged chunk or a message that says nothing is a loss that is named, and the rest is imported.
+//! Recordings of robots (MCAP files, folders of rosbag2) as traces, by a mapping of their topics.
+//! Reads what can be read: a torn file, a damaged chunk or a message that says nothing is a loss
+//! that is named, and the rest is imported.
 //!
-//! A recording is read twice: what was said first, and then the pictures that are wanted, so that memory holds no film.
+//! A recording is read twice: what was said first, and then the pictures that are wanted, so that
+//! memory holds no film.
 
 mod assemble;
 mod bag;
@@ -53,53 +55,102 @@ pub fn recordings(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
     source::recordings(root)
 }
 
-/// Writes the episodes of a recording as traces into the folder `out`, which exists. Equal recordings give equal bytes under
-/// equal names, wherever they lie.
+/// Writes the episodes of a recording as traces into the folder `out`, which exists. Equal
+/// recordings give equal bytes under equal names, wherever they lie.
 ///
 /// # Errors
 /// When no episode is in it, or a trace cannot be written.
-pub fn import(recording: &Path, mapping: &Mapping, out: &Path, options: &Options<'_>) -> Result<Recording, ImportError> {
+pub fn import(
+    recording: &Path,
+    mapping: &Mapping,
+    out: &Path,
+    options: &Options<'_>,
+) -> Result<Recording, ImportError> {
     let files = source::files(recording)?;
-    let mut reading = Reading { mapping, paths: files.paths, garbled: BTreeMap::new(), topics: BTreeSet::new() };
+    let mut reading = Reading {
+        mapping,
+        paths: files.paths,
+        garbled: BTreeMap::new(),
+        topics: BTreeSet::new(),
+    };
     let (events, mut losses) = reading.events();
     losses.splice(0..0, files.losses);
     let mut notes = files.notes;
     reading.note_topics(&mut notes);
     let mut played = assemble::episodes(events, mapping);
     if played.is_empty() {
-        let read: Vec<String> = losses.into_iter().chain(reading.garbled()).map(|loss| loss.to_string()).collect();
+        let read: Vec<String> = losses
+            .into_iter()
+            .chain(reading.garbled())
+            .map(|loss| loss.to_string())
+            .collect();
         let what = match (read.is_empty(), reading.topics.is_empty()) {
             (false, _) => read.join("; "),
             (true, true) => "it holds no message".to_owned(),
             (true, false) => {
                 let topics: Vec<&str> = reading.topics.iter().map(String::as_str).collect();
-                format!("nothing of what the mapping names is a call or a primitive; its topics are {}", topics.join(", "))
+                format!(
+                    "nothing of what the mapping names is a call or a primitive; its topics are {}",
+                    topics.join(", ")
+                )
             }
         };
-        return Err(ImportError::Empty { path: recording.to_owned(), what });
+        return Err(ImportError::Empty {
+            path: recording.to_owned(),
+            what,
+        });
     }
     for (ns, what) in played.iter_mut().flat_map(|playing| playing.lost()) {
-        losses.push(Loss { file: recording.to_owned(), what: format!("{what}, at {}", seconds(ns)) });
+        losses.push(Loss {
+            file: recording.to_owned(),
+            what: format!("{what}, at {}", seconds(ns)),
+        });
     }
-    let wanted: BTreeSet<Place> = played.iter().flat_map(|playing| playing.pictures()).collect();
+    let wanted: BTreeSet<Place> = played
+        .iter()
+        .flat_map(|playing| playing.pictures())
+        .collect();
     let pictures = reading.pictures(&wanted);
     losses.extend(reading.garbled());
 
     let mut episodes = Vec::new();
     for playing in played {
-        let recorded = playing.finish(mapping, options, recording, &|place| Some(pictures.get(&place)?.digests));
+        let recorded = playing.finish(mapping, options, recording, &|place| {
+            Some(pictures.get(&place)?.digests)
+        });
         episodes.push(write(recorded, recording, out, &pictures)?);
     }
-    Ok(Recording { source: recording.to_owned(), episodes, losses, notes })
+    Ok(Recording {
+        source: recording.to_owned(),
+        episodes,
+        losses,
+        notes,
+    })
 }
 
 /// Writes an episode.
-fn write(recorded: Recorded, source: &Path, out: &Path, pictures: &Pictures) -> Result<Imported, ImportError> {
+fn write(
+    recorded: Recorded,
+    source: &Path,
+    out: &Path,
+    pictures: &Pictures,
+) -> Result<Imported, ImportError> {
     let trace = out.join(format!("{}.mcap", episode::file_stem(&recorded.header)));
-    let mut recorder = Recorder::create(&trace, &recorded.header, &recorded.task, &recorded.scene, Images::Full)?;
+    let mut recorder = Recorder::create(
+        &trace,
+        &recorded.header,
+        &recorded.task,
+        &recorded.scene,
+        Images::Full,
+    )?;
     let mut shown = 0;
-    let mut show = |recorder: &mut Recorder, step: Option<u32>, place: Option<Place>| -> Result<Option<Frame>, ImportError> {
-        let Some(Picture { image, .. }) = place.and_then(|place| pictures.get(&place)) else { return Ok(None) };
+    let mut show = |recorder: &mut Recorder,
+                    step: Option<u32>,
+                    place: Option<Place>|
+     -> Result<Option<Frame>, ImportError> {
+        let Some(Picture { image, .. }) = place.and_then(|place| pictures.get(&place)) else {
+            return Ok(None);
+        };
         let (frame, whole) = picture::frame(image).expect("it was read before");
         if !whole {
             recorder.original(step, image)?;
@@ -147,7 +198,10 @@ impl Picture {
     fn of_message(message: &Value, pointer: &str) -> Result<Self, String> {
         let image = picture::of_message(message, pointer)?;
         let (frame, _) = picture::frame(&image)?;
-        Ok(Self { image, digests: frame.digests() })
+        Ok(Self {
+            image,
+            digests: frame.digests(),
+        })
     }
 }
 
@@ -172,31 +226,51 @@ impl Reading<'_> {
                 if !self.topics.contains(topic) {
                     self.topics.insert(topic.clone());
                 }
-                let Some(entries) = self.mapping.topics.get(topic) else { return };
+                let Some(entries) = self.mapping.topics.get(topic) else {
+                    return;
+                };
                 let ns = self.ns(&message);
-                let (pictures, others): (Vec<_>, Vec<_>) = entries.iter().partition(|entry| entry.kind == Kind::Camera);
-                if pictures.iter().any(|entry| entry.name.as_deref().unwrap_or(HEAD) == HEAD) {
-                    events.push(Event { ns, what: What::Picture([file, message.number]) });
+                let (pictures, others): (Vec<_>, Vec<_>) =
+                    entries.iter().partition(|entry| entry.kind == Kind::Camera);
+                if pictures
+                    .iter()
+                    .any(|entry| entry.name.as_deref().unwrap_or(HEAD) == HEAD)
+                {
+                    events.push(Event {
+                        ns,
+                        what: What::Picture([file, message.number]),
+                    });
                 }
                 if others.is_empty() {
                     return;
                 }
-                let read = decoders.decode(message.channel, message.data).and_then(|value| {
-                    // What one of several things finds nothing of is not said in this message.
-                    let all = others.iter().map(|entry| event::read(entry, self.mapping, ns, &value));
-                    let (said, unsaid): (Vec<_>, Vec<_>) = all.partition(Result::is_ok);
-                    let said: Vec<What> = said.into_iter().flatten().collect();
-                    match unsaid.into_iter().find_map(Result::err).filter(|_| said.is_empty()) {
-                        Some(why) => Err(why),
-                        None => Ok(said),
-                    }
-                });
+                let read = decoders
+                    .decode(message.channel, message.data)
+                    .and_then(|value| {
+                        // What one of several things finds nothing of is not said in this message.
+                        let all = others
+                            .iter()
+                            .map(|entry| event::read(entry, self.mapping, ns, &value));
+                        let (said, unsaid): (Vec<_>, Vec<_>) = all.partition(Result::is_ok);
+                        let said: Vec<What> = said.into_iter().flatten().collect();
+                        match unsaid
+                            .into_iter()
+                            .find_map(Result::err)
+                            .filter(|_| said.is_empty())
+                        {
+                            Some(why) => Err(why),
+                            None => Ok(said),
+                        }
+                    });
                 match read {
                     Ok(said) => events.extend(said.into_iter().map(|what| Event { ns, what })),
                     Err(why) => self.garble(&path, topic, ns, why),
                 }
             });
-            losses.extend(lost.into_iter().map(|what| Loss { file: path.clone(), what }));
+            losses.extend(lost.into_iter().map(|what| Loss {
+                file: path.clone(),
+                what,
+            }));
         }
         events.sort_by_key(|event| event.ns);
         (events, losses)
@@ -214,10 +288,16 @@ impl Reading<'_> {
                 let place = [file, message.number];
                 let topic = &message.channel.topic;
                 let entry =
-                    self.mapping.topics.get(topic).and_then(|entries| entries.iter().find(|entry| entry.kind == Kind::Camera));
-                let Some(entry) = entry.filter(|_| wanted.contains(&place)) else { return };
+                    self.mapping.topics.get(topic).and_then(|entries| {
+                        entries.iter().find(|entry| entry.kind == Kind::Camera)
+                    });
+                let Some(entry) = entry.filter(|_| wanted.contains(&place)) else {
+                    return;
+                };
                 let pointer = entry.places("data")[0];
-                let read = decoders.decode(message.channel, message.data).and_then(|value| Picture::of_message(&value, pointer));
+                let read = decoders
+                    .decode(message.channel, message.data)
+                    .and_then(|value| Picture::of_message(&value, pointer));
                 match read {
                     Ok(image) => drop(pictures.insert(place, image)),
                     Err(why) => self.garble(&path, topic, self.ns(&message), why),
@@ -235,12 +315,18 @@ impl Reading<'_> {
     }
 
     fn garble(&mut self, path: &Path, topic: &str, ns: u64, why: String) {
-        let (count, ..) = self.garbled.entry((path.to_owned(), topic.to_owned())).or_insert((0, ns, why));
+        let (count, ..) = self
+            .garbled
+            .entry((path.to_owned(), topic.to_owned()))
+            .or_insert((0, ns, why));
         *count += 1;
     }
 
     fn garbled(&self) -> Vec<Loss> {
-        let loss = |((file, topic), (count, ns, why)): (&(PathBuf, String), &(u64, u64, String))| Loss {
+        let loss = |((file, topic), (count, ns, why)): (
+            &(PathBuf, String),
+            &(u64, u64, String),
+        )| Loss {
             file: file.clone(),
             what: format!(
                 "{count} of the messages on {topic} cannot be read and are left out, the first at {} ({why})",
@@ -255,7 +341,11 @@ impl Reading<'_> {
         for (topic, entries) in &self.mapping.topics {
             if !self.topics.contains(topic) {
                 notes.push(format!("there is no message on {topic}"));
-            } else if let Some(camera) = entries.iter().find_map(|entry| entry.name.as_deref()).filter(|name| *name != HEAD) {
+            } else if let Some(camera) = entries
+                .iter()
+                .find_map(|entry| entry.name.as_deref())
+                .filter(|name| *name != HEAD)
+            {
                 notes.push(format!("the pictures of the camera {camera} on {topic} are not kept; those of {HEAD} are"));
             }
         }

@@ -1,5 +1,5 @@
-//! Pictures of a robot's camera: files as they came, and their pixels at the size that a trace holds. A picture of another
-//! shape stands in the middle between black bars, as large as it fits.
+//! Pictures of a robot's camera: files as they came, and their pixels at the size that a trace
+//! holds. A picture of another shape stands in the middle between black bars, as large as it fits.
 
 use base64::{Engine as _, engine::general_purpose::STANDARD};
 use fast_image_resize::{PixelType, Resizer, images::Image, images::ImageRef};
@@ -14,21 +14,38 @@ use zune_jpeg::{
 /// Most pixels of a picture.
 const PIXELS_MAX: usize = 64 << 20;
 
-/// The picture in a message: a file in JPEG or PNG, or raw pixels beside their size, which become a PNG file.
+/// The picture in a message: a file in JPEG or PNG, or raw pixels beside their size, which become a
+/// PNG file.
 ///
 /// # Errors
 /// What is wrong with it.
 pub(crate) fn of_message(message: &Value, pointer: &str) -> Result<CameraImage, String> {
-    let text = message.pointer(pointer).and_then(Value::as_str).ok_or_else(|| format!("no bytes at '{pointer}'"))?;
-    let data = STANDARD.decode(text).map_err(|error| format!("no bytes at '{pointer}' ({error})"))?;
+    let text = message
+        .pointer(pointer)
+        .and_then(Value::as_str)
+        .ok_or_else(|| format!("no bytes at '{pointer}'"))?;
+    let data = STANDARD
+        .decode(text)
+        .map_err(|error| format!("no bytes at '{pointer}' ({error})"))?;
     if let Some(format) = format(&data) {
-        return Ok(CameraImage { format: format.to_owned(), data });
+        return Ok(CameraImage {
+            format: format.to_owned(),
+            data,
+        });
     }
-    let beside = pointer.rsplit_once('/').and_then(|(parent, _)| message.pointer(parent));
-    let size = |key: &str| usize::try_from(beside?.get(key)?.as_u64()?).ok().filter(|side| (1..=16_384).contains(side));
-    let (Some(width), Some(height), Some(encoding)) =
-        (size("width"), size("height"), beside.and_then(|beside| beside.get("encoding")?.as_str()))
-    else {
+    let beside = pointer
+        .rsplit_once('/')
+        .and_then(|(parent, _)| message.pointer(parent));
+    let size = |key: &str| {
+        usize::try_from(beside?.get(key)?.as_u64()?)
+            .ok()
+            .filter(|side| (1..=16_384).contains(side))
+    };
+    let (Some(width), Some(height), Some(encoding)) = (
+        size("width"),
+        size("height"),
+        beside.and_then(|beside| beside.get("encoding")?.as_str()),
+    ) else {
         return Err("neither a JPEG nor a PNG file, and no raw picture either".to_owned());
     };
     let channels: &[usize] = match encoding {
@@ -37,31 +54,53 @@ pub(crate) fn of_message(message: &Value, pointer: &str) -> Result<CameraImage, 
         "rgba8" => &[4, 0, 1, 2],
         "bgra8" => &[4, 2, 1, 0],
         "mono8" | "8UC1" => &[1, 0, 0, 0],
-        other => return Err(format!("raw pixels in {other}; rgb8, bgr8, rgba8, bgra8 and mono8 are read")),
+        other => {
+            return Err(format!(
+                "raw pixels in {other}; rgb8, bgr8, rgba8, bgra8 and mono8 are read"
+            ));
+        }
     };
     let row = size_of_row(beside, width * channels[0]);
     if width * height > PIXELS_MAX || data.len() < row * (height - 1) + width * channels[0] {
-        return Err(format!("{} bytes for {width} x {height} pixels in {encoding}", data.len()));
+        return Err(format!(
+            "{} bytes for {width} x {height} pixels in {encoding}",
+            data.len()
+        ));
     }
-    let pixels = data.chunks(row).take(height).flat_map(|row| row[..width * channels[0]].chunks_exact(channels[0]));
-    let rgb: Vec<u8> = pixels.flat_map(|pixel| channels[1..].iter().map(|channel| pixel[*channel])).collect();
-    Ok(CameraImage { format: "png".to_owned(), data: encode_png(&rgb, width as u32, height as u32) })
+    let pixels = data
+        .chunks(row)
+        .take(height)
+        .flat_map(|row| row[..width * channels[0]].chunks_exact(channels[0]));
+    let rgb: Vec<u8> = pixels
+        .flat_map(|pixel| channels[1..].iter().map(|channel| pixel[*channel]))
+        .collect();
+    Ok(CameraImage {
+        format: "png".to_owned(),
+        data: encode_png(&rgb, width as u32, height as u32),
+    })
 }
 
 /// Bytes from one row to the next.
 fn size_of_row(beside: Option<&Value>, least: usize) -> usize {
-    let told = beside.and_then(|beside| beside.get("step")?.as_u64()).and_then(|step| usize::try_from(step).ok());
-    told.filter(|step| (least..=PIXELS_MAX).contains(step)).unwrap_or(least)
+    let told = beside
+        .and_then(|beside| beside.get("step")?.as_u64())
+        .and_then(|step| usize::try_from(step).ok());
+    told.filter(|step| (least..=PIXELS_MAX).contains(step))
+        .unwrap_or(least)
 }
 
-/// A picture file in JPEG or PNG, of any size, as it came, and as a trace holds it: at 640 x 480, one of another shape between
-/// black bars. Pixels have no digests of instances and depth: no camera tells them.
+/// A picture file in JPEG or PNG, of any size, as it came, and as a trace holds it: at 640 x 480,
+/// one of another shape between black bars. Pixels have no digests of instances and depth: no
+/// camera tells them.
 ///
 /// # Errors
 /// What is wrong with it.
 pub fn camera_picture(data: Vec<u8>) -> Result<(CameraImage, Frame), String> {
     let format = format(&data).ok_or("it is neither a JPEG nor a PNG file")?;
-    let image = CameraImage { format: format.to_owned(), data };
+    let image = CameraImage {
+        format: format.to_owned(),
+        data,
+    };
     let (frame, _) = frame(&image)?;
     Ok((image, frame))
 }
@@ -71,10 +110,25 @@ pub fn camera_picture(data: Vec<u8>) -> Result<(CameraImage, Frame), String> {
 /// # Errors
 /// What is wrong with it.
 pub(crate) fn frame(image: &CameraImage) -> Result<(Frame, bool), String> {
-    let (rgb, width, height) = if image.format == "png" { png(&image.data)? } else { jpeg(&image.data)? };
+    let (rgb, width, height) = if image.format == "png" {
+        png(&image.data)?
+    } else {
+        jpeg(&image.data)?
+    };
     let fits = (width, height) == (FRAME_WIDTH, FRAME_HEIGHT);
-    let rgb = if fits { rgb } else { fitted(rgb, width, height)? };
-    Ok((Frame { rgb, ids: Vec::new(), depth_mm: Vec::new() }, fits && image.format == "png"))
+    let rgb = if fits {
+        rgb
+    } else {
+        fitted(rgb, width, height)?
+    };
+    Ok((
+        Frame {
+            rgb,
+            ids: Vec::new(),
+            depth_mm: Vec::new(),
+        },
+        fits && image.format == "png",
+    ))
 }
 
 fn format(data: &[u8]) -> Option<&'static str> {
@@ -87,7 +141,9 @@ fn format(data: &[u8]) -> Option<&'static str> {
 
 fn png(data: &[u8]) -> Result<(Vec<u8>, usize, usize), String> {
     let side = |from: usize| Some(u32::from_be_bytes(*data.get(from..)?.first_chunk()?) as usize);
-    let (Some(width), Some(height)) = (side(16), side(20)) else { return Err("a PNG file without a head".to_owned()) };
+    let (Some(width), Some(height)) = (side(16), side(20)) else {
+        return Err("a PNG file without a head".to_owned());
+    };
     check(width, height)?;
     Ok((decode_png(data, (width, height))?, width, height))
 }
@@ -109,7 +165,11 @@ fn jpeg(data: &[u8]) -> Result<(Vec<u8>, usize, usize), String> {
 
 fn check(width: usize, height: usize) -> Result<(), String> {
     let pixels = width.saturating_mul(height);
-    if pixels == 0 || pixels > PIXELS_MAX { Err(format!("a picture of {width} x {height} pixels")) } else { Ok(()) }
+    if pixels == 0 || pixels > PIXELS_MAX {
+        Err(format!("a picture of {width} x {height} pixels"))
+    } else {
+        Ok(())
+    }
 }
 
 /// As large as it fits, in the middle.
@@ -120,10 +180,16 @@ fn fitted(rgb: Vec<u8>, width: usize, height: usize) -> Result<Vec<u8>, String> 
         false => ((width * FRAME_HEIGHT / height).max(1), FRAME_HEIGHT),
     };
     let refused = |error: &dyn std::fmt::Display| format!("it cannot be scaled ({error})");
-    let source = ImageRef::new(width as u32, height as u32, &rgb, PixelType::U8x3).map_err(|error| refused(&error))?;
+    let source = ImageRef::new(width as u32, height as u32, &rgb, PixelType::U8x3)
+        .map_err(|error| refused(&error))?;
     let mut scaled = Image::new(inner_width as u32, inner_height as u32, PixelType::U8x3);
-    Resizer::new().resize(&source, &mut scaled, None).map_err(|error| refused(&error))?;
-    let (left, top) = ((FRAME_WIDTH - inner_width) / 2, (FRAME_HEIGHT - inner_height) / 2);
+    Resizer::new()
+        .resize(&source, &mut scaled, None)
+        .map_err(|error| refused(&error))?;
+    let (left, top) = (
+        (FRAME_WIDTH - inner_width) / 2,
+        (FRAME_HEIGHT - inner_height) / 2,
+    );
     let mut frame = vec![0; FRAME_WIDTH * FRAME_HEIGHT * 3];
     for (row, pixels) in scaled.buffer().chunks_exact(inner_width * 3).enumerate() {
         let at = ((top + row) * FRAME_WIDTH + left) * 3;

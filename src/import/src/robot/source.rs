@@ -1,4 +1,5 @@
-//! Which files are recordings: MCAP files, and folders of rosbag2 with theirs in order. Reads `metadata.yaml`; opens no bag.
+//! Which files are recordings: MCAP files, and folders of rosbag2 with theirs in order. Reads
+//! `metadata.yaml`; opens no bag.
 
 use std::{
     fs, io,
@@ -27,10 +28,17 @@ pub(crate) fn recordings(root: &Path) -> Result<Vec<PathBuf>, ImportError> {
     match fs::metadata(root) {
         Ok(metadata) if metadata.is_dir() => find(root, 0, &mut found)?,
         Ok(_) => found.push(root.to_owned()),
-        Err(source) => return Err(ImportError::List { path: root.to_owned(), source }),
+        Err(source) => {
+            return Err(ImportError::List {
+                path: root.to_owned(),
+                source,
+            });
+        }
     }
     if found.is_empty() {
-        return Err(ImportError::NoRecording { root: root.to_owned() });
+        return Err(ImportError::NoRecording {
+            root: root.to_owned(),
+        });
     }
     found.sort();
     Ok(found)
@@ -59,12 +67,24 @@ fn find(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), Imp
 /// # Errors
 /// When it is stored in a form that is not read.
 pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
-    let refuse = |path: &Path| refused(path).map(|what| ImportError::Storage { path: path.to_owned(), what });
-    let mut files = Files { paths: Vec::new(), losses: Vec::new(), notes: Vec::new() };
+    let refuse = |path: &Path| {
+        refused(path).map(|what| ImportError::Storage {
+            path: path.to_owned(),
+            what,
+        })
+    };
+    let mut files = Files {
+        paths: Vec::new(),
+        losses: Vec::new(),
+        notes: Vec::new(),
+    };
     if !recording.is_dir() {
         return match refuse(recording) {
             Some(error) => Err(error),
-            None => Ok(Files { paths: vec![recording.to_owned()], ..files }),
+            None => Ok(Files {
+                paths: vec![recording.to_owned()],
+                ..files
+            }),
         };
     }
     let entries = list(recording)?;
@@ -74,18 +94,25 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
         Err(error) => {
             files.losses.push(Loss {
                 file: metadata,
-                what: format!("it cannot be read ({error}); the order of files follows from their names"),
+                what: format!(
+                    "it cannot be read ({error}); the order of files follows from their names"
+                ),
             });
             None
         }
-        Ok(text) => match paths(&text) {
-            Some(named) => Some(named),
-            None => {
-                let what = "it names no files (relative_file_paths); their order follows from their names".to_owned();
-                files.losses.push(Loss { file: metadata, what });
-                None
+        Ok(text) => {
+            match paths(&text) {
+                Some(named) => Some(named),
+                None => {
+                    let what = "it names no files (relative_file_paths); their order follows from their names".to_owned();
+                    files.losses.push(Loss {
+                        file: metadata,
+                        what,
+                    });
+                    None
+                }
             }
-        },
+        }
     };
     let mut numbered = unfinished(recording, &entries).unwrap_or_default();
     let Some(named) = named else {
@@ -95,30 +122,49 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
                 .push(format!("there is no {METADATA}: rosbag2 did not end this recording; its files are read in their order"));
         }
         if numbered.is_empty() {
-            numbered = entries.iter().filter(|path| is(path, "mcap") || refused(path).is_some()).cloned().collect();
+            numbered = entries
+                .iter()
+                .filter(|path| is(path, "mcap") || refused(path).is_some())
+                .cloned()
+                .collect();
         }
         if let Some(error) = numbered.iter().find_map(|path| refuse(path)) {
             return Err(error);
         }
         return if numbered.is_empty() {
-            Err(ImportError::NoRecording { root: recording.to_owned() })
+            Err(ImportError::NoRecording {
+                root: recording.to_owned(),
+            })
         } else {
-            Ok(Files { paths: numbered, ..files })
+            Ok(Files {
+                paths: numbered,
+                ..files
+            })
         };
     };
     for name in named {
         // A name is taken as one of this folder, wherever it points.
-        let Some(path) = Path::new(&name).file_name().map(|name| recording.join(name)) else { continue };
+        let Some(path) = Path::new(&name)
+            .file_name()
+            .map(|name| recording.join(name))
+        else {
+            continue;
+        };
         if let Some(error) = refuse(&path) {
             return Err(error);
         }
         match path.is_file() {
             true => files.paths.push(path),
-            false => files.losses.push(Loss { file: path, what: format!("{METADATA} names it, and it is not there") }),
+            false => files.losses.push(Loss {
+                file: path,
+                what: format!("{METADATA} names it, and it is not there"),
+            }),
         }
     }
     match files.paths.is_empty() {
-        true => Err(ImportError::NoRecording { root: recording.to_owned() }),
+        true => Err(ImportError::NoRecording {
+            root: recording.to_owned(),
+        }),
         false => Ok(files),
     }
 }
@@ -126,18 +172,34 @@ pub(crate) fn files(recording: &Path) -> Result<Files, ImportError> {
 /// What a `metadata.yaml` names, in order.
 fn paths(text: &str) -> Option<Vec<String>> {
     let documents = Yaml::load_from_str(text).ok()?;
-    let paths = documents.first()?.as_mapping_get("rosbag2_bagfile_information")?.as_mapping_get("relative_file_paths")?;
-    let paths: Vec<String> = paths.as_sequence()?.iter().filter_map(|path| path.as_str().map(str::to_owned)).collect();
+    let paths = documents
+        .first()?
+        .as_mapping_get("rosbag2_bagfile_information")?
+        .as_mapping_get("relative_file_paths")?;
+    let paths: Vec<String> = paths
+        .as_sequence()?
+        .iter()
+        .filter_map(|path| path.as_str().map(str::to_owned))
+        .collect();
     (!paths.is_empty()).then_some(paths)
 }
 
 /// The files of a recording that rosbag2 did not end: `<folder>_<number>.mcap`, and no others.
 fn unfinished(folder: &Path, entries: &[PathBuf]) -> Option<Vec<PathBuf>> {
     let name = folder.file_name()?.to_str()?;
-    let number =
-        |path: &&PathBuf| -> Option<u64> { path.file_stem()?.to_str()?.strip_prefix(name)?.strip_prefix('_')?.parse().ok() };
+    let number = |path: &&PathBuf| -> Option<u64> {
+        path.file_stem()?
+            .to_str()?
+            .strip_prefix(name)?
+            .strip_prefix('_')?
+            .parse()
+            .ok()
+    };
     let bags: Vec<&PathBuf> = entries.iter().filter(|path| is(path, "mcap")).collect();
-    let mut numbered: Vec<(u64, &PathBuf)> = bags.iter().filter_map(|path| Some((number(path)?, *path))).collect();
+    let mut numbered: Vec<(u64, &PathBuf)> = bags
+        .iter()
+        .filter_map(|path| Some((number(path)?, *path)))
+        .collect();
     numbered.sort();
     let all = !bags.is_empty() && numbered.len() == bags.len();
     all.then(|| numbered.into_iter().map(|(_, path)| path.clone()).collect())
@@ -167,8 +229,15 @@ fn is(path: &Path, extension: &str) -> bool {
 
 /// What lies in a folder, sorted.
 fn list(folder: &Path) -> Result<Vec<PathBuf>, ImportError> {
-    let listed = fs::read_dir(folder).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect::<io::Result<Vec<_>>>());
-    let mut paths = listed.map_err(|source| ImportError::List { path: folder.to_owned(), source })?;
+    let listed = fs::read_dir(folder).and_then(|entries| {
+        entries
+            .map(|entry| Ok(entry?.path()))
+            .collect::<io::Result<Vec<_>>>()
+    });
+    let mut paths = listed.map_err(|source| ImportError::List {
+        path: folder.to_owned(),
+        source,
+    })?;
     paths.sort();
     Ok(paths)
 }
@@ -180,9 +249,16 @@ mod tests {
     #[test]
     fn names_in_metadata() {
         let text = "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n  relative_file_paths:\n    - a_0.mcap\n    - a_1.mcap\n";
-        assert_eq!(paths(text), Some(vec!["a_0.mcap".to_owned(), "a_1.mcap".to_owned()]));
-        for broken in ["", "a: [", "rosbag2_bagfile_information: 3", "rosbag2_bagfile_information:\n  relative_file_paths: []\n"]
-        {
+        assert_eq!(
+            paths(text),
+            Some(vec!["a_0.mcap".to_owned(), "a_1.mcap".to_owned()])
+        );
+        for broken in [
+            "",
+            "a: [",
+            "rosbag2_bagfile_information: 3",
+            "rosbag2_bagfile_information:\n  relative_file_paths: []\n",
+        ] {
             assert_eq!(paths(broken), None, "{broken}");
         }
     }

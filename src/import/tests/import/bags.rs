@@ -1,5 +1,5 @@
-//! Writes recordings of robots: the same messages in JSON, in protobuf with their descriptors, and in CDR with `ros2msg`
-//! definitions, as MCAP files.
+//! Writes recordings of robots: the same messages in JSON, in protobuf with their descriptors, and
+//! in CDR with `ros2msg` definitions, as MCAP files.
 
 use std::{collections::BTreeMap, fs::File, io::BufWriter, path::Path};
 
@@ -54,8 +54,25 @@ const TYPES: &[(&str, Field)] = &[
             ],
         ),
     ),
-    ("/call", Message("robot_msgs/Call", &[("id", Text), ("tool", Text), ("arguments", Text)])),
-    ("/result", Message("robot_msgs/Result", &[("id", Text), ("text", Text), ("success", Flag), ("error", Text)])),
+    (
+        "/call",
+        Message(
+            "robot_msgs/Call",
+            &[("id", Text), ("tool", Text), ("arguments", Text)],
+        ),
+    ),
+    (
+        "/result",
+        Message(
+            "robot_msgs/Result",
+            &[
+                ("id", Text),
+                ("text", Text),
+                ("success", Flag),
+                ("error", Text),
+            ],
+        ),
+    ),
     (
         "/primitive",
         Message(
@@ -70,12 +87,20 @@ const TYPES: &[(&str, Field)] = &[
             ],
         ),
     ),
-    ("/vla", Message("robot_msgs/Latency", &[("latency_s", Number)])),
+    (
+        "/vla",
+        Message("robot_msgs/Latency", &[("latency_s", Number)]),
+    ),
     (
         "/alignment",
         Message(
             "robot_msgs/Alignment",
-            &[("target", Text), ("odometry_error_m", Number), ("yaw_error_rad", Number), ("image_shift_px", Number)],
+            &[
+                ("target", Text),
+                ("odometry_error_m", Number),
+                ("yaw_error_rad", Number),
+                ("image_shift_px", Number),
+            ],
         ),
     ),
     (
@@ -93,12 +118,23 @@ const TYPES: &[(&str, Field)] = &[
                             Message(
                                 "geometry_msgs/Pose",
                                 &[
-                                    ("position", Message("geometry_msgs/Point", &[("x", Number), ("y", Number), ("z", Number)])),
+                                    (
+                                        "position",
+                                        Message(
+                                            "geometry_msgs/Point",
+                                            &[("x", Number), ("y", Number), ("z", Number)],
+                                        ),
+                                    ),
                                     (
                                         "orientation",
                                         Message(
                                             "geometry_msgs/Quaternion",
-                                            &[("x", Number), ("y", Number), ("z", Number), ("w", Number)],
+                                            &[
+                                                ("x", Number),
+                                                ("y", Number),
+                                                ("z", Number),
+                                                ("w", Number),
+                                            ],
                                         ),
                                     ),
                                 ],
@@ -109,20 +145,41 @@ const TYPES: &[(&str, Field)] = &[
             ],
         ),
     ),
-    ("/camera", Message("sensor_msgs/CompressedImage", &[("format", Text), ("data", Bytes)])),
+    (
+        "/camera",
+        Message(
+            "sensor_msgs/CompressedImage",
+            &[("format", Text), ("data", Bytes)],
+        ),
+    ),
     (
         "/raw",
         Message(
             "sensor_msgs/Image",
-            &[("height", Count), ("width", Count), ("encoding", Text), ("step", Count), ("data", Bytes)],
+            &[
+                ("height", Count),
+                ("width", Count),
+                ("encoding", Text),
+                ("step", Count),
+                ("data", Bytes),
+            ],
         ),
     ),
     ("/graph", Message("std_msgs/String", &[("data", Text)])),
     ("/held", Message("std_msgs/String", &[("data", Text)])),
     ("/markers", Message("std_msgs/String", &[("data", Text)])),
-    ("/policy", Message("robot_msgs/Policy", &[("raw", Text), ("latency_s", Number)])),
-    ("/reply", Message("robot_msgs/Reply", &[("text", Text), ("source", Text)])),
-    ("/diagnostics", Message("std_msgs/String", &[("data", Text)])),
+    (
+        "/policy",
+        Message("robot_msgs/Policy", &[("raw", Text), ("latency_s", Number)]),
+    ),
+    (
+        "/reply",
+        Message("robot_msgs/Reply", &[("text", Text), ("source", Text)]),
+    ),
+    (
+        "/diagnostics",
+        Message("std_msgs/String", &[("data", Text)]),
+    ),
 ];
 
 /// What the topics are.
@@ -171,23 +228,37 @@ pub struct Said {
 
 /// A message, so many milliseconds after the beginning.
 pub fn said(ms: u64, topic: &'static str, value: Value) -> Said {
-    Said { ns: BEGIN_NS + ms * 1_000_000, topic, value, instead: None }
+    Said {
+        ns: BEGIN_NS + ms * 1_000_000,
+        topic,
+        value,
+        instead: None,
+    }
 }
 
 /// A measured pose that looks along +y.
 pub fn odometry(ms: u64, x: f64, y: f64) -> Said {
     let half = std::f64::consts::FRAC_PI_4;
-    let pose =
-        json!({"position": {"x": x, "y": y, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": half.sin(), "w": half.cos()}});
-    said(ms, "/odom", json!({"child_frame_id": "base", "pose": {"pose": pose}}))
+    let pose = json!({"position": {"x": x, "y": y, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": half.sin(), "w": half.cos()}});
+    said(
+        ms,
+        "/odom",
+        json!({"child_frame_id": "base", "pose": {"pose": pose}}),
+    )
 }
 
 /// A picture of the camera: one colour, as a file in JPEG.
 pub fn jpeg(ms: u64, (width, height): (u16, u16), colour: [u8; 3]) -> Said {
     let rgb = colour.repeat(usize::from(width) * usize::from(height));
     let mut data = Vec::new();
-    jpeg_encoder::Encoder::new(&mut data, 95).encode(&rgb, width, height, jpeg_encoder::ColorType::Rgb).unwrap();
-    said(ms, "/camera", json!({"format": "jpeg", "data": STANDARD.encode(data)}))
+    jpeg_encoder::Encoder::new(&mut data, 95)
+        .encode(&rgb, width, height, jpeg_encoder::ColorType::Rgb)
+        .unwrap();
+    said(
+        ms,
+        "/camera",
+        json!({"format": "jpeg", "data": STANDARD.encode(data)}),
+    )
 }
 
 /// Writes a finished file. Few messages a chunk, so that damage has somewhere to be.
@@ -195,22 +266,53 @@ pub fn write(path: &Path, messages: &[Said], encoding: Encoding) {
     write_with(path, messages, encoding, Some(Compression::Zstd));
 }
 
-pub fn write_with(path: &Path, messages: &[Said], encoding: Encoding, compression: Option<Compression>) {
-    let options = WriteOptions::new().chunk_size(Some(2_000)).compression(compression).compression_threads(0);
-    let mut writer = options.create(BufWriter::new(File::create(path).unwrap())).unwrap();
+pub fn write_with(
+    path: &Path,
+    messages: &[Said],
+    encoding: Encoding,
+    compression: Option<Compression>,
+) {
+    let options = WriteOptions::new()
+        .chunk_size(Some(2_000))
+        .compression(compression)
+        .compression_threads(0);
+    let mut writer = options
+        .create(BufWriter::new(File::create(path).unwrap()))
+        .unwrap();
     let mut channels = BTreeMap::new();
     for (sequence, message) in (0..).zip(messages) {
-        let of = TYPES.iter().find(|(topic, _)| *topic == message.topic).unwrap().1;
-        let id = *channels.entry(message.topic).or_insert_with(|| channel(&mut writer, message.topic, of, encoding));
-        let header = MessageHeader { channel_id: id, sequence, log_time: message.ns, publish_time: message.ns };
-        let data = message.instead.clone().unwrap_or_else(|| encode(&message.value, of, encoding));
+        let of = TYPES
+            .iter()
+            .find(|(topic, _)| *topic == message.topic)
+            .unwrap()
+            .1;
+        let id = *channels
+            .entry(message.topic)
+            .or_insert_with(|| channel(&mut writer, message.topic, of, encoding));
+        let header = MessageHeader {
+            channel_id: id,
+            sequence,
+            log_time: message.ns,
+            publish_time: message.ns,
+        };
+        let data = message
+            .instead
+            .clone()
+            .unwrap_or_else(|| encode(&message.value, of, encoding));
         writer.write_to_known_channel(&header, &data).unwrap();
     }
     writer.finish().unwrap();
 }
 
-fn channel(writer: &mut mcap::Writer<BufWriter<File>>, topic: &str, of: Field, encoding: Encoding) -> u16 {
-    let Message(name, _) = of else { panic!("a topic has messages") };
+fn channel(
+    writer: &mut mcap::Writer<BufWriter<File>>,
+    topic: &str,
+    of: Field,
+    encoding: Encoding,
+) -> u16 {
+    let Message(name, _) = of else {
+        panic!("a topic has messages")
+    };
     let metadata = BTreeMap::new();
     let (schema, encoding) = match encoding {
         Encoding::Json => (0, "json"),
@@ -219,11 +321,17 @@ fn channel(writer: &mut mcap::Writer<BufWriter<File>>, topic: &str, of: Field, e
             (schema.unwrap(), "protobuf")
         }
         Encoding::Cdr => {
-            let schema = writer.add_schema(&name.replace('/', "/msg/"), "ros2msg", definition(of).as_bytes());
+            let schema = writer.add_schema(
+                &name.replace('/', "/msg/"),
+                "ros2msg",
+                definition(of).as_bytes(),
+            );
             (schema.unwrap(), "cdr")
         }
     };
-    writer.add_channel(schema, topic, encoding, &metadata).unwrap()
+    writer
+        .add_channel(schema, topic, encoding, &metadata)
+        .unwrap()
 }
 
 /// Name, encoding and text of a schema.
@@ -233,8 +341,15 @@ pub type Schema<'a> = (&'a str, &'a str, &'a [u8]);
 pub fn write_under(path: &Path, schema: Schema<'_>, encoding: &str, message: &[u8]) {
     let mut writer = mcap::Writer::new(BufWriter::new(File::create(path).unwrap())).unwrap();
     let schema = writer.add_schema(schema.0, schema.1, schema.2).unwrap();
-    let channel_id = writer.add_channel(schema, "/call", encoding, &BTreeMap::new()).unwrap();
-    let header = MessageHeader { channel_id, sequence: 0, log_time: BEGIN_NS, publish_time: BEGIN_NS };
+    let channel_id = writer
+        .add_channel(schema, "/call", encoding, &BTreeMap::new())
+        .unwrap();
+    let header = MessageHeader {
+        channel_id,
+        sequence: 0,
+        log_time: BEGIN_NS,
+        publish_time: BEGIN_NS,
+    };
     writer.write_to_known_channel(&header, message).unwrap();
     writer.finish().unwrap();
 }
@@ -253,13 +368,21 @@ fn encode(value: &Value, of: Field, encoding: Encoding) -> Vec<u8> {
 
 /// The messages in a message, deepest last.
 fn inner(of: Field) -> Vec<Field> {
-    let Message(_, fields) = of else { return Vec::new() };
-    [vec![of], fields.iter().flat_map(|(_, field)| inner(*field)).collect()].concat()
+    let Message(_, fields) = of else {
+        return Vec::new();
+    };
+    [
+        vec![of],
+        fields.iter().flat_map(|(_, field)| inner(*field)).collect(),
+    ]
+    .concat()
 }
 
 fn definition(of: Field) -> String {
     let lines = |of: Field| -> String {
-        let Message(_, fields) = of else { panic!("only messages are defined") };
+        let Message(_, fields) = of else {
+            panic!("only messages are defined")
+        };
         let line = |(name, field): &(&str, Field)| {
             let word = match field {
                 Text => "string",
@@ -283,7 +406,9 @@ fn definition(of: Field) -> String {
 
 fn descriptors(of: Field) -> Vec<u8> {
     let file = |of: Field| {
-        let Message(name, fields) = of else { panic!("only messages are described") };
+        let Message(name, fields) = of else {
+            panic!("only messages are described")
+        };
         let (package, name) = name.split_once('/').unwrap();
         let field = |(number, (name, field)): (i32, &(&str, Field))| {
             let (kind, type_name) = match field {
@@ -292,7 +417,10 @@ fn descriptors(of: Field) -> Vec<u8> {
                 Count => (ProtoType::Uint32, None),
                 Number => (ProtoType::Double, None),
                 Bytes => (ProtoType::Bytes, None),
-                Message(name, _) => (ProtoType::Message, Some(format!(".{}", name.replace('/', ".")))),
+                Message(name, _) => (
+                    ProtoType::Message,
+                    Some(format!(".{}", name.replace('/', "."))),
+                ),
             };
             FieldDescriptorProto {
                 name: Some((*name).to_owned()),
@@ -321,11 +449,16 @@ fn descriptors(of: Field) -> Vec<u8> {
             ..FileDescriptorProto::default()
         }
     };
-    FileDescriptorSet { file: inner(of).into_iter().rev().map(file).collect() }.encode_to_vec()
+    FileDescriptorSet {
+        file: inner(of).into_iter().rev().map(file).collect(),
+    }
+    .encode_to_vec()
 }
 
 fn protobuf(value: &Value, of: Field) -> Vec<u8> {
-    let Message(_, fields) = of else { panic!("only messages are encoded") };
+    let Message(_, fields) = of else {
+        panic!("only messages are encoded")
+    };
     let mut bytes = Vec::new();
     for (number, (name, field)) in (1u8..).zip(fields) {
         let value = &value[name];
@@ -341,7 +474,9 @@ fn protobuf(value: &Value, of: Field) -> Vec<u8> {
             Bytes => delimited(&STANDARD.decode(value.as_str().unwrap()).unwrap()),
             Message(..) => delimited(&protobuf(value, *field)),
             Flag | Count => {
-                let value = value.as_u64().unwrap_or(u64::from(value.as_bool().unwrap_or_default()));
+                let value = value
+                    .as_u64()
+                    .unwrap_or(u64::from(value.as_bool().unwrap_or_default()));
                 if value > 0 {
                     bytes.push(number << 3);
                     prost::encoding::encode_varint(value, &mut bytes);
@@ -366,6 +501,8 @@ fn cdr(writer: &mut CdrWriter<'_, LittleEndian>, value: &Value, of: Field) {
         Count => writer.write_u32(value.as_u64().unwrap_or_default() as u32),
         Number => writer.write_f64(value.as_f64().unwrap_or_default()),
         Bytes => writer.write_bytes(&STANDARD.decode(value.as_str().unwrap()).unwrap()),
-        Message(_, fields) => fields.iter().for_each(|(name, field)| cdr(writer, &value[name], *field)),
+        Message(_, fields) => fields
+            .iter()
+            .for_each(|(name, field)| cdr(writer, &value[name], *field)),
     }
 }

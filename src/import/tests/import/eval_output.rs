@@ -18,8 +18,14 @@ use crate::imported_with;
 
 fn golden() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../traces/golden");
-    let mut paths: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    paths.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    paths.retain(|path| {
+        path.extension()
+            .is_some_and(|extension| extension == "mcap")
+    });
     paths.sort();
     assert!(paths.len() > 20);
     paths
@@ -42,12 +48,21 @@ fn settings(out: &Path) -> RunSettings {
 fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
     for path in golden() {
         let folder = tempfile::tempdir().unwrap();
-        let (root, out) = (folder.path().join("eval_output"), folder.path().join("traces"));
+        let (root, out) = (
+            folder.path().join("eval_output"),
+            folder.path().join("traces"),
+        );
         fs::create_dir_all(&out).unwrap();
         let trace = Trace::read(&path).unwrap();
-        let results = run(&settings(&root), &mut Recorded::new(std::slice::from_ref(&path))).unwrap();
+        let results = run(
+            &settings(&root),
+            &mut Recorded::new(std::slice::from_ref(&path)),
+        )
+        .unwrap();
         assert_eq!(results["total"], 1, "{}", path.display());
-        let written: Value = serde_json::from_slice(&fs::read(root.join("reel_results_m_x_t.json")).unwrap()).unwrap();
+        let written: Value =
+            serde_json::from_slice(&fs::read(root.join("reel_results_m_x_t.json")).unwrap())
+                .unwrap();
         assert_eq!(written, results);
 
         if trace.steps.is_empty() {
@@ -56,29 +71,57 @@ fn a_trace_written_as_eval_output_reads_back_as_the_same_episode() {
         let episodes = reel_import::episodes(&root).unwrap();
         let tasks = [Arc::new((*trace.task).clone())];
         let scenes = Scenes::from(trace.scene.clone());
-        let options = Options { run_id: "again", tasks: &tasks, scenes: Some(&scenes) };
+        let options = Options {
+            run_id: "again",
+            tasks: &tasks,
+            scenes: Some(&scenes),
+        };
         let (report, again) = imported_with(&episodes[0], &out, &options);
         assert_eq!(report.losses, [], "{}", path.display());
         let tools = |trace: &Trace| -> Vec<Result<Tool, ToolCall>> {
-            trace.steps.iter().map(|step| Tool::parse(&step.input.call).map_err(|_| step.input.call.clone())).collect()
+            trace
+                .steps
+                .iter()
+                .map(|step| Tool::parse(&step.input.call).map_err(|_| step.input.call.clone()))
+                .collect()
         };
         for (tool, read) in tools(&trace).iter().zip(&tools(&again)) {
-            assert!(tool == read || tool.is_err(), "{}: {tool:?} {read:?}", path.display());
+            assert!(
+                tool == read || tool.is_err(),
+                "{}: {tool:?} {read:?}",
+                path.display()
+            );
         }
         assert_eq!(trace.steps.len(), again.steps.len());
         assert_eq!(again.start.graphs.registry, trace.start.graphs.registry);
         let end = trace.end.as_ref().unwrap();
-        assert_eq!(again.end.as_ref().unwrap().graphs.registry, end.graphs.registry, "{}", path.display());
+        assert_eq!(
+            again.end.as_ref().unwrap().graphs.registry,
+            end.graphs.registry,
+            "{}",
+            path.display()
+        );
         let ends = match end.reason {
             reason @ (EndReason::Finished | EndReason::Horizon) => reason,
             // The client knows no other end than that its agent failed.
             _ => EndReason::Fault,
         };
-        assert_eq!(again.end.as_ref().unwrap().reason, ends, "{}", path.display());
+        assert_eq!(
+            again.end.as_ref().unwrap().reason,
+            ends,
+            "{}",
+            path.display()
+        );
         if end.graphs.registry == end.graphs.physics {
             assert_eq!(report.success, end.metrics.success, "{}", path.display());
         }
-        let held = |trace: &Trace| trace.steps.iter().map(|step| step.held.clone()).collect::<Vec<_>>();
+        let held = |trace: &Trace| {
+            trace
+                .steps
+                .iter()
+                .map(|step| step.held.clone())
+                .collect::<Vec<_>>()
+        };
         // `finish` shows the graph alone, so that what was held before stays known.
         assert_eq!(held(&again), held(&trace), "{}", path.display());
     }
@@ -89,7 +132,10 @@ fn episodes_of_a_folder_that_is_not_empty_are_skipped() {
     let folder = tempfile::tempdir().unwrap();
     let paths = golden();
     let run = |tag: &str| {
-        let settings = RunSettings { run_tag: tag.to_owned(), ..settings(folder.path()) };
+        let settings = RunSettings {
+            run_tag: tag.to_owned(),
+            ..settings(folder.path())
+        };
         run(&settings, &mut Recorded::new(&paths[..1])).unwrap()
     };
     assert_eq!(run("first")["skipped"], 0);

@@ -1,5 +1,5 @@
-//! Writes `eval_output` trees as the published agents do (agents/common.py of InternRobotics/REAL): the same folders, file
-//! names and keys.
+//! Writes `eval_output` trees as the published agents do (agents/common.py of InternRobotics/REAL):
+//! the same folders, file names and keys.
 
 use std::{
     fs,
@@ -42,7 +42,10 @@ pub enum Shown {
 impl Episode {
     /// Begins an episode of a task with one target and one object beside it.
     pub fn new(root: &Path, family: &str, task: &str, model: &str) -> Self {
-        let folder = root.join(SCENE).join(format!("{family}_{task}")).join(model.replace('-', "_"));
+        let folder = root
+            .join(SCENE)
+            .join(format!("{family}_{task}"))
+            .join(model.replace('-', "_"));
         let meta = json!({
             "benchmark_task_id": format!("{family}/{task}"), "family": family, "global_index": 4, "task_id": task,
             "episode_idx": 3, "task_description": "Take an apple from the table and put it into the fridge.",
@@ -52,8 +55,16 @@ impl Episode {
         let graph = json!({
             "table_1": {"content": [APPLE, OTHER]}, "table_2": {"content": []}, "fridge_0": {"content": [], "door": false},
         });
-        let mut episode =
-            Self { folder, meta, steps: 0, total_s: 0.0, graph, landmark: Value::Null, held: Value::Null, markers: Value::Null };
+        let mut episode = Self {
+            folder,
+            meta,
+            steps: 0,
+            total_s: 0.0,
+            graph,
+            landmark: Value::Null,
+            held: Value::Null,
+            markers: Value::Null,
+        };
         fs::create_dir_all(&episode.folder).unwrap();
         episode.write_meta(|_| {});
         episode
@@ -92,7 +103,11 @@ impl Episode {
     /// A step of the agent that calls functions (`vlm_api_agent.py`).
     pub fn call_step(&mut self, tool: Option<&str>, args: Value, shown: Shown) -> PathBuf {
         let function = json!({"id": "call-1", "type": "function", "function": {"name": tool, "arguments": args.to_string()}});
-        let calls = if tool.is_some() { vec![function] } else { vec![] };
+        let calls = if tool.is_some() {
+            vec![function]
+        } else {
+            vec![]
+        };
         let raw = json!({"role": "assistant", "content": format!("thought {}", self.steps), "tool_calls": calls});
         let folder = self.step(json!(tool), args, shown);
         write_json(&folder.join("raw_response.json"), &raw);
@@ -109,7 +124,10 @@ impl Episode {
     /// Puts what is held down, as `place` does.
     pub fn put(&mut self, receptacle: &str) {
         let object = self.held.take();
-        self.graph[receptacle]["content"].as_array_mut().unwrap().push(object);
+        self.graph[receptacle]["content"]
+            .as_array_mut()
+            .unwrap()
+            .push(object);
     }
 
     /// Opens or closes a door.
@@ -120,16 +138,27 @@ impl Episode {
     /// The step that ends it, and the summary.
     pub fn finish(&mut self, success: bool) {
         let graph = self.graph.clone();
-        let folder = self.text_step("finish", json!({}), Shown::Text(format!("Episode finished. Success: {success}")));
+        let folder = self.text_step(
+            "finish",
+            json!({}),
+            Shown::Text(format!("Episode finished. Success: {success}")),
+        );
         // The client answers `finish` itself: no picture, and of the debug payload the graph alone.
         fs::remove_file(folder.join("image_observation_0.png")).unwrap();
-        write_json(&folder.join("debug_info.json"), &json!({"world_graph": graph}));
+        write_json(
+            &folder.join("debug_info.json"),
+            &json!({"world_graph": graph}),
+        );
         self.summary("finished", success);
     }
 
     /// `episode_summary.json`
     pub fn summary(&self, status: &str, success: bool) {
-        let final_action = if status == "finished" { json!("finish") } else { Value::Null };
+        let final_action = if status == "finished" {
+            json!("finish")
+        } else {
+            Value::Null
+        };
         let summary = json!({
             "benchmark_task_id": self.meta["benchmark_task_id"], "family": self.meta["family"], "global_index": 4,
             "task_id": self.meta["task_id"], "episode_idx": 3, "total_steps": self.steps, "total_inference_time": self.total_s,
@@ -140,7 +169,11 @@ impl Episode {
 
     /// The agent's own failure: counted as a step, of which only the error is written.
     pub fn failed_step(&mut self, file: &str) {
-        fs::write(self.next_step().join(file), "Traceback (most recent call last):\nRuntimeError: down\n").unwrap();
+        fs::write(
+            self.next_step().join(file),
+            "Traceback (most recent call last):\nRuntimeError: down\n",
+        )
+        .unwrap();
         self.steps += 1;
     }
 
@@ -148,7 +181,10 @@ impl Episode {
         let folder = self.next_step();
         let seconds = 1.25 + f64::from(self.steps);
         self.total_s += seconds;
-        write_json(&folder.join("tool_call.json"), &json!({"tool_name": tool, "args": args}));
+        write_json(
+            &folder.join("tool_call.json"),
+            &json!({"tool_name": tool, "args": args}),
+        );
         let time = json!({"inference_time": seconds, "total_inference_time": self.total_s});
         write_json(&folder.join("inference_time.json"), &time);
         let text = match &shown {
@@ -160,44 +196,78 @@ impl Episode {
         }
         let no_result = matches!(shown, Shown::Exception(_)) || tool.is_null();
         if !no_result {
-            fs::write(folder.join("image_observation_0.png"), png(self.steps as u8)).unwrap();
+            fs::write(
+                folder.join("image_observation_0.png"),
+                png(self.steps as u8),
+            )
+            .unwrap();
         }
-        let position = if self.landmark.is_null() { Value::Null } else { json!([1.5, -0.25, "1.4"]) };
+        let position = if self.landmark.is_null() {
+            Value::Null
+        } else {
+            json!([1.5, -0.25, "1.4"])
+        };
         let debug_info = json!({
             "CURRENT_LANDMARK": self.landmark, "CURRENT_POS": position, "CURRENT_INV": self.held,
             "CURRENT_MARKER_MAP": self.markers, "world_graph": self.graph, "WORLD_GRAPH": "table_1: ['nonsense']\n",
         });
-        write_json(&folder.join("debug_info.json"), &if no_result { json!({}) } else { debug_info });
+        write_json(
+            &folder.join("debug_info.json"),
+            &if no_result { json!({}) } else { debug_info },
+        );
         self.steps += 1;
         folder
     }
 }
 
-/// The episode that does everything right, with the failures on its way: both apples listed, a question, a door.
+/// The episode that does everything right, with the failures on its way: both apples listed, a
+/// question, a door.
 pub fn full(root: &Path) -> Episode {
     let mut e = Episode::new(root, "SUL", "verify_task_9", "qwen-vl");
-    e.text_step("explore_receptacle", json!({}), Shown::Text("No landmark selected. Use 'navigate_to' first.".into()));
+    e.text_step(
+        "explore_receptacle",
+        json!({}),
+        Shown::Text("No landmark selected. Use 'navigate_to' first.".into()),
+    );
     e.landmark = json!("table_1");
-    e.text_step("navigate_to", json!({"receptacle_name": "table_1"}), Shown::Picture);
+    e.text_step(
+        "navigate_to",
+        json!({"receptacle_name": "table_1"}),
+        Shown::Picture,
+    );
     e.markers = json!({"1": APPLE, "2": OTHER});
     e.text_step(
         "explore_receptacle",
         json!({}),
-        Shown::Text("I found the following object(s): \n\t1: a(an) apple.\n\t2: a(an) green apple.".into()),
+        Shown::Text(
+            "I found the following object(s): \n\t1: a(an) apple.\n\t2: a(an) green apple.".into(),
+        ),
     );
     let ask = json!({"target_category": "apple", "target_description": "the red one"});
     let answer = json!({"target_category": "apple", "target_description": "A red apple.", "source": "task_metadata"});
     e.text_step("ask", ask, Shown::Text(answer.to_string()));
     e.text_step("focus_on", json!({"marker_id": "1"}), Shown::Picture);
-    e.text_step("pick", json!({"marker_id": "7"}), Shown::Text("Marker ID 7 not found in the marker map.".into()));
+    e.text_step(
+        "pick",
+        json!({"marker_id": "7"}),
+        Shown::Text("Marker ID 7 not found in the marker map.".into()),
+    );
     e.take(APPLE, "table_1");
     e.text_step("pick", json!({"marker_id": "1"}), Shown::Picture);
     e.landmark = json!("fridge_0");
     e.markers = Value::Null;
-    e.text_step("navigate_to", json!({"receptacle_name": "fridge_0"}), Shown::Picture);
+    e.text_step(
+        "navigate_to",
+        json!({"receptacle_name": "fridge_0"}),
+        Shown::Picture,
+    );
     e.markers = json!({"1": "fridge_0", "2": "table_2"});
     e.text_step("highlight_receptacles", json!({}), Shown::Picture);
-    e.text_step("place", json!({"marker_id": "1"}), Shown::Text("The door of 'fridge_0' is closed. Use 'open' first.".into()));
+    e.text_step(
+        "place",
+        json!({"marker_id": "1"}),
+        Shown::Text("The door of 'fridge_0' is closed. Use 'open' first.".into()),
+    );
     e.door("fridge_0", true);
     e.text_step("open", json!({"marker_id": "1"}), Shown::Picture);
     e.put("fridge_0");
@@ -214,8 +284,13 @@ pub fn others(root: &Path) -> Vec<Episode> {
     horizon.landmark = json!("table_1");
     horizon.call_step(Some("navigate_to"), go(), Shown::Picture);
     horizon.markers = json!({});
-    horizon.call_step(Some("find_objects"), json!({"target_category": "pear"}), Shown::Picture);
-    let exception = "Error executing pick: Traceback (most recent call last):\nKeyError: 'marker_id'\n";
+    horizon.call_step(
+        Some("find_objects"),
+        json!({"target_category": "pear"}),
+        Shown::Picture,
+    );
+    let exception =
+        "Error executing pick: Traceback (most recent call last):\nKeyError: 'marker_id'\n";
     horizon.call_step(Some("pick"), json!({}), Shown::Exception(exception.into()));
     horizon.summary("max_steps_reached", false);
 
@@ -247,13 +322,19 @@ pub fn png_of(width: usize, height: usize, shade: u8) -> Vec<u8> {
     let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    encoder.write_header().unwrap().write_image_data(&pixels(width, height, shade)).unwrap();
+    encoder
+        .write_header()
+        .unwrap()
+        .write_image_data(&pixels(width, height, shade))
+        .unwrap();
     bytes
 }
 
 /// Its pixels.
 pub fn pixels(width: usize, height: usize, shade: u8) -> Vec<u8> {
-    (0..width * height).flat_map(|index| [shade, (index / width) as u8, (index % width / 8) as u8]).collect()
+    (0..width * height)
+        .flat_map(|index| [shade, (index / width) as u8, (index % width / 8) as u8])
+        .collect()
 }
 
 /// As the agents write JSON.

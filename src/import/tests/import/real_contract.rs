@@ -4,8 +4,8 @@ use std::{collections::BTreeMap, fs, path::Path};
 
 use reel_import::{
     eval_client::{
-        Content, Decision, EvalError, Play, RunSettings, Stop, ToolResult, is_success, model_slug, path_component, run,
-        world_graph,
+        Content, Decision, EvalError, Play, RunSettings, Stop, ToolResult, is_success, model_slug,
+        path_component, run, world_graph,
     },
     import,
 };
@@ -17,7 +17,8 @@ use serde_json::{Map, Value, json};
 const FILE: &str = "eval_client.json";
 const TAG: &str = "20260102_030405_000006";
 /// A PNG image of 2 x 2 pixels, in Base64.
-const IMAGE: &str = "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAC0lEQVR4nGNgQAYAAA4AAamRc7EAAAAASUVORK5CYII=";
+const IMAGE: &str =
+    "iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAIAAAD91JpzAAAAC0lEQVR4nGNgQAYAAA4AAamRc7EAAAAASUVORK5CYII=";
 
 fn content(item: &Value) -> Content {
     if item.get("type").is_none() {
@@ -43,12 +44,20 @@ fn names_of_folders() {
     let Some(document) = load(FILE) else { return };
     let mut report = Report::new(FILE, "path");
     for case in items(&document["path"]) {
-        report.compare(&case["value"].to_string(), &case["path"], &json!(path_component(&case["value"])));
+        report.compare(
+            &case["value"].to_string(),
+            &case["path"],
+            &json!(path_component(&case["value"])),
+        );
     }
     report.finish();
     let mut report = Report::new(FILE, "slug");
     for case in items(&document["slug"]) {
-        report.compare(text(&case["model"]), &case["slug"], &json!(model_slug(text(&case["model"]))));
+        report.compare(
+            text(&case["model"]),
+            &case["slug"],
+            &json!(model_slug(text(&case["model"]))),
+        );
     }
     report.finish();
 }
@@ -60,7 +69,13 @@ fn results_and_scores() {
     for (index, case) in items(&document["parse"]).iter().enumerate() {
         let items: Vec<Content> = items(&case["content"]).iter().map(content).collect();
         let result = ToolResult::of(&items);
-        let shown = |image: &String| if image == IMAGE { "⟦image 0⟧".to_owned() } else { image.clone() };
+        let shown = |image: &String| {
+            if image == IMAGE {
+                "⟦image 0⟧".to_owned()
+            } else {
+                image.clone()
+            }
+        };
         let ours = json!({
             "content": case["content"],
             "result_type": if result.text.is_some() { "text" } else { "image" },
@@ -73,12 +88,20 @@ fn results_and_scores() {
     report.finish();
     let mut report = Report::new(FILE, "graph");
     for case in items(&document["graph"]) {
-        report.compare(&case["debug"].to_string(), &case["graph"], &json!(world_graph(map(&case["debug"]))));
+        report.compare(
+            &case["debug"].to_string(),
+            &case["graph"],
+            &json!(world_graph(map(&case["debug"]))),
+        );
     }
     report.finish();
     let mut report = Report::new(FILE, "evaluate");
     for (index, case) in items(&document["evaluate"]).iter().enumerate() {
-        report.compare(&index.to_string(), &case["success"], &json!(is_success(&case["actual"], &case["target"])));
+        report.compare(
+            &index.to_string(),
+            &case["success"],
+            &json!(is_success(&case["actual"], &case["target"])),
+        );
     }
     report.finish();
 }
@@ -101,7 +124,11 @@ impl Play for Scripted<'_> {
 
     fn call(&mut self, tool: &str, args: &Value) -> Result<Vec<Content>, String> {
         self.calls.push(json!([tool, args]));
-        let answers = if tool == "finish" { &mut self.finish } else { &mut self.results };
+        let answers = if tool == "finish" {
+            &mut self.finish
+        } else {
+            &mut self.results
+        };
         match answers.next().expect("the script has an answer") {
             Value::String(raised) => Err(raised.clone()),
             result => Ok(items(result).iter().map(content).collect()),
@@ -110,8 +137,10 @@ impl Play for Scripted<'_> {
 
     fn begin(&mut self, _task: &Map<String, Value>) {
         // Episodes that are skipped have an empty list.
-        self.decisions =
-            self.episodes.find(|decisions| !items(decisions).is_empty()).map_or([].iter(), |list| items(list).iter());
+        self.decisions = self
+            .episodes
+            .find(|decisions| !items(decisions).is_empty())
+            .map_or([].iter(), |list| items(list).iter());
         self.observed.push(Vec::new());
     }
 
@@ -122,20 +151,37 @@ impl Play for Scripted<'_> {
         }
         let raw = decision.get(2).cloned().unwrap_or(json!("raw text"));
         let tool = decision[0].as_str().map(str::to_owned);
-        Ok(Decision { tool, args: decision[1].clone(), raw: Some(raw), user_message: None, seconds: 0.25 })
+        Ok(Decision {
+            tool,
+            args: decision[1].clone(),
+            raw: Some(raw),
+            user_message: None,
+            seconds: 0.25,
+        })
     }
 
     fn observe(&mut self, _tool: &str, result: &ToolResult) {
-        let kind = if result.text.is_some() { "text" } else { "image" };
+        let kind = if result.text.is_some() {
+            "text"
+        } else {
+            "image"
+        };
         let shown = result.text.as_ref().or(result.images.first());
-        self.observed.last_mut().unwrap().push(json!([kind, shown, result.images.len()]));
+        self.observed
+            .last_mut()
+            .unwrap()
+            .push(json!([kind, shown, result.images.len()]));
     }
 }
 
 /// A run of the vectors into a folder.
 fn play<'a>(case: &'a Value, out: &Path) -> (Result<Value, EvalError>, Scripted<'a>) {
     let config = map(&case["config"]);
-    let number = |key: &str, otherwise: i64| config.get(key).map_or(otherwise, |value| value.as_i64().unwrap());
+    let number = |key: &str, otherwise: i64| {
+        config
+            .get(key)
+            .map_or(otherwise, |value| value.as_i64().unwrap())
+    };
     let settings = RunSettings {
         out: out.to_owned(),
         model: "org/My-Model.v1".to_owned(),
@@ -146,7 +192,11 @@ fn play<'a>(case: &'a Value, out: &Path) -> (Result<Value, EvalError>, Scripted<
         metadata: Map::new(),
         run_tag: TAG.to_owned(),
     };
-    let tools = if case["id"] == "no-finish-tool" { &["pick"][..] } else { &["pick", "finish"] };
+    let tools = if case["id"] == "no-finish-tool" {
+        &["pick"][..]
+    } else {
+        &["pick", "finish"]
+    };
     let mut script = Scripted {
         tools: tools.iter().map(|tool| (*tool).to_owned()).collect(),
         finish: items(&case["finish"]).iter(),
@@ -180,9 +230,16 @@ fn whole_runs() {
             "raises": result.err().map(|_| "RuntimeError"),
             "files": files,
         });
-        let mut expected = json!({ "calls": case["calls"], "raises": case["raises"], "files": case["files"] });
+        let mut expected =
+            json!({ "calls": case["calls"], "raises": case["raises"], "files": case["files"] });
         // An episode that is skipped never begins, and observes nothing.
-        let observed = |lists: &[Value]| -> Vec<Value> { lists.iter().filter(|list| !items(list).is_empty()).cloned().collect() };
+        let observed = |lists: &[Value]| -> Vec<Value> {
+            lists
+                .iter()
+                .filter(|list| !items(list).is_empty())
+                .cloned()
+                .collect()
+        };
         expected["observed"] = json!(observed(items(&case["observed"])));
         let seen: Vec<Value> = script.observed.iter().map(|list| json!(list)).collect();
         ours["observed"] = json!(observed(&seen));
@@ -194,17 +251,35 @@ fn whole_runs() {
 
 /// Where two runs differ.
 fn same_files(expected: &Value, ours: &Value) -> Option<String> {
-    let names = |run: &Value| map(&run["files"]).keys().cloned().collect::<std::collections::BTreeSet<_>>();
+    let names = |run: &Value| {
+        map(&run["files"])
+            .keys()
+            .cloned()
+            .collect::<std::collections::BTreeSet<_>>()
+    };
     if names(expected) != names(ours) {
-        return Some(format!("expected the files {:?}, found {:?}", names(expected), names(ours)));
+        return Some(format!(
+            "expected the files {:?}, found {:?}",
+            names(expected),
+            names(ours)
+        ));
     }
     let order = reel_vectors::KeyOrder::Same;
     let of_file = |name: &String| {
-        let (one, other) = (&expected["files"][name.as_str()], &ours["files"][name.as_str()]);
+        let (one, other) = (
+            &expected["files"][name.as_str()],
+            &ours["files"][name.as_str()],
+        );
         reel_vectors::difference(one, other, order).map(|difference| format!("{name}{difference}"))
     };
-    let of_key = |key: &str| reel_vectors::difference(&expected[key], &ours[key], order).map(|found| format!("{key}{found}"));
-    ["calls", "raises", "observed"].into_iter().find_map(of_key).or_else(|| names(expected).iter().find_map(of_file))
+    let of_key = |key: &str| {
+        reel_vectors::difference(&expected[key], &ours[key], order)
+            .map(|found| format!("{key}{found}"))
+    };
+    ["calls", "raises", "observed"]
+        .into_iter()
+        .find_map(of_key)
+        .or_else(|| names(expected).iter().find_map(of_file))
 }
 
 /// A file as the vectors show it.
@@ -231,7 +306,9 @@ fn hide_times(value: &mut Value) {
         Value::Object(entries) => {
             for (key, value) in entries {
                 match key.as_str() {
-                    "inference_time" | "total_inference_time" if value.is_f64() => *value = json!(format!("⟦{key}⟧")),
+                    "inference_time" | "total_inference_time" if value.is_f64() => {
+                        *value = json!(format!("⟦{key}⟧"))
+                    }
                     "run_tag" => *value = json!("⟦run_tag⟧"),
                     _ => hide_times(value),
                 }
@@ -252,7 +329,12 @@ fn files_of(root: &Path) -> BTreeMap<String, Vec<u8>> {
             if path.is_dir() {
                 folders.push(path);
             } else {
-                let name = path.strip_prefix(root).unwrap().to_str().unwrap().to_owned();
+                let name = path
+                    .strip_prefix(root)
+                    .unwrap()
+                    .to_str()
+                    .unwrap()
+                    .to_owned();
                 files.insert(name, fs::read(&path).unwrap());
             }
         }
@@ -267,18 +349,25 @@ fn runs_read_back() {
     let mut differing = Vec::new();
     for case in items(&document["runs"]) {
         let folder = tempfile::tempdir().unwrap();
-        let (root, out) = (folder.path().join("eval_output"), folder.path().join("traces"));
+        let (root, out) = (
+            folder.path().join("eval_output"),
+            folder.path().join("traces"),
+        );
         fs::create_dir_all(&root).unwrap();
         fs::create_dir_all(&out).unwrap();
         let _ = play(case, &root);
-        for (path, bytes) in files_of(&root).iter().filter(|(path, _)| path.ends_with("episode_summary.json")) {
+        for (path, bytes) in files_of(&root)
+            .iter()
+            .filter(|(path, _)| path.ends_with("episode_summary.json"))
+        {
             let episode = root.join(path).parent().unwrap().to_owned();
             let summary: Value = serde_json::from_slice(bytes).unwrap();
             let calls: Vec<Value> = (0..)
                 .map(|step| episode.join(format!("step_{step:03}/tool_call.json")))
                 .map_while(|call| serde_json::from_slice(&fs::read(call).ok()?).ok())
                 .collect();
-            let imported = import(&episode, &out, &crate::PLAIN).unwrap_or_else(|error| panic!("{error}"));
+            let imported =
+                import(&episode, &out, &crate::PLAIN).unwrap_or_else(|error| panic!("{error}"));
             let trace = Trace::read(&imported.trace).unwrap();
             let read = trace.steps.iter().map(|step| {
                 let name = &step.input.call.name;
@@ -287,17 +376,28 @@ fn runs_read_back() {
             let ends = match imported.end {
                 EndReason::Finished => "finished",
                 EndReason::Horizon => "max_steps_reached",
-                EndReason::Fault if text(&summary["status"]).ends_with("_error") => text(&summary["status"]),
+                EndReason::Fault if text(&summary["status"]).ends_with("_error") => {
+                    text(&summary["status"])
+                }
                 other => panic!("{path}: {other:?}"),
             };
-            // The client's success differs from ours where the goal is more than the target at its destination, which the files do not
-            // say, and where it was reached without a `finish`. A note says so.
-            let differs = imported.notes.iter().any(|note| note.starts_with("the agent's summary says success"));
+            // The client's success differs from ours where the goal is more than the target at its
+            // destination, which the files do not say, and where it was reached without a `finish`.
+            // A note says so.
+            let differs = imported
+                .notes
+                .iter()
+                .any(|note| note.starts_with("the agent's summary says success"));
             if differs {
                 differing.push(text(&case["id"]));
             }
-            let success = if differs { summary["success"].clone() } else { json!(imported.success) };
-            let ours = json!({ "calls": read.collect::<Vec<_>>(), "status": ends, "success": success });
+            let success = if differs {
+                summary["success"].clone()
+            } else {
+                json!(imported.success)
+            };
+            let ours =
+                json!({ "calls": read.collect::<Vec<_>>(), "status": ends, "success": success });
             let expected = json!({ "calls": calls, "status": summary["status"], "success": summary["success"] });
             report.compare(&format!("{} {path}", text(&case["id"])), &expected, &ours);
         }

@@ -1,9 +1,12 @@
-//! Contradictions in History: what an answer says was done, beside what the rows of its episode tell was done.
+//! Contradictions in History: what an answer says was done, beside what the rows of its episode
+//! tell was done.
 //!
-//! Why: a model that learns false memories acts on them. Sure: as sure as the validator's reading of English; claims that the
-//! rows neither show nor refute raise no alarm. Rows are put together by their episode and number of call (in any order), or a
-//! conversation is read from its start; where a row of an episode is missing, the rows after it are not judged. Memory: some 1 kB
-//! a row for at most [`ROWS_HELD_MAX`] rows; beyond, the episode that was not added to for longest is judged and let go.
+//! Why: a model that learns false memories acts on them. Sure: as sure as the validator's reading
+//! of English; claims that the rows neither show nor refute raise no alarm. Rows are put together
+//! by their episode and number of call (in any order), or a conversation is read from its start;
+//! where a row of an episode is missing, the rows after it are not judged. Memory: some 1 kB a row
+//! for at most [`ROWS_HELD_MAX`] rows; beyond, the episode that was not added to for longest is
+//! judged and let go.
 
 use std::collections::HashMap;
 
@@ -44,12 +47,21 @@ struct Row {
 impl Histories {
     /// One row of an episode, if it is of the single-turn form.
     fn hold(&mut self, seen: &Seen, found: &mut Findings) {
-        let Some(said) = seen.answers.first() else { return };
+        let Some(said) = seen.answers.first() else {
+            return;
+        };
         // also without a History a row tells of a deed
         let history = said.answer.history.clone().unwrap_or_default();
-        let prompt: String =
-            seen.example.turns[..said.turn].iter().filter(|turn| turn.role != Role::System).map(Turn::text).collect();
-        let (Some(episode), Some(number), Ok(last)) = (seen.example.episode(), seen.example.call_number(), last(&prompt)) else {
+        let prompt: String = seen.example.turns[..said.turn]
+            .iter()
+            .filter(|turn| turn.role != Role::System)
+            .map(Turn::text)
+            .collect();
+        let (Some(episode), Some(number), Ok(last)) = (
+            seen.example.episode(),
+            seen.example.call_number(),
+            last(&prompt),
+        ) else {
             self.unjudged += u64::from(!history.is_empty());
             return;
         };
@@ -62,9 +74,18 @@ impl Histories {
             touched: clock,
         });
         held.touched = clock;
-        held.rows.push(Row { place: seen.place(), number, last, history });
+        held.rows.push(Row {
+            place: seen.place(),
+            number,
+            last,
+            history,
+        });
         if self.held > ROWS_HELD_MAX {
-            let oldest = self.episodes.iter().min_by_key(|(_, episode)| episode.touched).map(|(name, _)| name.clone());
+            let oldest = self
+                .episodes
+                .iter()
+                .min_by_key(|(_, episode)| episode.touched)
+                .map(|(name, _)| name.clone());
             if let Some(episode) = oldest.and_then(|name| self.episodes.remove(&name)) {
                 self.judge_episode(episode, found);
             }
@@ -80,9 +101,15 @@ impl Histories {
         let mut before = None;
         for (index, row) in episode.rows.iter().enumerate() {
             let follows = before.map_or(row.last.is_none(), |before| row.number == before + 1);
-            let deed = row.last.as_ref().map(|(call, outcome)| teller.deed(call, outcome));
+            let deed = row
+                .last
+                .as_ref()
+                .map(|(call, outcome)| teller.deed(call, outcome));
             if !follows || deed == Some(None) {
-                self.unjudged += episode.rows[index..].iter().filter(|row| !row.history.is_empty()).count() as u64;
+                self.unjudged += episode.rows[index..]
+                    .iter()
+                    .filter(|row| !row.history.is_empty())
+                    .count() as u64;
                 return;
             }
             if let Some(deed) = deed.flatten() {
@@ -98,7 +125,13 @@ impl Histories {
     /// A conversation: calls and their results, with a History now and then.
     fn converse(&mut self, seen: &Seen, found: &mut Findings) {
         let mut answers = seen.answers.iter().peekable();
-        let prompt = seen.example.turns.iter().find(|turn| turn.role == Role::User).map(Turn::text).unwrap_or_default();
+        let prompt = seen
+            .example
+            .turns
+            .iter()
+            .find(|turn| turn.role == Role::User)
+            .map(Turn::text)
+            .unwrap_or_default();
         let mut checker = Checker::new(setting(&prompt));
         let mut teller = Teller::default();
         let mut waiting: Vec<Call> = Vec::new();
@@ -107,12 +140,22 @@ impl Histories {
                 if !waiting.is_empty() && turn.role == Role::Assistant {
                     return;
                 }
-                if let Some(history) = said.answer.history.as_ref().filter(|history| !history.is_empty()) {
+                if let Some(history) = said
+                    .answer
+                    .history
+                    .as_ref()
+                    .filter(|history| !history.is_empty())
+                {
                     self.judge(&mut checker, history, seen.place(), found);
                 }
                 waiting.extend(said.calls.iter().rev().cloned());
             } else if turn.role == Role::ToolResult {
-                let Some(deed) = waiting.pop().and_then(|call| teller.deed(&call, turn.text().trim())) else { return };
+                let Some(deed) = waiting
+                    .pop()
+                    .and_then(|call| teller.deed(&call, turn.text().trim()))
+                else {
+                    return;
+                };
                 checker.did(deed);
             }
         }
@@ -125,8 +168,16 @@ impl Histories {
         for claim in claims {
             if let Verdict::Contradicted { why, step } = &claim.verdict {
                 let words = || {
-                    let step = step.map(|step| format!(" (call {step})")).unwrap_or_default();
-                    (format!("{why}{step}"), history.get(claim.span.clone()).unwrap_or_default().to_owned())
+                    let step = step
+                        .map(|step| format!(" (call {step})"))
+                        .unwrap_or_default();
+                    (
+                        format!("{why}{step}"),
+                        history
+                            .get(claim.span.clone())
+                            .unwrap_or_default()
+                            .to_owned(),
+                    )
                 };
                 found.add(claim.kind.as_str(), Severity::Error, &[place], words);
             }
@@ -136,7 +187,10 @@ impl Histories {
 
 impl Check for Histories {
     fn about(&self) -> (&'static str, &'static str) {
-        ("history", "claims of a History that the rows of its episode refute")
+        (
+            "history",
+            "claims of a History that the rows of its episode refute",
+        )
     }
 
     fn see(&mut self, seen: &Seen, found: &mut Findings) {
@@ -160,7 +214,10 @@ impl Check for Histories {
                 rows => format!("{rows} rows with a History do not tell their episode, call, last action and outcome"),
             });
         } else {
-            found.note(format!("{} claims in {} rows, {} rows not judged", self.claims, self.judged, self.unjudged));
+            found.note(format!(
+                "{} claims in {} rows, {} rows not judged",
+                self.claims, self.judged, self.unjudged
+            ));
         }
     }
 }

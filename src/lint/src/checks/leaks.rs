@@ -1,10 +1,11 @@
-//! Privileged text: what no agent reads (debug information, world graphs, plans, poses, instances, oracle metadata), in
-//! prompts, answers, calls and descriptions of tools.
+//! Privileged text: what no agent reads (debug information, world graphs, plans, poses, instances,
+//! oracle metadata), in prompts, answers, calls and descriptions of tools.
 //!
-//! Why: a model that trains on it learns to read what it will not have, or to make it up. Sure: whatever is found is said
-//! somewhere in the row; other people's data may mean something else by the same words. What is split over turns, spelled with
-//! letters of other alphabets, spaced out, encoded or escaped is found; what is encrypted or said in other words is not.
-//! Memory: constant; texts that were clean are remembered up to a bound.
+//! Why: a model that trains on it learns to read what it will not have, or to make it up. Sure:
+//! whatever is found is said somewhere in the row; other people's data may mean something else by
+//! the same words. What is split over turns, spelled with letters of other alphabets, spaced out,
+//! encoded or escaped is found; what is encrypted or said in other words is not. Memory: constant;
+//! texts that were clean are remembered up to a bound.
 
 use std::{borrow::Cow, collections::HashSet};
 
@@ -30,7 +31,10 @@ const BORDER: usize = 200;
 
 impl Leaks {
     pub(super) fn new() -> Self {
-        Self { secrets: Secrets::none(), clean: HashSet::new() }
+        Self {
+            secrets: Secrets::none(),
+            clean: HashSet::new(),
+        }
     }
 
     /// The first privileged thing in a text: what it is, and an excerpt.
@@ -54,7 +58,10 @@ impl Leaks {
     }
 
     fn in_any_spelling(&self, text: &str) -> Option<(&'static str, String)> {
-        let leak = |text: &str| privileged(text, &self.secrets).map(|leak| (leak.kind.as_str(), around(text, &leak.span)));
+        let leak = |text: &str| {
+            privileged(text, &self.secrets)
+                .map(|leak| (leak.kind.as_str(), around(text, &leak.span)))
+        };
         leak(text).or_else(|| match plain_spelling(text) {
             Cow::Owned(plain) => leak(&plain),
             Cow::Borrowed(_) => None,
@@ -64,7 +71,10 @@ impl Leaks {
 
 impl Check for Leaks {
     fn about(&self) -> (&'static str, &'static str) {
-        ("leaks", "text that no agent may read: debug information, world graphs, plans, poses, instances, oracle metadata")
+        (
+            "leaks",
+            "text that no agent may read: debug information, world graphs, plans, poses, instances, oracle metadata",
+        )
     }
 
     fn see(&mut self, seen: &Seen, found: &mut Findings) {
@@ -74,19 +84,43 @@ impl Check for Leaks {
         for (number, text) in turns.iter().chain(&tools).enumerate() {
             if let Some((what, excerpt)) = self.of(text) {
                 clean = false;
-                let whose = seen.example.turns.get(number).map_or("declaration of tools", |turn| turn.role.as_str());
-                let answer = seen.example.turns.get(number).is_some_and(|turn| turn.role.is_answer());
-                let kind = if answer { "in an answer" } else { "in a prompt" };
-                found.add(kind, Severity::Error, &[seen.place()], || (format!("{what}, in the {whose}'s text"), excerpt));
+                let whose = seen
+                    .example
+                    .turns
+                    .get(number)
+                    .map_or("declaration of tools", |turn| turn.role.as_str());
+                let answer = seen
+                    .example
+                    .turns
+                    .get(number)
+                    .is_some_and(|turn| turn.role.is_answer());
+                let kind = if answer {
+                    "in an answer"
+                } else {
+                    "in a prompt"
+                };
+                found.add(kind, Severity::Error, &[seen.place()], || {
+                    (format!("{what}, in the {whose}'s text"), excerpt)
+                });
             }
         }
         if !clean {
             return;
         }
         for pair in turns.windows(2) {
-            let tail: String = pair[0].trim_end().chars().rev().take(BORDER).collect::<Vec<_>>().into_iter().rev().collect();
+            let tail: String = pair[0]
+                .trim_end()
+                .chars()
+                .rev()
+                .take(BORDER)
+                .collect::<Vec<_>>()
+                .into_iter()
+                .rev()
+                .collect();
             let head: String = pair[1].trim_start().chars().take(BORDER).collect();
-            let joined = ["", " "].iter().find_map(|between| self.in_any_spelling(&format!("{tail}{between}{head}")));
+            let joined = ["", " "]
+                .iter()
+                .find_map(|between| self.in_any_spelling(&format!("{tail}{between}{head}")));
             if let Some((what, excerpt)) = joined {
                 found.add("over two turns", Severity::Error, &[seen.place()], || {
                     (format!("{what}, split over two turns"), excerpt)
@@ -110,12 +144,23 @@ fn all_text(turn: &Turn) -> String {
 }
 
 fn around(text: &str, span: &std::ops::Range<usize>) -> String {
-    let before = text[..span.start].char_indices().rev().nth(30).map_or(0, |(at, _)| at);
-    let after = text[span.end..].char_indices().nth(60).map_or(text.len(), |(at, _)| span.end + at);
-    text[before..after].split_whitespace().collect::<Vec<_>>().join(" ")
+    let before = text[..span.start]
+        .char_indices()
+        .rev()
+        .nth(30)
+        .map_or(0, |(at, _)| at);
+    let after = text[span.end..]
+        .char_indices()
+        .nth(60)
+        .map_or(text.len(), |(at, _)| span.end + at);
+    text[before..after]
+        .split_whitespace()
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
-/// A text as it would look in plain ASCII: letters that look alike, marks of emphasis, rows of single letters, white space.
+/// A text as it would look in plain ASCII: letters that look alike, marks of emphasis, rows of
+/// single letters, white space.
 fn plain_spelling(text: &str) -> Cow<'_, str> {
     let mut plain = String::with_capacity(text.len());
     for c in text.chars() {
@@ -131,7 +176,11 @@ fn plain_spelling(text: &str) -> Cow<'_, str> {
         }
     }
     let spaced = joined_letters(&plain);
-    if spaced == text { Cow::Borrowed(text) } else { Cow::Owned(spaced) }
+    if spaced == text {
+        Cow::Borrowed(text)
+    } else {
+        Cow::Owned(spaced)
+    }
 }
 
 /// `w o r l d _ g r a p h` as one word: rows of at least five single letters.
@@ -147,7 +196,10 @@ fn joined_letters(text: &str) -> String {
         run.clear();
     };
     for word in text.split(' ') {
-        let letter = word.len() == 1 && word.bytes().all(|byte| byte.is_ascii_alphabetic() || byte == b'_');
+        let letter = word.len() == 1
+            && word
+                .bytes()
+                .all(|byte| byte.is_ascii_alphabetic() || byte == b'_');
         if letter {
             run.push(word);
         } else {

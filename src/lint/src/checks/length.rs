@@ -1,6 +1,7 @@
 //! Contexts beyond a budget: what the trainer cuts off is the end, which is the answer.
 //!
-//! Sure: an estimate, unless the model's own tokenizer counts. Pictures count at their own size. Memory: constant.
+//! Sure: an estimate, unless the model's own tokenizer counts. Pictures count at their own size.
+//! Memory: constant.
 
 use std::sync::Arc;
 
@@ -21,7 +22,14 @@ pub(super) struct Length {
 impl Length {
     pub(super) fn new(options: &Options) -> Self {
         let (tokens_max, image_side) = (options.context_tokens_max, options.image_side);
-        Self { tokens_max, image_side, tokenizer: Arc::clone(&options.tokenizer), longest: 0, sum: 0, rows: 0 }
+        Self {
+            tokens_max,
+            image_side,
+            tokenizer: Arc::clone(&options.tokenizer),
+            longest: 0,
+            sum: 0,
+            rows: 0,
+        }
     }
 
     /// The tokens of a row: of its text and of its pictures.
@@ -31,16 +39,27 @@ impl Length {
             let calls: u64 = turn.calls().map(|call| count(&call.canonical())).sum();
             turn.texts().map(count).sum::<u64>() + calls + u64::from(TOKENS_PER_TURN)
         };
-        let tools = example.tools.as_ref().map_or(0, |tools| count(&tools.to_string()));
+        let tools = example
+            .tools
+            .as_ref()
+            .map_or(0, |tools| count(&tools.to_string()));
         let pictures = pictures.iter().filter_map(|look| look.picture);
-        let pictures = pictures.map(|it| u64::from(image_tokens(it.width, it.height, self.image_side))).sum();
-        (example.turns.iter().map(turn).sum::<u64>() + tools, pictures)
+        let pictures = pictures
+            .map(|it| u64::from(image_tokens(it.width, it.height, self.image_side)))
+            .sum();
+        (
+            example.turns.iter().map(turn).sum::<u64>() + tools,
+            pictures,
+        )
     }
 }
 
 impl Check for Length {
     fn about(&self) -> (&'static str, &'static str) {
-        ("length", "contexts that are probably longer than the budget: the answer is what is cut off")
+        (
+            "length",
+            "contexts that are probably longer than the budget: the answer is what is cut off",
+        )
     }
 
     fn see(&mut self, seen: &Seen, found: &mut Findings) {
@@ -50,8 +69,13 @@ impl Check for Length {
         self.sum += all;
         self.rows += 1;
         if all > self.tokens_max {
-            let told = format!("about {all} tokens ({text} of text, {pictures} of pictures), budget {}", self.tokens_max);
-            found.add("over budget", Severity::Error, &[seen.place()], || (told, String::new()));
+            let told = format!(
+                "about {all} tokens ({text} of text, {pictures} of pictures), budget {}",
+                self.tokens_max
+            );
+            found.add("over budget", Severity::Error, &[seen.place()], || {
+                (told, String::new())
+            });
         }
     }
 

@@ -1,7 +1,8 @@
 //! What the loader of each format passes over in silence, or fails on (SPEC section 11).
 //!
-//! Why: rows that are skipped and pictures that are ignored are noticed after the training, if ever. Sure: yes, for the
-//! loaders of SPEC section 11 as they are; other loaders of the same format may be kinder. Memory: constant.
+//! Why: rows that are skipped and pictures that are ignored are noticed after the training, if
+//! ever. Sure: yes, for the loaders of SPEC section 11 as they are; other loaders of the same
+//! format may be kinder. Memory: constant.
 
 use super::{Check, Seen};
 use crate::{Dataset, Example, Format, Role, Severity, Turn, example::Oddity, report::Findings};
@@ -16,8 +17,11 @@ pub(super) struct Loader {
 
 impl Loader {
     pub(super) fn new(dataset: &Dataset) -> Self {
-        let odd =
-            dataset.files().iter().flat_map(|file| file.notes.iter().map(|note| (file.path.display().to_string(), note.clone())));
+        let odd = dataset.files().iter().flat_map(|file| {
+            file.notes
+                .iter()
+                .map(|note| (file.path.display().to_string(), note.clone()))
+        });
         Self {
             files: odd.collect(),
             declared: dataset.files().iter().map(|file| file.declared).collect(),
@@ -28,24 +32,52 @@ impl Loader {
 
 impl Check for Loader {
     fn about(&self) -> (&'static str, &'static str) {
-        ("loader", "what the format's loader ignores, skips or fails on without a word")
+        (
+            "loader",
+            "what the format's loader ignores, skips or fails on without a word",
+        )
     }
 
     fn see(&mut self, seen: &Seen, found: &mut Findings) {
         let (example, places) = (seen.example, [seen.place()]);
-        let mut add = |kind, severity, told: String| found.add(kind, severity, &places, || (told, String::new()));
+        let mut add = |kind, severity, told: String| {
+            found.add(kind, severity, &places, || (told, String::new()))
+        };
         for oddity in &example.oddities {
-            add(oddity.kind, if oddity.harmful { Severity::Error } else { Severity::Warning }, oddity.message.clone());
+            add(
+                oddity.kind,
+                if oddity.harmful {
+                    Severity::Error
+                } else {
+                    Severity::Warning
+                },
+                oddity.message.clone(),
+            );
         }
-        if let Some(name) =
-            example.turns.iter().find_map(|turn| if let Role::Other(name) = &turn.role { Some(name) } else { None })
-        {
-            add("role", Severity::Error, format!("the role `{name}`, which {} does not know", example.format.as_str()));
+        if let Some(name) = example.turns.iter().find_map(|turn| {
+            if let Role::Other(name) = &turn.role {
+                Some(name)
+            } else {
+                None
+            }
+        }) {
+            add(
+                "role",
+                Severity::Error,
+                format!(
+                    "the role `{name}`, which {} does not know",
+                    example.format.as_str()
+                ),
+            );
         }
         match example.format {
             Format::QwenVl => {
                 if example.meta.contains_key("images") {
-                    add("ignored key", Severity::Error, "the key `images` is ignored: Qwen's loader reads `image`".into());
+                    add(
+                        "ignored key",
+                        Severity::Error,
+                        "the key `images` is ignored: Qwen's loader reads `image`".into(),
+                    );
                 }
                 alternating(example, &mut add);
             }
@@ -54,11 +86,14 @@ impl Check for Loader {
                     add(
                         "ignored key",
                         Severity::Error,
-                        "pictures in a column that dataset_info.json does not name are ignored".into(),
+                        "pictures in a column that dataset_info.json does not name are ignored"
+                            .into(),
                     );
                 }
                 alternating(example, &mut add);
-                let declared = usize::try_from(example.place.file).ok().and_then(|file| self.declared.get(file));
+                let declared = usize::try_from(example.place.file)
+                    .ok()
+                    .and_then(|file| self.declared.get(file));
                 if declared == Some(&false) && !self.warned_undeclared {
                     self.warned_undeclared = true;
                     add(
@@ -70,7 +105,11 @@ impl Check for Loader {
             }
             Format::MsSwift => {
                 if example.meta.contains_key("image") {
-                    add("ignored key", Severity::Error, "the key `image` is ignored: ms-swift reads `images`".into());
+                    add(
+                        "ignored key",
+                        Severity::Error,
+                        "the key `image` is ignored: ms-swift reads `images`".into(),
+                    );
                 }
                 ends_with_answer(example, &mut add);
             }
@@ -84,35 +123,66 @@ impl Check for Loader {
 
     fn finish(&mut self, found: &mut Findings) {
         for (path, oddity) in &self.files {
-            let severity = if oddity.harmful { Severity::Error } else { Severity::Warning };
-            found.add(oddity.kind, severity, &[], || (format!("{} ({path})", oddity.message), String::new()));
+            let severity = if oddity.harmful {
+                Severity::Error
+            } else {
+                Severity::Warning
+            };
+            found.add(oddity.kind, severity, &[], || {
+                (format!("{} ({path})", oddity.message), String::new())
+            });
         }
     }
 }
 
-/// sharegpt: user and model by turns, the user first, an even number; else the row is skipped in silence.
+/// sharegpt: user and model by turns, the user first, an even number; else the row is skipped in
+/// silence.
 fn alternating(example: &Example, add: &mut impl FnMut(&'static str, Severity, String)) {
-    let turns: Vec<&Turn> = example.turns.iter().skip_while(|turn| turn.role == Role::System).collect();
+    let turns: Vec<&Turn> = example
+        .turns
+        .iter()
+        .skip_while(|turn| turn.role == Role::System)
+        .collect();
     if turns.len() % 2 == 1 {
-        add("odd turns", Severity::Error, format!("{} turns: an odd number makes the loader skip the row", turns.len()));
+        add(
+            "odd turns",
+            Severity::Error,
+            format!(
+                "{} turns: an odd number makes the loader skip the row",
+                turns.len()
+            ),
+        );
         return;
     }
-    let wrong = turns.iter().enumerate().find(|(number, turn)| match turn.role {
-        Role::User | Role::ToolResult => number % 2 == 1,
-        Role::Assistant | Role::ToolCall => number % 2 == 0,
-        Role::System => true,
-        Role::Other(_) => false,
-    });
+    let wrong = turns
+        .iter()
+        .enumerate()
+        .find(|(number, turn)| match turn.role {
+            Role::User | Role::ToolResult => number % 2 == 1,
+            Role::Assistant | Role::ToolCall => number % 2 == 0,
+            Role::System => true,
+            Role::Other(_) => false,
+        });
     if let Some((number, turn)) = wrong {
-        let told =
-            format!("turn {} is the {}'s: user and model must take turns, or the row is skipped", number + 1, turn.role.as_str());
+        let told = format!(
+            "turn {} is the {}'s: user and model must take turns, or the row is skipped",
+            number + 1,
+            turn.role.as_str()
+        );
         add("order", Severity::Error, told);
     }
 }
 
 fn ends_with_answer(example: &Example, add: &mut impl FnMut(&'static str, Severity, String)) {
     if let Some(last) = example.turns.last().filter(|turn| !turn.role.is_answer()) {
-        add("order", Severity::Warning, format!("the last turn is the {}'s: nothing is learned from it", last.role.as_str()));
+        add(
+            "order",
+            Severity::Warning,
+            format!(
+                "the last turn is the {}'s: nothing is learned from it",
+                last.role.as_str()
+            ),
+        );
     }
 }
 
@@ -122,12 +192,20 @@ fn answered_calls(example: &Example, add: &mut impl FnMut(&'static str, Severity
     for turn in &example.turns {
         match turn.role {
             Role::ToolResult if open == 0 => {
-                add("order", Severity::Error, "a tool's result without a call before it: the server refuses the row".into());
+                add(
+                    "order",
+                    Severity::Error,
+                    "a tool's result without a call before it: the server refuses the row".into(),
+                );
                 return;
             }
             Role::ToolResult => open -= 1,
             _ if open > 0 => {
-                add("order", Severity::Error, "a call that no tool's result follows: the server refuses the row".into());
+                add(
+                    "order",
+                    Severity::Error,
+                    "a call that no tool's result follows: the server refuses the row".into(),
+                );
                 return;
             }
             _ => open = turn.calls().count(),

@@ -1,4 +1,5 @@
-//! The checks: each sees every row once and keeps as little as it can. [`lint`] runs them all in one pass.
+//! The checks: each sees every row once and keeps as little as it can. [`lint`] runs them all in
+//! one pass.
 //!
 //! Owns what is wrong and how bad it is. Never stops at a bad row.
 
@@ -38,7 +39,8 @@ pub struct Options {
     pub tokenizer: Arc<dyn Tokenizer>,
     /// Similarity (Jaccard, of word triples) from which two rows are near-duplicates.
     pub similarity_min: f64,
-    /// Rows back to which a row is compared for near-duplicates; sets the memory of that check (about 700 bytes a row).
+    /// Rows back to which a row is compared for near-duplicates; sets the memory of that check
+    /// (about 700 bytes a row).
     pub near_rows_max: usize,
     /// Share of the most frequent tool from which the tools are unbalanced.
     pub tool_share_max: f64,
@@ -72,10 +74,14 @@ trait Check {
 
 /// Reads all rows once and checks them. `progress` is told the number of rows now and then.
 pub fn lint(dataset: &Dataset, options: &Options, mut progress: impl FnMut(u64)) -> Report {
-    let findings = |about: (&'static str, &'static str)| Findings::new(dataset, about.0, about.1, options.examples_max);
+    let findings = |about: (&'static str, &'static str)| {
+        Findings::new(dataset, about.0, about.1, options.examples_max)
+    };
     let mut unread = findings(("rows", "rows and files that cannot be read"));
     for (path, why) in dataset.skipped() {
-        unread.add("file", Severity::Note, &[], || (format!("{why} ({})", path.display()), String::new()));
+        unread.add("file", Severity::Note, &[], || {
+            (format!("{why} ({})", path.display()), String::new())
+        });
     }
     let mut checks: Vec<(Box<dyn Check>, Findings)> = all(dataset, options)
         .into_iter()
@@ -97,8 +103,14 @@ pub fn lint(dataset: &Dataset, options: &Options, mut progress: impl FnMut(u64))
             }
             Err(error) => {
                 unreadable += 1;
-                let column = if error.column > 0 { format!("column {}: ", error.column) } else { String::new() };
-                unread.add("row", Severity::Error, &[error.place], || (format!("{column}{}", error.message), String::new()));
+                let column = if error.column > 0 {
+                    format!("column {}: ", error.column)
+                } else {
+                    String::new()
+                };
+                unread.add("row", Severity::Error, &[error.place], || {
+                    (format!("{column}{}", error.message), String::new())
+                });
             }
         }
         if (rows + unreadable).is_multiple_of(PROGRESS_ROWS) {
@@ -115,7 +127,12 @@ pub fn lint(dataset: &Dataset, options: &Options, mut progress: impl FnMut(u64))
         format: file.format,
         split: file.split.clone(),
     });
-    Report { files: files.collect(), rows, unreadable, checks: reports }
+    Report {
+        files: files.collect(),
+        rows,
+        unreadable,
+        checks: reports,
+    }
 }
 
 /// Rows between two words of progress.
@@ -133,7 +150,10 @@ fn all(dataset: &Dataset, options: &Options) -> Vec<Box<dyn Check>> {
         Box::new(splits::Splits::default()),
         Box::new(label_noise::LabelNoise::default()),
         Box::new(duplicates::Duplicates::default()),
-        Box::new(near_duplicates::NearDuplicates::new(options.similarity_min, options.near_rows_max)),
+        Box::new(near_duplicates::NearDuplicates::new(
+            options.similarity_min,
+            options.near_rows_max,
+        )),
         Box::new(length::Length::new(options)),
         Box::new(balance::Balance::new(options.tool_share_max)),
     ]

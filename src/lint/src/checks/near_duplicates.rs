@@ -1,9 +1,10 @@
-//! Near-duplicates: rows whose words are almost those of another (MinHash over word triples, bands of locality-sensitive
-//! hashing).
+//! Near-duplicates: rows whose words are almost those of another (MinHash over word triples, bands
+//! of locality-sensitive hashing).
 //!
-//! Why: they weigh like copies. Lines that half of the first rows share (tools, instructions) are left out, and rows of one
-//! episode are not compared: each continues the one before. Sure: the similarity is an estimate within some 0.05; a pair at
-//! the threshold is found with a probability of about one half, one well above it almost surely. A row is compared with the last
+//! Why: they weigh like copies. Lines that half of the first rows share (tools, instructions) are
+//! left out, and rows of one episode are not compared: each continues the one before. Sure: the
+//! similarity is an estimate within some 0.05; a pair at the threshold is found with a probability
+//! of about one half, one well above it almost surely. A row is compared with the last
 //! [`crate::Options::near_rows_max`] rows. Memory: constant, some 700 bytes for each of those.
 
 use std::{
@@ -81,17 +82,27 @@ impl NearDuplicates {
         let mut counts: HashMap<u64, usize> = HashMap::new();
         for row in &self.learning {
             let lines: HashSet<u64> = row.lines.iter().map(|(line, _)| *line).collect();
-            lines.into_iter().for_each(|line| *counts.entry(line).or_default() += 1);
+            lines
+                .into_iter()
+                .for_each(|line| *counts.entry(line).or_default() += 1);
         }
         let enough = (self.learning.len() / 2).max(8);
-        self.common = counts.into_iter().filter(|(_, count)| *count > enough).map(|(line, _)| line).collect();
+        self.common = counts
+            .into_iter()
+            .filter(|(_, count)| *count > enough)
+            .map(|(line, _)| line)
+            .collect();
         for row in std::mem::take(&mut self.learning) {
             self.compare(row, found);
         }
     }
 
     fn compare(&mut self, row: Waiting, found: &mut Findings) {
-        let words = row.lines.into_iter().filter(|(line, _)| !self.common.contains(line)).flat_map(|(_, words)| words);
+        let words = row
+            .lines
+            .into_iter()
+            .filter(|(line, _)| !self.common.contains(line))
+            .flat_map(|(_, words)| words);
         let Some(signature) = signature(&words.collect::<Vec<u32>>()) else {
             return;
         };
@@ -102,11 +113,16 @@ impl NearDuplicates {
         let mut seen = [0_u32; BANDS];
         for band in 0..BANDS {
             let values = &signature[band * BAND..(band + 1) * BAND];
-            let hash = values.iter().fold(band as u64, |hash, value| mixed(hash ^ u64::from(*value)));
+            let hash = values
+                .iter()
+                .fold(band as u64, |hash, value| mixed(hash ^ u64::from(*value)));
             let bucket = &mut self.buckets[band * (self.mask + 1) + (hash as usize & self.mask)];
             let candidate = std::mem::replace(bucket, u32::try_from(self.next + 1).unwrap_or(0));
             seen[band] = candidate;
-            let Some(other) = usize::try_from(candidate).ok().and_then(|it| it.checked_sub(1)).and_then(|it| self.rows.get(it))
+            let Some(other) = usize::try_from(candidate)
+                .ok()
+                .and_then(|it| it.checked_sub(1))
+                .and_then(|it| self.rows.get(it))
             else {
                 continue;
             };
@@ -114,7 +130,11 @@ impl NearDuplicates {
             if seen[..band].contains(&candidate) || same_episode || other.whole == row.whole {
                 continue;
             }
-            let equal = signature.iter().zip(&other.signature).filter(|(a, b)| a == b).count();
+            let equal = signature
+                .iter()
+                .zip(&other.signature)
+                .filter(|(a, b)| a == b)
+                .count();
             let similarity = equal as f64 / HASHES as f64;
             if similarity >= self.similarity_min && best.is_none_or(|(best, _)| similarity > best) {
                 best = Some((similarity, other.place));
@@ -122,9 +142,16 @@ impl NearDuplicates {
         }
         if let Some((similarity, place)) = best {
             let told = format!("{:.0}% like an earlier row", 100.0 * similarity);
-            found.add("near", Severity::Warning, &[row.place, place], || (told, row.excerpt.clone()));
+            found.add("near", Severity::Warning, &[row.place, place], || {
+                (told, row.excerpt.clone())
+            });
         }
-        let kept = Row { signature, place: row.place, episode: row.episode, whole: row.whole };
+        let kept = Row {
+            signature,
+            place: row.place,
+            episode: row.episode,
+            whole: row.whole,
+        };
         if self.rows.len() < self.rows_max {
             self.rows.push(kept);
         } else {
@@ -136,7 +163,10 @@ impl NearDuplicates {
 
 impl Check for NearDuplicates {
     fn about(&self) -> (&'static str, &'static str) {
-        ("near-duplicates", "rows that are almost the same as a row of another episode")
+        (
+            "near-duplicates",
+            "rows that are almost the same as a row of another episode",
+        )
     }
 
     fn see(&mut self, seen: &Seen, found: &mut Findings) {
@@ -157,14 +187,36 @@ impl Check for NearDuplicates {
                 if self.learned && self.common.contains(&hash) {
                     continue;
                 }
-                let words = line.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty());
-                lines.push((hash, words.map(|word| (hasher.hash_one(word) >> 32) as u32).collect()));
+                let words = line
+                    .split(|c: char| !c.is_alphanumeric())
+                    .filter(|word| !word.is_empty());
+                lines.push((
+                    hash,
+                    words
+                        .map(|word| (hasher.hash_one(word) >> 32) as u32)
+                        .collect(),
+                ));
             }
         }
-        let episode = seen.example.episode().map_or(0, |episode| hasher.hash_one(episode));
-        let excerpt = seen.example.turns.iter().rev().find(|turn| turn.role.is_answer()).map(|turn| turn.text());
+        let episode = seen
+            .example
+            .episode()
+            .map_or(0, |episode| hasher.hash_one(episode));
+        let excerpt = seen
+            .example
+            .turns
+            .iter()
+            .rev()
+            .find(|turn| turn.role.is_answer())
+            .map(|turn| turn.text());
         let excerpt = excerpt.unwrap_or_default().chars().take(240).collect();
-        let row = Waiting { lines, place: seen.place(), episode, whole: seen.whole, excerpt };
+        let row = Waiting {
+            lines,
+            place: seen.place(),
+            episode,
+            whole: seen.whole,
+            excerpt,
+        };
         if self.learned {
             self.compare(row, found);
             return;
@@ -179,7 +231,11 @@ impl Check for NearDuplicates {
         if !self.learned {
             self.learn(found);
         }
-        found.note(format!("similarity from {:.0}%, each with the last {} rows", 100.0 * self.similarity_min, self.rows_max));
+        found.note(format!(
+            "similarity from {:.0}%, each with the last {} rows",
+            100.0 * self.similarity_min,
+            self.rows_max
+        ));
     }
 }
 
@@ -201,7 +257,10 @@ fn signature(words: &[u32]) -> Option<Signature> {
 }
 
 fn shingle(words: &[u32]) -> u32 {
-    (words.iter().fold(0, |hash, word| mixed(hash ^ u64::from(*word))) >> 32) as u32
+    (words
+        .iter()
+        .fold(0, |hash, word| mixed(hash ^ u64::from(*word)))
+        >> 32) as u32
 }
 
 /// A permutation of 32 bits: without it the least values of linear maps are not independent enough.

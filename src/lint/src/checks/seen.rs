@@ -1,11 +1,14 @@
-//! What several checks need of a row, worked out once: answers, calls, declared tools, what its pictures look like.
+//! What several checks need of a row, worked out once: answers, calls, declared tools, what its
+//! pictures look like.
 
 use std::collections::HashMap;
 
 use reel_world::ToolSpec;
 use serde_json::Value;
 
-use crate::{Answer, Call, Example, Image, ImageSource, Part, Picture, Place, Turn, show::image_bytes};
+use crate::{
+    Answer, Call, Example, Image, ImageSource, Part, Picture, Place, Turn, show::image_bytes,
+};
 
 /// A digest short enough to keep by the million.
 pub(super) type Key = [u8; 16];
@@ -16,7 +19,8 @@ pub(super) struct Seen<'a> {
     pub(super) answers: Vec<Said>,
     /// One for each picture of the row.
     pub(super) pictures: Vec<Look>,
-    /// Everything but answers, up to each answer: text with even white space, and pictures by digest.
+    /// Everything but answers, up to each answer: text with even white space, and pictures by
+    /// digest.
     pub(super) contexts: Vec<Key>,
     /// The whole row: all turns and pictures.
     pub(super) whole: Key,
@@ -43,15 +47,22 @@ pub(super) struct Look {
     pub(super) fault: Option<(&'static str, String)>,
 }
 
-/// Looks of picture files by path, so that each is read once. Memory: some 150 bytes for each file of pictures.
+/// Looks of picture files by path, so that each is read once. Memory: some 150 bytes for each file
+/// of pictures.
 #[derive(Default)]
 pub(super) struct Looks(HashMap<Key, Look>);
 
 impl<'a> Seen<'a> {
     pub(super) fn new(example: &'a Example, looks: &mut Looks) -> Self {
         let pictures: Vec<Look> = example.images.iter().map(|image| looks.of(image)).collect();
-        let answers = example.turns.iter().enumerate().filter(|(_, turn)| turn.role.is_answer());
-        let answers = answers.map(|(number, turn)| Said::of(number, turn)).collect();
+        let answers = example
+            .turns
+            .iter()
+            .enumerate()
+            .filter(|(_, turn)| turn.role.is_answer());
+        let answers = answers
+            .map(|(number, turn)| Said::of(number, turn))
+            .collect();
         let mut hasher = blake3::Hasher::new();
         let mut contexts = Vec::new();
         for turn in &example.turns {
@@ -75,7 +86,13 @@ impl<'a> Seen<'a> {
             }
             hasher.update(b"\0");
         }
-        Self { example, answers, pictures, contexts, whole: key(&hasher) }
+        Self {
+            example,
+            answers,
+            pictures,
+            contexts,
+            whole: key(&hasher),
+        }
     }
 
     pub(super) fn place(&self) -> Place {
@@ -86,10 +103,15 @@ impl<'a> Seen<'a> {
     pub(super) fn tools(&self) -> Option<Vec<Tool>> {
         let listed = self.example.tools.as_ref().and_then(Tool::list);
         listed.or_else(|| {
-            let prompts = self.example.turns.iter().filter(|turn| !turn.role.is_answer());
+            let prompts = self
+                .example
+                .turns
+                .iter()
+                .filter(|turn| !turn.role.is_answer());
             prompts.flat_map(Turn::texts).find_map(|text| {
                 let after = &text[text.find("Tools:")? + "Tools:".len()..];
-                let mut values = serde_json::Deserializer::from_str(after.trim_start()).into_iter::<Value>();
+                let mut values =
+                    serde_json::Deserializer::from_str(after.trim_start()).into_iter::<Value>();
                 Tool::list(&values.next()?.ok()?)
             })
         })
@@ -115,7 +137,12 @@ impl Said {
         if !by_function {
             calls.extend(answer.action.clone());
         }
-        Self { turn: number, answer, calls, by_function }
+        Self {
+            turn: number,
+            answer,
+            calls,
+            by_function,
+        }
     }
 }
 
@@ -124,7 +151,10 @@ impl Looks {
         match &image.source {
             ImageSource::File(path) => {
                 let name = key_of(path.as_os_str().as_encoded_bytes());
-                self.0.entry(name).or_insert_with(|| look(image, name)).clone()
+                self.0
+                    .entry(name)
+                    .or_insert_with(|| look(image, name))
+                    .clone()
             }
             _ => look(image, key_of(image.name.as_bytes())),
         }
@@ -132,17 +162,33 @@ impl Looks {
 }
 
 fn look(image: &Image, name: Key) -> Look {
-    let fault = |kind, words: String| Look { digest: name, picture: None, fault: Some((kind, words)) };
+    let fault = |kind, words: String| Look {
+        digest: name,
+        picture: None,
+        fault: Some((kind, words)),
+    };
     match (&image.source, image_bytes(image)) {
         (_, Some(bytes)) => {
             let digest = key_of(&bytes);
             match Picture::of(&bytes) {
-                Ok(picture) => Look { digest, picture: Some(picture), fault: None },
-                Err(error) => Look { digest, picture: None, fault: Some(("undecodable", error.to_string())) },
+                Ok(picture) => Look {
+                    digest,
+                    picture: Some(picture),
+                    fault: None,
+                },
+                Err(error) => Look {
+                    digest,
+                    picture: None,
+                    fault: Some(("undecodable", error.to_string())),
+                },
             }
         }
         (ImageSource::Broken(why), None) => fault("undecodable", why.clone()),
-        (ImageSource::Remote, None) => Look { digest: name, picture: None, fault: None },
+        (ImageSource::Remote, None) => Look {
+            digest: name,
+            picture: None,
+            fault: None,
+        },
         (_, None) => fault("missing", "no such file".to_owned()),
     }
 }
@@ -162,8 +208,13 @@ impl Tool {
 
     fn of(value: &Value) -> Option<Self> {
         let value = value.get("function").unwrap_or(value);
-        let parameters = ["parameters", "input_schema", "inputSchema"].iter().find_map(|key| value.get(*key));
-        Some(Self { name: value.get("name")?.as_str()?.to_owned(), parameters: parameters.cloned().unwrap_or_default() })
+        let parameters = ["parameters", "input_schema", "inputSchema"]
+            .iter()
+            .find_map(|key| value.get(*key));
+        Some(Self {
+            name: value.get("name")?.as_str()?.to_owned(),
+            parameters: parameters.cloned().unwrap_or_default(),
+        })
     }
 
     /// What a call's arguments do wrong by the schema: missing, unknown, of another type.
@@ -172,22 +223,59 @@ impl Tool {
         let arguments = match arguments {
             Value::Null => &empty,
             Value::Object(arguments) => arguments,
-            other => return vec![("wrong type", format!("the arguments of {} are no object: {other}", self.name))],
+            other => {
+                return vec![(
+                    "wrong type",
+                    format!("the arguments of {} are no object: {other}", self.name),
+                )];
+            }
         };
-        let properties = self.parameters.get("properties").and_then(Value::as_object).unwrap_or(&empty);
-        let required = self.parameters.get("required").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str);
+        let properties = self
+            .parameters
+            .get("properties")
+            .and_then(Value::as_object)
+            .unwrap_or(&empty);
+        let required = self
+            .parameters
+            .get("required")
+            .and_then(Value::as_array)
+            .into_iter()
+            .flatten()
+            .filter_map(Value::as_str);
         let missing = required.filter(|name| !arguments.contains_key(*name));
-        let mut faults: Vec<_> =
-            missing.map(|name| ("missing argument", format!("{} lacks its argument {name}", self.name))).collect();
+        let mut faults: Vec<_> = missing
+            .map(|name| {
+                (
+                    "missing argument",
+                    format!("{} lacks its argument {name}", self.name),
+                )
+            })
+            .collect();
         for (name, value) in arguments {
             match properties.get(name.as_str()) {
-                None => faults.push(("unknown argument", format!("{} has no argument {name}", self.name))),
+                None => faults.push((
+                    "unknown argument",
+                    format!("{} has no argument {name}", self.name),
+                )),
                 Some(schema) => {
-                    let wanted = schema.get("type").and_then(Value::as_str).unwrap_or_default();
-                    let allowed = schema.get("enum").and_then(Value::as_array).is_none_or(|values| values.contains(value));
+                    let wanted = schema
+                        .get("type")
+                        .and_then(Value::as_str)
+                        .unwrap_or_default();
+                    let allowed = schema
+                        .get("enum")
+                        .and_then(Value::as_array)
+                        .is_none_or(|values| values.contains(value));
                     if !is_of_type(value, wanted) || !allowed {
-                        let expected = if allowed { wanted } else { "one of the listed values" };
-                        faults.push(("wrong type", format!("{} wants {name} as {expected}, found {value}", self.name)));
+                        let expected = if allowed {
+                            wanted
+                        } else {
+                            "one of the listed values"
+                        };
+                        faults.push((
+                            "wrong type",
+                            format!("{} wants {name} as {expected}, found {value}", self.name),
+                        ));
                     }
                 }
             }

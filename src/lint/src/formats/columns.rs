@@ -1,4 +1,5 @@
-//! Which key of a row holds what: fixed by the format, or said by LLaMA-Factory's `dataset_info.json`.
+//! Which key of a row holds what: fixed by the format, or said by LLaMA-Factory's
+//! `dataset_info.json`.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -24,7 +25,11 @@ impl Columns {
     pub(crate) fn of(format: Format) -> Self {
         let conversations = matches!(format, Format::QwenVl | Format::LlamaFactory);
         let names: &[(&str, Role)] = match format {
-            Format::QwenVl => &[("human", Role::User), ("gpt", Role::Assistant), ("system", Role::System)],
+            Format::QwenVl => &[
+                ("human", Role::User),
+                ("gpt", Role::Assistant),
+                ("system", Role::System),
+            ],
             Format::LlamaFactory => &[
                 ("human", Role::User),
                 ("gpt", Role::Assistant),
@@ -48,28 +53,50 @@ impl Columns {
                 ("tool", Role::ToolResult),
             ],
         };
-        let [messages, role, content] =
-            if conversations { ["conversations", "from", "value"] } else { ["messages", "role", "content"] };
+        let [messages, role, content] = if conversations {
+            ["conversations", "from", "value"]
+        } else {
+            ["messages", "role", "content"]
+        };
         Self {
             messages: messages.into(),
-            images: Some(if format == Format::QwenVl { "image" } else { "images" }.into()),
-            system: (format == Format::LlamaFactory || format == Format::MsSwift).then(|| "system".into()),
+            images: Some(
+                if format == Format::QwenVl {
+                    "image"
+                } else {
+                    "images"
+                }
+                .into(),
+            ),
+            system: (format == Format::LlamaFactory || format == Format::MsSwift)
+                .then(|| "system".into()),
             tools: Some("tools".into()),
             role: role.into(),
             content: content.into(),
-            roles: names.iter().map(|(name, role)| ((*name).to_owned(), role.clone())).collect(),
+            roles: names
+                .iter()
+                .map(|(name, role)| ((*name).to_owned(), role.clone()))
+                .collect(),
         }
     }
 
     /// What an entry of `dataset_info.json` says; what it leaves out has LLaMA-Factory's defaults.
     fn of_entry(entry: &Value) -> Self {
         let said = |group: &str, key: &str| entry.get(group)?.get(key)?.as_str().map(str::to_owned);
-        let tag = |key: &str, default: &str| said("tags", key).unwrap_or_else(|| default.to_owned());
+        let tag =
+            |key: &str, default: &str| said("tags", key).unwrap_or_else(|| default.to_owned());
         let openai = entry.get("formatting").and_then(Value::as_str) == Some("openai");
         let [role, content, user, assistant, observation, function] = if openai {
             ["role", "content", "user", "assistant", "tool", "function"]
         } else {
-            ["from", "value", "human", "gpt", "observation", "function_call"]
+            [
+                "from",
+                "value",
+                "human",
+                "gpt",
+                "observation",
+                "function_call",
+            ]
         };
         let roles = [
             (tag("user_tag", user), Role::User),
@@ -89,22 +116,35 @@ impl Columns {
         }
     }
 
-    /// What the `dataset_info.json` beside a file says of it; of a named entry, which may be in the folder above.
+    /// What the `dataset_info.json` beside a file says of it; of a named entry, which may be in the
+    /// folder above.
     pub(crate) fn declared(file: &Path) -> Option<Self> {
         let name = file.file_name()?.to_str()?;
         let mut folder = file.parent()?;
         let mut inside = name.to_owned();
         loop {
             let info = fs::read(folder.join("dataset_info.json")).ok();
-            let info: Option<Map<String, Value>> = info.and_then(|bytes| serde_json::from_slice(&bytes).ok());
+            let info: Option<Map<String, Value>> =
+                info.and_then(|bytes| serde_json::from_slice(&bytes).ok());
             if let Some(info) = info {
                 let names = |entry: &&Value| {
                     let file_name = entry.get("file_name").and_then(Value::as_str);
-                    file_name.is_some_and(|it| it == inside || inside.starts_with(&format!("{}/", it.trim_end_matches('/'))))
+                    file_name.is_some_and(|it| {
+                        it == inside
+                            || inside.starts_with(&format!("{}/", it.trim_end_matches('/')))
+                    })
                 };
-                let sharegpt =
-                    |entry: &&Value| matches!(entry.get("formatting").and_then(Value::as_str), Some("sharegpt" | "openai"));
-                return info.values().filter(sharegpt).find(names).map(Self::of_entry);
+                let sharegpt = |entry: &&Value| {
+                    matches!(
+                        entry.get("formatting").and_then(Value::as_str),
+                        Some("sharegpt" | "openai")
+                    )
+                };
+                return info
+                    .values()
+                    .filter(sharegpt)
+                    .find(names)
+                    .map(Self::of_entry);
             }
             if inside.contains('/') {
                 return None;
@@ -116,12 +156,19 @@ impl Columns {
 
     /// The role that a name stands for.
     pub(crate) fn role_of(&self, name: &str) -> Role {
-        self.roles.get(name).cloned().unwrap_or_else(|| Role::Other(name.to_owned()))
+        self.roles
+            .get(name)
+            .cloned()
+            .unwrap_or_else(|| Role::Other(name.to_owned()))
     }
 
     /// The names of roles, for messages.
     pub(crate) fn role_names(&self) -> String {
-        self.roles.keys().map(String::as_str).collect::<Vec<_>>().join(", ")
+        self.roles
+            .keys()
+            .map(String::as_str)
+            .collect::<Vec<_>>()
+            .join(", ")
     }
 }
 

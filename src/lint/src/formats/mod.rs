@@ -1,6 +1,8 @@
-//! The six formats of SPEC section 11: which one a row is written in, and the row in the common form.
+//! The six formats of SPEC section 11: which one a row is written in, and the row in the common
+//! form.
 //!
-//! Accepts more than the loaders do, so that what they would refuse or skip can be told instead of lost.
+//! Accepts more than the loaders do, so that what they would refuse or skip can be told instead of
+//! lost.
 
 mod columns;
 mod turns;
@@ -20,18 +22,25 @@ pub(crate) fn has_tags(format: Format) -> bool {
 }
 
 /// What is understood, for messages.
-pub(crate) const EXPECTED: &str =
-    "rows with `conversations`, with `messages`, or with `prompt` and `completion`, as a JSON list, JSONL or Parquet";
+pub(crate) const EXPECTED: &str = "rows with `conversations`, with `messages`, or with `prompt` and `completion`, as a JSON list, JSONL or Parquet";
 
 /// The format of a JSON row without a `dataset_info.json` beside it.
 pub(crate) fn recognise(row: &Map<String, Value>) -> Option<Format> {
     if let Some(Value::Array(turns)) = row.get("conversations") {
         let factory_role = |turn: &Value| {
-            matches!(turn.get("from").and_then(Value::as_str), Some("function_call" | "observation"))
-                || turn.get("role").is_some()
+            matches!(
+                turn.get("from").and_then(Value::as_str),
+                Some("function_call" | "observation")
+            ) || turn.get("role").is_some()
         };
-        let factory = row.contains_key("tools") || row.contains_key("system") || turns.iter().any(factory_role);
-        return Some(if factory && !row.contains_key("image") { Format::LlamaFactory } else { Format::QwenVl });
+        let factory = row.contains_key("tools")
+            || row.contains_key("system")
+            || turns.iter().any(factory_role);
+        return Some(if factory && !row.contains_key("image") {
+            Format::LlamaFactory
+        } else {
+            Format::QwenVl
+        });
     }
     if let Some(Value::Array(turns)) = row.get("messages") {
         return Some(of_messages(row, turns));
@@ -40,20 +49,42 @@ pub(crate) fn recognise(row: &Map<String, Value>) -> Option<Format> {
 }
 
 fn of_messages(row: &Map<String, Value>, turns: &[Value]) -> Format {
-    let parts = || turns.iter().filter_map(|turn| turn.get("content")?.as_array()).flatten();
-    let url = parts().any(|part| matches!(part.get("type").and_then(Value::as_str), Some("image_url" | "input_image")));
-    let role =
-        |names: &[&str]| turns.iter().any(|turn| turn.get("role").and_then(Value::as_str).is_some_and(|it| names.contains(&it)));
+    let parts = || {
+        turns
+            .iter()
+            .filter_map(|turn| turn.get("content")?.as_array())
+            .flatten()
+    };
+    let url = parts().any(|part| {
+        matches!(
+            part.get("type").and_then(Value::as_str),
+            Some("image_url" | "input_image")
+        )
+    });
+    let role = |names: &[&str]| {
+        turns.iter().any(|turn| {
+            turn.get("role")
+                .and_then(Value::as_str)
+                .is_some_and(|it| names.contains(&it))
+        })
+    };
     // TRL has calls too, and pictures beside the turns.
-    let calls = turns.iter().any(|turn| turn.get("tool_calls").is_some()) && !row.contains_key("images");
+    let calls =
+        turns.iter().any(|turn| turn.get("tool_calls").is_some()) && !row.contains_key("images");
     if url || calls || role(&["developer"]) {
         return Format::OpenAi;
     }
     if parts().next().is_some() {
         return Format::Trl;
     }
-    let tag = |turn: &Value| turn.get("content").and_then(Value::as_str).is_some_and(|text| text.contains("<image>"));
-    let swift = role(&["tool_call", "tool_response"]) || row.get("tools").is_some_and(Value::is_string) || turns.iter().any(tag);
+    let tag = |turn: &Value| {
+        turn.get("content")
+            .and_then(Value::as_str)
+            .is_some_and(|text| text.contains("<image>"))
+    };
+    let swift = role(&["tool_call", "tool_response"])
+        || row.get("tools").is_some_and(Value::is_string)
+        || turns.iter().any(tag);
     if swift { Format::MsSwift } else { Format::Trl }
 }
 
@@ -72,7 +103,11 @@ pub(crate) struct Source<'a> {
 ///
 /// # Errors
 /// What is missing and what was expected.
-pub(crate) fn example(mut row: Map<String, Value>, inside: Option<Vec<Image>>, source: &Source) -> Result<Example, String> {
+pub(crate) fn example(
+    mut row: Map<String, Value>,
+    inside: Option<Vec<Image>>,
+    source: &Source,
+) -> Result<Example, String> {
     let mut reader = turns::Reader::new(source);
     let columns = source.columns;
     let mut turns = match row.remove(columns.messages.as_str()) {
@@ -83,22 +118,43 @@ pub(crate) fn example(mut row: Map<String, Value>, inside: Option<Vec<Image>>, s
                 turns.extend(reader.side("completion", &completion, "assistant")?);
                 turns
             }
-            _ => return Err(format!("no turns: expected a list under `{}`", columns.messages)),
+            _ => {
+                return Err(format!(
+                    "no turns: expected a list under `{}`",
+                    columns.messages
+                ));
+            }
         },
     };
-    if let Some(system) = columns.system.as_ref().and_then(|key| row.remove(key.as_str())) {
+    if let Some(system) = columns
+        .system
+        .as_ref()
+        .and_then(|key| row.remove(key.as_str()))
+    {
         let text = system.as_str().unwrap_or_default();
         if !text.is_empty() && turns.first().is_none_or(|turn| turn.role != Role::System) {
-            turns.insert(0, Turn { role: Role::System, parts: vec![Part::Text(text.to_owned())] });
+            turns.insert(
+                0,
+                Turn {
+                    role: Role::System,
+                    parts: vec![Part::Text(text.to_owned())],
+                },
+            );
         }
     }
-    let listed = columns.images.as_ref().and_then(|key| row.remove(key.as_str()));
+    let listed = columns
+        .images
+        .as_ref()
+        .and_then(|key| row.remove(key.as_str()));
     let mut images = match (inside, listed) {
         (Some(images), _) => images,
         (None, Some(listed)) => reader.images(&listed),
         (None, None) => Vec::new(),
     };
-    let tagged = turns.iter().flat_map(|turn| &turn.parts).any(|part| matches!(part, Part::Image(_)));
+    let tagged = turns
+        .iter()
+        .flat_map(|turn| &turn.parts)
+        .any(|part| matches!(part, Part::Image(_)));
     if source.format == Format::Trl && !tagged && !images.is_empty() {
         // The trainer puts them before the first text of the user.
         if let Some(turn) = turns.iter_mut().find(|turn| turn.role == Role::User) {
@@ -109,14 +165,31 @@ pub(crate) fn example(mut row: Map<String, Value>, inside: Option<Vec<Image>>, s
     if !own.is_empty() {
         images = own;
     }
-    let tools = columns.tools.as_ref().and_then(|key| row.remove(key.as_str())).filter(|tools| !tools.is_null());
+    let tools = columns
+        .tools
+        .as_ref()
+        .and_then(|key| row.remove(key.as_str()))
+        .filter(|tools| !tools.is_null());
     let tools = tools.map(|tools| match &tools {
         Value::String(text) => serde_json::from_str(text).unwrap_or(tools),
         _ => tools,
     });
     let meta = flat(row);
-    let split = meta.get("split").and_then(Value::as_str).map(split_name).or_else(|| source.split.map(str::to_owned));
-    Ok(Example { place: source.place, format: source.format, split, turns, tools, images, meta, oddities })
+    let split = meta
+        .get("split")
+        .and_then(Value::as_str)
+        .map(split_name)
+        .or_else(|| source.split.map(str::to_owned));
+    Ok(Example {
+        place: source.place,
+        format: source.format,
+        split,
+        turns,
+        tools,
+        images,
+        meta,
+        oddities,
+    })
 }
 
 /// One name for a split, however it is spelled.
@@ -152,13 +225,29 @@ fn flat(mut row: Map<String, Value>) -> Map<String, Value> {
 pub(crate) fn image(written: &str, resolve: &dyn Fn(&Path) -> ImageSource) -> Image {
     if let Some(data) = written.strip_prefix("data:") {
         let name = data.split([';', ',']).next().unwrap_or_default();
-        return Image { name: format!("data:{name}"), source: columns::data_url(data) };
+        return Image {
+            name: format!("data:{name}"),
+            source: columns::data_url(data),
+        };
     }
-    let remote = ["http://", "https://", "s3://", "oss://", "hf://"].iter().any(|scheme| written.starts_with(scheme));
+    let remote = ["http://", "https://", "s3://", "oss://", "hf://"]
+        .iter()
+        .any(|scheme| written.starts_with(scheme));
     let path = Path::new(written.strip_prefix("file://").unwrap_or(written));
-    Image { name: written.to_owned(), source: if remote { ImageSource::Remote } else { resolve(path) } }
+    Image {
+        name: written.to_owned(),
+        source: if remote {
+            ImageSource::Remote
+        } else {
+            resolve(path)
+        },
+    }
 }
 
 pub(crate) fn oddity(kind: &'static str, harmful: bool, message: impl Into<String>) -> Oddity {
-    Oddity { kind, harmful, message: message.into() }
+    Oddity {
+        kind,
+        harmful,
+        message: message.into(),
+    }
 }

@@ -11,17 +11,30 @@ fn folder() -> Folder {
 }
 
 fn good(task: &str) -> Value {
-    swift(task, "Arrived at table_1.", "pick", json!({ "marker_id": 1 }))
+    swift(
+        task,
+        "Arrived at table_1.",
+        "pick",
+        json!({ "marker_id": 1 }),
+    )
 }
 
 #[test]
 fn good_rows_pass() {
     let folder = folder();
-    let rows: Vec<Value> = ["Bring a cup.", "Find the salt."].iter().map(|task| good(task)).collect();
+    let rows: Vec<Value> = ["Bring a cup.", "Find the salt."]
+        .iter()
+        .map(|task| good(task))
+        .collect();
     let report = linted(&folder.lines("rows.jsonl", &rows));
-    // Two rows that differ in a word are near-duplicates, rightly, and two rows do not call all tools.
+    // Two rows that differ in a word are near-duplicates, rightly, and two rows do not call all
+    // tools.
     let expected = ["balance", "near-duplicates"];
-    let worst: Vec<_> = report.checks.iter().filter(|check| !expected.contains(&check.check) && check.findings > 0).collect();
+    let worst: Vec<_> = report
+        .checks
+        .iter()
+        .filter(|check| !expected.contains(&check.check) && check.findings > 0)
+        .collect();
     assert!(worst.is_empty() && !report.is_bad(), "{report}");
 }
 
@@ -47,7 +60,8 @@ fn pictures() {
         wrong_turn,
     ];
     let report = linted(&folder.lines("rows.jsonl", &rows));
-    let kinds = ["missing", "undecodable", "tag mismatch", "wrong turn"].map(|kind| count(&report, "images", kind));
+    let kinds = ["missing", "undecodable", "tag mismatch", "wrong turn"]
+        .map(|kind| count(&report, "images", kind));
     assert_eq!(kinds, [1, 2, 2, 1], "{report}");
     assert!(report.is_bad());
 }
@@ -55,7 +69,12 @@ fn pictures() {
 #[test]
 fn what_loaders_pass_over() {
     let folder = folder();
-    let turns = |roles: &[&str]| -> Value { roles.iter().map(|role| json!({ "from": role, "value": "words" })).collect() };
+    let turns = |roles: &[&str]| -> Value {
+        roles
+            .iter()
+            .map(|role| json!({ "from": role, "value": "words" }))
+            .collect()
+    };
     let qwen = [
         json!({ "image": "view.png", "images": ["view.png"], "conversations": [{ "from": "human", "value": "<image>" }, { "from": "gpt", "value": "a" }] }),
         json!({ "conversations": turns(&["human", "gpt", "human"]) }),
@@ -64,13 +83,23 @@ fn what_loaders_pass_over() {
         json!({ "conversations": turns(&["system", "human", "gpt"]) }),
     ];
     let report = linted(&folder.write("qwen.json", json!(qwen).to_string()));
-    assert_eq!(["ignored key", "odd turns", "order", "role"].map(|kind| count(&report, "loader", kind)), [1; 4], "{report}");
+    assert_eq!(
+        ["ignored key", "odd turns", "order", "role"].map(|kind| count(&report, "loader", kind)),
+        [1; 4],
+        "{report}"
+    );
 
-    let sharegpt =
-        json!([{ "conversations": turns(&["human", "function_call", "observation"]), "tools": "[]", "images": ["view.png"] }]);
-    folder.write("dataset_info.json", json!({ "a": { "file_name": "share.json", "formatting": "sharegpt" } }).to_string());
+    let sharegpt = json!([{ "conversations": turns(&["human", "function_call", "observation"]), "tools": "[]", "images": ["view.png"] }]);
+    folder.write(
+        "dataset_info.json",
+        json!({ "a": { "file_name": "share.json", "formatting": "sharegpt" } }).to_string(),
+    );
     let report = linted(&folder.write("share.json", sharegpt.to_string()));
-    assert_eq!(["ignored key", "odd turns"].map(|kind| count(&report, "loader", kind)), [1; 2], "{report}");
+    assert_eq!(
+        ["ignored key", "odd turns"].map(|kind| count(&report, "loader", kind)),
+        [1; 2],
+        "{report}"
+    );
 
     let call = json!({ "id": "c", "type": "function", "function": { "name": "pick", "arguments": { "marker_id": 1 } } });
     let chat = json!({ "messages": [
@@ -79,7 +108,14 @@ fn what_loaders_pass_over() {
         { "role": "user", "content": "well?" },
     ]});
     let report = linted(&folder.lines("chat.jsonl", &[chat]));
-    assert_eq!((count(&report, "loader", "tool calls"), count(&report, "loader", "order")), (1, 2), "{report}");
+    assert_eq!(
+        (
+            count(&report, "loader", "tool calls"),
+            count(&report, "loader", "order")
+        ),
+        (1, 2),
+        "{report}"
+    );
 }
 
 #[test]
@@ -100,35 +136,93 @@ fn answers() {
         said(answer("finish", json!({ "because": "done" }))),
     ];
     let report = linted(&folder.lines("rows.jsonl", &rows));
-    let kinds = ["unread", "no action", "unknown tool", "missing argument", "wrong type", "unknown argument"];
-    assert_eq!(kinds.map(|kind| count(&report, "answers", kind)), [1; 6], "{report}");
+    let kinds = [
+        "unread",
+        "no action",
+        "unknown tool",
+        "missing argument",
+        "wrong type",
+        "unknown argument",
+    ];
+    assert_eq!(
+        kinds.map(|kind| count(&report, "answers", kind)),
+        [1; 6],
+        "{report}"
+    );
     let talk = json!({ "prompt": "one and one", "completion": "two" });
     let report = linted(&folder.lines("talk.jsonl", &[talk]));
-    assert!(!of(&report, "answers").applies && !report.is_bad(), "{report}");
+    assert!(
+        !of(&report, "answers").applies && !report.is_bad(),
+        "{report}"
+    );
 }
 
 #[test]
 fn one_context_and_three_actions() {
     let folder = folder();
-    let act = |marker: u32| swift("Bring a cup.", "Marked 3 cups.", "pick", json!({ "marker_id": marker }));
-    let rows = [act(1), good("Find the salt."), act(2), act(1), act(1), act(3)];
+    let act = |marker: u32| {
+        swift(
+            "Bring a cup.",
+            "Marked 3 cups.",
+            "pick",
+            json!({ "marker_id": marker }),
+        )
+    };
+    let rows = [
+        act(1),
+        good("Find the salt."),
+        act(2),
+        act(1),
+        act(1),
+        act(3),
+    ];
     let report = linted(&folder.lines("rows.jsonl", &rows));
     let noise = of(&report, "label-noise");
     assert_eq!(noise.findings, 1);
-    assert!(noise.examples[0].message.starts_with("5 rows of one context have 3 actions; the majority has 60%"), "{report}");
-    assert_eq!(noise.examples[0].examples.iter().map(|it| it.line).collect::<Vec<_>>(), [3, 6, 1]);
+    assert!(
+        noise.examples[0]
+            .message
+            .starts_with("5 rows of one context have 3 actions; the majority has 60%"),
+        "{report}"
+    );
+    assert_eq!(
+        noise.examples[0]
+            .examples
+            .iter()
+            .map(|it| it.line)
+            .collect::<Vec<_>>(),
+        [3, 6, 1]
+    );
     assert_eq!(count(&report, "duplicates", "exact"), 2);
 }
 
 #[test]
 fn too_long_and_unbalanced() {
     let folder = folder();
-    let mut rows: Vec<Value> = (0..9).map(|number| good(&format!("Bring cup {number}."))).collect();
-    rows.push(swift(&"far away ".repeat(5000), "Arrived.", "finish", json!({})));
+    let mut rows: Vec<Value> = (0..9)
+        .map(|number| good(&format!("Bring cup {number}.")))
+        .collect();
+    rows.push(swift(
+        &"far away ".repeat(5000),
+        "Arrived.",
+        "finish",
+        json!({}),
+    ));
     let report = linted(&folder.lines("rows.jsonl", &rows));
     assert_eq!(count(&report, "length", "over budget"), 1);
-    assert_eq!((count(&report, "balance", "tool"), count(&report, "balance", "never called")), (1, 1), "{report}");
-    assert!(of(&report, "balance").note.starts_with("pick 9 (90%), finish 1 (10%)"));
+    assert_eq!(
+        (
+            count(&report, "balance", "tool"),
+            count(&report, "balance", "never called")
+        ),
+        (1, 1),
+        "{report}"
+    );
+    assert!(
+        of(&report, "balance")
+            .note
+            .starts_with("pick 9 (90%), finish 1 (10%)")
+    );
 }
 
 #[test]
@@ -139,12 +233,25 @@ fn leakage_between_splits() {
         row["meta"] = json!({ "task_id": id, "scene_id": scene });
         row
     };
-    folder.lines("train.jsonl", &[of_task("Bring a cup.", "FDP/1", "home_1"), of_task("Find the salt.", "FDP/2", "home_1")]);
+    folder.lines(
+        "train.jsonl",
+        &[
+            of_task("Bring a cup.", "FDP/1", "home_1"),
+            of_task("Find the salt.", "FDP/2", "home_1"),
+        ],
+    );
     let report = linted(&folder.0.path().join("train.jsonl"));
     assert!(!of(&report, "splits").applies);
-    folder.lines("test.jsonl", &[of_task("Bring a cup.", "FDP/3", "home_2"), of_task("Open it.", "FDP/2", "home_1")]);
+    folder.lines(
+        "test.jsonl",
+        &[
+            of_task("Bring a cup.", "FDP/3", "home_2"),
+            of_task("Open it.", "FDP/2", "home_1"),
+        ],
+    );
     let report = linted(folder.path());
-    let kinds = ["prompt", "task", "scene", "picture", "episode"].map(|kind| count(&report, "splits", kind));
+    let kinds = ["prompt", "task", "scene", "picture", "episode"]
+        .map(|kind| count(&report, "splits", kind));
     assert_eq!(kinds, [1, 1, 1, 1, 0], "{report}");
     assert!(report.is_bad());
 }
@@ -156,12 +263,27 @@ fn the_report_for_people_and_for_machines() {
     row["images"] = json!(["gone.png"]);
     let report = linted(&folder.lines("rows.jsonl", &[good("Find the salt."), row]));
     let text = report.to_string();
-    assert!(text.contains("rows.jsonl:2 (row 1): no such file\n      | gone.png"), "{text}");
-    assert!(text.lines().any(|line| line.starts_with("images") && line.contains("ERROR")), "{text}");
+    assert!(
+        text.contains("rows.jsonl:2 (row 1): no such file\n      | gone.png"),
+        "{text}"
+    );
+    assert!(
+        text.lines()
+            .any(|line| line.starts_with("images") && line.contains("ERROR")),
+        "{text}"
+    );
     let json = serde_json::to_value(&report).expect("plain data");
     assert_eq!(json["rows"], 2);
-    let images = json["checks"].as_array().expect("checks").iter().find(|check| check["check"] == "images").expect("it is there");
-    assert_eq!((images["worst"].as_str(), images["share"].as_f64()), (Some("error"), Some(0.5)));
+    let images = json["checks"]
+        .as_array()
+        .expect("checks")
+        .iter()
+        .find(|check| check["check"] == "images")
+        .expect("it is there");
+    assert_eq!(
+        (images["worst"].as_str(), images["share"].as_f64()),
+        (Some("error"), Some(0.5))
+    );
 }
 
 #[test]
@@ -171,29 +293,67 @@ fn a_history_that_the_rows_refute() {
         let mut row = good("Bring a cup.");
         let text = prompt("Bring a cup.", outcome);
         let last = format!("Last action: {last}\n");
-        let old = "Last action: {\"tool_name\":\"nav_to\",\"args\":{\"receptacle_name\":\"table_1\"}}\n";
+        let old =
+            "Last action: {\"tool_name\":\"nav_to\",\"args\":{\"receptacle_name\":\"table_1\"}}\n";
         row["messages"][1]["content"] = text.replace(old, &last).into();
-        let object = json!({ "History": history, "next_action": { "tool_name": "finish", "args": {} } });
+        let object =
+            json!({ "History": history, "next_action": { "tool_name": "finish", "args": {} } });
         row["messages"][2]["content"] = object.to_string().into();
         row["meta"] = json!({ "episode_id": "e1", "call": number });
         row
     };
-    let nav = |place: &str| format!("{{\"tool_name\":\"nav_to\",\"args\":{{\"receptacle_name\":\"{place}\"}}}}");
+    let nav = |place: &str| {
+        format!("{{\"tool_name\":\"nav_to\",\"args\":{{\"receptacle_name\":\"{place}\"}}}}")
+    };
     let pick = "{\"tool_name\":\"pick\",\"args\":{\"marker_id\":1}}";
     let refused = "No marker map available. Use 'find_objects' or 'explore_receptacle' first.";
     // Not in their order.
     let rows = [
         row(2, pick, refused, "I went to table_1. I picked up the cup."),
-        row(0, "none", "The episode begins.", "Nothing has been done yet."),
-        row(1, &nav("table_1"), "Arrived at table_1.", "I went to fridge_1."),
-        row(3, &nav("fridge_1"), "Arrived at fridge_1.", "I went to table_1, then to fridge_1."),
+        row(
+            0,
+            "none",
+            "The episode begins.",
+            "Nothing has been done yet.",
+        ),
+        row(
+            1,
+            &nav("table_1"),
+            "Arrived at table_1.",
+            "I went to fridge_1.",
+        ),
+        row(
+            3,
+            &nav("fridge_1"),
+            "Arrived at fridge_1.",
+            "I went to table_1, then to fridge_1.",
+        ),
     ];
     let report = linted(&folder.lines("rows.jsonl", &rows));
     let history = of(&report, "history");
-    assert!(history.note.ends_with("in 4 rows, 0 rows not judged"), "{report}");
-    assert_eq!(history.examples.iter().map(|it| it.examples[0].index).collect::<Vec<_>>(), [2, 0], "{report}");
+    assert!(
+        history.note.ends_with("in 4 rows, 0 rows not judged"),
+        "{report}"
+    );
+    assert_eq!(
+        history
+            .examples
+            .iter()
+            .map(|it| it.examples[0].index)
+            .collect::<Vec<_>>(),
+        [2, 0],
+        "{report}"
+    );
     // Without the second, what came after it cannot be judged.
-    let report = linted(&folder.lines("rows.jsonl", &[rows[0].clone(), rows[1].clone(), rows[3].clone()]));
+    let report = linted(&folder.lines(
+        "rows.jsonl",
+        &[rows[0].clone(), rows[1].clone(), rows[3].clone()],
+    ));
     assert_eq!(of(&report, "history").findings, 0, "{report}");
-    assert!(of(&report, "history").note.ends_with("in 1 rows, 2 rows not judged"), "{report}");
+    assert!(
+        of(&report, "history")
+            .note
+            .ends_with("in 1 rows, 2 rows not judged"),
+        "{report}"
+    );
 }

@@ -35,7 +35,12 @@ impl Folder {
     }
 
     fn lines(&self, name: &str, rows: &[Value]) -> PathBuf {
-        self.write(name, rows.iter().map(|row| format!("{row}\n")).collect::<String>())
+        self.write(
+            name,
+            rows.iter()
+                .map(|row| format!("{row}\n"))
+                .collect::<String>(),
+        )
     }
 }
 
@@ -49,7 +54,9 @@ fn linted(path: &Path) -> Report {
 
 /// A check of a report.
 fn of<'r>(report: &'r Report, check: &str) -> &'r CheckReport {
-    report.check(check).unwrap_or_else(|| panic!("there is no check {check}"))
+    report
+        .check(check)
+        .unwrap_or_else(|| panic!("there is no check {check}"))
 }
 
 /// Number of findings of a kind.

@@ -20,17 +20,27 @@ fn turns(example: &Example) -> Vec<(Role, String)> {
         Part::Image(number) => format!("[{number}]"),
         Part::Call(call) => call.canonical(),
     };
-    example.turns.iter().map(|turn| (turn.role.clone(), turn.parts.iter().map(text).collect())).collect()
+    example
+        .turns
+        .iter()
+        .map(|turn| (turn.role.clone(), turn.parts.iter().map(text).collect()))
+        .collect()
 }
 
 fn only(dataset: &Dataset) -> Example {
     let rows: Vec<_> = dataset.rows().collect();
     assert_eq!(rows.len(), 1);
-    rows.into_iter().next().expect("one").unwrap_or_else(|error| panic!("{error}"))
+    rows.into_iter()
+        .next()
+        .expect("one")
+        .unwrap_or_else(|error| panic!("{error}"))
 }
 
 fn seen_and_said() -> Vec<(Role, String)> {
-    vec![(Role::User, "[0]what is it?".into()), (Role::Assistant, "a cup".into())]
+    vec![
+        (Role::User, "[0]what is it?".into()),
+        (Role::Assistant, "a cup".into()),
+    ]
 }
 
 #[test]
@@ -42,12 +52,21 @@ fn qwen_vl_as_a_list_and_as_lines() {
         "image": "view.png",
         "conversations": [{ "from": "human", "value": "<image>what is it?" }, { "from": "gpt", "value": "a cup" }],
     });
-    for (name, text) in [("train.json", format!("[\n{row:#}\n]")), ("train.jsonl", row.to_string())] {
+    for (name, text) in [
+        ("train.json", format!("[\n{row:#}\n]")),
+        ("train.jsonl", row.to_string()),
+    ] {
         let dataset = open(&folder.write(name, text));
         let example = only(&dataset);
-        assert_eq!((example.format, example.split.as_deref()), (Format::QwenVl, Some("train")));
+        assert_eq!(
+            (example.format, example.split.as_deref()),
+            (Format::QwenVl, Some("train"))
+        );
         assert_eq!(turns(&example), seen_and_said());
-        assert_eq!(example.images[0].source, ImageSource::File(folder.path().join("view.png")));
+        assert_eq!(
+            example.images[0].source,
+            ImageSource::File(folder.path().join("view.png"))
+        );
         assert_eq!(example.meta_text(&["id"]).as_deref(), Some("a1"));
         assert!(show(&example).contains("<image 1: 364x273 PNG, view.png>what is it?"));
     }
@@ -120,11 +139,20 @@ fn trl_in_its_three_ways() {
     });
     for row in [parts, plain, pair] {
         let example = only(&open(&folder.lines("a.jsonl", &[row])));
-        assert_eq!((example.format, turns(&example)), (Format::Trl, seen_and_said()));
+        assert_eq!(
+            (example.format, turns(&example)),
+            (Format::Trl, seen_and_said())
+        );
     }
     let words = json!({ "prompt": "one and one", "completion": "two" });
     let example = only(&open(&folder.lines("b.jsonl", &[words])));
-    assert_eq!(turns(&example), [(Role::User, "one and one".into()), (Role::Assistant, "two".into())]);
+    assert_eq!(
+        turns(&example),
+        [
+            (Role::User, "one and one".into()),
+            (Role::Assistant, "two".into())
+        ]
+    );
 }
 
 #[test]
@@ -144,7 +172,9 @@ fn openai_with_calls_and_data_urls() {
     assert_eq!(example.format, Format::OpenAi);
     assert_eq!(turns(&example)[0], seen_and_said()[0]);
     assert_eq!(turns(&example)[1].1, r#"pick({"marker_id":1})"#);
-    assert!(matches!(&example.images[0].source, ImageSource::Bytes(bytes) if bytes.starts_with(b"\x89PNG")));
+    assert!(
+        matches!(&example.images[0].source, ImageSource::Bytes(bytes) if bytes.starts_with(b"\x89PNG"))
+    );
     assert_eq!(of(&linted(&path), "loader").findings, 0);
 }
 
@@ -152,31 +182,63 @@ fn openai_with_calls_and_data_urls() {
 fn parquet_with_pictures_inside() {
     let folder = Folder::new();
     let path = folder.path().join("test-00000-of-00001.parquet");
-    let fields = Fields::from(vec![Field::new("role", DataType::Utf8, true), Field::new("content", DataType::Utf8, true)]);
+    let fields = Fields::from(vec![
+        Field::new("role", DataType::Utf8, true),
+        Field::new("content", DataType::Utf8, true),
+    ]);
     let texts = |items: &[&str]| Arc::new(StringArray::from(items.to_vec())) as ArrayRef;
-    let turns_of = vec![texts(&["user", "assistant"]), texts(&["<image>what is it?", "a cup"])];
-    let item = |fields: &Fields| Arc::new(Field::new("element", DataType::Struct(fields.clone()), true));
+    let turns_of = vec![
+        texts(&["user", "assistant"]),
+        texts(&["<image>what is it?", "a cup"]),
+    ];
+    let item = |fields: &Fields| {
+        Arc::new(Field::new(
+            "element",
+            DataType::Struct(fields.clone()),
+            true,
+        ))
+    };
     let list = |fields: &Fields, columns, count| {
         let items = StructArray::new(fields.clone(), columns, None);
-        Arc::new(ListArray::new(item(fields), OffsetBuffer::from_lengths([count]), Arc::new(items), None)) as ArrayRef
+        Arc::new(ListArray::new(
+            item(fields),
+            OffsetBuffer::from_lengths([count]),
+            Arc::new(items),
+            None,
+        )) as ArrayRef
     };
-    let picture_fields =
-        Fields::from(vec![Field::new("bytes", DataType::Binary, true), Field::new("path", DataType::Utf8, true)]);
+    let picture_fields = Fields::from(vec![
+        Field::new("bytes", DataType::Binary, true),
+        Field::new("path", DataType::Utf8, true),
+    ]);
     let picture = png(640, 480);
-    let pictures: Vec<ArrayRef> = vec![Arc::new(BinaryArray::from(vec![picture.as_slice()])), texts(&["view.png"])];
+    let pictures: Vec<ArrayRef> = vec![
+        Arc::new(BinaryArray::from(vec![picture.as_slice()])),
+        texts(&["view.png"]),
+    ];
     let schema = Arc::new(Schema::new(vec![
         Field::new("task_id", DataType::Utf8, true),
         Field::new("messages", DataType::List(item(&fields)), true),
         Field::new("images", DataType::List(item(&picture_fields)), true),
     ]));
-    let columns = vec![texts(&["FDP/1"]), list(&fields, turns_of, 2), list(&picture_fields, pictures, 1)];
+    let columns = vec![
+        texts(&["FDP/1"]),
+        list(&fields, turns_of, 2),
+        list(&picture_fields, pictures, 1),
+    ];
     let batch = RecordBatch::try_new(schema.clone(), columns).expect("a batch");
     let file = std::fs::File::create(&path).expect("a file");
     let mut writer = ArrowWriter::try_new(file, schema, None).expect("a writer");
-    writer.write(&batch).and_then(|()| writer.close()).expect("written");
+    writer
+        .write(&batch)
+        .and_then(|()| writer.close())
+        .expect("written");
 
     let example = only(&open(&path));
-    assert_eq!((example.format, example.split.as_deref()), (Format::Parquet, Some("test")));
+    assert_eq!(
+        (example.format, example.split.as_deref()),
+        (Format::Parquet, Some("test"))
+    );
     assert_eq!(turns(&example), seen_and_said());
     assert_eq!(example.images[0].source, ImageSource::Bytes(picture));
     assert_eq!(example.meta_text(&["task_id"]).as_deref(), Some("FDP/1"));
@@ -196,11 +258,22 @@ fn a_folder_of_shards_goes_by_its_names() {
     folder.write("other.json", r#"{"files": 3}"#);
     folder.write("manifest.json", r#"{"files": 3}"#);
     let dataset = open(folder.path());
-    let splits: Vec<_> = dataset.rows().map(|row| row.expect("a row").split.expect("a split")).collect();
+    let splits: Vec<_> = dataset
+        .rows()
+        .map(|row| row.expect("a row").split.expect("a split"))
+        .collect();
     assert_eq!(splits, ["train", "train", "train", "validation"]);
     assert_eq!(dataset.skipped().len(), 1);
-    assert!(dataset.skipped()[0].1.contains("`files`"), "{}", dataset.skipped()[0].1);
-    let places: Vec<_> = dataset.rows().map(|row| row.expect("a row").place).map(|it| (it.index, it.file, it.line)).collect();
+    assert!(
+        dataset.skipped()[0].1.contains("`files`"),
+        "{}",
+        dataset.skipped()[0].1
+    );
+    let places: Vec<_> = dataset
+        .rows()
+        .map(|row| row.expect("a row").place)
+        .map(|it| (it.index, it.file, it.line))
+        .collect();
     assert_eq!(places, [(0, 0, 1), (1, 0, 2), (2, 1, 1), (3, 2, 1)]);
 }
 
@@ -208,13 +281,36 @@ fn a_folder_of_shards_goes_by_its_names() {
 fn broken_rows_are_told_and_the_rest_is_read() {
     let folder = Folder::new();
     let good = json!({ "prompt": "a", "completion": "b" });
-    let text = format!("{good}\n{{\"prompt\": oops}}\n{{\"prompt\": \"a\"}}\n{good}\n{{\"prompt\": \"a\", \"compl");
+    let text = format!(
+        "{good}\n{{\"prompt\": oops}}\n{{\"prompt\": \"a\"}}\n{good}\n{{\"prompt\": \"a\", \"compl"
+    );
     let path = folder.write("rows.jsonl", text);
     let report = linted(&path);
-    assert_eq!((report.rows, report.unreadable, report.is_bad()), (2, 3, true));
-    let told: Vec<_> = of(&report, "rows").examples.iter().map(|it| (it.examples[0].line, it.message.clone())).collect();
+    assert_eq!(
+        (report.rows, report.unreadable, report.is_bad()),
+        (2, 3, true)
+    );
+    let told: Vec<_> = of(&report, "rows")
+        .examples
+        .iter()
+        .map(|it| (it.examples[0].line, it.message.clone()))
+        .collect();
     assert_eq!(told[0].0, 2);
-    assert!(told[0].1.starts_with("column 12: not JSON: expected value"), "{}", told[0].1);
-    assert!(told[1].1.contains("no turns: expected a list under `messages`"), "{}", told[1].1);
-    assert!(told[2].1.contains("the last line is torn off"), "{}", told[2].1);
+    assert!(
+        told[0].1.starts_with("column 12: not JSON: expected value"),
+        "{}",
+        told[0].1
+    );
+    assert!(
+        told[1]
+            .1
+            .contains("no turns: expected a list under `messages`"),
+        "{}",
+        told[1].1
+    );
+    assert!(
+        told[2].1.contains("the last line is torn off"),
+        "{}",
+        told[2].1
+    );
 }

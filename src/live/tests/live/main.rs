@@ -1,7 +1,11 @@
-//! Households at work: equal to what a runner records, whoever is put aside when, and whatever breaks next door.
+//! Households at work: equal to what a runner records, whoever is put aside when, and whatever
+//! breaks next door.
 
 #[path = "../../../replay/tests/replay/episodes.rs"]
-#[expect(dead_code, reason = "shared with the tests of replay, which use all of it")]
+#[expect(
+    dead_code,
+    reason = "shared with the tests of replay, which use all of it"
+)]
 mod episodes;
 
 use std::{path::Path, sync::Arc, time::Duration};
@@ -50,16 +54,32 @@ fn call(name: &str) -> StepInput {
 }
 
 fn traces(folder: &Path) -> Vec<std::path::PathBuf> {
-    let mut found: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    found.retain(|path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("live--")));
+    let mut found: Vec<_> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    found.retain(|path| {
+        path.file_name()
+            .is_some_and(|name| name.to_string_lossy().starts_with("live--"))
+    });
     found.sort();
     found
 }
 
 /// What the oracle does in the first task.
 fn oracle_calls(folder: &Path) -> Vec<StepInput> {
-    let path = episodes::record(&folder.join("oracle.mcap"), &episodes::tasks()[0], "oracle", Images::None);
-    Trace::read(&path).unwrap().steps.into_iter().map(|step| step.input).collect()
+    let path = episodes::record(
+        &folder.join("oracle.mcap"),
+        &episodes::tasks()[0],
+        "oracle",
+        Images::None,
+    );
+    Trace::read(&path)
+        .unwrap()
+        .steps
+        .into_iter()
+        .map(|step| step.input)
+        .collect()
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -73,29 +93,62 @@ async fn however_few_may_be_awake_the_episodes_are_the_same() {
         let names = ["a", "b", "c"];
         for name in names {
             pool.open(name).unwrap();
-            pool.with(name, |household| household.begin_next()).await.unwrap().unwrap().unwrap();
+            pool.with(name, |household| household.begin_next())
+                .await
+                .unwrap()
+                .unwrap()
+                .unwrap();
         }
         // In turns, so that each is put aside before each of its calls where only one may be awake.
         for input in &calls {
             for name in names {
                 let input = input.clone();
-                let made = pool.with(name, move |household| household.call(input)).await.unwrap().unwrap();
-                assert_eq!(made.ended.is_some(), made.step.step as usize + 1 == calls.len());
+                let made = pool
+                    .with(name, move |household| household.call(input))
+                    .await
+                    .unwrap()
+                    .unwrap();
+                assert_eq!(
+                    made.ended.is_some(),
+                    made.step.step as usize + 1 == calls.len()
+                );
             }
-            let playing = pool.entries().iter().filter(|entry| entry.state.state == "playing").count();
+            let playing = pool
+                .entries()
+                .iter()
+                .filter(|entry| entry.state.state == "playing")
+                .count();
             assert!(playing <= awake, "{playing} are awake of {awake}");
         }
-        let states: Vec<_> =
-            pool.entries().into_iter().map(|entry| (entry.state.state, entry.state.ended.unwrap().success)).collect();
+        let states: Vec<_> = pool
+            .entries()
+            .into_iter()
+            .map(|entry| (entry.state.state, entry.state.ended.unwrap().success))
+            .collect();
         assert_eq!(states, [("over", true); 3]);
         let paths = traces(&traced);
         assert_eq!(paths.len(), 3);
-        let read: Vec<Trace> = paths.iter().map(|path| Trace::read(path).unwrap()).collect();
+        let read: Vec<Trace> = paths
+            .iter()
+            .map(|path| Trace::read(path).unwrap())
+            .collect();
         for path in &paths {
-            assert!(verify(path).is_exact(), "{}: {}", path.display(), verify(path));
+            assert!(
+                verify(path).is_exact(),
+                "{}: {}",
+                path.display(),
+                verify(path)
+            );
         }
-        let ids: std::collections::BTreeSet<&str> = read.iter().map(|trace| trace.header.episode_id.as_str()).collect();
-        assert_eq!(ids.len(), 3, "two sessions that do the same are two episodes");
+        let ids: std::collections::BTreeSet<&str> = read
+            .iter()
+            .map(|trace| trace.header.episode_id.as_str())
+            .collect();
+        assert_eq!(
+            ids.len(),
+            3,
+            "two sessions that do the same are two episodes"
+        );
         links.push(read.iter().map(|trace| trace.chain()).collect::<Vec<_>>());
     }
     assert_eq!(links[0], links[1]);
@@ -106,26 +159,61 @@ async fn what_is_left_ends_as_aborted_and_what_was_played_is_over() {
     let folder = TempDir::new().unwrap();
     let pool = Arc::new(Pool::new(setup(folder.path()), limits()));
     pool.open("a").unwrap();
-    let none = pool.with("a", |household| household.call(call("walk_around"))).await.unwrap();
+    let none = pool
+        .with("a", |household| household.call(call("walk_around")))
+        .await
+        .unwrap();
     assert!(matches!(none, Err(LiveError::NoEpisode)), "{none:?}");
-    let begun = pool.with("a", |household| household.begin("nobody's task")).await.unwrap();
+    let begun = pool
+        .with("a", |household| household.begin("nobody's task"))
+        .await
+        .unwrap();
     assert!(matches!(begun, Err(LiveError::UnknownTask(_))), "{begun:?}");
     let last = episodes::tasks()[3].task_id.clone();
-    pool.with("a", move |household| household.begin(&last)).await.unwrap().unwrap();
-    pool.with("a", |household| household.call(call("walk_around"))).await.unwrap().unwrap();
+    pool.with("a", move |household| household.begin(&last))
+        .await
+        .unwrap()
+        .unwrap();
+    pool.with("a", |household| household.call(call("walk_around")))
+        .await
+        .unwrap()
+        .unwrap();
     // It was the last of the list: nothing comes after it.
-    assert!(pool.with("a", |household| household.begin_next()).await.unwrap().unwrap().is_none());
+    assert!(
+        pool.with("a", |household| household.begin_next())
+            .await
+            .unwrap()
+            .unwrap()
+            .is_none()
+    );
     let state = pool.close("a").await.unwrap();
     let trace = Trace::read(&state.trace.unwrap()).unwrap();
-    assert_eq!((trace.end.unwrap().reason, trace.steps.len()), (EndReason::Aborted, 1));
+    assert_eq!(
+        (trace.end.unwrap().reason, trace.steps.len()),
+        (EndReason::Aborted, 1)
+    );
     assert!(matches!(pool.close("a").await, Err(LiveError::Unknown(_))));
 
     pool.open("b").unwrap();
-    pool.with("b", |household| household.begin_next()).await.unwrap().unwrap().unwrap();
-    let made = pool.with("b", |household| household.call(call("finish"))).await.unwrap().unwrap();
+    pool.with("b", |household| household.begin_next())
+        .await
+        .unwrap()
+        .unwrap()
+        .unwrap();
+    let made = pool
+        .with("b", |household| household.call(call("finish")))
+        .await
+        .unwrap()
+        .unwrap();
     assert_eq!(made.ended, Some(EndReason::Finished));
-    let after = pool.with("b", |household| household.call(call("walk_around"))).await.unwrap();
-    assert!(matches!(after, Err(LiveError::Over(EndReason::Finished))), "{after:?}");
+    let after = pool
+        .with("b", |household| household.call(call("walk_around")))
+        .await
+        .unwrap();
+    assert!(
+        matches!(after, Err(LiveError::Over(EndReason::Finished))),
+        "{after:?}"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -134,23 +222,53 @@ async fn a_panic_in_one_session_leaves_the_others_alone_and_its_trace_whole() {
     let pool = Arc::new(Pool::new(setup(folder.path()), limits()));
     for name in ["broken", "whole"] {
         pool.open(name).unwrap();
-        pool.with(name, |household| household.begin_next()).await.unwrap().unwrap().unwrap();
-        pool.with(name, |household| household.call(call("walk_around"))).await.unwrap().unwrap();
+        pool.with(name, |household| household.begin_next())
+            .await
+            .unwrap()
+            .unwrap()
+            .unwrap();
+        pool.with(name, |household| household.call(call("walk_around")))
+            .await
+            .unwrap()
+            .unwrap();
     }
-    let broken = pool.with("broken", |household| household.fail("the roof fell in")).await;
-    assert!(matches!(&broken, Err(LiveError::Broken(why)) if why.contains("the roof fell in")), "{broken:?}");
+    let broken = pool
+        .with("broken", |household| household.fail("the roof fell in"))
+        .await;
+    assert!(
+        matches!(&broken, Err(LiveError::Broken(why)) if why.contains("the roof fell in")),
+        "{broken:?}"
+    );
     assert_eq!(pool.entry("broken").unwrap().state.state, "broken");
-    let after = pool.with("broken", |household| household.call(call("walk_around"))).await.unwrap();
+    let after = pool
+        .with("broken", |household| household.call(call("walk_around")))
+        .await
+        .unwrap();
     assert!(matches!(after, Err(LiveError::Broken(_))), "{after:?}");
-    pool.with("whole", |household| household.call(call("finish"))).await.unwrap().unwrap();
+    pool.with("whole", |household| household.call(call("finish")))
+        .await
+        .unwrap()
+        .unwrap();
     // The next episode begins as if nothing had been, and what was done before is a trace.
-    pool.with("broken", |household| household.begin_next()).await.unwrap().unwrap().unwrap();
+    pool.with("broken", |household| household.begin_next())
+        .await
+        .unwrap()
+        .unwrap()
+        .unwrap();
     let state = pool.entry("broken").unwrap().state;
     let trace = Trace::read(&state.trace.unwrap()).unwrap();
-    assert_eq!((trace.end.unwrap().reason, trace.steps.len()), (EndReason::Aborted, 1));
+    assert_eq!(
+        (trace.end.unwrap().reason, trace.steps.len()),
+        (EndReason::Aborted, 1)
+    );
     pool.close_all().await;
     for path in traces(folder.path()) {
-        assert!(verify(&path).is_exact(), "{}: {}", path.display(), verify(&path));
+        assert!(
+            verify(&path).is_exact(),
+            "{}: {}",
+            path.display(),
+            verify(&path)
+        );
     }
 }
 
@@ -159,23 +277,67 @@ async fn a_prompt_group_plays_one_task_so_many_times() {
     let folder = TempDir::new().unwrap();
     let pool = Arc::new(Pool::new(setup(folder.path()), limits()));
     let task_id = episodes::tasks()[1].task_id.clone();
-    let lease = Lease { group_id: "group-1".to_owned(), task_id: task_id.clone(), seed: 11, rollouts: 3 };
+    let lease = Lease {
+        group_id: "group-1".to_owned(),
+        task_id: task_id.clone(),
+        seed: 11,
+        rollouts: 3,
+    };
     pool.open_for("w-trainer", Some(lease.clone())).unwrap();
     pool.open("w-trainer").unwrap();
-    let other = pool.open_for("w-trainer", Some(Lease { rollouts: 4, ..lease.clone() }));
+    let other = pool.open_for(
+        "w-trainer",
+        Some(Lease {
+            rollouts: 4,
+            ..lease.clone()
+        }),
+    );
     assert!(matches!(other, Err(LiveError::Taken(_))), "{other:?}");
-    let unknown = pool.open_for("w-2", Some(Lease { task_id: "x".to_owned(), ..lease }));
-    assert!(matches!(unknown, Err(LiveError::UnknownTask(_))), "{unknown:?}");
+    let unknown = pool.open_for(
+        "w-2",
+        Some(Lease {
+            task_id: "x".to_owned(),
+            ..lease
+        }),
+    );
+    assert!(
+        matches!(unknown, Err(LiveError::UnknownTask(_))),
+        "{unknown:?}"
+    );
     for index in 0..3 {
-        let begun = pool.with("w-trainer", |household| household.begin_next()).await.unwrap().unwrap().unwrap();
-        assert_eq!((begun.task.task_id.as_str(), begun.number), (task_id.as_str(), index));
-        pool.with("w-trainer", |household| household.call(call("finish"))).await.unwrap().unwrap();
+        let begun = pool
+            .with("w-trainer", |household| household.begin_next())
+            .await
+            .unwrap()
+            .unwrap()
+            .unwrap();
+        assert_eq!(
+            (begun.task.task_id.as_str(), begun.number),
+            (task_id.as_str(), index)
+        );
+        pool.with("w-trainer", |household| household.call(call("finish")))
+            .await
+            .unwrap()
+            .unwrap();
     }
-    assert!(pool.with("w-trainer", |household| household.begin_next()).await.unwrap().unwrap().is_none());
+    assert!(
+        pool.with("w-trainer", |household| household.begin_next())
+            .await
+            .unwrap()
+            .unwrap()
+            .is_none()
+    );
     for (index, path) in (0..).zip(traces(folder.path())) {
         let trace = Trace::read(&path).unwrap();
         let header = &trace.header;
-        assert_eq!((header.group_id.as_deref(), header.rollout_index, header.seed), (Some("group-1"), Some(index), 11));
+        assert_eq!(
+            (
+                header.group_id.as_deref(),
+                header.rollout_index,
+                header.seed
+            ),
+            (Some("group-1"), Some(index), 11)
+        );
         assert!(verify(&path).is_exact(), "{}", verify(&path));
     }
 }
@@ -184,19 +346,37 @@ async fn a_prompt_group_plays_one_task_so_many_times() {
 async fn the_idle_are_put_aside_and_then_closed() {
     let folder = TempDir::new().unwrap();
     let (park_after, close_after) = (Duration::from_millis(50), Duration::from_millis(400));
-    let pool = Arc::new(Pool::new(setup(folder.path()), Limits { park_after, close_after, households: 1, ..limits() }));
+    let pool = Arc::new(Pool::new(
+        setup(folder.path()),
+        Limits {
+            park_after,
+            close_after,
+            households: 1,
+            ..limits()
+        },
+    ));
     pool.open("a").unwrap();
     let full = pool.open("b");
     assert!(matches!(full, Err(LiveError::Full(1))), "{full:?}");
-    pool.with("a", |household| household.begin_next()).await.unwrap().unwrap().unwrap();
+    pool.with("a", |household| household.begin_next())
+        .await
+        .unwrap()
+        .unwrap()
+        .unwrap();
     tokio::time::sleep(park_after * 2).await;
     pool.tend().await;
     assert_eq!(pool.entry("a").unwrap().state.state, "parked");
-    pool.with("a", |household| household.call(call("walk_around"))).await.unwrap().unwrap();
+    pool.with("a", |household| household.call(call("walk_around")))
+        .await
+        .unwrap()
+        .unwrap();
     tokio::time::sleep(close_after).await;
     pool.tend().await;
     assert!(pool.entries().is_empty());
-    assert_eq!(Trace::read(&traces(folder.path())[0]).unwrap().steps.len(), 1);
+    assert_eq!(
+        Trace::read(&traces(folder.path())[0]).unwrap().steps.len(),
+        1
+    );
     for name in ["", "../up", "a/b", ".hidden", &"x".repeat(65)] {
         assert!(matches!(pool.open(name), Err(LiveError::Name(_))), "{name}");
     }
@@ -205,16 +385,30 @@ async fn the_idle_are_put_aside_and_then_closed() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_call_that_finds_no_worker_in_time_was_not_made() {
     let folder = TempDir::new().unwrap();
-    let pool = Arc::new(Pool::new(setup(folder.path()), Limits { workers: 1, patience: Duration::from_millis(100), ..limits() }));
+    let pool = Arc::new(Pool::new(
+        setup(folder.path()),
+        Limits {
+            workers: 1,
+            patience: Duration::from_millis(100),
+            ..limits()
+        },
+    ));
     pool.open("a").unwrap();
     pool.open("b").unwrap();
     let busy = {
         let pool = pool.clone();
-        tokio::spawn(async move { pool.with("a", |_| std::thread::sleep(Duration::from_millis(400))).await })
+        tokio::spawn(async move {
+            pool.with("a", |_| std::thread::sleep(Duration::from_millis(400)))
+                .await
+        })
     };
     tokio::time::sleep(Duration::from_millis(50)).await;
     let refused = pool.with("b", |_| panic!("it has no worker")).await;
-    assert!(matches!(refused, Err(LiveError::Busy(_))), "{:?}", refused.map(|_: ()| ()));
+    assert!(
+        matches!(refused, Err(LiveError::Busy(_))),
+        "{:?}",
+        refused.map(|_: ()| ())
+    );
     busy.await.unwrap().unwrap();
     pool.with("b", |_| ()).await.unwrap();
 }

@@ -40,8 +40,15 @@ pub(crate) fn refuse(profile: Profile, tool: &str, error: &LiveError) -> CallToo
 }
 
 fn picture(frame: &Frame) -> ContentBlock {
-    let png = reel_trace::encode_png(&frame.rgb, reel_world::FRAME_WIDTH as u32, reel_world::FRAME_HEIGHT as u32);
-    ContentBlock::image(base64::Engine::encode(&base64::engine::general_purpose::STANDARD, png), "image/png")
+    let png = reel_trace::encode_png(
+        &frame.rgb,
+        reel_world::FRAME_WIDTH as u32,
+        reel_world::FRAME_HEIGHT as u32,
+    );
+    ContentBlock::image(
+        base64::Engine::encode(&base64::engine::general_purpose::STANDARD, png),
+        "image/png",
+    )
 }
 
 fn task_ids(tasks: &[String]) -> String {

@@ -1,4 +1,5 @@
-//! Profile `paper`: text, picture, execution feedback. Nothing of the simulator's state: no instances, poses, goals.
+//! Profile `paper`: text, picture, execution feedback. Nothing of the simulator's state: no
+//! instances, poses, goals.
 
 use reel_live::{Begun, LiveError, Made};
 use reel_world::{HORIZON, record::EndReason};
@@ -42,7 +43,11 @@ fn call(made: &Made) -> CallToolResult {
     markers.sort_unstable();
     said["markers"] = json!(markers);
     said["decision"] = json!(step.step + 1);
-    said["decisions_left"] = json!(if made.ended.is_some() { 0 } else { HORIZON.saturating_sub(step.step + 1) });
+    said["decisions_left"] = json!(if made.ended.is_some() {
+        0
+    } else {
+        HORIZON.saturating_sub(step.step + 1)
+    });
     let mut text = outcome.text.clone();
     if let Some(reason) = made.ended {
         said["ended"] = json!(reason);
@@ -52,7 +57,11 @@ fn call(made: &Made) -> CallToolResult {
     }
     let mut content = vec![ContentBlock::text(text)];
     content.extend(made.frame.as_ref().map(picture));
-    let mut result = if outcome.is_ok() { CallToolResult::success(content) } else { CallToolResult::error(content) };
+    let mut result = if outcome.is_ok() {
+        CallToolResult::success(content)
+    } else {
+        CallToolResult::error(content)
+    };
     result.structured_content = Some(said);
     result
 }
@@ -63,7 +72,9 @@ fn briefing(begun: &Begun) -> CallToolResult {
     for (id, category, room) in &briefing.receptacles {
         lines.push_str(&format!("  - {id} ({category}) in {room}\n"));
     }
-    lines.push_str(&format!("\nYou have {HORIZON} decisions. Call 'finish' when the task is done."));
+    lines.push_str(&format!(
+        "\nYou have {HORIZON} decisions. Call 'finish' when the task is done."
+    ));
     let entry = |(id, category, room): &_| json!({"id": id, "category": category, "room": room});
     let receptacles: Vec<Value> = briefing.receptacles.iter().map(entry).collect();
     let said = json!({
@@ -72,7 +83,8 @@ fn briefing(begun: &Begun) -> CallToolResult {
         "decisions_left": HORIZON,
         "episode": {"task_id": begun.task.task_id, "instruction": briefing.instruction, "receptacles": receptacles},
     });
-    let mut result = CallToolResult::success(vec![ContentBlock::text(lines), picture(&begun.frame)]);
+    let mut result =
+        CallToolResult::success(vec![ContentBlock::text(lines), picture(&begun.frame)]);
     result.structured_content = Some(said);
     result
 }

@@ -1,5 +1,5 @@
-//! What the published servers say of a task when its episode begins, and world graphs in their order: receptacles as the scene
-//! lists them, objects as they came there.
+//! What the published servers say of a task when its episode begins, and world graphs in their
+//! order: receptacles as the scene lists them, objects as they came there.
 
 use reel_live::Begun;
 use reel_world::{DoorState, InstanceId, Profile, ReceptacleId, Scene, Task, WorldGraph};
@@ -9,14 +9,18 @@ use serde_json::{Map, Value, json};
 const GLOBAL_INDEX: &str = "episodes[0].global_index";
 const DISTRACTOR_META: &str = "episodes[0].obj_distractor_meta.";
 
-/// What is known when an episode begins. Branch `main` gives the benchmark's instruction and names, branch `gspo` the precise
-/// instruction; a task that was asked for by an id has that id, for the trainer compares them.
+/// What is known when an episode begins. Branch `main` gives the benchmark's instruction and names,
+/// branch `gspo` the precise instruction; a task that was asked for by an id has that id, for the
+/// trainer compares them.
 pub(super) fn payload(profile: Profile, begun: &Begun, scene: &Scene) -> Value {
     let task = &*begun.task;
     let main = profile != Profile::RealGspo;
     let mut payload = Map::new();
     let mut put = |key: &str, value: Value| drop(payload.insert(key.to_owned(), value));
-    put("task_id", json!(begun.requested.as_deref().unwrap_or(task.short_id())));
+    put(
+        "task_id",
+        json!(begun.requested.as_deref().unwrap_or(task.short_id())),
+    );
     if let Some((family, _)) = task.benchmark_id().filter(|_| main) {
         put("benchmark_task_id", json!(task.task_id));
         put("family", json!(family));
@@ -27,15 +31,33 @@ pub(super) fn payload(profile: Profile, begun: &Begun, scene: &Scene) -> Value {
     put("episode_idx", json!(begun.index));
     put("episode_local_idx", json!(begun.index));
     put("episode_range", json!([0, begun.of]));
-    put("task_description", json!(if main { &task.instruction } else { &task.precise_instruction }));
+    put(
+        "task_description",
+        json!(if main {
+            &task.instruction
+        } else {
+            &task.precise_instruction
+        }),
+    );
     put("scene_id", json!(task.scene_id));
-    let rooms = scene.rooms_and_furniture().into_iter().map(|(room, ids)| (room.to_owned(), json!(ids)));
+    let rooms = scene
+        .rooms_and_furniture()
+        .into_iter()
+        .map(|(room, ids)| (room.to_owned(), json!(ids)));
     put("rooms_and_furniture", rooms.collect::<Map<_, _>>().into());
     let initial = OrderedGraph::initial(task, scene);
     let target = task.target_object();
     put("initial_world_graph", initial.json());
-    put("target_world_graph", initial.moved(&target.instance, &task.src, &task.dest).json());
-    put("target_object", json!({"id": target.asset, "name": target.instance, "category": target.category}));
+    put(
+        "target_world_graph",
+        initial
+            .moved(&target.instance, &task.src, &task.dest)
+            .json(),
+    );
+    put(
+        "target_object",
+        json!({"id": target.asset, "name": target.instance, "category": target.category}),
+    );
     put("source_furniture", json!(task.src));
     put("destination_furniture", json!(task.dest));
     put("source_distractors", json!(task.src_distractors));
@@ -46,15 +68,30 @@ pub(super) fn payload(profile: Profile, begun: &Begun, scene: &Scene) -> Value {
     payload.into()
 }
 
-/// What the task file says of the assets of distractors, by asset: the trainer knows the category of an object from it. The
-/// loader keeps what differs from the object itself.
+/// What the task file says of the assets of distractors, by asset: the trainer knows the category
+/// of an object from it. The loader keeps what differs from the object itself.
 fn distractor_metadata(task: &Task) -> Value {
-    let kept = |asset: &str| task.extra.get(&format!("{DISTRACTOR_META}{asset}")).cloned();
-    let placed =
-        |asset: &str| task.objects.iter().find(|object| object.asset.as_str() == asset).map(|object| object.asset_meta());
+    let kept = |asset: &str| {
+        task.extra
+            .get(&format!("{DISTRACTOR_META}{asset}"))
+            .cloned()
+    };
+    let placed = |asset: &str| {
+        task.objects
+            .iter()
+            .find(|object| object.asset.as_str() == asset)
+            .map(|object| object.asset_meta())
+    };
     let of = |asset: &str| Some((asset.to_owned(), kept(asset).or_else(|| placed(asset))?));
-    let mut metadata: Map<String, Value> = task.object_distractors.iter().filter_map(|asset| of(asset.as_str())).collect();
-    let listed = task.extra.iter().filter_map(|(path, meta)| Some((path.strip_prefix(DISTRACTOR_META)?, meta)));
+    let mut metadata: Map<String, Value> = task
+        .object_distractors
+        .iter()
+        .filter_map(|asset| of(asset.as_str()))
+        .collect();
+    let listed = task
+        .extra
+        .iter()
+        .filter_map(|(path, meta)| Some((path.strip_prefix(DISTRACTOR_META)?, meta)));
     for (asset, meta) in listed {
         metadata.entry(asset).or_insert_with(|| meta.clone());
     }
@@ -93,11 +130,16 @@ impl OrderedGraph {
                 .cloned()
                 .collect()
         };
-        let shelves: Vec<_> = scene.receptacles.iter().map(|receptacle| (receptacle.id.clone(), on(&receptacle.id))).collect();
+        let shelves: Vec<_> = scene
+            .receptacles
+            .iter()
+            .map(|receptacle| (receptacle.id.clone(), on(&receptacle.id)))
+            .collect();
         Self::of(&shelves, &task.initial)
     }
 
-    /// The graph with an object moved: what the published agent scores, the file's own goal does not always conserve objects.
+    /// The graph with an object moved: what the published agent scores, the file's own goal does
+    /// not always conserve objects.
     fn moved(&self, object: &InstanceId, from: &ReceptacleId, to: &ReceptacleId) -> Self {
         let mut entries = self.0.clone();
         for entry in &mut entries {
@@ -113,7 +155,11 @@ impl OrderedGraph {
 
     /// `{receptacle: {content: [instance], door: bool}}`; a door is `true` where it is open.
     pub(super) fn json(&self) -> Value {
-        let entry = |Entry { receptacle, content, door }: &Entry| {
+        let entry = |Entry {
+                         receptacle,
+                         content,
+                         door,
+                     }: &Entry| {
             let mut state = json!({ "content": content });
             if let Some(door) = door {
                 state["door"] = json!(door);
@@ -125,10 +171,18 @@ impl OrderedGraph {
 
     /// A line for each receptacle that holds something.
     pub(super) fn text(&self) -> String {
-        let line = |Entry { receptacle, content, .. }: &Entry| {
+        let line = |Entry {
+                        receptacle,
+                        content,
+                        ..
+                    }: &Entry| {
             let objects: Vec<String> = content.iter().map(|object| format!("'{object}'")).collect();
             format!("{receptacle}: [{}]\n", objects.join(", "))
         };
-        self.0.iter().filter(|entry| !entry.content.is_empty()).map(line).collect()
+        self.0
+            .iter()
+            .filter(|entry| !entry.content.is_empty())
+            .map(line)
+            .collect()
     }
 }

@@ -1,5 +1,6 @@
-//! The published servers (profiles `real-repo` and `real-gspo`) to the letter: which items an answer has, and the debug
-//! information that is always the last of them. What a tool says is the outcome's text.
+//! The published servers (profiles `real-repo` and `real-gspo`) to the letter: which items an
+//! answer has, and the debug information that is always the last of them. What a tool says is the
+//! outcome's text.
 
 use reel_live::{LiveError, Made, View};
 use reel_world::{
@@ -16,11 +17,14 @@ use super::{
     picture, task_ids,
 };
 
-/// A failure of the domain is text and no protocol error: the trainer would take that for a broken connection.
+/// A failure of the domain is text and no protocol error: the trainer would take that for a broken
+/// connection.
 pub(super) fn say(profile: Profile, said: &Said) -> CallToolResult {
     CallToolResult::success(match said {
         Said::Made(made) => call(made),
-        Said::Begun(begun, scene) => vec![ContentBlock::text(payload::payload(profile, begun, scene).to_string())],
+        Said::Begun(begun, scene) => vec![ContentBlock::text(
+            payload::payload(profile, begun, scene).to_string(),
+        )],
         Said::Completed => vec![ContentBlock::text(COMPLETED)],
         Said::Tasks(tasks) => vec![ContentBlock::text(task_ids(tasks))],
         // Only before the first episode; in an episode it is a call like others.
@@ -29,13 +33,19 @@ pub(super) fn say(profile: Profile, said: &Said) -> CallToolResult {
                 "CURRENT_LANDMARK": null, "CURRENT_POS": null, "CURRENT_INV": null, "CURRENT_MARKER_MAP": null,
                 "world_graph": {}, "WORLD_GRAPH": "",
             });
-            vec![ContentBlock::text(scene.furniture_listing()), picture(&Frame::new()), debug_text(&before)]
+            vec![
+                ContentBlock::text(scene.furniture_listing()),
+                picture(&Frame::new()),
+                debug_text(&before),
+            ]
         }
     })
 }
 
 pub(super) fn refuse(tool: &str, error: &LiveError) -> CallToolResult {
-    CallToolResult::success(vec![ContentBlock::text(format!("{EXCEPTION}{tool}: {error}"))])
+    CallToolResult::success(vec![ContentBlock::text(format!(
+        "{EXCEPTION}{tool}: {error}"
+    ))])
 }
 
 fn call(made: &Made) -> Vec<ContentBlock> {
@@ -62,7 +72,10 @@ fn state(view: &View) -> Value {
         MarkerTarget::Receptacle(receptacle) => receptacle.to_string(),
     };
     let map = |markers: &Vec<Marker>| -> Map<String, Value> {
-        markers.iter().map(|marker| (marker.id.to_string(), Value::from(name(&marker.target)))).collect()
+        markers
+            .iter()
+            .map(|marker| (marker.id.to_string(), Value::from(name(&marker.target))))
+            .collect()
     };
     let graph = OrderedGraph::of(&view.shelves, &view.graphs.registry);
     json!({

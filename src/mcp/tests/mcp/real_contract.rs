@@ -1,6 +1,7 @@
-//! The published servers, call by call: what REAL's own code answered when its simulator was replaced by tables
-//! (`server.json`), and the tools its trainer wants to see (`trainer_contract.json`). Ours answers through the protocol, with
-//! the same tables in the place of the renderer and the navigation map.
+//! The published servers, call by call: what REAL's own code answered when its simulator was
+//! replaced by tables (`server.json`), and the tools its trainer wants to see
+//! (`trainer_contract.json`). Ours answers through the protocol, with the same tables in the place
+//! of the renderer and the navigation map.
 
 use std::{
     collections::BTreeMap,
@@ -12,7 +13,9 @@ use std::{
 use reel_live::{Limits, Pool, Setup, Stages};
 use reel_mcp::{Options, ToolServer, Worker};
 use reel_reward::Preset;
-use reel_sim::{Perception, Segment, Simulator, Stage, geometry::Camera, nav::Viewpoint, render::Mark};
+use reel_sim::{
+    Perception, Segment, Simulator, Stage, geometry::Camera, nav::Viewpoint, render::Mark,
+};
 use reel_trace::{Images, Trace};
 use reel_vectors::{KeyOrder, Report, difference, items, load, text};
 use reel_world::{
@@ -26,11 +29,13 @@ use tokio::io::{AsyncBufReadExt as _, AsyncWriteExt as _, BufReader, DuplexStrea
 const TOKEN: &str = "⟦traceback ending in⟧ ";
 const TRACEBACK: &str = "Traceback (most recent call last):\n";
 const START_STEPS: u64 = 550;
-/// How far a placed object may have moved while it came to rest, or was pushed by what stood there, in metres.
+/// How far a placed object may have moved while it came to rest, or was pushed by what stood there,
+/// in metres.
 const REST_M: f64 = 0.2;
 
 const TEXT_PLANS: &str = "a plan of texts is no plan of REAL-Bench: the loader refuses the file";
-const AFTER_THE_END: &str = "after the end text no episode runs: calls say so instead of acting on the last task";
+const AFTER_THE_END: &str =
+    "after the end text no episode runs: calls say so instead of acting on the last task";
 const PRIMS: &str = "scenes have no prims: a receptacle is known by its own name only";
 
 /// What the published test gave its server instead of a simulator.
@@ -54,15 +59,26 @@ impl Perception for Tables {
     }
 
     fn close_up(&self, simulator: &Simulator, object: usize) -> Option<Viewpoint> {
-        self.snug.get(simulator.task().objects[object].instance.as_str()).copied().map(standing)
+        self.snug
+            .get(simulator.task().objects[object].instance.as_str())
+            .copied()
+            .map(standing)
     }
 
     fn segments(&self, simulator: &Simulator) -> Vec<Segment> {
         let visible = self.now.lock().unwrap().visible.clone();
         let segment = |name: &String| {
-            let (name, pixels) = name.strip_prefix('!').map_or((name.as_str(), 50), |name| (name, 0));
-            let object = simulator.task().object(&name.into()).map(|object| MarkerTarget::Object(object.instance.clone()));
-            Segment { target: object.unwrap_or_else(|| MarkerTarget::Receptacle(name.into())), pixels }
+            let (name, pixels) = name
+                .strip_prefix('!')
+                .map_or((name.as_str(), 50), |name| (name, 0));
+            let object = simulator
+                .task()
+                .object(&name.into())
+                .map(|object| MarkerTarget::Object(object.instance.clone()));
+            Segment {
+                target: object.unwrap_or_else(|| MarkerTarget::Receptacle(name.into())),
+                pixels,
+            }
         };
         visible.iter().map(segment).collect()
     }
@@ -70,7 +86,10 @@ impl Perception for Tables {
     fn nearest_category(&self, query: &str, categories: &[&str]) -> Option<String> {
         let query = &self.embeddings[query];
         let near = |category: &&&str| cosine(query, &self.embeddings[**category]);
-        categories.iter().max_by(|one, other| near(one).total_cmp(&near(other))).map(ToString::to_string)
+        categories
+            .iter()
+            .max_by(|one, other| near(one).total_cmp(&near(other)))
+            .map(ToString::to_string)
     }
 
     fn mark(&self, _: &mut Frame, marks: &[Mark], opacity: f32) {
@@ -81,7 +100,11 @@ impl Perception for Tables {
 
 fn standing(camera: [f32; 3]) -> Viewpoint {
     let camera = Camera::looking_at(camera, [camera[0], camera[1] + 1.0, 0.5]);
-    Viewpoint { base: [camera.position[0], camera.position[1]], camera, path_length_m: 0.0 }
+    Viewpoint {
+        base: [camera.position[0], camera.position[1]],
+        camera,
+        path_length_m: 0.0,
+    }
 }
 
 fn cosine(one: &[f64], other: &[f64]) -> f64 {
@@ -94,13 +117,20 @@ fn scene(furniture: &Value) -> Scene {
     let mut rooms: Vec<Value> = Vec::new();
     let receptacle = |piece: &Value| {
         let [low, high] = [0, 1].map(|corner| piece["box"][corner].clone());
-        let has = |component: &str| items(&piece["components"]).iter().any(|other| other == component);
+        let has = |component: &str| {
+            items(&piece["components"])
+                .iter()
+                .any(|other| other == component)
+        };
         let name = text(&piece["name"]);
         let at = |value: &Value, axis: usize| value[axis].as_f64().unwrap();
-        let [min, max] = [(&low, -1.5), (&high, 1.5)].map(|(corner, margin)| [0, 1].map(|axis| at(corner, axis) + margin));
+        let [min, max] = [(&low, -1.5), (&high, 1.5)]
+            .map(|(corner, margin)| [0, 1].map(|axis| at(corner, axis) + margin));
         match rooms.iter_mut().find(|room| room["name"] == piece["room"]) {
             Some(room) => {
-                let far = |value: &Value, one: f64, most: fn(f64, f64) -> f64| json!(most(value.as_f64().unwrap(), one));
+                let far = |value: &Value, one: f64, most: fn(f64, f64) -> f64| {
+                    json!(most(value.as_f64().unwrap(), one))
+                };
                 for axis in 0..2 {
                     room["min"][axis] = far(&room["min"][axis], min[axis], f64::min);
                     room["max"][axis] = far(&room["max"][axis], max[axis], f64::max);
@@ -114,21 +144,37 @@ fn scene(furniture: &Value) -> Scene {
         })
     };
     let receptacles: Vec<Value> = items(furniture).iter().map(receptacle).collect();
-    serde_json::from_value(json!({ "scene_id": "S", "rooms": rooms, "walls": [], "receptacles": receptacles })).unwrap()
+    serde_json::from_value(
+        json!({ "scene_id": "S", "rooms": rooms, "walls": [], "receptacles": receptacles }),
+    )
+    .unwrap()
 }
 
-/// The episodes of a task file; none where the loader refuses its plan. What the loader refuses in a task (a goal that names no
-/// receptacle of the scene, or that has the target stand there already) is set afterwards.
+/// The episodes of a task file; none where the loader refuses its plan. What the loader refuses in
+/// a task (a goal that names no receptacle of the scene, or that has the target stand there
+/// already) is set afterwards.
 fn tasks(file: &Value, scene: &Scene) -> Vec<Arc<Task>> {
     let one = |episode: &Value| {
         let mut loadable = file.clone();
         let mut entry = episode.clone();
-        let is_target = |(_, placement): &(&String, &Value)| placement["original_id"] == episode["target_object_id"];
+        let is_target = |(_, placement): &(&String, &Value)| {
+            placement["original_id"] == episode["target_object_id"]
+        };
         let placed = episode["placements"].as_object().unwrap();
-        let at_src = placed.iter().filter(is_target).find(|(_, placement)| placement["furniture"] == episode["src"]);
+        let at_src = placed
+            .iter()
+            .filter(is_target)
+            .find(|(_, placement)| placement["furniture"] == episode["src"]);
         let (target, placement) = at_src.or_else(|| placed.iter().find(is_target)).unwrap();
         entry["src"] = placement["furniture"].clone();
-        entry["dest"] = json!(scene.receptacles.iter().find(|receptacle| entry["src"] != receptacle.id.as_str()).unwrap().id);
+        entry["dest"] = json!(
+            scene
+                .receptacles
+                .iter()
+                .find(|receptacle| entry["src"] != receptacle.id.as_str())
+                .unwrap()
+                .id
+        );
         entry["initial_world_graph"] = json!({});
         if entry.get("family").is_none() {
             entry["family"] = json!("FDP");
@@ -153,7 +199,9 @@ fn bench(id: &str) -> Option<(Scene, Vec<Arc<Task>>)> {
         eprintln!("skipped: no REAL-Bench at {}", folder.display());
         return None;
     }
-    let scene = reel_tasks::scene::load(&folder.join("s7_scene.json")).unwrap().scene;
+    let scene = reel_tasks::scene::load(&folder.join("s7_scene.json"))
+        .unwrap()
+        .scene;
     let report = reel_tasks::load(&folder.join("tasks").join(format!("{id}.yaml")), &scene);
     let tasks = report.tasks.into_iter().map(Arc::new).collect();
     Some((scene, tasks))
@@ -167,17 +215,24 @@ struct Client {
 
 impl Client {
     async fn new(stream: DuplexStream) -> Self {
-        let mut client = Self { stream: BufReader::new(stream), asked: 0 };
-        let hello =
-            json!({ "protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": { "name": "case", "version": "1" } });
+        let mut client = Self {
+            stream: BufReader::new(stream),
+            asked: 0,
+        };
+        let hello = json!({ "protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": { "name": "case", "version": "1" } });
         client.ask("initialize", hello).await;
-        client.send(json!({ "jsonrpc": "2.0", "method": "notifications/initialized" })).await;
+        client
+            .send(json!({ "jsonrpc": "2.0", "method": "notifications/initialized" }))
+            .await;
         client
     }
 
     async fn ask(&mut self, method: &str, params: Value) -> Value {
         self.asked += 1;
-        self.send(json!({ "jsonrpc": "2.0", "id": self.asked, "method": method, "params": params })).await;
+        self.send(
+            json!({ "jsonrpc": "2.0", "id": self.asked, "method": method, "params": params }),
+        )
+        .await;
         let mut line = String::new();
         self.stream.read_line(&mut line).await.unwrap();
         let mut answer: Value = serde_json::from_str(&line).unwrap();
@@ -186,7 +241,11 @@ impl Client {
     }
 
     async fn send(&mut self, message: Value) {
-        self.stream.get_mut().write_all(format!("{message}\n").as_bytes()).await.unwrap();
+        self.stream
+            .get_mut()
+            .write_all(format!("{message}\n").as_bytes())
+            .await
+            .unwrap();
     }
 }
 
@@ -200,18 +259,44 @@ struct Table {
 
 impl Table {
     async fn new(document: &Value, case: &Value, scene: Scene, tasks: Vec<Arc<Task>>) -> Self {
-        let floats = |value: &Value| -> [f32; 3] { std::array::from_fn(|axis| value[axis].as_f64().unwrap() as f32) };
-        let stand = |piece: &Value| (text(&piece["name"]).to_owned(), piece["stand"].is_array().then(|| floats(&piece["stand"])));
-        let vector = |values: &Value| items(values).iter().map(|value| value.as_f64().unwrap()).collect();
+        let floats = |value: &Value| -> [f32; 3] {
+            std::array::from_fn(|axis| value[axis].as_f64().unwrap() as f32)
+        };
+        let stand = |piece: &Value| {
+            (
+                text(&piece["name"]).to_owned(),
+                piece["stand"].is_array().then(|| floats(&piece["stand"])),
+            )
+        };
+        let vector = |values: &Value| {
+            items(values)
+                .iter()
+                .map(|value| value.as_f64().unwrap())
+                .collect()
+        };
         let snug = case["snug"].as_object().into_iter().flatten();
         let tables = Arc::new(Tables {
             stands: items(&document["furniture"]).iter().map(stand).collect(),
-            snug: snug.map(|(name, point)| (name.clone(), floats(point))).collect(),
-            embeddings: document["embeddings"].as_object().unwrap().iter().map(|(word, of)| (word.clone(), vector(of))).collect(),
+            snug: snug
+                .map(|(name, point)| (name.clone(), floats(point)))
+                .collect(),
+            embeddings: document["embeddings"]
+                .as_object()
+                .unwrap()
+                .iter()
+                .map(|(word, of)| (word.clone(), vector(of)))
+                .collect(),
             now: Mutex::default(),
         });
         let (scene, folder) = (Arc::new(scene), tempfile::tempdir().unwrap());
-        let stage = |task: &Arc<Task>| Stage::with_perception(scene.clone(), task.clone(), Meshes::default(), tables.clone());
+        let stage = |task: &Arc<Task>| {
+            Stage::with_perception(
+                scene.clone(),
+                task.clone(),
+                Meshes::default(),
+                tables.clone(),
+            )
+        };
         let stages: Vec<Arc<Stage>> = tasks.iter().map(stage).collect();
         let known = Stages::default();
         stages.iter().for_each(|stage| known.keep(stage));
@@ -220,7 +305,11 @@ impl Table {
             scenes: scene.into(),
             meshes: Meshes::default(),
             seed: 0,
-            profile: if case["branch"] == "gspo" { Profile::RealGspo } else { Profile::RealRepo },
+            profile: if case["branch"] == "gspo" {
+                Profile::RealGspo
+            } else {
+                Profile::RealRepo
+            },
             skills: Skills::Perfect,
             preset: Preset::paper(),
             run_id: "case".to_owned(),
@@ -229,20 +318,44 @@ impl Table {
             stages: known,
         };
         let [park_after, close_after, patience] = [60, 600, 60].map(Duration::from_secs);
-        let limits = Limits { households: 1, awake: 1, workers: 1, park_after, close_after, patience };
+        let limits = Limits {
+            households: 1,
+            awake: 1,
+            workers: 1,
+            park_after,
+            close_after,
+            patience,
+        };
         let pool = Arc::new(Pool::new(setup, limits));
         let worker = Worker::named("case").unwrap();
-        let server = ToolServer::of_worker(pool.clone(), Arc::default(), Arc::new(Options::default()), worker);
+        let server = ToolServer::of_worker(
+            pool.clone(),
+            Arc::default(),
+            Arc::new(Options::default()),
+            worker,
+        );
         let (theirs, ours) = tokio::io::duplex(1 << 20);
         tokio::spawn(async move { server.serve(ours).await.unwrap().waiting().await });
         let client = Client::new(theirs).await;
-        Self { client, tables, folder, pool, _stages: stages }
+        Self {
+            client,
+            tables,
+            folder,
+            pool,
+            _stages: stages,
+        }
     }
 
     /// Makes a call; the items of the answer as the vectors have them.
     async fn call(&mut self, step: &Value) -> Value {
-        let visible = items(&step["visible"]).iter().map(|name| text(name).to_owned()).collect();
-        *self.tables.now.lock().unwrap() = Now { visible, drawn: None };
+        let visible = items(&step["visible"])
+            .iter()
+            .map(|name| text(name).to_owned())
+            .collect();
+        *self.tables.now.lock().unwrap() = Now {
+            visible,
+            drawn: None,
+        };
         let call = &step["call"];
         let params = json!({ "name": call["name"], "arguments": call["arguments"] });
         let result = self.client.ask("tools/call", params).await;
@@ -250,13 +363,25 @@ impl Table {
         items(&result["content"]).iter().map(item).collect()
     }
 
-    /// Ends the session; every recorded step, the steps of physics before the first call of an episode included.
+    /// Ends the session; every recorded step, the steps of physics before the first call of an
+    /// episode included.
     async fn records(self) -> Vec<(StepRecord, u64)> {
-        let Self { client, folder, pool, .. } = self;
+        let Self {
+            client,
+            folder,
+            pool,
+            ..
+        } = self;
         drop(client);
         pool.close_all().await;
-        let mut paths: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
-        paths.retain(|path| path.extension().is_some_and(|extension| extension == "mcap"));
+        let mut paths: Vec<_> = std::fs::read_dir(folder.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .collect();
+        paths.retain(|path| {
+            path.extension()
+                .is_some_and(|extension| extension == "mcap")
+        });
         paths.sort();
         let mut records = Vec::new();
         for path in paths {
@@ -273,8 +398,15 @@ impl Table {
 
 fn item(block: &Value) -> Value {
     if block["type"] == "image" {
-        let png = base64::Engine::decode(&base64::engine::general_purpose::STANDARD, text(&block["data"])).unwrap();
-        assert_eq!((&png[16..20], &png[20..24]), (&640u32.to_be_bytes()[..], &480u32.to_be_bytes()[..]));
+        let png = base64::Engine::decode(
+            &base64::engine::general_purpose::STANDARD,
+            text(&block["data"]),
+        )
+        .unwrap();
+        assert_eq!(
+            (&png[16..20], &png[20..24]),
+            (&640u32.to_be_bytes()[..], &480u32.to_be_bytes()[..])
+        );
         return json!({ "type": "image", "mimeType": block["mimeType"] });
     }
     let said = text(&block["text"]);
@@ -291,12 +423,20 @@ fn item(block: &Value) -> Value {
 /// After a pick the order of what stands somewhere is that of a hash set in the published code.
 fn unordered(result: &mut Value) {
     for item in result.as_array_mut().unwrap() {
-        let Some(debug) = item.get_mut("debug") else { continue };
+        let Some(debug) = item.get_mut("debug") else {
+            continue;
+        };
         for state in debug["world_graph"].as_object_mut().unwrap().values_mut() {
-            state["content"].as_array_mut().unwrap().sort_by_key(Value::to_string);
+            state["content"]
+                .as_array_mut()
+                .unwrap()
+                .sort_by_key(Value::to_string);
         }
         let lines = text(&debug["WORLD_GRAPH"]).lines().map(|line| {
-            let mut characters: Vec<&str> = line.split(|c: char| " [],".contains(c)).filter(|word| !word.is_empty()).collect();
+            let mut characters: Vec<&str> = line
+                .split(|c: char| " [],".contains(c))
+                .filter(|word| !word.is_empty())
+                .collect();
             characters[1..].sort_unstable();
             characters.join(" ")
         });
@@ -306,45 +446,77 @@ fn unordered(result: &mut Value) {
 
 /// The first difference of one call: the answer, then what was drawn.
 fn compare(step: &Value, found: &Value, after_pick: bool, now: &Now) -> Option<String> {
-    let mut expected: Value =
-        serde_json::from_str(&step["result"].to_string().replace(TOKEN, &TRACEBACK.replace('\n', "\\n"))).unwrap();
+    let mut expected: Value = serde_json::from_str(
+        &step["result"]
+            .to_string()
+            .replace(TOKEN, &TRACEBACK.replace('\n', "\\n")),
+    )
+    .unwrap();
     let mut found = found.clone();
     if after_pick {
         unordered(&mut expected);
         unordered(&mut found);
     }
     let drawn = now.drawn.as_ref();
-    let marks = json!([drawn.map(|(labels, _)| labels), drawn.map(|(_, opacity)| opacity)]);
-    difference(&expected, &found, KeyOrder::Same)
-        .or_else(|| difference(&json!([step["marks"], step["mark_alpha"]]), &marks, KeyOrder::Same))
+    let marks = json!([
+        drawn.map(|(labels, _)| labels),
+        drawn.map(|(_, opacity)| opacity)
+    ]);
+    difference(&expected, &found, KeyOrder::Same).or_else(|| {
+        difference(
+            &json!([step["marks"], step["mark_alpha"]]),
+            &marks,
+            KeyOrder::Same,
+        )
+    })
 }
 
-/// The first difference of what was recorded of a call: physics steps, text, and what became of the simulator.
+/// The first difference of what was recorded of a call: physics steps, text, and what became of the
+/// simulator.
 fn compare_record(step: &Value, found: &Value, record: &StepRecord, steps: u64) -> Option<String> {
     let told = found[0].get("text").map_or("", text);
     if record.outcome.text != told {
         return Some(format!("recorded {:?}, told {told:?}", record.outcome.text));
     }
     let moved = items_or_none(&step["simulator"]).iter().find_map(|event| {
-        let (kind, of) = text(&event[0]).split_once(':').unwrap_or((text(&event[0]), ""));
-        let point = |values: &[f32]| -> Vec<f64> { values.iter().map(|value| f64::from(*value)).collect() };
-        let far =
-            |at: &[f64], most: f64| at.iter().zip(items(&event[1])).any(|(at, to)| (at - to.as_f64().unwrap()).abs() > most);
+        let (kind, of) = text(&event[0])
+            .split_once(':')
+            .unwrap_or((text(&event[0]), ""));
+        let point =
+            |values: &[f32]| -> Vec<f64> { values.iter().map(|value| f64::from(*value)).collect() };
+        let far = |at: &[f64], most: f64| {
+            at.iter()
+                .zip(items(&event[1]))
+                .any(|(at, to)| (at - to.as_f64().unwrap()).abs() > most)
+        };
         let body = || record.bodies.iter().find(|body| body.body == of);
         let wrong = match kind {
             "camera" => far(&point(&record.robot.camera), 1e-6),
             // Out of the way there, out of the world here.
-            "pose" if event[1][0] == -100.0 => record.held.as_ref().is_none_or(|held| held.as_str() != of),
+            "pose" if event[1][0] == -100.0 => {
+                record.held.as_ref().is_none_or(|held| held.as_str() != of)
+            }
             "pose" => body().is_none_or(|body| far(&point(&body.position[..2]), REST_M)),
             "hide" => body().is_some(),
             "show" => body().is_none(),
             "door_angle" => record.changes.registry.is_empty() || record.changes.physics.is_empty(),
             _ => true,
         };
-        wrong.then(|| format!("simulator: expected {event}, found {:?} {:?}", record.robot.camera, body()))
+        wrong.then(|| {
+            format!(
+                "simulator: expected {event}, found {:?} {:?}",
+                record.robot.camera,
+                body()
+            )
+        })
     });
     moved.or_else(|| {
-        (step["physics_steps"] != steps).then(|| format!("physics steps: expected {}, found {steps}", step["physics_steps"]))
+        (step["physics_steps"] != steps).then(|| {
+            format!(
+                "physics steps: expected {}, found {steps}",
+                step["physics_steps"]
+            )
+        })
     })
 }
 
@@ -364,7 +536,9 @@ fn deviation(case: &Value, at: usize) -> Option<&'static str> {
 
 #[tokio::test]
 async fn real_contract_server() {
-    let Some(document) = load("server.json") else { return };
+    let Some(document) = load("server.json") else {
+        return;
+    };
     let mut report = Report::new("server.json", "calls");
     for case in items(&document["cases"]) {
         let id = text(&case["id"]);
@@ -375,7 +549,11 @@ async fn real_contract_server() {
             },
             file => {
                 let scene = scene(&document["furniture"]);
-                let file = if file.is_string() { &document["default_task"] } else { file };
+                let file = if file.is_string() {
+                    &document["default_task"]
+                } else {
+                    file
+                };
                 let tasks = tasks(file, &scene);
                 (scene, tasks)
             }
@@ -390,7 +568,12 @@ async fn real_contract_server() {
             }
             let found = table.call(step).await;
             after_pick |= step["call"]["name"] == "pick" && step["physics_steps"] == 720;
-            differences.push(compare(step, &found, after_pick, &table.tables.now.lock().unwrap()));
+            differences.push(compare(
+                step,
+                &found,
+                after_pick,
+                &table.tables.now.lock().unwrap(),
+            ));
             answers.push(found);
         }
         // Every call of an episode is recorded, in order, those apart that only begin one.
@@ -400,16 +583,21 @@ async fn real_contract_server() {
                 report.deviation(cause);
                 continue;
             }
-            let begun = items(&case["steps"])[..at].iter().any(|step| step["call"]["name"] == "finish");
-            let over =
-                items(&case["steps"])[..at].iter().any(|step| step["result"][0]["text"] == "All evaluation episodes completed.");
-            let difference = differences[at].take().or_else(|| match (begun && !over, step["call"]["name"] == "finish") {
-                (false, _) => None,
-                (true, true) => records.next().is_none().then(|| "not recorded".to_owned()),
-                (true, false) => match records.next() {
-                    Some((record, steps)) => compare_record(step, &answers[at], &record, steps),
-                    None => Some("not recorded".to_owned()),
-                },
+            let begun = items(&case["steps"])[..at]
+                .iter()
+                .any(|step| step["call"]["name"] == "finish");
+            let over = items(&case["steps"])[..at]
+                .iter()
+                .any(|step| step["result"][0]["text"] == "All evaluation episodes completed.");
+            let difference = differences[at].take().or_else(|| {
+                match (begun && !over, step["call"]["name"] == "finish") {
+                    (false, _) => None,
+                    (true, true) => records.next().is_none().then(|| "not recorded".to_owned()),
+                    (true, false) => match records.next() {
+                        Some((record, steps)) => compare_record(step, &answers[at], &record, steps),
+                        None => Some("not recorded".to_owned()),
+                    },
+                }
             });
             report.count(&format!("{id}, call {at}, {}", step["call"]), difference);
         }
@@ -419,7 +607,9 @@ async fn real_contract_server() {
 
 #[test]
 fn real_contract_tool_lists() {
-    let Some(document) = load("trainer_contract.json") else { return };
+    let Some(document) = load("trainer_contract.json") else {
+        return;
+    };
     let mut report = Report::new("trainer_contract.json", "tool_lists");
     for list in items(&document["tool_lists"]) {
         let profile = match text(&list["id"]) {

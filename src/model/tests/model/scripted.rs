@@ -1,4 +1,5 @@
-//! An endpoint that does what a test says, and a clock that nobody waits for. Used by the tests of other crates too.
+//! An endpoint that does what a test says, and a clock that nobody waits for. Used by the tests of
+//! other crates too.
 
 use std::{
     io::{BufRead, BufReader, Read, Write},
@@ -43,7 +44,10 @@ impl Scripted {
     /// Does one act after the other, then answers 501.
     pub fn start(acts: Vec<Act>) -> Self {
         let mut acts = acts.into_iter();
-        Self::answering(move |_| acts.next().unwrap_or_else(|| Act::Status(501, "", "the script is over".to_owned())))
+        Self::answering(move |_| {
+            acts.next()
+                .unwrap_or_else(|| Act::Status(501, "", "the script is over".to_owned()))
+        })
     }
 
     /// Does what a function of the request says.
@@ -56,11 +60,15 @@ impl Scripted {
             let mut hanging = Vec::new();
             for stream in listener.incoming() {
                 let mut stream = stream.unwrap();
-                let Some(request) = receive(&stream) else { continue };
+                let Some(request) = receive(&stream) else {
+                    continue;
+                };
                 seen.lock().unwrap().push(request.clone());
                 match act(&request) {
                     Act::Say(text) => answer(&mut stream, 200, "", &said(&text)),
-                    Act::Status(status, headers, body) => answer(&mut stream, status, headers, &body),
+                    Act::Status(status, headers, body) => {
+                        answer(&mut stream, status, headers, &body)
+                    }
                     Act::Raw(bytes) => drop(stream.write_all(bytes.as_bytes())),
                     Act::Hang => hanging.push(stream),
                 }
@@ -75,7 +83,8 @@ impl Scripted {
     }
 }
 
-/// The address of an endpoint that is not there. No port of this machine's choice: another test could get it.
+/// The address of an endpoint that is not there. No port of this machine's choice: another test
+/// could get it.
 pub fn nobody() -> String {
     "http://127.0.0.1:1/v1".to_owned()
 }
@@ -99,16 +108,24 @@ fn receive(stream: &TcpStream) -> Option<Received> {
             return None;
         }
     }
-    let length = head.lines().find_map(|line| line.to_lowercase().strip_prefix("content-length:").map(|n| n.trim().to_owned()));
+    let length = head.lines().find_map(|line| {
+        line.to_lowercase()
+            .strip_prefix("content-length:")
+            .map(|n| n.trim().to_owned())
+    });
     let mut body = vec![0; length?.parse().ok()?];
     reader.read_exact(&mut body).ok()?;
-    Some(Received { head, body: serde_json::from_slice(&body).ok()? })
+    Some(Received {
+        head,
+        body: serde_json::from_slice(&body).ok()?,
+    })
 }
 
 fn answer(stream: &mut TcpStream, status: u16, headers: &str, body: &str) {
     let length = body.len();
-    let head =
-        format!("HTTP/1.1 {status} x\r\nContent-Type: application/json\r\nContent-Length: {length}\r\nConnection: close\r\n");
+    let head = format!(
+        "HTTP/1.1 {status} x\r\nContent-Type: application/json\r\nContent-Length: {length}\r\nConnection: close\r\n"
+    );
     drop(stream.write_all(format!("{head}{headers}\r\n{body}").as_bytes()));
 }
 
@@ -122,7 +139,12 @@ pub struct TestClock {
 impl TestClock {
     /// The pauses so far, in seconds.
     pub fn pauses_s(&self) -> Vec<u64> {
-        self.pauses.lock().unwrap().iter().map(Duration::as_secs).collect()
+        self.pauses
+            .lock()
+            .unwrap()
+            .iter()
+            .map(Duration::as_secs)
+            .collect()
     }
 }
 
@@ -132,7 +154,8 @@ impl Clock for TestClock {
     }
 
     fn sleep(&self, pause: Duration) {
-        self.now_ns.fetch_add(u64::try_from(pause.as_nanos()).unwrap(), Ordering::SeqCst);
+        self.now_ns
+            .fetch_add(u64::try_from(pause.as_nanos()).unwrap(), Ordering::SeqCst);
         self.pauses.lock().unwrap().push(pause);
     }
 }

@@ -45,14 +45,30 @@ fn errors_say_what_where_and_what_to_do() {
         "pick[reward]",
         "pick[goal_object = 'yes']",
     ];
-    let refused = |text: &str| Pattern::parse(text).and_then(|pattern| pattern.check(COLUMNS)).expect_err(text).to_string();
+    let refused = |text: &str| {
+        Pattern::parse(text)
+            .and_then(|pattern| pattern.check(COLUMNS))
+            .expect_err(text)
+            .to_string()
+    };
     let mut found: Vec<String> = patterns.iter().map(|text| refused(text)).collect();
     found.push(Condition::parse("pick place").unwrap_err().to_string());
-    found.push(Pattern::parse(&"ask ".repeat(2000)).unwrap_err().to_string());
+    found.push(
+        Pattern::parse(&"ask ".repeat(2000))
+            .unwrap_err()
+            .to_string(),
+    );
     found.push(Pattern::parse(&"(".repeat(100)).unwrap_err().to_string());
-    found.push(Pattern::parse(&(0..65).map(|n| format!("[step={n}]")).collect::<String>()).unwrap_err().to_string());
+    found.push(
+        Pattern::parse(&(0..65).map(|n| format!("[step={n}]")).collect::<String>())
+            .unwrap_err()
+            .to_string(),
+    );
     let found = found.join("\n\n") + "\n";
-    assert!(found == include_str!("errors.txt"), "errors.txt is not what is said:\n{found}");
+    assert!(
+        found == include_str!("errors.txt"),
+        "errors.txt is not what is said:\n{found}"
+    );
 }
 
 #[test]

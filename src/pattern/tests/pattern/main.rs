@@ -1,5 +1,5 @@
-//! The language as its users meet it: matches against a naive reference, work that stays linear, conditions on plain
-//! rows, and the texts of errors.
+//! The language as its users meet it: matches against a naive reference, work that stays linear,
+//! conditions on plain rows, and the texts of errors.
 
 mod errors;
 mod meaning;
@@ -94,10 +94,18 @@ fn work_is_linear() {
             // bit 0 is `ask`, bit 1 is `pick`: the one that comes first in the pattern comes first
             let mut masks = vec![1_u64; steps];
             masks.push(last << 1);
-            for (call, bound) in [(is_match as fn(&mut Matcher, &[u64]), 1), (find, 3), (count, 3)] {
+            for (call, bound) in [
+                (is_match as fn(&mut Matcher, &[u64]), 1),
+                (find, 3),
+                (count, 3),
+            ] {
                 let mut matcher = pattern.matcher();
                 call(&mut matcher, &masks);
-                assert!(matcher.work() <= bound * masks.len() as u64, "{text}: {} for {steps} steps", matcher.work());
+                assert!(
+                    matcher.work() <= bound * masks.len() as u64,
+                    "{text}: {} for {steps} steps",
+                    matcher.work()
+                );
             }
         }
     }
@@ -117,10 +125,17 @@ fn count(matcher: &mut Matcher, masks: &[u64]) {
 
 #[test]
 fn what_would_be_too_large_is_refused_before_it_is_built() {
-    let towers = ["(ask{0,50}){0,50}", "((((ask{100}){100}){100}){100}){100}", "(((((^){100}){100}){100}){100}){100}"];
+    let towers = [
+        "(ask{0,50}){0,50}",
+        "((((ask{100}){100}){100}){100}){100}",
+        "(((((^){100}){100}){100}){100}){100}",
+    ];
     for text in towers {
         let found = Pattern::parse(text);
-        assert!(matches!(found, Err(PatternError::TooLarge { positions }) if positions > MAX_POSITIONS), "{text}: {found:?}");
+        assert!(
+            matches!(found, Err(PatternError::TooLarge { positions }) if positions > MAX_POSITIONS),
+            "{text}: {found:?}"
+        );
     }
     assert!(Pattern::parse("(ask{0,22}){0,23}").is_ok());
 }

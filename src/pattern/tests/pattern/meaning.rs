@@ -11,7 +11,10 @@ struct Step(Vec<(&'static str, Value<'static>)>);
 
 impl Row for Step {
     fn value(&self, column: &str) -> Value<'_> {
-        self.0.iter().find(|(name, _)| *name == column).map_or(Value::Null, |(_, value)| *value)
+        self.0
+            .iter()
+            .find(|(name, _)| *name == column)
+            .map_or(Value::Null, |(_, value)| *value)
     }
 }
 
@@ -20,17 +23,25 @@ fn episode(calls: &[&'static str]) -> Vec<Step> {
     calls
         .iter()
         .map(|call| {
-            let (tool, argument) = call.trim_start_matches('-').split_once(' ').unwrap_or((call.trim_start_matches('-'), ""));
+            let (tool, argument) = call
+                .trim_start_matches('-')
+                .split_once(' ')
+                .unwrap_or((call.trim_start_matches('-'), ""));
             let mut columns = vec![("tool", Value::Text(tool))];
             columns.extend((!argument.is_empty()).then_some(("argument", Value::Text(argument))));
-            columns.extend(call.starts_with('-').then_some(("error_code", Value::Text("door_closed"))));
+            columns.extend(
+                call.starts_with('-')
+                    .then_some(("error_code", Value::Text("door_closed"))),
+            );
             Step(columns)
         })
         .collect()
 }
 
 fn fits(condition: &str, step: &Step) -> bool {
-    Condition::parse(condition).unwrap_or_else(|error| panic!("{error}")).fits(std::slice::from_ref(step), 0)
+    Condition::parse(condition)
+        .unwrap_or_else(|error| panic!("{error}"))
+        .fits(std::slice::from_ref(step), 0)
 }
 
 #[test]
@@ -96,8 +107,10 @@ fn conditions_mean_what_sql_means() {
         "[held = 'x' and ok]",
         "[argument like '']",
     ];
-    yes.iter().for_each(|condition| assert!(fits(condition, &step), "{condition}"));
-    no.iter().for_each(|condition| assert!(!fits(condition, &step), "{condition}"));
+    yes.iter()
+        .for_each(|condition| assert!(fits(condition, &step), "{condition}"));
+    no.iter()
+        .for_each(|condition| assert!(!fits(condition, &step), "{condition}"));
 }
 
 /// A pattern, the calls of an episode, the match to find, the number of matches that are not empty.
@@ -107,15 +120,52 @@ type Case<'a> = (&'a str, &'a [&'static str], Option<Range<usize>>, usize);
 fn patterns_answer_the_questions_they_are_for() {
     let canonical = "nav_to show_object_by_category gaze_at? pick nav_to show_receptacles? place";
     let swing = "nav_to nav_to[argument <> argument@-1] (nav_to[argument = argument@-2]){2,}";
-    let calls = ["nav_to a", "nav_to b", "nav_to a", "nav_to b", "nav_to a", "-pick 1", "ask", "pick 1", "place 2"];
+    let calls = [
+        "nav_to a", "nav_to b", "nav_to a", "nav_to b", "nav_to a", "-pick 1", "ask", "pick 1",
+        "place 2",
+    ];
     let cases: &[Case] = &[
-        (canonical, &["nav_to a", "show_object_by_category", "pick 1", "nav_to b", "place 1", "finish"], Some(0..5), 1),
-        (canonical, &["nav_to a", "show_object_by_category", "ask", "pick 1", "nav_to b", "place 1"], None, 0),
+        (
+            canonical,
+            &[
+                "nav_to a",
+                "show_object_by_category",
+                "pick 1",
+                "nav_to b",
+                "place 1",
+                "finish",
+            ],
+            Some(0..5),
+            1,
+        ),
+        (
+            canonical,
+            &[
+                "nav_to a",
+                "show_object_by_category",
+                "ask",
+                "pick 1",
+                "nav_to b",
+                "place 1",
+            ],
+            None,
+            0,
+        ),
         (swing, &calls, Some(0..5), 1),
-        (swing, &["nav_to a", "nav_to a", "nav_to a", "nav_to a"], None, 0),
+        (
+            swing,
+            &["nav_to a", "nav_to a", "nav_to a", "nav_to a"],
+            None,
+            0,
+        ),
         ("^ !ask* pick", &calls, Some(0..6), 1),
         ("^ !ask* pick[ok]", &calls, None, 0),
-        ("pick[error = 'door_closed'] .. pick[ok]", &calls, Some(5..8), 1),
+        (
+            "pick[error = 'door_closed'] .. pick[ok]",
+            &calls,
+            Some(5..8),
+            1,
+        ),
         ("pick[failed] > ask", &calls, Some(5..7), 1),
         ("nav_to", &calls, Some(0..1), 5),
         ("nav_to+", &calls, Some(0..5), 1),
@@ -139,7 +189,10 @@ fn patterns_answer_the_questions_they_are_for() {
 fn a_condition_counts_once() {
     let pattern = Pattern::parse("nav_to pick[ok] nav_to _ .. pick[ok]").unwrap();
     assert_eq!(pattern.conditions().len(), 2);
-    assert_eq!(pattern.conditions()[1].to_string(), "(tool = 'pick') and (error_code is null)");
+    assert_eq!(
+        pattern.conditions()[1].to_string(),
+        "(tool = 'pick') and (error_code is null)"
+    );
 }
 
 proptest! {
@@ -163,8 +216,10 @@ fn condition() -> impl Strategy<Value = String> {
     });
     leaf.prop_recursive(3, 12, 3, |inner| {
         prop_oneof![
-            prop::collection::vec(inner.clone(), 2..4).prop_map(|parts| format!("({})", parts.join(") and ("))),
-            prop::collection::vec(inner.clone(), 2..4).prop_map(|parts| format!("({})", parts.join(") or ("))),
+            prop::collection::vec(inner.clone(), 2..4)
+                .prop_map(|parts| format!("({})", parts.join(") and ("))),
+            prop::collection::vec(inner.clone(), 2..4)
+                .prop_map(|parts| format!("({})", parts.join(") or ("))),
             inner.clone().prop_map(|part| format!("not ({part})")),
             inner.prop_map(|part| format!("({part}) is true")),
         ]

@@ -1,4 +1,5 @@
-//! Patterns as trees and a naive matcher that tries everything, sharing nothing with the crate but the text.
+//! Patterns as trees and a naive matcher that tries everything, sharing nothing with the crate but
+//! the text.
 
 use std::{collections::BTreeSet, fmt, ops::Range};
 
@@ -110,7 +111,11 @@ pub fn masks(pattern: &Pattern, episode: &[usize]) -> Vec<u64> {
     struct Call(&'static str);
     impl Row for Call {
         fn value(&self, column: &str) -> Value<'_> {
-            if column == "tool" { Value::Text(self.0) } else { Value::Null }
+            if column == "tool" {
+                Value::Text(self.0)
+            } else {
+                Value::Null
+            }
         }
     }
     let rows: Vec<_> = episode.iter().map(|tool| Call(TOOLS[*tool])).collect();
@@ -120,7 +125,8 @@ pub fn masks(pattern: &Pattern, episode: &[usize]) -> Vec<u64> {
 impl Tree {
     /// The leftmost match, the longest of those.
     pub fn find(&self, episode: &[usize]) -> Option<Range<usize>> {
-        (0..=episode.len()).find_map(|begin| self.ends(episode, begin).last().map(|end| begin..*end))
+        (0..=episode.len())
+            .find_map(|begin| self.ends(episode, begin).last().map(|end| begin..*end))
     }
 
     /// Matches after each other, without empty ones.
@@ -137,18 +143,36 @@ impl Tree {
 
     /// Where matches that begin at `at` can end.
     fn ends(&self, episode: &[usize], at: usize) -> BTreeSet<usize> {
-        let one = |fits: bool| if fits { BTreeSet::from([at + 1]) } else { BTreeSet::new() };
-        let here = |fits: bool| if fits { BTreeSet::from([at]) } else { BTreeSet::new() };
+        let one = |fits: bool| {
+            if fits {
+                BTreeSet::from([at + 1])
+            } else {
+                BTreeSet::new()
+            }
+        };
+        let here = |fits: bool| {
+            if fits {
+                BTreeSet::from([at])
+            } else {
+                BTreeSet::new()
+            }
+        };
         match self {
             Tree::Step(tool) => one(episode.get(at) == Some(tool)),
             Tree::NotStep(tool) => one(episode.get(at).is_some_and(|found| found != tool)),
             Tree::Any => one(at < episode.len()),
             Tree::Begin => here(at == 0),
             Tree::End => here(at == episode.len()),
-            Tree::Sequence(trees) => trees.iter().fold(here(true), |from, tree| tree.ends_from(episode, &from)),
-            Tree::Either(trees) => trees.iter().flat_map(|tree| tree.ends(episode, at)).collect(),
+            Tree::Sequence(trees) => trees
+                .iter()
+                .fold(here(true), |from, tree| tree.ends_from(episode, &from)),
+            Tree::Either(trees) => trees
+                .iter()
+                .flat_map(|tree| tree.ends(episode, at))
+                .collect(),
             Tree::Repeat(tree, min, max) => {
-                let mut reached = (0..*min).fold(here(true), |from, _| tree.ends_from(episode, &from));
+                let mut reached =
+                    (0..*min).fold(here(true), |from, _| tree.ends_from(episode, &from));
                 let mut ends = reached.clone();
                 // more rounds than there are steps reach nothing new
                 for _ in 0..max.map_or(episode.len() + 1, |max| (max - min) as usize) {
@@ -168,7 +192,13 @@ impl Tree {
 /// As a pattern.
 impl fmt::Display for Tree {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let join = |trees: &[Tree], between| trees.iter().map(ToString::to_string).collect::<Vec<_>>().join(between);
+        let join = |trees: &[Tree], between| {
+            trees
+                .iter()
+                .map(ToString::to_string)
+                .collect::<Vec<_>>()
+                .join(between)
+        };
         match self {
             Tree::Step(tool) => f.write_str(TOOLS[*tool]),
             Tree::NotStep(tool) => write!(f, "!{}", TOOLS[*tool]),

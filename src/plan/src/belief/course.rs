@@ -18,21 +18,32 @@ impl Belief {
         }
         let undone = (0..self.errands.len()).find(|errand| !self.is_done(*errand));
         if let Some(errand) = undone {
-            return self.open_destination(errand).unwrap_or_else(|| self.fetch(errand));
+            return self
+                .open_destination(errand)
+                .unwrap_or_else(|| self.fetch(errand));
         }
         if let Some((thing, place)) = self.displaced() {
             return self.take_from(thing, &place);
         }
-        match self.opened.iter().find(|id| self.at.as_ref() == Some(id)).or_else(|| self.opened.first()) {
+        match self
+            .opened
+            .iter()
+            .find(|id| self.at.as_ref() == Some(id))
+            .or_else(|| self.opened.first())
+        {
             Some(door) => self.at_number(door, Move::Close(door.clone())),
             None => Move::Finish(true),
         }
     }
 
-    /// The errand whose object is not settled although something was taken for it that is not the only one to fit.
+    /// The errand whose object is not settled although something was taken for it that is not the
+    /// only one to fit.
     fn doubtful(&self) -> Option<usize> {
         let taken = |errand: &usize| {
-            let one = self.taken.iter().any(|thing| self.may_be(*thing, *errand) && self.moved(*thing));
+            let one = self
+                .taken
+                .iter()
+                .any(|thing| self.may_be(*thing, *errand) && self.moved(*thing));
             one && self.wants_to_ask(*errand)
         };
         (0..self.errands.len()).find(taken)
@@ -43,27 +54,42 @@ impl Belief {
         self.held == Some(thing) || sighting.place != sighting.origin
     }
 
-    /// Whether the words leave open which thing is meant. Even where one alone seems to fit, they may mean another.
+    /// Whether the words leave open which thing is meant. Even where one alone seems to fit, they
+    /// may mean another.
     pub(super) fn wants_to_ask(&self, errand: usize) -> bool {
         self.errands[errand].vague && !self.settled && self.asks < ASKS_MAX
     }
 
-    /// Whether a thing may be the one that is meant: the words fit, and it comes from where the words say, as far as read.
+    /// Whether a thing may be the one that is meant: the words fit, and it comes from where the
+    /// words say, as far as read.
     pub(super) fn may_be(&self, thing: Thing, errand: usize) -> bool {
-        let Some(sighting) = self.things.get(&thing) else { return false };
+        let Some(sighting) = self.things.get(&thing) else {
+            return false;
+        };
         let from = |origin: &ReceptacleId| self.open_sources(errand).any(|id| id == origin);
         sighting.fits.get(errand) == Some(&true) && sighting.origin.as_ref().is_some_and(from)
     }
 
     pub(super) fn candidates(&self, errand: usize) -> impl Iterator<Item = Thing> {
-        self.things.keys().copied().filter(move |thing| self.may_be(*thing, errand))
+        self.things
+            .keys()
+            .copied()
+            .filter(move |thing| self.may_be(*thing, errand))
     }
 
     /// The sources that were not read to be others.
     pub(super) fn open_sources(&self, errand: usize) -> impl Iterator<Item = &ReceptacleId> {
-        let Errand { sources, source, .. } = &self.errands[errand];
+        let Errand {
+            sources, source, ..
+        } = &self.errands[errand];
         let read = self.read.contains(source);
-        sources.iter().filter(move |id| if read { *id == source } else { !self.read.contains(*id) })
+        sources.iter().filter(move |id| {
+            if read {
+                *id == source
+            } else {
+                !self.read.contains(*id)
+            }
+        })
     }
 
     /// The source, where it is known which one it is.
@@ -72,9 +98,19 @@ impl Belief {
     }
 
     pub(super) fn open_destinations(&self, errand: usize) -> impl Iterator<Item = &ReceptacleId> {
-        let Errand { destinations, destination, .. } = &self.errands[errand];
+        let Errand {
+            destinations,
+            destination,
+            ..
+        } = &self.errands[errand];
         let read = self.read.contains(destination);
-        destinations.iter().filter(move |id| if read { *id == destination } else { !self.read.contains(*id) })
+        destinations.iter().filter(move |id| {
+            if read {
+                *id == destination
+            } else {
+                !self.read.contains(*id)
+            }
+        })
     }
 
     pub(super) fn destination(&self, errand: usize) -> Option<&ReceptacleId> {
@@ -82,30 +118,47 @@ impl Belief {
     }
 
     fn is_done(&self, errand: usize) -> bool {
-        let Some(destination) = self.destination(errand) else { return false };
-        let there = |thing: Thing| self.taken.contains(&thing) && self.things[&thing].place.as_ref() == Some(destination);
+        let Some(destination) = self.destination(errand) else {
+            return false;
+        };
+        let there = |thing: Thing| {
+            self.taken.contains(&thing) && self.things[&thing].place.as_ref() == Some(destination)
+        };
         self.candidates(errand).any(there)
     }
 
     /// A thing that was taken by mistake and stands elsewhere than before.
     fn displaced(&self) -> Option<(Thing, ReceptacleId)> {
         let stray = |thing: &&Thing| self.moved(**thing) && self.errand_of(**thing).is_none();
-        let found = self.taken.iter().filter(stray).find_map(|thing| Some((*thing, self.things[thing].place.clone()?)));
+        let found = self
+            .taken
+            .iter()
+            .filter(stray)
+            .find_map(|thing| Some((*thing, self.things[thing].place.clone()?)));
         found.filter(|(_, place)| !self.useless.contains(place))
     }
 
-    /// The errand that a taken thing is for: the first undone one that it may be meant by, or the one it did.
+    /// The errand that a taken thing is for: the first undone one that it may be meant by, or the
+    /// one it did.
     fn errand_of(&self, thing: Thing) -> Option<usize> {
         let place = self.things[&thing].place.as_ref();
         let fits = |errand: &usize| self.may_be(thing, *errand);
-        let did = |errand: &usize| fits(errand) && place.is_some() && self.destination(*errand) == place;
+        let did =
+            |errand: &usize| fits(errand) && place.is_some() && self.destination(*errand) == place;
         let all = || 0..self.errands.len();
-        all().find(did).or_else(|| all().find(|errand| fits(errand) && !self.is_done(*errand)))
+        all()
+            .find(did)
+            .or_else(|| all().find(|errand| fits(errand) && !self.is_done(*errand)))
     }
 
     /// Brings what it holds where it belongs.
     fn bring(&self, held: Thing) -> Move {
-        let origin = || self.things[&held].origin.clone().or_else(|| self.at.clone());
+        let origin = || {
+            self.things[&held]
+                .origin
+                .clone()
+                .or_else(|| self.at.clone())
+        };
         let to = match self.errand_of(held) {
             None => origin(),
             Some(errand) => match self.destination(errand) {
@@ -123,26 +176,35 @@ impl Belief {
 
     /// Where there is a door at the destination it is opened before the hand is full.
     fn open_destination(&self, errand: usize) -> Option<Move> {
-        let is_closed = |id: &&ReceptacleId| self.closed.contains(*id) && !self.useless.contains(*id);
-        self.open_destinations(errand).any(|id| is_closed(&id)).then_some(())?;
+        let is_closed =
+            |id: &&ReceptacleId| self.closed.contains(*id) && !self.useless.contains(*id);
+        self.open_destinations(errand)
+            .any(|id| is_closed(&id))
+            .then_some(())?;
         match self.destination(errand) {
             Some(destination) => Some(self.at_number(destination, Move::Open(destination.clone()))),
-            None => self.next_unread(self.open_destinations(errand)).map(|to| self.at_number(to, Move::ShowReceptacles)),
+            None => self
+                .next_unread(self.open_destinations(errand))
+                .map(|to| self.at_number(to, Move::ShowReceptacles)),
         }
     }
 
     fn fetch(&self, errand: usize) -> Move {
         let source = self.source(errand);
         let known = source.and_then(|_| {
-            let mut found: Vec<(Thing, ReceptacleId)> =
-                self.candidates(errand).filter_map(|thing| Some((thing, self.things[&thing].place.clone()?))).collect();
+            let mut found: Vec<(Thing, ReceptacleId)> = self
+                .candidates(errand)
+                .filter_map(|thing| Some((thing, self.things[&thing].place.clone()?)))
+                .collect();
             // What is at hand comes first, and last what could not be taken when it tried.
-            let at_hand = |thing: &Thing| (self.gazed != Some(*thing), !self.numbered.contains(thing));
+            let at_hand =
+                |thing: &Thing| (self.gazed != Some(*thing), !self.numbered.contains(thing));
             found.sort_by_key(|(thing, _)| (self.lost.contains(thing), at_hand(thing)));
             found.into_iter().next()
         });
         if let Some((thing, place)) = known {
-            let must_survey = self.errands[errand].vague && !self.surveyed.contains(&place) && !self.settled;
+            let must_survey =
+                self.errands[errand].vague && !self.surveyed.contains(&place) && !self.settled;
             if must_survey && self.at.as_ref() == Some(&place) && !self.closed.contains(&place) {
                 return Move::WalkAround;
             }
@@ -152,11 +214,15 @@ impl Belief {
             return self.take_from(thing, &place);
         }
         // Nothing there is called what is wanted: then one does not know what is meant.
-        if source.is_some_and(|source| self.surveyed.contains(source)) && self.wants_to_ask(errand) {
+        if source.is_some_and(|source| self.surveyed.contains(source)) && self.wants_to_ask(errand)
+        {
             return Move::Ask(errand);
         }
         let place = source.filter(|source| !self.surveyed.contains(*source));
-        let place = place.or_else(|| self.next_unread(self.open_sources(errand)).filter(|_| source.is_none()));
+        let place = place.or_else(|| {
+            self.next_unread(self.open_sources(errand))
+                .filter(|_| source.is_none())
+        });
         match place.filter(|place| !self.useless.contains(*place)) {
             Some(place) => self.look_on(place, errand),
             None => Move::Finish(false),
@@ -171,7 +237,9 @@ impl Belief {
         if self.closed.contains(place) {
             return self.at_number(place, Move::Open(place.clone()));
         }
-        let in_view = |thing: &Thing| self.in_view.contains(thing) && self.things[thing].place.as_ref() == Some(place);
+        let in_view = |thing: &Thing| {
+            self.in_view.contains(thing) && self.things[thing].place.as_ref() == Some(place)
+        };
         match self.candidates(errand).find(in_view) {
             Some(thing) if !self.errands[errand].vague => Move::Find(thing),
             _ => Move::WalkAround,
@@ -206,7 +274,10 @@ impl Belief {
     }
 
     /// Of several the one it stands at, else the first.
-    fn next_unread<'a>(&'a self, among: impl Iterator<Item = &'a ReceptacleId>) -> Option<&'a ReceptacleId> {
+    fn next_unread<'a>(
+        &'a self,
+        among: impl Iterator<Item = &'a ReceptacleId>,
+    ) -> Option<&'a ReceptacleId> {
         let useful: Vec<&ReceptacleId> = among.filter(|id| !self.useless.contains(*id)).collect();
         let here = useful.iter().find(|id| self.at.as_ref() == Some(**id));
         here.or(useful.first()).copied()

@@ -1,5 +1,5 @@
-//! The worst that can come of each move, as far as one knows, and so how many decisions are needed at worst. Never what
-//! physics may spoil: a call that can succeed succeeds.
+//! The worst that can come of each move, as far as one knows, and so how many decisions are needed
+//! at worst. Never what physics may spoil: a call that can succeed succeeds.
 
 use std::collections::BTreeSet;
 
@@ -8,8 +8,8 @@ use reel_world::{HORIZON, ReceptacleId};
 use super::{Belief, Move, Sighting, Thing};
 
 impl Belief {
-    /// The moves to the end if every open question is answered at its worst, `finish` included; none where something is in
-    /// the way for good, or no end comes in sight.
+    /// The moves to the end if every open question is answered at its worst, `finish` included;
+    /// none where something is in the way for good, or no end comes in sight.
     pub fn worst_case(&self) -> Option<Vec<Move>> {
         let mut imagined = self.clone();
         let mut moves = Vec::new();
@@ -40,7 +40,10 @@ impl Belief {
                 self.see_nothing();
                 if let Some(here) = self.at.clone() {
                     self.receptacles = BTreeSet::from([here.clone()]);
-                    let found = self.closed.contains(&here).then(|| self.read_as_meant(&here));
+                    let found = self
+                        .closed
+                        .contains(&here)
+                        .then(|| self.read_as_meant(&here));
                     self.read_at_worst(&here);
                     // Behind a closed door it is worse to find what one looks for than to go on.
                     if let Some(found) = found.filter(|found| found.effort() > self.effort()) {
@@ -89,10 +92,14 @@ impl Belief {
     fn read_at_worst(&mut self, here: &ReceptacleId) {
         for errand in 0..self.errands.len() {
             // Source and destination are two places.
-            let worst = |among: Vec<ReceptacleId>, but: &ReceptacleId, closed: &BTreeSet<ReceptacleId>| {
-                let others = || among.iter().rev().filter(|id| *id != here && *id != but);
-                others().find(|id| closed.contains(*id)).or_else(|| others().next()).cloned()
-            };
+            let worst =
+                |among: Vec<ReceptacleId>, but: &ReceptacleId, closed: &BTreeSet<ReceptacleId>| {
+                    let others = || among.iter().rev().filter(|id| *id != here && *id != but);
+                    others()
+                        .find(|id| closed.contains(*id))
+                        .or_else(|| others().next())
+                        .cloned()
+                };
             let sources: Vec<ReceptacleId> = self.open_sources(errand).cloned().collect();
             let destinations: Vec<ReceptacleId> = self.open_destinations(errand).cloned().collect();
             if sources.contains(here) {
@@ -107,7 +114,8 @@ impl Belief {
         self.read.insert(here.clone());
     }
 
-    /// Nothing new is there, unless it must be: then it is there, and where the words leave it open another one too.
+    /// Nothing new is there, unless it must be: then it is there, and where the words leave it open
+    /// another one too.
     fn look_at_worst(&mut self, found: Option<Thing>) {
         let Some(here) = self.at.clone() else { return };
         self.read_at_worst(&here);
@@ -116,8 +124,13 @@ impl Belief {
             self.surveyed.insert(here.clone());
         }
         for errand in 0..self.errands.len() {
-            let there = self.candidates(errand).any(|thing| self.things[&thing].place.as_ref() == Some(&here));
-            let gone = || self.candidates(errand).any(|thing| self.taken.contains(&thing));
+            let there = self
+                .candidates(errand)
+                .any(|thing| self.things[&thing].place.as_ref() == Some(&here));
+            let gone = || {
+                self.candidates(errand)
+                    .any(|thing| self.taken.contains(&thing))
+            };
             if self.source(errand) != Some(&here) || self.errands[errand].destination == here {
                 continue;
             }
@@ -129,7 +142,12 @@ impl Belief {
             }
         }
         let here = |(_, sighting): &(&Thing, &Sighting)| sighting.place.as_ref() == Some(&here);
-        self.in_view = self.things.iter().filter(here).map(|(thing, _)| *thing).collect();
+        self.in_view = self
+            .things
+            .iter()
+            .filter(here)
+            .map(|(thing, _)| *thing)
+            .collect();
         self.numbered = match found {
             Some(thing) => BTreeSet::from([thing]),
             None => self.in_view.clone(),
@@ -138,22 +156,36 @@ impl Belief {
 
     /// A thing that was not seen yet.
     fn imagine(&mut self, errand: usize, number: u32, place: &ReceptacleId) {
-        let fits = (0..self.errands.len()).map(|other| other == errand).collect();
-        let sighting = Sighting { place: Some(place.clone()), origin: Some(place.clone()), fits };
-        self.things.insert(Thing::MAX - 2 * errand as u32 - number, sighting);
+        let fits = (0..self.errands.len())
+            .map(|other| other == errand)
+            .collect();
+        let sighting = Sighting {
+            place: Some(place.clone()),
+            origin: Some(place.clone()),
+            fits,
+        };
+        self.things
+            .insert(Thing::MAX - 2 * errand as u32 - number, sighting);
     }
 
     /// What was taken is not what was meant.
     fn answer_at_worst(&mut self, errand: usize) {
         self.settled = true;
         let candidates: Vec<Thing> = self.candidates(errand).collect();
-        let meant = candidates.iter().copied().find(|thing| !self.taken.contains(thing));
+        let meant = candidates
+            .iter()
+            .copied()
+            .find(|thing| !self.taken.contains(thing));
         let source = self.source(errand).cloned();
         if let Some(source) = source.filter(|_| meant.is_none()) {
             self.imagine(errand, 0, &source);
         }
         for thing in candidates {
-            if let Some(fits) = self.things.get_mut(&thing).and_then(|sighting| sighting.fits.get_mut(errand)) {
+            if let Some(fits) = self
+                .things
+                .get_mut(&thing)
+                .and_then(|sighting| sighting.fits.get_mut(errand))
+            {
                 *fits = Some(thing) == meant;
             }
         }

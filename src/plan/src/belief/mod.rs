@@ -1,8 +1,10 @@
-//! What a competent agent knows in the middle of an episode, what it does next, and how many decisions it needs at worst.
+//! What a competent agent knows in the middle of an episode, what it does next, and how many
+//! decisions it needs at worst.
 //!
-//! It reads which of several like receptacles is meant before it relies on one, looks before it picks, asks where several
-//! things fit, opens a destination while its hand is free, puts back what was taken by mistake and closes what was opened.
-//! Never the truth: what the words of the instruction mean is compared only with what was read or seen.
+//! It reads which of several like receptacles is meant before it relies on one, looks before it
+//! picks, asks where several things fit, opens a destination while its hand is free, puts back what
+//! was taken by mistake and closes what was opened. Never the truth: what the words of the
+//! instruction mean is compared only with what was read or seen.
 
 mod course;
 mod imagine;
@@ -16,7 +18,8 @@ use reel_world::ReceptacleId;
 
 pub use objection::Objection;
 
-/// A thing that was seen, by a number of the agent's own: who follows things with the eyes knows them again.
+/// A thing that was seen, by a number of the agent's own: who follows things with the eyes knows
+/// them again.
 pub type Thing = u32;
 
 /// One object to bring somewhere, as the words tell.
@@ -150,7 +153,8 @@ pub struct Belief {
 }
 
 impl Belief {
-    /// Before the first call. `closed` are the receptacles that have a door, as far as one knows; all stand closed.
+    /// Before the first call. `closed` are the receptacles that have a door, as far as one knows;
+    /// all stand closed.
     pub fn new(errands: Vec<Errand>, closed: BTreeSet<ReceptacleId>) -> Self {
         Self {
             errands,
@@ -183,7 +187,11 @@ impl Belief {
     pub fn see(&mut self, view: &View) {
         for (thing, place, fits) in &view.things {
             let known = self.things.entry(*thing);
-            let sighting = known.or_insert_with(|| Sighting { place: None, origin: place.clone(), fits: Vec::new() });
+            let sighting = known.or_insert_with(|| Sighting {
+                place: None,
+                origin: place.clone(),
+                fits: Vec::new(),
+            });
             if self.held != Some(*thing) {
                 sighting.place.clone_from(place);
             }
@@ -203,7 +211,8 @@ impl Belief {
             Deed::ShowReceptacles => self.read.extend(view.receptacles.iter().cloned()),
             Deed::Find => self.read.extend(before),
             Deed::WalkAround => {
-                let here = |sighting: &Sighting| sighting.place.is_some() && sighting.place == before;
+                let here =
+                    |sighting: &Sighting| sighting.place.is_some() && sighting.place == before;
                 for (thing, sighting) in &mut self.things {
                     if here(sighting) && !view.numbered.contains(thing) {
                         sighting.place = None;
@@ -257,7 +266,11 @@ impl Belief {
     fn take(&mut self, thing: Thing) {
         let here = self.at.clone();
         let fits = vec![false; self.errands.len()];
-        let sighting = self.things.entry(thing).or_insert(Sighting { place: None, origin: here, fits });
+        let sighting = self.things.entry(thing).or_insert(Sighting {
+            place: None,
+            origin: here,
+            fits,
+        });
         sighting.place = None;
         self.held = Some(thing);
         self.taken.insert(thing);

@@ -1,4 +1,5 @@
-//! What speaks against a call that somebody else made, from what could be known then. Never what came of it.
+//! What speaks against a call that somebody else made, from what could be known then. Never what
+//! came of it.
 
 use super::{Belief, Move};
 
@@ -22,21 +23,36 @@ impl Belief {
         let errands = || 0..self.errands.len();
         match made {
             Move::Pick(thing) => match errands().find(|errand| self.may_be(*thing, *errand)) {
-                Some(errand) => self.wants_to_ask(errand).then_some(Objection::Communication),
-                None => self.things.contains_key(thing).then_some(Objection::Perception),
+                Some(errand) => self
+                    .wants_to_ask(errand)
+                    .then_some(Objection::Communication),
+                None => self
+                    .things
+                    .contains_key(thing)
+                    .then_some(Objection::Perception),
             },
             Move::Place(receptacle) => {
-                let meant = |errand: usize| self.open_destinations(errand).any(|id| id == receptacle);
-                let held = self.held.and_then(|thing| errands().find(|errand| self.may_be(thing, *errand)))?;
+                let meant =
+                    |errand: usize| self.open_destinations(errand).any(|id| id == receptacle);
+                let held = self
+                    .held
+                    .and_then(|thing| errands().find(|errand| self.may_be(thing, *errand)))?;
                 (!meant(held)).then_some(Objection::Perception)
             }
-            Move::NavTo(receptacle) => self.visited.contains(receptacle).then_some(Objection::Memory),
+            Move::NavTo(receptacle) => self
+                .visited
+                .contains(receptacle)
+                .then_some(Objection::Memory),
             Move::ShowReceptacles => {
                 let here = self.at.as_ref();
-                here.is_some_and(|here| self.receptacles.contains(here)).then_some(Objection::Memory)
+                here.is_some_and(|here| self.receptacles.contains(here))
+                    .then_some(Objection::Memory)
             }
             Move::WalkAround | Move::Find(_) => {
-                let surveyed = self.at.as_ref().is_some_and(|here| self.surveyed.contains(here));
+                let surveyed = self
+                    .at
+                    .as_ref()
+                    .is_some_and(|here| self.surveyed.contains(here));
                 (surveyed && !self.numbered.is_empty()).then_some(Objection::Memory)
             }
             Move::Gaze(thing) => (self.gazed == Some(*thing)).then_some(Objection::Memory),

@@ -1,5 +1,5 @@
-//! The competent agent in worlds without physics: whatever turns out, it succeeds, and every move brings it nearer by one at
-//! least. No regret, in every world of a grid.
+//! The competent agent in worlds without physics: whatever turns out, it succeeds, and every move
+//! brings it nearer by one at least. No regret, in every world of a grid.
 
 use std::collections::BTreeSet;
 
@@ -28,7 +28,14 @@ struct World {
 }
 
 impl World {
-    fn new(sources: usize, source: usize, destinations: usize, destination: usize, vague: bool, hidden: bool) -> Self {
+    fn new(
+        sources: usize,
+        source: usize,
+        destinations: usize,
+        destination: usize,
+        vague: bool,
+        hidden: bool,
+    ) -> Self {
         let name = |kind: &str, index: usize| ReceptacleId::from(format!("{kind}_{index}"));
         let sources: Vec<_> = (0..sources).map(|index| name("table", index)).collect();
         let destinations: Vec<_> = (0..destinations).map(|index| name("desk", index)).collect();
@@ -42,26 +49,50 @@ impl World {
         let at = [Some(errand.source.clone()), Some(errand.source.clone())];
         let places = sources.into_iter().chain(destinations).collect();
         let (closed, numbered, receptacles) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
-        Self { errand, places, closed, at, hidden, told: false, robot: None, numbered, receptacles }
+        Self {
+            errand,
+            places,
+            closed,
+            at,
+            hidden,
+            told: false,
+            robot: None,
+            numbered,
+            receptacles,
+        }
     }
 
     fn here(&self) -> Vec<Thing> {
-        let open = self.robot.as_ref().is_some_and(|robot| !self.closed.contains(robot));
-        [MEANT, LIKE].into_iter().filter(|thing| open && self.at[*thing as usize] == self.robot).collect()
+        let open = self
+            .robot
+            .as_ref()
+            .is_some_and(|robot| !self.closed.contains(robot));
+        [MEANT, LIKE]
+            .into_iter()
+            .filter(|thing| open && self.at[*thing as usize] == self.robot)
+            .collect()
     }
 
     fn view(&self) -> View {
-        let seen = self.here().into_iter().filter(|thing| !self.hidden || self.numbered.contains(thing));
+        let seen = self
+            .here()
+            .into_iter()
+            .filter(|thing| !self.hidden || self.numbered.contains(thing));
         let fits = |thing: Thing| thing == MEANT || (self.errand.vague && !self.told);
         View {
-            things: seen.map(|thing| (thing, self.at[thing as usize].clone(), vec![fits(thing)])).collect(),
+            things: seen
+                .map(|thing| (thing, self.at[thing as usize].clone(), vec![fits(thing)]))
+                .collect(),
             numbered: self.numbered.clone(),
             receptacles: self.receptacles.clone(),
         }
     }
 
     fn make(&mut self, next: &Move) -> Deed {
-        if matches!(next, Move::NavTo(_) | Move::ShowReceptacles | Move::Find(_) | Move::WalkAround) {
+        if matches!(
+            next,
+            Move::NavTo(_) | Move::ShowReceptacles | Move::Find(_) | Move::WalkAround
+        ) {
             self.numbered.clear();
             self.receptacles.clear();
         }
@@ -86,18 +117,30 @@ impl World {
             }
             Move::Gaze(thing) => Deed::Gaze(*thing),
             Move::Pick(thing) => {
-                assert!(self.here().contains(thing) && self.numbered.remove(thing) && self.held().is_none());
+                assert!(
+                    self.here().contains(thing)
+                        && self.numbered.remove(thing)
+                        && self.held().is_none()
+                );
                 self.at[*thing as usize] = None;
                 Deed::Pick(*thing)
             }
             Move::Place(place) => {
-                assert!(self.receptacles.contains(place) && self.robot.as_ref() == Some(place) && !self.closed.contains(place));
+                assert!(
+                    self.receptacles.contains(place)
+                        && self.robot.as_ref() == Some(place)
+                        && !self.closed.contains(place)
+                );
                 let held = self.held().expect("something is held");
                 self.at[held as usize] = Some(place.clone());
                 Deed::Place(place.clone())
             }
             Move::Open(place) => {
-                assert!(self.held().is_none() && self.receptacles.contains(place) && self.closed.remove(place));
+                assert!(
+                    self.held().is_none()
+                        && self.receptacles.contains(place)
+                        && self.closed.remove(place)
+                );
                 Deed::Open(place.clone())
             }
             Move::Close(place) => {
@@ -113,7 +156,9 @@ impl World {
     }
 
     fn held(&self) -> Option<Thing> {
-        [MEANT, LIKE].into_iter().find(|thing| self.at[*thing as usize].is_none())
+        [MEANT, LIKE]
+            .into_iter()
+            .find(|thing| self.at[*thing as usize].is_none())
     }
 }
 
@@ -123,7 +168,9 @@ fn act(world: &mut World, belief: &mut Belief) -> Vec<Move> {
     loop {
         let next = belief.next();
         moves.push(next.clone());
-        let before = belief.cost_to_go().unwrap_or_else(|| panic!("no way: {world:?}\n{belief:#?}"));
+        let before = belief
+            .cost_to_go()
+            .unwrap_or_else(|| panic!("no way: {world:?}\n{belief:#?}"));
         if let Move::Finish(done) = next {
             assert!(done && before == 1, "{world:?}");
             return moves;
@@ -131,10 +178,16 @@ fn act(world: &mut World, belief: &mut Belief) -> Vec<Move> {
         let deed = world.make(&next);
         belief.learn(&deed, &world.view());
         for thing in [MEANT, LIKE] {
-            belief.fits(thing, vec![thing == MEANT || (world.errand.vague && !world.told)]);
+            belief.fits(
+                thing,
+                vec![thing == MEANT || (world.errand.vague && !world.told)],
+            );
         }
         let after = belief.cost_to_go();
-        assert!(after.is_some_and(|after| after < before), "{next:?}: {before} -> {after:?}\n{world:?}\n{belief:#?}");
+        assert!(
+            after.is_some_and(|after| after < before),
+            "{next:?}: {before} -> {after:?}\n{world:?}\n{belief:#?}"
+        );
         assert!(moves.len() < 60, "{moves:?}");
     }
 }
@@ -149,11 +202,24 @@ fn worlds() -> Vec<World> {
     let mut worlds = Vec::new();
     for sources in 1..4 {
         for destinations in 1..4 {
-            for (source, destination) in (0..sources).flat_map(|source| (0..destinations).map(move |other| (source, other))) {
+            for (source, destination) in
+                (0..sources).flat_map(|source| (0..destinations).map(move |other| (source, other)))
+            {
                 for bits in 0..16_u32 {
-                    let mut world = World::new(sources, source, destinations, destination, bits & 1 > 0, bits & 2 > 0);
-                    world.closed.extend((bits & 4 > 0).then(|| world.errand.source.clone()));
-                    world.closed.extend((bits & 8 > 0).then(|| world.errand.destination.clone()));
+                    let mut world = World::new(
+                        sources,
+                        source,
+                        destinations,
+                        destination,
+                        bits & 1 > 0,
+                        bits & 2 > 0,
+                    );
+                    world
+                        .closed
+                        .extend((bits & 4 > 0).then(|| world.errand.source.clone()));
+                    world
+                        .closed
+                        .extend((bits & 8 > 0).then(|| world.errand.destination.clone()));
                     worlds.push(world);
                 }
             }
@@ -170,12 +236,22 @@ fn it_succeeds_in_every_world_and_regrets_nothing() {
         let promised = belief.cost_to_go().unwrap();
         let closed = world.closed.clone();
         let moves = act(&mut world, &mut belief);
-        assert_eq!(world.at, [Some(world.errand.destination.clone()), Some(world.errand.source.clone())], "{moves:?}");
+        assert_eq!(
+            world.at,
+            [
+                Some(world.errand.destination.clone()),
+                Some(world.errand.source.clone())
+            ],
+            "{moves:?}"
+        );
         assert_eq!(world.closed, closed, "doors stand as before");
         assert!(moves.len() as u32 <= promised, "{moves:?}");
         worst_cases_met += usize::from(moves.len() as u32 == promised);
     }
-    assert!(worst_cases_met * 10 > worlds().len(), "a bound that is never met is none: {worst_cases_met}");
+    assert!(
+        worst_cases_met * 10 > worlds().len(),
+        "a bound that is never met is none: {worst_cases_met}"
+    );
 }
 
 #[test]
@@ -183,21 +259,41 @@ fn what_was_done_wrong_is_made_good() {
     for mut world in worlds() {
         // Somebody took the other thing, and left it at the destination.
         let mut belief = start(&world);
-        let (source, destination) = (world.errand.source.clone(), world.errand.destination.clone());
+        let (source, destination) = (
+            world.errand.source.clone(),
+            world.errand.destination.clone(),
+        );
         for door in [&source, &destination] {
             if world.closed.contains(door) {
-                for next in [Move::NavTo(door.clone()), Move::ShowReceptacles, Move::Open(door.clone())] {
+                for next in [
+                    Move::NavTo(door.clone()),
+                    Move::ShowReceptacles,
+                    Move::Open(door.clone()),
+                ] {
                     let deed = world.make(&next);
                     belief.learn(&deed, &world.view());
                 }
             }
         }
-        let wrong = [Move::NavTo(source.clone()), Move::WalkAround, Move::Gaze(LIKE), Move::Pick(LIKE)];
-        let placed = [Move::NavTo(destination.clone()), Move::ShowReceptacles, Move::Place(destination.clone())];
+        let wrong = [
+            Move::NavTo(source.clone()),
+            Move::WalkAround,
+            Move::Gaze(LIKE),
+            Move::Pick(LIKE),
+        ];
+        let placed = [
+            Move::NavTo(destination.clone()),
+            Move::ShowReceptacles,
+            Move::Place(destination.clone()),
+        ];
         let mut costs = Vec::new();
         for next in wrong.iter().chain(&placed) {
             if *next == Move::Pick(LIKE) {
-                let objection = if world.errand.vague { Objection::Communication } else { Objection::Perception };
+                let objection = if world.errand.vague {
+                    Objection::Communication
+                } else {
+                    Objection::Perception
+                };
                 assert_eq!(belief.objection(next), Some(objection));
             }
             costs.push(belief.cost_to_go().unwrap());
@@ -205,7 +301,10 @@ fn what_was_done_wrong_is_made_good() {
             belief.learn(&deed, &world.view());
         }
         costs.push(belief.cost_to_go().unwrap());
-        assert!(costs[4] > costs[3] && costs[7] > costs[3], "a wrong pick costs: {costs:?}");
+        assert!(
+            costs[4] > costs[3] && costs[7] > costs[3],
+            "a wrong pick costs: {costs:?}"
+        );
         act(&mut world, &mut belief);
         assert_eq!(world.at, [Some(destination), Some(source)]);
     }
@@ -215,8 +314,14 @@ fn what_was_done_wrong_is_made_good() {
 fn of_two_equal_things_it_takes_the_one_that_can_be_taken() {
     let world = World::new(1, 0, 1, 0, false, false);
     let (mut belief, source) = (start(&world), world.errand.source.clone());
-    let both = [MEANT, LIKE].map(|thing| (thing, Some(source.clone()), vec![true])).to_vec();
-    let view = View { things: both, numbered: [MEANT, LIKE].into(), receptacles: BTreeSet::new() };
+    let both = [MEANT, LIKE]
+        .map(|thing| (thing, Some(source.clone()), vec![true]))
+        .to_vec();
+    let view = View {
+        things: both,
+        numbered: [MEANT, LIKE].into(),
+        receptacles: BTreeSet::new(),
+    };
     for deed in [Deed::NavTo(source), Deed::WalkAround, Deed::Gaze(MEANT)] {
         belief.learn(&deed, &view);
     }

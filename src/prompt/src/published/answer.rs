@@ -8,7 +8,8 @@ use thiserror::Error;
 
 use crate::python;
 
-/// Tool names of earlier versions that the agent and the trainer still read, with the names that they mean.
+/// Tool names of earlier versions that the agent and the trainer still read, with the names that
+/// they mean.
 pub const LEGACY_TOOLS: [(&str, &str); 6] = [
     ("nav_to", "navigate_to"),
     ("walk_around", "explore_receptacle"),
@@ -20,13 +21,17 @@ pub const LEGACY_TOOLS: [(&str, &str); 6] = [
 
 /// The name that a tool goes by in the published code; unknown names stay.
 pub fn canonical_tool(name: &str) -> &str {
-    LEGACY_TOOLS.iter().find(|(legacy, _)| *legacy == name).map_or(name, |(_, canonical)| canonical)
+    LEGACY_TOOLS
+        .iter()
+        .find(|(legacy, _)| *legacy == name)
+        .map_or(name, |(_, canonical)| canonical)
 }
 
 /// What the evaluation agent keeps of an answer.
 #[derive(Clone, PartialEq, Debug)]
 pub struct AgentAnswer {
-    /// Its memory: the object under `summary`, `{"history": text}` for any other value there, `{}` without one.
+    /// Its memory: the object under `summary`, `{"history": text}` for any other value there, `{}`
+    /// without one.
     pub summary: Map<String, Value>,
     /// The tool by its canonical name.
     pub tool_name: String,
@@ -51,8 +56,8 @@ pub enum AgentError {
     ArgumentsNotObject,
 }
 
-/// Reads an answer as the evaluation agent does: after the last `</think>`, without an opening fence, the first JSON object
-/// that decodes.
+/// Reads an answer as the evaluation agent does: after the last `</think>`, without an opening
+/// fence, the first JSON object that decodes.
 ///
 /// # Errors
 /// Fails if the object holds no usable action.
@@ -70,9 +75,17 @@ pub fn agent_answer(text: &str) -> Result<AgentAnswer, AgentError> {
         Some(Value::Object(summary)) => summary.clone(),
         Some(other) => Map::from_iter([("history".to_owned(), python::str(other).into())]),
     };
-    let action = ["next_action", "next action", "action"].iter().find_map(|key| object.get(*key));
-    let action = action.and_then(Value::as_object).ok_or(AgentError::NoActionObject)?;
-    let name = action.get("tool_name").or_else(|| action.get("name")).and_then(Value::as_str).unwrap_or_default();
+    let action = ["next_action", "next action", "action"]
+        .iter()
+        .find_map(|key| object.get(*key));
+    let action = action
+        .and_then(Value::as_object)
+        .ok_or(AgentError::NoActionObject)?;
+    let name = action
+        .get("tool_name")
+        .or_else(|| action.get("name"))
+        .and_then(Value::as_str)
+        .unwrap_or_default();
     if name.is_empty() {
         return Err(AgentError::NoToolName);
     }
@@ -81,7 +94,11 @@ pub fn agent_answer(text: &str) -> Result<AgentAnswer, AgentError> {
         Some(Value::Object(arguments)) => arguments.clone(),
         Some(_) => return Err(AgentError::ArgumentsNotObject),
     };
-    Ok(AgentAnswer { summary, tool_name: canonical_tool(name).to_owned(), arguments })
+    Ok(AgentAnswer {
+        summary,
+        tool_name: canonical_tool(name).to_owned(),
+        arguments,
+    })
 }
 
 /// The action that the trainer executes.
@@ -95,7 +112,8 @@ pub struct TrainerAction {
     pub arguments: Map<String, Value>,
 }
 
-/// Why the trainer finds no action in an answer: it pays -0.5 and goes on. The texts reach the model as an observation.
+/// Why the trainer finds no action in an answer: it pays -0.5 and goes on. The texts reach the
+/// model as an observation.
 #[derive(Clone, PartialEq, Eq, Debug, Error)]
 pub enum ActionError {
     /// The answer is empty or blank.
@@ -109,8 +127,8 @@ pub enum ActionError {
     },
 }
 
-/// Reads an answer as the trainer does: every JSON object after the last `</think>` in turn, nested ones too, until one is a
-/// usable action.
+/// Reads an answer as the trainer does: every JSON object after the last `</think>` in turn, nested
+/// ones too, until one is a usable action.
 ///
 /// # Errors
 /// Fails if no object is one.
@@ -129,28 +147,53 @@ pub fn trainer_action(text: &str) -> Result<TrainerAction, ActionError> {
 }
 
 fn action_of(object: Map<String, Value>) -> Result<TrainerAction, Cow<'static, str>> {
-    let action = ["next action", "next_action"].iter().find_map(|key| object.get(*key)).cloned();
+    let action = ["next action", "next_action"]
+        .iter()
+        .find_map(|key| object.get(*key))
+        .cloned();
     let (name, arguments) = match action.unwrap_or(Value::Object(object)) {
         Value::String(text) => shorthand(&text)?,
         Value::Object(action) => {
-            let name = ["tool_name", "tool", "name"].iter().filter_map(|key| action.get(*key)).find(|name| is_true(name));
-            let arguments = action.get("args").or_else(|| action.get("arguments")).cloned();
-            (name.cloned().unwrap_or_default(), arguments.unwrap_or_else(|| Map::new().into()))
+            let name = ["tool_name", "tool", "name"]
+                .iter()
+                .filter_map(|key| action.get(*key))
+                .find(|name| is_true(name));
+            let arguments = action
+                .get("args")
+                .or_else(|| action.get("arguments"))
+                .cloned();
+            (
+                name.cloned().unwrap_or_default(),
+                arguments.unwrap_or_else(|| Map::new().into()),
+            )
         }
         _ => return Err("action must be an object or function shorthand".into()),
     };
-    let name = name.as_str().map(python::strip).filter(|name| !name.is_empty()).ok_or("tool_name is missing")?;
+    let name = name
+        .as_str()
+        .map(python::strip)
+        .filter(|name| !name.is_empty())
+        .ok_or("tool_name is missing")?;
     let arguments = match arguments {
         Value::Null => Map::new(),
         Value::Object(arguments) => arguments,
         _ => return Err("args must be a JSON object".into()),
     };
-    Ok(TrainerAction { requested_tool_name: name.to_owned(), tool_name: canonical_tool(name).to_owned(), arguments })
+    Ok(TrainerAction {
+        requested_tool_name: name.to_owned(),
+        tool_name: canonical_tool(name).to_owned(),
+        arguments,
+    })
 }
 
 /// `tool`, `tool()` or `tool(x)`, where `x` goes to the tool's only required argument.
 fn shorthand(text: &str) -> Result<(Value, Value), Cow<'static, str>> {
-    let invalid = || Cow::Owned(format!("invalid action shorthand: {}", python::str(&Value::Array(vec![text.into()]))));
+    let invalid = || {
+        Cow::Owned(format!(
+            "invalid action shorthand: {}",
+            python::str(&Value::Array(vec![text.into()]))
+        ))
+    };
     let trimmed = python::strip(text);
     let is_word = |c: char| c == '_' || c.is_alphanumeric();
     let end = trimmed.find(|c| !is_word(c)).unwrap_or(trimmed.len());
@@ -161,18 +204,33 @@ fn shorthand(text: &str) -> Result<(Value, Value), Cow<'static, str>> {
     let rest = python::strip(rest);
     let argument = match rest {
         "" => "",
-        _ => rest.strip_prefix('(').and_then(|rest| rest.strip_suffix(')')).map(python::strip).ok_or_else(invalid)?,
+        _ => rest
+            .strip_prefix('(')
+            .and_then(|rest| rest.strip_suffix(')'))
+            .map(python::strip)
+            .ok_or_else(invalid)?,
     };
     if argument.is_empty() {
         return Ok((name.into(), Map::new().into()));
     }
     let spec = ToolSpec::by_name(canonical_tool(name)).and_then(|spec| spec.argument);
-    let key = spec.ok_or_else(|| Cow::Owned(format!("{name} shorthand is ambiguous; emit JSON arguments")))?.name;
-    let value = python::loads(argument).unwrap_or_else(|| argument.trim_matches(['"', '\'']).into());
-    Ok((name.into(), Map::from_iter([(key.to_owned(), value)]).into()))
+    let key = spec
+        .ok_or_else(|| {
+            Cow::Owned(format!(
+                "{name} shorthand is ambiguous; emit JSON arguments"
+            ))
+        })?
+        .name;
+    let value =
+        python::loads(argument).unwrap_or_else(|| argument.trim_matches(['"', '\'']).into());
+    Ok((
+        name.into(),
+        Map::from_iter([(key.to_owned(), value)]).into(),
+    ))
 }
 
-/// What the gym environment keeps of an answer for its next prompt; the trainer's parser reads the action that it executes.
+/// What the gym environment keeps of an answer for its next prompt; the trainer's parser reads the
+/// action that it executes.
 #[derive(Clone, PartialEq, Debug, Default)]
 pub struct GymAnswer {
     /// The new memory, of any type; `None` if the former one stays.
@@ -181,28 +239,49 @@ pub struct GymAnswer {
     pub last_action: Option<Value>,
 }
 
-/// Reads an answer as the gym environment does: from the first `{` to the last `}` after the last `</think>`.
+/// Reads an answer as the gym environment does: from the first `{` to the last `}` after the last
+/// `</think>`.
 pub fn gym_answer(text: &str) -> GymAnswer {
     let body = after_think(text);
-    let span = body.find('{').zip(body.rfind('}')).filter(|(first, last)| first < last);
+    let span = body
+        .find('{')
+        .zip(body.rfind('}'))
+        .filter(|(first, last)| first < last);
     let object = span.and_then(|(first, last)| python::loads(&body[first..=last]));
-    let Some(Value::Object(object)) = object else { return GymAnswer::default() };
+    let Some(Value::Object(object)) = object else {
+        return GymAnswer::default();
+    };
     let last_action = match object.get("next action") {
         Some(Value::Object(action)) => Some(action.clone().into()),
-        Some(Value::String(text)) => Some(Map::from_iter([("action_str".to_owned(), text.clone().into())]).into()),
+        Some(Value::String(text)) => {
+            Some(Map::from_iter([("action_str".to_owned(), text.clone().into())]).into())
+        }
         Some(_) => None,
-        None => object.contains_key("tool_name").then(|| object.clone().into()),
+        None => object
+            .contains_key("tool_name")
+            .then(|| object.clone().into()),
     };
-    GymAnswer { task_progress: object.get("summary").or_else(|| object.get("Summary")).cloned(), last_action }
+    GymAnswer {
+        task_progress: object
+            .get("summary")
+            .or_else(|| object.get("Summary"))
+            .cloned(),
+        last_action,
+    }
 }
 
-/// What the scheduler's memory takes out of an answer: strict JSON after the last `</think>`, `summary.History` as it stands
-/// and `next action` of any type. `None` where its parser raises, also for a summary or a History of a wrong type.
+/// What the scheduler's memory takes out of an answer: strict JSON after the last `</think>`,
+/// `summary.History` as it stands and `next action` of any type. `None` where its parser raises,
+/// also for a summary or a History of a wrong type.
 pub fn scheduler_action(text: &str) -> Option<(Option<String>, Option<Value>)> {
-    let body = if text.contains(THINK_END) { python::strip(after_think(text)) } else { text };
+    let body = if text.contains(THINK_END) {
+        python::strip(after_think(text))
+    } else {
+        text
+    };
     let value = python::loads(body)?;
-    // Python's `in`: keys of an object, items of a list, parts of a text; a `TypeError` for anything else, and for what is
-    // taken by such a key out of a list or a text.
+    // Python's `in`: keys of an object, items of a list, parts of a text; a `TypeError` for
+    // anything else, and for what is taken by such a key out of a list or a text.
     let holds = |value: &Value, key: &str| match value {
         Value::Object(object) => Some(object.contains_key(key)),
         Value::Array(items) => Some(items.iter().any(|item| item == key)),
@@ -220,12 +299,16 @@ pub fn scheduler_action(text: &str) -> Option<(Option<String>, Option<Value>)> {
             };
         }
     }
-    let action = if holds(&value, "next action")? { Some(value.as_object()?.get("next action")?.clone()) } else { None };
+    let action = if holds(&value, "next action")? {
+        Some(value.as_object()?.get("next action")?.clone())
+    } else {
+        None
+    };
     Some((history, action))
 }
 
-/// The text of an answer in any of the forms that the gym environment is given: a conversation (its last assistant message,
-/// else its last message), a message, anything else.
+/// The text of an answer in any of the forms that the gym environment is given: a conversation (its
+/// last assistant message, else its last message), a message, anything else.
 pub fn answer_text(action: &Value) -> String {
     let content = |message: &Value| match message.get("content") {
         Some(content) => python::str(content),
@@ -233,7 +316,10 @@ pub fn answer_text(action: &Value) -> String {
     };
     match action {
         Value::Array(messages) => {
-            let assistant = messages.iter().rev().find(|message| message["role"] == "assistant");
+            let assistant = messages
+                .iter()
+                .rev()
+                .find(|message| message["role"] == "assistant");
             match (assistant, messages.last()) {
                 (Some(message), _) => message.get("content").map(python::str).unwrap_or_default(),
                 (None, Some(message)) => content(message),
@@ -263,15 +349,20 @@ fn is_true(value: &Value) -> bool {
     }
 }
 
-/// A call as the published clients are shown it: the tool by its canonical name, marker ids as texts (their schema says
-/// `string`). A name that is no tool's stays, and so do arguments that are no object.
+/// A call as the published clients are shown it: the tool by its canonical name, marker ids as
+/// texts (their schema says `string`). A name that is no tool's stays, and so do arguments that are
+/// no object.
 pub(crate) fn published_call(name: &str, arguments: &Value) -> (String, Value) {
-    let name = ToolSpec::by_name(name).map_or_else(|| canonical_tool(name), |spec| spec.name(NameSet::RealRepo));
+    let name = ToolSpec::by_name(name)
+        .map_or_else(|| canonical_tool(name), |spec| spec.name(NameSet::RealRepo));
     let mut arguments = arguments.clone();
     if arguments.is_null() {
         arguments = Map::new().into();
     }
-    if let Some(marker) = arguments.get_mut("marker_id").filter(|marker| marker.is_number()) {
+    if let Some(marker) = arguments
+        .get_mut("marker_id")
+        .filter(|marker| marker.is_number())
+    {
         *marker = marker.to_string().into();
     }
     (name.to_owned(), arguments)

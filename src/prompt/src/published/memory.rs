@@ -11,8 +11,8 @@ use crate::{
 /// Characters of an unreadable answer that the scheduler shows as the last action.
 const RAW_CHARS: usize = 100;
 
-/// The memory of the trainer's rollouts, which is the one that a model is trained with: lines that it numbers itself, one an
-/// answer, of which it takes the last line of the History.
+/// The memory of the trainer's rollouts, which is the one that a model is trained with: lines that
+/// it numbers itself, one an answer, of which it takes the last line of the History.
 #[derive(Clone, PartialEq, Debug)]
 pub struct SchedulerMemory {
     lines: Vec<String>,
@@ -21,7 +21,10 @@ pub struct SchedulerMemory {
 
 impl Default for SchedulerMemory {
     fn default() -> Self {
-        Self { lines: Vec::new(), last_action: Map::new().into() }
+        Self {
+            lines: Vec::new(),
+            last_action: Map::new().into(),
+        }
     }
 }
 
@@ -47,7 +50,8 @@ impl SchedulerMemory {
     /// Appends a line under the next number; an empty one is nothing.
     pub fn note(&mut self, line: &str) {
         if !line.is_empty() {
-            self.lines.push(format!("{}) {}", self.lines.len(), python::strip(line)));
+            self.lines
+                .push(format!("{}) {}", self.lines.len(), python::strip(line)));
         }
     }
 
@@ -73,19 +77,33 @@ impl SchedulerMemory {
 
     /// The memory as the prompt shows it: `{}`, or `{'History': '...'}` with nothing escaped.
     pub fn task_progress(&self) -> String {
-        if self.lines.is_empty() { "{}".to_owned() } else { format!("{{'History': '{}'}}", self.lines.join("\n")) }
+        if self.lines.is_empty() {
+            "{}".to_owned()
+        } else {
+            format!("{{'History': '{}'}}", self.lines.join("\n"))
+        }
     }
 }
 
-/// The step that a History adds: its last line, without the number before it. `None` if it is empty.
+/// The step that a History adds: its last line, without the number before it. `None` if it is
+/// empty.
 fn new_step(history: &str) -> Option<&str> {
     if history.is_empty() {
         return None;
     }
-    let last = python::strip(python::strip(history).rsplit('\n').next().unwrap_or_default());
+    let last = python::strip(
+        python::strip(history)
+            .rsplit('\n')
+            .next()
+            .unwrap_or_default(),
+    );
     let number = last.trim_start_matches(char::is_numeric);
-    let numbered = (number.len() < last.len()).then(|| number.strip_prefix(')')).flatten();
-    let step = numbered.map(|rest| rest.trim_start_matches(python::is_space)).filter(|rest| !rest.is_empty());
+    let numbered = (number.len() < last.len())
+        .then(|| number.strip_prefix(')'))
+        .flatten();
+    let step = numbered
+        .map(|rest| rest.trim_start_matches(python::is_space))
+        .filter(|rest| !rest.is_empty());
     Some(python::strip(step.unwrap_or(last)))
 }
 
@@ -106,10 +124,17 @@ impl AgentMemory {
         self.last_action = call.as_object().cloned().unwrap_or_default();
     }
 
-    /// The values of the agent's prompt, in the order in which they stand in it. `scene` as [`super::agent_scene`] writes it,
-    /// `tools` are MCP tools.
-    pub fn prompt_slots(&self, task: &str, scene: &str, tools: &[Value], observation: &str) -> [(&'static str, String); 6] {
-        let shown = |object: &Map<String, Value>| python::dumps(&object.clone().into(), Ascii::Plain);
+    /// The values of the agent's prompt, in the order in which they stand in it. `scene` as
+    /// [`super::agent_scene`] writes it, `tools` are MCP tools.
+    pub fn prompt_slots(
+        &self,
+        task: &str,
+        scene: &str,
+        tools: &[Value],
+        observation: &str,
+    ) -> [(&'static str, String); 6] {
+        let shown =
+            |object: &Map<String, Value>| python::dumps(&object.clone().into(), Ascii::Plain);
         [
             ("task", task.to_owned()),
             ("scene", scene.to_owned()),
@@ -120,10 +145,13 @@ impl AgentMemory {
         ]
     }
 
-    /// A result as the next prompt shows it: its texts, without the debug information, and a mark for each image.
+    /// A result as the next prompt shows it: its texts, without the debug information, and a mark
+    /// for each image.
     pub fn observation(texts: &[&str], images: usize, wording: &Wording) -> String {
         let joined = texts.join("\n");
-        let text = Some(python::strip(&joined)).filter(|text| !text.is_empty()).map(|text| format!("Text: {text}"));
+        let text = Some(python::strip(&joined))
+            .filter(|text| !text.is_empty())
+            .map(|text| format!("Text: {text}"));
         let images = (images > 0).then(|| format!("Images: {}", vec!["<image>"; images].join(" ")));
         match text.into_iter().chain(images).collect::<Vec<_>>() {
             parts if parts.is_empty() => wording.agent_nothing.clone(),
@@ -143,7 +171,10 @@ pub struct GymMemory {
 
 impl Default for GymMemory {
     fn default() -> Self {
-        Self { task_progress: Map::new().into(), last_action: Map::new().into() }
+        Self {
+            task_progress: Map::new().into(),
+            last_action: Map::new().into(),
+        }
     }
 }
 
@@ -161,13 +192,21 @@ impl GymMemory {
 
     /// The memory as the prompt shows it.
     pub fn task_progress_text(&self) -> String {
-        let shown = if is_empty(&self.task_progress) { &Value::Object(Map::new()) } else { &self.task_progress };
+        let shown = if is_empty(&self.task_progress) {
+            &Value::Object(Map::new())
+        } else {
+            &self.task_progress
+        };
         python::dumps_indented(shown, Ascii::Escaped)
     }
 
     /// The last action as the prompt shows it.
     pub fn last_action_text(&self) -> String {
-        let shown = if is_empty(&self.last_action) { &Value::Object(Map::new()) } else { &self.last_action };
+        let shown = if is_empty(&self.last_action) {
+            &Value::Object(Map::new())
+        } else {
+            &self.last_action
+        };
         python::dumps(shown, Ascii::Escaped)
     }
 }

@@ -23,10 +23,15 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Reads the contents of a result. The last one is the debug information and never shown; neither are texts that begin
-    /// like it, or like JSON. A result without anything to show says that the tool was called.
+    /// Reads the contents of a result. The last one is the debug information and never shown;
+    /// neither are texts that begin like it, or like JSON. A result without anything to show says
+    /// that the tool was called.
     pub fn of_result(tool: &str, contents: &[Item<'_>], wording: &Wording) -> Self {
-        let shown = if contents.len() > 1 { &contents[..contents.len() - 1] } else { contents };
+        let shown = if contents.len() > 1 {
+            &contents[..contents.len() - 1]
+        } else {
+            contents
+        };
         let (mut text, mut images) = (String::new(), 0);
         for item in shown {
             match item {
@@ -48,12 +53,20 @@ impl Observation {
 
     /// What the model is told of an answer without a usable action.
     pub fn of_invalid_answer(error: &super::ActionError, wording: &Wording) -> Self {
-        Self { text: format!("{}{error}", wording.invalid_answer), images: 0 }
+        Self {
+            text: format!("{}{error}", wording.invalid_answer),
+            images: 0,
+        }
     }
 
-    /// The sentence that a rollout's prompt holds: one `<image>` in it, whatever the number of images.
+    /// The sentence that a rollout's prompt holds: one `<image>` in it, whatever the number of
+    /// images.
     pub fn in_rollout(&self, wording: &Wording) -> String {
-        let introduction = if self.images > 0 { &wording.observed_image_and_text } else { &wording.observed_text };
+        let introduction = if self.images > 0 {
+            &wording.observed_image_and_text
+        } else {
+            &wording.observed_text
+        };
         format!("{introduction}{}", self.text)
     }
 
@@ -70,7 +83,8 @@ impl Observation {
     }
 }
 
-/// What the trainer believes of the hand: any pick whose observation reports no error fills it, any place empties it.
+/// What the trainer believes of the hand: any pick whose observation reports no error fills it, any
+/// place empties it.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub struct Hand {
     occupied: bool,
@@ -91,7 +105,9 @@ impl Hand {
     pub fn describe(&self, held: Option<&str>, wording: &Wording) -> String {
         match (self.occupied, held) {
             (false, _) => wording.hand_empty.clone(),
-            (true, held) => wording.hand_holding.replace("{}", held.unwrap_or("an object")),
+            (true, held) => wording
+                .hand_holding
+                .replace("{}", held.unwrap_or("an object")),
         }
     }
 }

@@ -1,5 +1,6 @@
-//! A finished rollout as the conversation that the trainer learns from: every turn's prompt and answer, texts only, older
-//! prompts shortened, the oldest turns dropped where the context is too long.
+//! A finished rollout as the conversation that the trainer learns from: every turn's prompt and
+//! answer, texts only, older prompts shortened, the oldest turns dropped where the context is too
+//! long.
 
 use serde_json::{Value, json};
 
@@ -17,7 +18,8 @@ pub const MAX_CONTEXT_CHARS: usize = 18_432;
 /// Least characters that an observation is cut to.
 const OBSERVATION_CHARS_MIN: usize = 200;
 
-/// How many questions a prompt allows in a rollout of so many turns: 15 of a hundred, rounded up. Nothing enforces it.
+/// How many questions a prompt allows in a rollout of so many turns: 15 of a hundred, rounded up.
+/// Nothing enforces it.
 pub fn ask_limit(max_turns: u32) -> u32 {
     (f64::from(max_turns) * 0.15).ceil() as u32
 }
@@ -34,7 +36,10 @@ pub struct Compression {
 impl Default for Compression {
     /// What the code does unless told otherwise; the published launch script keeps one prompt.
     fn default() -> Self {
-        Self { keep_last: 3, observation_chars: 1200 }
+        Self {
+            keep_last: 3,
+            observation_chars: 1200,
+        }
     }
 }
 
@@ -76,7 +81,10 @@ impl TrainingTurn {
         let slots = [
             ("{task}", self.task.clone()),
             ("{latest_progress_step}", self.latest_progress.clone()),
-            ("{last_action}", python::dumps(&self.last_action, Ascii::Plain)),
+            (
+                "{last_action}",
+                python::dumps(&self.last_action, Ascii::Plain),
+            ),
             ("{last_obs}", observation),
             ("{ask_count}", self.ask_count.to_string()),
             ("{hand_state_description}", self.hand.clone()),
@@ -101,14 +109,17 @@ impl TrainingTurn {
     }
 }
 
-/// The conversation of a rollout, and whether the trainer zeroes its reward because fewer than half of its turns are left.
+/// The conversation of a rollout, and whether the trainer zeroes its reward because fewer than half
+/// of its turns are left.
 pub fn training_messages(
     turns: &[TrainingTurn],
     compression: Option<Compression>,
     max_chars: usize,
     wording: &Wording,
 ) -> (Vec<Value>, bool) {
-    let shortened = compression.map_or(0, |compression| turns.len().saturating_sub(compression.keep_last.max(1)));
+    let shortened = compression.map_or(0, |compression| {
+        turns.len().saturating_sub(compression.keep_last.max(1))
+    });
     let mut pairs: Vec<(String, &str)> = Vec::with_capacity(turns.len());
     for (index, turn) in turns.iter().enumerate() {
         let prompt = match compression {
@@ -117,7 +128,8 @@ pub fn training_messages(
         };
         pairs.push((prompt, &turn.answer));
     }
-    let length = |(prompt, answer): &(String, &str)| prompt.chars().count() + answer.chars().count();
+    let length =
+        |(prompt, answer): &(String, &str)| prompt.chars().count() + answer.chars().count();
     let mut chars: usize = pairs.iter().map(length).sum();
     let mut dropped = 0;
     while chars > max_chars && dropped + 1 < pairs.len() {
@@ -127,14 +139,22 @@ pub fn training_messages(
     let kept = &pairs[dropped..];
     let zeroed = dropped > 0 && 2 * kept.len() < pairs.len();
     let messages = kept.iter().flat_map(|(prompt, answer)| {
-        [json!({"role": "user", "content": prompt}), json!({"role": "assistant", "content": answer})]
+        [
+            json!({"role": "user", "content": prompt}),
+            json!({"role": "assistant", "content": answer}),
+        ]
     });
     (messages.collect(), zeroed)
 }
 
-/// What the trainer's context manager sends of a conversation: its last user message; all of it where there is none.
+/// What the trainer's context manager sends of a conversation: its last user message; all of it
+/// where there is none.
 pub fn keep_last_user_message(history: &[Value]) -> Vec<Value> {
-    match history.iter().rev().find(|message| message["role"] == "user") {
+    match history
+        .iter()
+        .rev()
+        .find(|message| message["role"] == "user")
+    {
         Some(message) => vec![message.clone()],
         None => history.to_vec(),
     }

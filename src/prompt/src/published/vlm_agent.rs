@@ -1,4 +1,5 @@
-//! The conversation of the published agent for OpenAI-compatible endpoints. Builds messages; sends nothing.
+//! The conversation of the published agent for OpenAI-compatible endpoints. Builds messages; sends
+//! nothing.
 
 use serde_json::{Map, Value, json};
 
@@ -34,21 +35,29 @@ pub struct VlmDecision {
 impl<'w> VlmConversation<'w> {
     /// The system message and the task; `scene` as [`super::agent_scene`] writes it.
     pub fn new(task: &str, scene: &str, wording: &'w Wording) -> Self {
-        let scene = if scene.is_empty() { String::new() } else { format!("{}{scene}", wording.vlm_scene_heading) };
+        let scene = if scene.is_empty() {
+            String::new()
+        } else {
+            format!("{}{scene}", wording.vlm_scene_heading)
+        };
         let system = format!("{}{scene}", wording.vlm_system);
         let messages = vec![
             json!({"role": "system", "content": system}),
             json!({"role": "user", "content": format!("{}{task}", wording.vlm_task)}),
         ];
-        Self { wording, messages, images: Vec::new() }
+        Self {
+            wording,
+            messages,
+            images: Vec::new(),
+        }
     }
 
-    /// The messages of the next request: the conversation, and the latest images, which stay out of it.
+    /// The messages of the next request: the conversation, and the latest images, which stay out of
+    /// it.
     pub fn request(&self) -> Vec<Value> {
         let mut messages = self.messages.clone();
         if !self.images.is_empty() {
-            let part =
-                |image: &String| json!({"type": "image_url", "image_url": {"url": format!("data:image/png;base64,{image}")}});
+            let part = |image: &String| json!({"type": "image_url", "image_url": {"url": format!("data:image/png;base64,{image}")}});
             messages.push(json!({"role": "user", "content": self.images.iter().map(part).collect::<Vec<_>>()}));
         }
         messages
@@ -69,13 +78,21 @@ impl<'w> VlmConversation<'w> {
         let mut kept = json!({"role": "assistant", "content": content});
         let Some(call) = calls.first() else {
             self.messages.push(kept);
-            self.messages.push(json!({"role": "user", "content": self.wording.vlm_call_a_tool}));
-            return VlmDecision { tool_name: None, arguments: Map::new(), tool_call_id: None, raw_response };
+            self.messages
+                .push(json!({"role": "user", "content": self.wording.vlm_call_a_tool}));
+            return VlmDecision {
+                tool_name: None,
+                arguments: Map::new(),
+                tool_call_id: None,
+                raw_response,
+            };
         };
         kept["tool_calls"] = json!([filed[0]]);
         self.messages.push(kept);
         let arguments = match &call["function"]["arguments"] {
-            Value::String(text) => python::loads(if text.is_empty() { "{}" } else { text }).unwrap_or_default(),
+            Value::String(text) => {
+                python::loads(if text.is_empty() { "{}" } else { text }).unwrap_or_default()
+            }
             other => other.clone(),
         };
         let text = |value: &Value| value.as_str().map(str::to_owned);
@@ -87,14 +104,16 @@ impl<'w> VlmConversation<'w> {
         }
     }
 
-    /// Takes in a result: its text (`None` if it holds images and no text) and its images in base64.
+    /// Takes in a result: its text (`None` if it holds images and no text) and its images in
+    /// base64.
     pub fn observe(&mut self, tool_call_id: &str, text: Option<&str>, images: &[String]) {
         let content = match text {
             None => &self.wording.vlm_image_follows,
             Some("") => &self.wording.vlm_empty_result,
             Some(text) => text,
         };
-        self.messages.push(json!({"role": "tool", "tool_call_id": tool_call_id, "content": content}));
+        self.messages
+            .push(json!({"role": "tool", "tool_call_id": tool_call_id, "content": content}));
         self.images.extend(images.last().cloned());
         let excess = self.images.len().saturating_sub(IMAGES_MAX);
         self.images.drain(..excess);

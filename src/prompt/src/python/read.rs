@@ -1,7 +1,8 @@
-//! JSON as Python reads it: `NaN` and `Infinity` are numbers, the last of equal keys holds, nothing follows the value.
+//! JSON as Python reads it: `NaN` and `Infinity` are numbers, the last of equal keys holds, nothing
+//! follows the value.
 //!
-//! Two values have no place in [`Value`]: `nan`, `inf` and `-inf` become these texts, and half of a surrogate pair becomes
-//! U+FFFD.
+//! Two values have no place in [`Value`]: `nan`, `inf` and `-inf` become these texts, and half of a
+//! surrogate pair becomes U+FFFD.
 
 use serde_json::{Map, Value};
 
@@ -10,26 +11,36 @@ const DEPTH_MAX: usize = 400;
 
 /// `json.loads`: the value that is the whole text; `None` where it raises.
 pub fn loads(text: &str) -> Option<Value> {
-    let mut reader = Reader { text, at: 0, depth: 0 };
+    let mut reader = Reader {
+        text,
+        at: 0,
+        depth: 0,
+    };
     reader.skip_space();
     let value = reader.value()?;
     reader.skip_space();
     (reader.at == text.len()).then_some(value)
 }
 
-/// `JSONDecoder().raw_decode(text)`: the value at the beginning of the text, and the byte where it ends.
+/// `JSONDecoder().raw_decode(text)`: the value at the beginning of the text, and the byte where it
+/// ends.
 pub fn raw_decode(text: &str) -> Option<(Value, usize)> {
-    let mut reader = Reader { text, at: 0, depth: 0 };
+    let mut reader = Reader {
+        text,
+        at: 0,
+        depth: 0,
+    };
     let value = reader.value()?;
     Some((value, reader.at))
 }
 
 /// The object at each `{` of a text that begins one, nested ones too.
 pub fn objects(text: &str) -> impl Iterator<Item = Map<String, Value>> {
-    text.match_indices('{').filter_map(|(at, _)| match raw_decode(&text[at..]) {
-        Some((Value::Object(object), _)) => Some(object),
-        _ => None,
-    })
+    text.match_indices('{')
+        .filter_map(|(at, _)| match raw_decode(&text[at..]) {
+            Some((Value::Object(object), _)) => Some(object),
+            _ => None,
+        })
 }
 
 /// The first of [`objects`].
@@ -53,7 +64,9 @@ impl Reader<'_> {
     }
 
     fn take(&mut self, token: &str) -> Option<()> {
-        self.rest().starts_with(token).then(|| self.at += token.len())
+        self.rest()
+            .starts_with(token)
+            .then(|| self.at += token.len())
     }
 
     fn skip_space(&mut self) {
@@ -63,8 +76,13 @@ impl Reader<'_> {
     }
 
     fn value(&mut self) -> Option<Value> {
-        const WORDS: [(&str, Value); 3] = [("null", Value::Null), ("true", Value::Bool(true)), ("false", Value::Bool(false))];
-        const FLOATS: [(&str, &str); 3] = [("NaN", "nan"), ("Infinity", "inf"), ("-Infinity", "-inf")];
+        const WORDS: [(&str, Value); 3] = [
+            ("null", Value::Null),
+            ("true", Value::Bool(true)),
+            ("false", Value::Bool(false)),
+        ];
+        const FLOATS: [(&str, &str); 3] =
+            [("NaN", "nan"), ("Infinity", "inf"), ("-Infinity", "-inf")];
         match self.peek()? {
             b'{' => self.nested(Self::object),
             b'[' => self.nested(Self::array),
@@ -87,7 +105,11 @@ impl Reader<'_> {
 
     fn nested(&mut self, read: fn(&mut Self) -> Option<Value>) -> Option<Value> {
         self.depth += 1;
-        let value = if self.depth > DEPTH_MAX { None } else { read(self) };
+        let value = if self.depth > DEPTH_MAX {
+            None
+        } else {
+            read(self)
+        };
         self.depth -= 1;
         value
     }
@@ -136,7 +158,9 @@ impl Reader<'_> {
         let mut string = String::new();
         self.take("\"")?;
         loop {
-            let stop = self.rest().find(|c: char| c == '"' || c == '\\' || c < ' ')?;
+            let stop = self
+                .rest()
+                .find(|c: char| c == '"' || c == '\\' || c < ' ')?;
             string.push_str(&self.rest()[..stop]);
             self.at += stop + 1;
             match self.text.as_bytes()[self.at - 1] {
@@ -160,9 +184,15 @@ impl Reader<'_> {
             b'u' => {
                 let high = self.hex()?;
                 let before = self.at;
-                let low = if (0xd800..0xdc00).contains(&high) && self.take("\\u").is_some() { self.hex() } else { None };
+                let low = if (0xd800..0xdc00).contains(&high) && self.take("\\u").is_some() {
+                    self.hex()
+                } else {
+                    None
+                };
                 match low.filter(|low| (0xdc00..0xe000).contains(low)) {
-                    Some(low) => char::from_u32(0x10000 + ((high - 0xd800) << 10) + (low - 0xdc00))?,
+                    Some(low) => {
+                        char::from_u32(0x10000 + ((high - 0xd800) << 10) + (low - 0xdc00))?
+                    }
                     None => {
                         self.at = before;
                         char::from_u32(high).unwrap_or(char::REPLACEMENT_CHARACTER)
@@ -174,7 +204,10 @@ impl Reader<'_> {
     }
 
     fn hex(&mut self) -> Option<u32> {
-        let digits = self.rest().get(..4).filter(|digits| digits.bytes().all(|digit| digit.is_ascii_hexdigit()))?;
+        let digits = self
+            .rest()
+            .get(..4)
+            .filter(|digits| digits.bytes().all(|digit| digit.is_ascii_hexdigit()))?;
         let code = u32::from_str_radix(digits, 16).ok()?;
         self.at += 4;
         Some(code)
@@ -234,14 +267,38 @@ mod tests {
 
     #[test]
     fn what_python_reads_and_serde_does_not() {
-        assert_eq!(loads("[NaN, Infinity, -Infinity, 1e999]"), Some(json!(["nan", "inf", "-inf", "inf"])));
-        assert_eq!(loads(r#"{"a": 1, "b": 2, "a": 3}"#).map(|it| it.to_string()).as_deref(), Some(r#"{"a":3,"b":2}"#));
-        assert_eq!(loads(r#""\ud83d\ude00 \ud83d""#), Some(json!("\u{1f600} \u{fffd}")));
+        assert_eq!(
+            loads("[NaN, Infinity, -Infinity, 1e999]"),
+            Some(json!(["nan", "inf", "-inf", "inf"]))
+        );
+        assert_eq!(
+            loads(r#"{"a": 1, "b": 2, "a": 3}"#)
+                .map(|it| it.to_string())
+                .as_deref(),
+            Some(r#"{"a":3,"b":2}"#)
+        );
+        assert_eq!(
+            loads(r#""\ud83d\ude00 \ud83d""#),
+            Some(json!("\u{1f600} \u{fffd}"))
+        );
     }
 
     #[test]
     fn what_python_refuses() {
-        let refused = ["\u{feff}1", "01", "1.", "+1", "[1,]", "{\"a\":1,}", "\"a\nb\"", r#""\x""#, "{'a': 1}", "1 2", "", "nul"];
+        let refused = [
+            "\u{feff}1",
+            "01",
+            "1.",
+            "+1",
+            "[1,]",
+            "{\"a\":1,}",
+            "\"a\nb\"",
+            r#""\x""#,
+            "{'a': 1}",
+            "1 2",
+            "",
+            "nul",
+        ];
         for text in refused {
             assert_eq!(loads(text), None, "{text:?}");
         }

@@ -1,4 +1,5 @@
-//! Values as Python writes them: `json.dumps` with its blanks after `,` and `:`, floats by `repr`, and `str()` of a value.
+//! Values as Python writes them: `json.dumps` with its blanks after `,` and `:`, floats by `repr`,
+//! and `str()` of a value.
 
 use std::fmt::Write as _;
 
@@ -7,7 +8,8 @@ use serde_json::Value;
 /// Whether characters beyond ASCII are escaped: the option `ensure_ascii` of Python's `json.dumps`.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Ascii {
-    /// Other characters become a backslash, `u` and four hexadecimal digits, as Python writes them by default.
+    /// Other characters become a backslash, `u` and four hexadecimal digits, as Python writes them
+    /// by default.
     Escaped,
     /// Characters stay as they are.
     Plain,
@@ -111,7 +113,8 @@ fn quoted(out: &mut String, text: &str, ascii: Ascii) {
     out.push('"');
 }
 
-/// An integer as it is, a float as `repr` writes it: the shortest digits, an exponent below 1e-4 and from 1e16.
+/// An integer as it is, a float as `repr` writes it: the shortest digits, an exponent below 1e-4
+/// and from 1e16.
 fn number(out: &mut String, value: &Value) {
     let Some(float) = value.as_f64().filter(|_| value.is_f64()) else {
         let _ = write!(out, "{value}");
@@ -121,7 +124,9 @@ fn number(out: &mut String, value: &Value) {
     if size != 0.0 && !(1e-4..1e16).contains(&size) {
         let shortest = format!("{float:e}");
         let (digits, exponent) = shortest.split_once('e').unwrap_or((&shortest, "0"));
-        let (sign, exponent) = exponent.strip_prefix('-').map_or(("+", exponent), |exponent| ("-", exponent));
+        let (sign, exponent) = exponent
+            .strip_prefix('-')
+            .map_or(("+", exponent), |exponent| ("-", exponent));
         let _ = write!(out, "{digits}e{sign}{exponent:0>2}");
     } else {
         let _ = write!(out, "{float:?}");
@@ -156,7 +161,11 @@ fn repr(out: &mut String, value: &Value) {
 }
 
 fn repr_text(out: &mut String, text: &str) {
-    let quote = if text.contains('\'') && !text.contains('"') { '"' } else { '\'' };
+    let quote = if text.contains('\'') && !text.contains('"') {
+        '"'
+    } else {
+        '\''
+    };
     out.push(quote);
     for c in text.chars() {
         match c {
@@ -200,7 +209,10 @@ mod tests {
     #[test]
     fn source_as_python_writes_it() {
         let value = json!({"it's": [true, null, 1.5, "say \"it's\"", "a\nb"], "x": "中"});
-        assert_eq!(str(&value), r#"{"it's": [True, None, 1.5, 'say "it\'s"', 'a\nb'], 'x': '中'}"#);
+        assert_eq!(
+            str(&value),
+            r#"{"it's": [True, None, 1.5, 'say "it\'s"', 'a\nb'], 'x': '中'}"#
+        );
         assert_eq!(str(&json!("as it's")), "as it's");
     }
 }

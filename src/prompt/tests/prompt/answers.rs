@@ -2,7 +2,8 @@
 
 mod real_contract {
     use reel_prompt::published::{
-        ActionError, AgentError, SchedulerMemory, agent_answer, gym_answer, scheduler_action, trainer_action,
+        ActionError, AgentError, SchedulerMemory, agent_answer, gym_answer, scheduler_action,
+        trainer_action,
     };
     use reel_vectors::{Report, items, load, text};
     use serde_json::{Value, json};
@@ -10,7 +11,9 @@ mod real_contract {
     use super::super::tokens;
 
     fn compare(column: &str, ours: fn(&str) -> Value) {
-        let Some(document) = load("answers.json") else { return };
+        let Some(document) = load("answers.json") else {
+            return;
+        };
         let mut report = Report::new("answers.json", column);
         for case in items(&document["cases"]) {
             report.compare_ordered(text(&case["id"]), &case[column], &ours(text(&case["text"])));
@@ -21,7 +24,9 @@ mod real_contract {
     #[test]
     fn agent() {
         compare("agent", |answer| match agent_answer(answer) {
-            Ok(read) => json!({"summary": read.summary, "tool_name": read.tool_name, "arguments": read.arguments}),
+            Ok(read) => {
+                json!({"summary": read.summary, "tool_name": read.tool_name, "arguments": read.arguments})
+            }
             Err(AgentError::NoJson) => json!({"error": "no_json"}),
             Err(AgentError::NoActionObject) => json!({"error": "no_action_object"}),
             Err(AgentError::NoToolName) => json!({"error": "no_tool_name"}),
@@ -69,8 +74,12 @@ mod real_contract {
 
     #[test]
     fn a_history_is_read_only_out_of_strict_json() {
-        // Not in the file: what Python's `in` finds in a list or a text raises, a History that counts as false is none.
+        // Not in the file: what Python's `in` finds in a list or a text raises, a History that
+        // counts as false is none.
         assert_eq!(scheduler_action(r#"["summary"]"#), None);
-        assert_eq!(scheduler_action(r#"{"summary": {"History": 0}}"#), Some((None, None)));
+        assert_eq!(
+            scheduler_action(r#"{"summary": {"History": 0}}"#),
+            Some((None, None))
+        );
     }
 }

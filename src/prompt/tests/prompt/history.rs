@@ -24,5 +24,8 @@ fn real_contract_history() {
         report.compare(&case["history"].to_string(), case, &ours);
     }
     report.finish();
-    assert_eq!(SchedulerMemory::default().last_action(), &Value::Object(serde_json::Map::new()));
+    assert_eq!(
+        SchedulerMemory::default().last_action(),
+        &Value::Object(serde_json::Map::new())
+    );
 }

@@ -46,7 +46,10 @@ fn rooms(value: &Value) -> Vec<(&str, Vec<&str>)> {
     for (room, receptacles) in value.as_object().into_iter().flatten() {
         let receptacles = match receptacles {
             Value::String(one) => vec![one.as_str()],
-            many => reel_vectors::items(many).iter().map(reel_vectors::text).collect(),
+            many => reel_vectors::items(many)
+                .iter()
+                .map(reel_vectors::text)
+                .collect(),
         };
         found.push((room.as_str(), receptacles));
     }

@@ -2,7 +2,8 @@
 
 mod real_contract {
     use reel_prompt::published::{
-        ActionError, AgentMemory, GymMemory, Item, Observation, SchedulerMemory, agent_answer, trainer_action,
+        ActionError, AgentMemory, GymMemory, Item, Observation, SchedulerMemory, agent_answer,
+        trainer_action,
     };
     use reel_vectors::{Report, items, load, text};
     use serde_json::{Value, json};
@@ -12,11 +13,17 @@ mod real_contract {
     /// The mock server says `seen`, on every second call with an image.
     fn result(call: usize) -> Vec<Item<'static>> {
         let image = (call % 2 == 1).then_some(Item::Image);
-        [Item::Text("seen")].into_iter().chain(image).chain([Item::Text("Debug Info:")]).collect()
+        [Item::Text("seen")]
+            .into_iter()
+            .chain(image)
+            .chain([Item::Text("Debug Info:")])
+            .collect()
     }
 
     fn sequences(client: &str, ours: impl Fn(&[&str]) -> Vec<Value>) {
-        let Some(document) = load("memory.json") else { return };
+        let Some(document) = load("memory.json") else {
+            return;
+        };
         let mut report = Report::new("memory.json", client);
         for case in items(&document["cases"]) {
             let answers: Vec<&str> = items(&case["answers"]).iter().map(text).collect();
@@ -29,7 +36,8 @@ mod real_contract {
     fn scheduler() {
         let wording = tokens();
         sequences("scheduler", |answers| {
-            let (mut memory, mut calls, mut asked, mut states) = (SchedulerMemory::default(), 0, 0, Vec::new());
+            let (mut memory, mut calls, mut asked, mut states) =
+                (SchedulerMemory::default(), 0, 0, Vec::new());
             for answer in answers {
                 let observation = match trainer_action(answer) {
                     Err(ActionError::Empty) => break,
@@ -60,7 +68,8 @@ mod real_contract {
             let (mut memory, mut asked, mut states) = (GymMemory::default(), 0, Vec::new());
             for answer in answers {
                 memory.update(answer);
-                asked += u32::from(trainer_action(answer).is_ok_and(|action| action.tool_name == "ask"));
+                asked +=
+                    u32::from(trainer_action(answer).is_ok_and(|action| action.tool_name == "ask"));
                 states.push(json!({
                     "task_progress": memory.task_progress,
                     "last_action": memory.last_action,

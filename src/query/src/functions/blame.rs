@@ -1,4 +1,5 @@
-//! The SQL function that measures why an episode failed. Reads a trace of the store; nothing is executed.
+//! The SQL function that measures why an episode failed. Reads a trace of the store; nothing is
+//! executed.
 
 use std::sync::Arc;
 
@@ -41,21 +42,40 @@ pub(crate) fn function(control: &Arc<Control>) -> ScalarUDF {
 fn blame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
     let rows: Vec<Option<Blame>> = each(&arrays[0], control, |path, _| {
-        let trace = Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
+        let trace =
+            Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
         Ok(reel_blame::blame(&trace))
     })?;
-    let decisive = || rows.iter().map(|row| row.as_ref().and_then(|row| row.decisive.as_ref()));
+    let decisive = || {
+        rows.iter()
+            .map(|row| row.as_ref().and_then(|row| row.decisive.as_ref()))
+    };
     let text = |of: &dyn Fn(&Decisive) -> String| -> ArrayRef {
-        Arc::new(decisive().map(|decisive| decisive.map(of)).collect::<StringArray>())
+        Arc::new(
+            decisive()
+                .map(|decisive| decisive.map(of))
+                .collect::<StringArray>(),
+        )
     };
     let number = |of: fn(&Blame) -> Option<u32>| -> ArrayRef {
-        Arc::new(rows.iter().map(|row| row.as_ref().and_then(of).map(|number| number as i32)).collect::<Int32Array>())
+        Arc::new(
+            rows.iter()
+                .map(|row| row.as_ref().and_then(of).map(|number| number as i32))
+                .collect::<Int32Array>(),
+        )
     };
     let share = |of: fn(&Blame) -> f64| -> ArrayRef {
-        Arc::new(rows.iter().map(|row| row.as_ref().filter(|row| row.decisive.is_some()).map(of)).collect::<Float64Array>())
+        Arc::new(
+            rows.iter()
+                .map(|row| row.as_ref().filter(|row| row.decisive.is_some()).map(of))
+                .collect::<Float64Array>(),
+        )
     };
     let failed = |row: &Blame| row.decisive.as_ref().map(|_| row.repairable_at_end);
-    let repairable: BooleanArray = rows.iter().map(|row| row.as_ref().and_then(failed)).collect();
+    let repairable: BooleanArray = rows
+        .iter()
+        .map(|row| row.as_ref().and_then(failed))
+        .collect();
     let columns: Vec<ArrayRef> = vec![
         number(|row| row.decisive.as_ref().map(|decisive| decisive.step)),
         text(&|decisive| decisive.tool.clone()),
@@ -71,7 +91,11 @@ fn blame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
         share(|row| row.shares.memory),
         share(|row| row.shares.other),
     ];
-    Ok(ColumnarValue::Array(Arc::new(StructArray::new(fields(), columns, None))))
+    Ok(ColumnarValue::Array(Arc::new(StructArray::new(
+        fields(),
+        columns,
+        None,
+    ))))
 }
 
 fn fields() -> Fields {

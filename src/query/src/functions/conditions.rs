@@ -1,5 +1,6 @@
-//! Conditions over the steps of many episodes at once, whole columns at a time: what each step fits, as bits. A column that
-//! was read as codes is asked once a code, not once a step. Knows no function of SQL.
+//! Conditions over the steps of many episodes at once, whole columns at a time: what each step
+//! fits, as bits. A column that was read as codes is asked once a code, not once a step. Knows no
+//! function of SQL.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -8,8 +9,8 @@ use std::{
 
 use arrow::{
     array::{
-        Array, ArrayRef, AsArray, BooleanArray, Float64Array, Int32Array, ListArray, Scalar, StringArray, StructArray,
-        UInt32Array, new_null_array,
+        Array, ArrayRef, AsArray, BooleanArray, Float64Array, Int32Array, ListArray, Scalar,
+        StringArray, StructArray, UInt32Array, new_null_array,
     },
     buffer::{BooleanBuffer, NullBuffer, OffsetBuffer},
     compute::{
@@ -37,7 +38,11 @@ impl<'a> Episodes<'a> {
     pub(super) fn new(list: &'a ListArray) -> Self {
         let offsets = list.value_offsets();
         let (base, end) = (offsets[0] as usize, offsets[list.len()] as usize);
-        Self { list, steps: list.values().as_struct().slice(base, end - base), base }
+        Self {
+            list,
+            steps: list.values().as_struct().slice(base, end - base),
+            base,
+        }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -55,7 +60,9 @@ impl<'a> Episodes<'a> {
     }
 
     pub(super) fn column(&self, name: &str) -> Result<&ArrayRef> {
-        self.steps.column_by_name(name).ok_or_else(|| DataFusionError::Execution(format!("the steps have no column '{name}'")))
+        self.steps
+            .column_by_name(name)
+            .ok_or_else(|| DataFusionError::Execution(format!("the steps have no column '{name}'")))
     }
 
     /// Numbers of the decisions: the places of the steps in their episode.
@@ -101,11 +108,15 @@ pub(super) fn masks(pattern: &Pattern, steps: &Episodes) -> Result<Vec<u64>> {
     }
     let mut masks = vec![always; steps.steps.len()];
     for (name, conditions) in by_code {
-        let Some(coded) = Coded::of(steps.column(name)?) else { continue };
+        let Some(coded) = Coded::of(steps.column(name)?) else {
+            continue;
+        };
         let mut of_code = vec![0_u64; coded.values.len()];
         for (bit, condition) in conditions {
-            let fits = coded.with_episode(name, |values| Ok(fitting(&truth(condition, values)?)))?;
-            fits.set_indices().for_each(|code| of_code[code] |= 1 << bit);
+            let fits =
+                coded.with_episode(name, |values| Ok(fitting(&truth(condition, values)?)))?;
+            fits.set_indices()
+                .for_each(|code| of_code[code] |= 1 << bit);
         }
         coded.each(|step, code| masks[step] |= of_code[code]);
     }
@@ -125,10 +136,17 @@ fn only_column(condition: &Condition) -> Option<&str> {
         | Condition::InList { column, .. }
         | Condition::Like { column, .. }
         | Condition::IsNull(column)
-        | Condition::Compare { left: column, right: Operand::Literal(_), .. } => here(column).then_some(&column.name),
+        | Condition::Compare {
+            left: column,
+            right: Operand::Literal(_),
+            ..
+        } => here(column).then_some(&column.name),
         Condition::And(parts) | Condition::Or(parts) => {
             let first = only_column(parts.first()?)?;
-            parts[1..].iter().all(|part| only_column(part) == Some(first)).then_some(first)
+            parts[1..]
+                .iter()
+                .all(|part| only_column(part) == Some(first))
+                .then_some(first)
         }
         Condition::Not(part) | Condition::IsTrue(part) => only_column(part),
         Condition::Any | Condition::Compare { .. } => None,
@@ -147,14 +165,22 @@ impl<'a> Coded<'a> {
         let dictionary = column.as_dictionary_opt::<Int32Type>()?;
         let null = new_null_array(dictionary.values().data_type(), 1);
         let values = concat(&[dictionary.values().as_ref(), null.as_ref()]).ok()?;
-        Some(Self { codes: dictionary.keys(), values })
+        Some(Self {
+            codes: dictionary.keys(),
+            values,
+        })
     }
 
     /// Calls with every step and its code; what is null has the last one.
     fn each(&self, mut take: impl FnMut(usize, usize)) {
         let none = self.values.len() - 1;
         match self.codes.nulls() {
-            None => self.codes.values().iter().enumerate().for_each(|(step, code)| take(step, *code as usize)),
+            None => self
+                .codes
+                .values()
+                .iter()
+                .enumerate()
+                .for_each(|(step, code)| take(step, *code as usize)),
             Some(nulls) => {
                 for (step, (code, valid)) in self.codes.values().iter().zip(nulls).enumerate() {
                     take(step, if valid { *code as usize } else { none });
@@ -170,27 +196,49 @@ impl<'a> Coded<'a> {
         match self.codes.nulls() {
             None => BooleanBuffer::collect_bool(codes.len(), |step| of_code[codes[step] as usize]),
             Some(nulls) => BooleanBuffer::collect_bool(codes.len(), |step| {
-                of_code[if nulls.is_valid(step) { codes[step] as usize } else { none }]
+                of_code[if nulls.is_valid(step) {
+                    codes[step] as usize
+                } else {
+                    none
+                }]
             }),
         }
     }
 
     /// The texts as an episode with a step each.
     fn with_episode<T>(&self, name: &str, take: impl FnOnce(&Episodes) -> Result<T>) -> Result<T> {
-        let fields = Fields::from(vec![Field::new(name, self.values.data_type().clone(), true)]);
+        let fields = Fields::from(vec![Field::new(
+            name,
+            self.values.data_type().clone(),
+            true,
+        )]);
         let steps = StructArray::new(fields, vec![self.values.clone()], None);
         let item = Arc::new(Field::new_list_field(steps.data_type().clone(), true));
-        let list = ListArray::new(item, OffsetBuffer::from_lengths([steps.len()]), Arc::new(steps), None);
+        let list = ListArray::new(
+            item,
+            OffsetBuffer::from_lengths([steps.len()]),
+            Arc::new(steps),
+            None,
+        );
         take(&Episodes::new(&list))
     }
 }
 
 /// What is said of each value of a column, asked once a code where there are codes.
-pub(super) fn of_values(column: &ArrayRef, say: impl Fn(&ArrayRef) -> Result<BooleanArray>) -> Result<BooleanArray> {
-    let Some(coded) = Coded::of(column) else { return say(column) };
+pub(super) fn of_values(
+    column: &ArrayRef,
+    say: impl Fn(&ArrayRef) -> Result<BooleanArray>,
+) -> Result<BooleanArray> {
+    let Some(coded) = Coded::of(column) else {
+        return say(column);
+    };
     let said = say(&coded.values)?;
-    let nulls = (said.null_count() > 0).then(|| NullBuffer::new(coded.bits(|code| said.is_valid(code))));
-    Ok(BooleanArray::new(coded.bits(|code| said.is_valid(code) && said.value(code)), nulls))
+    let nulls =
+        (said.null_count() > 0).then(|| NullBuffer::new(coded.bits(|code| said.is_valid(code))));
+    Ok(BooleanArray::new(
+        coded.bits(|code| said.is_valid(code) && said.value(code)),
+        nulls,
+    ))
 }
 
 /// Texts as numbers, equal where the texts are.
@@ -218,7 +266,10 @@ impl Codes {
             false => -1,
         };
         let of_text: Vec<i32> = (0..texts.len()).map(code).collect();
-        Ok(Self { of_step: codes.into_iter().map(|text| of_text[text]).collect(), texts })
+        Ok(Self {
+            of_step: codes.into_iter().map(|text| of_text[text]).collect(),
+            texts,
+        })
     }
 
     pub(super) fn code(&self, step: usize) -> Option<i32> {
@@ -241,13 +292,19 @@ pub(super) fn fitting(truth: &BooleanArray) -> BooleanBuffer {
 
 /// What a condition says of each step.
 pub(super) fn truth(condition: &Condition, steps: &Episodes) -> Result<BooleanArray> {
-    let all =
-        |parts: &[Condition],
-         join: fn(&BooleanArray, &BooleanArray) -> std::result::Result<BooleanArray, arrow::error::ArrowError>| {
-            let mut truths = parts.iter().map(|part| truth(part, steps));
-            let first = truths.next().unwrap_or_else(|| exec_err!("an empty condition"))?;
-            truths.try_fold(first, |sum, next| Ok::<_, DataFusionError>(join(&sum, &next?)?))
-        };
+    let all = |parts: &[Condition],
+               join: fn(
+        &BooleanArray,
+        &BooleanArray,
+    ) -> std::result::Result<BooleanArray, arrow::error::ArrowError>| {
+        let mut truths = parts.iter().map(|part| truth(part, steps));
+        let first = truths
+            .next()
+            .unwrap_or_else(|| exec_err!("an empty condition"))?;
+        truths.try_fold(first, |sum, next| {
+            Ok::<_, DataFusionError>(join(&sum, &next?)?)
+        })
+    };
     Ok(match condition {
         Condition::Any => BooleanArray::from(vec![true; steps.steps.len()]),
         Condition::Flag(column) => steps.back(column)?.as_boolean().clone(),
@@ -270,15 +327,24 @@ pub(super) fn truth(condition: &Condition, steps: &Episodes) -> Result<BooleanAr
             let column = steps.back(column)?;
             of_values(&column, |column| {
                 let mut truths = values.iter().map(|value| compare(column, Op::Eq, value));
-                let first = truths.next().unwrap_or_else(|| exec_err!("an empty list"))?;
+                let first = truths
+                    .next()
+                    .unwrap_or_else(|| exec_err!("an empty list"))?;
                 truths.try_fold(first, |sum, next| Ok(or_kleene(&sum, &next?)?))
             })?
         }
         Condition::Like { column, pattern } => {
             let column = steps.back(column)?;
-            of_values(&column, |column| Ok(like(column, &Scalar::new(StringArray::from(vec![pattern.as_str()])))?))?
+            of_values(&column, |column| {
+                Ok(like(
+                    column,
+                    &Scalar::new(StringArray::from(vec![pattern.as_str()])),
+                )?)
+            })?
         }
-        Condition::IsNull(column) => of_values(&steps.back(column)?, |column| Ok(is_null(column)?))?,
+        Condition::IsNull(column) => {
+            of_values(&steps.back(column)?, |column| Ok(is_null(column)?))?
+        }
         Condition::And(parts) => all(parts, and_kleene)?,
         Condition::Or(parts) => all(parts, or_kleene)?,
         Condition::Not(part) => not(&truth(part, steps)?)?,
@@ -289,7 +355,11 @@ pub(super) fn truth(condition: &Condition, steps: &Episodes) -> Result<BooleanAr
 /// How a column compares with a value.
 pub(super) fn compare(column: &ArrayRef, op: Op, literal: &Literal) -> Result<BooleanArray> {
     match literal {
-        Literal::Text(text) => with(op, column, &Scalar::new(StringArray::from(vec![text.as_str()]))),
+        Literal::Text(text) => with(
+            op,
+            column,
+            &Scalar::new(StringArray::from(vec![text.as_str()])),
+        ),
         Literal::Flag(flag) => with(op, column, &Scalar::new(BooleanArray::from(vec![*flag]))),
         Literal::Number(number) => {
             let column = cast(column, &DataType::Float64)?;
@@ -298,7 +368,11 @@ pub(super) fn compare(column: &ArrayRef, op: Op, literal: &Literal) -> Result<Bo
     }
 }
 
-fn with(op: Op, left: &dyn arrow::array::Datum, right: &dyn arrow::array::Datum) -> Result<BooleanArray> {
+fn with(
+    op: Op,
+    left: &dyn arrow::array::Datum,
+    right: &dyn arrow::array::Datum,
+) -> Result<BooleanArray> {
     Ok(match op {
         Op::Eq => cmp::eq(left, right),
         Op::NotEq => cmp::neq(left, right),

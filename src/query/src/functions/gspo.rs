@@ -1,10 +1,12 @@
-//! The quantities of GSPO in SQL: advantages by the published estimators, ratios, KL, clip shares and the objective. The
-//! mathematics is `reel-reward`'s; what it refuses is the question's error.
+//! The quantities of GSPO in SQL: advantages by the published estimators, ratios, KL, clip shares
+//! and the objective. The mathematics is `reel-reward`'s; what it refuses is the question's error.
 
 use std::sync::Arc;
 
 use arrow::{
-    array::{Array, ArrayRef, AsArray, Float64Array, Float64Builder, ListArray, ListBuilder, StructArray},
+    array::{
+        Array, ArrayRef, AsArray, Float64Array, Float64Builder, ListArray, ListBuilder, StructArray,
+    },
     datatypes::{DataType, Field, Fields, Float64Type},
 };
 use datafusion::{
@@ -55,16 +57,30 @@ pub(crate) const HELP: &[FunctionHelp] = &[
 ];
 
 pub(crate) fn functions() -> Vec<ScalarUDF> {
-    let (float, text, list) = (DataType::Float64, DataType::Utf8, list_of(DataType::Float64));
+    let (float, text, list) = (
+        DataType::Float64,
+        DataType::Utf8,
+        list_of(DataType::Float64),
+    );
     let groups = list_of(list.clone());
-    let function = |name: &str, takes: Vec<DataType>, gives: DataType, run: fn(&[ColumnarValue]) -> Result<ColumnarValue>| {
+    let function = |name: &str,
+                    takes: Vec<DataType>,
+                    gives: DataType,
+                    run: fn(&[ColumnarValue]) -> Result<ColumnarValue>| {
         create_udf(name, takes, gives, Volatility::Immutable, Arc::new(run))
     };
     let two = vec![list.clone(), list.clone()];
     vec![
-        function("estimated_advantages", vec![groups.clone(), text.clone(), text.clone()], groups, estimated_advantages),
+        function(
+            "estimated_advantages",
+            vec![groups.clone(), text.clone(), text.clone()],
+            groups,
+            estimated_advantages,
+        ),
         function("sequence_ratio", two.clone(), float.clone(), |arguments| {
-            floats(arguments, |lists, _| sequence_ratio(&lists[0], &lists[1]).map_err(refused))
+            floats(arguments, |lists, _| {
+                sequence_ratio(&lists[0], &lists[1]).map_err(refused)
+            })
         }),
         function("token_ratios", two.clone(), list.clone(), |arguments| {
             let arrays = ColumnarValue::values_to_arrays(arguments)?;
@@ -73,43 +89,71 @@ pub(crate) fn functions() -> Vec<ScalarUDF> {
                 match lists(&arrays, row)? {
                     None => ratios.append_null(),
                     Some(lists) => {
-                        ratios.values().append_slice(&token_ratios(&lists[0], &lists[1]).map_err(refused)?);
+                        ratios
+                            .values()
+                            .append_slice(&token_ratios(&lists[0], &lists[1]).map_err(refused)?);
                         ratios.append(true);
                     }
                 }
             }
             Ok(ColumnarValue::Array(Arc::new(ratios.finish())))
         }),
-        function("kl", [two.clone(), vec![text]].concat(), float.clone(), |arguments| {
-            let arrays = ColumnarValue::values_to_arrays(arguments)?;
-            let names = arrays[2].as_string::<i32>();
-            floats(&arguments[..2], |lists, row| {
-                let name = if names.is_null(row) { "" } else { names.value(row) };
-                let estimator = KlEstimator::parse(name);
-                let Some(estimator) = estimator else {
-                    return exec_err!("kl: no estimator is called '{name}'; there are k1, k2, k3");
-                };
-                kl(estimator, &lists[0], &lists[1]).map_err(refused)
-            })
-        }),
+        function(
+            "kl",
+            [two.clone(), vec![text]].concat(),
+            float.clone(),
+            |arguments| {
+                let arrays = ColumnarValue::values_to_arrays(arguments)?;
+                let names = arrays[2].as_string::<i32>();
+                floats(&arguments[..2], |lists, row| {
+                    let name = if names.is_null(row) {
+                        ""
+                    } else {
+                        names.value(row)
+                    };
+                    let estimator = KlEstimator::parse(name);
+                    let Some(estimator) = estimator else {
+                        return exec_err!(
+                            "kl: no estimator is called '{name}'; there are k1, k2, k3"
+                        );
+                    };
+                    kl(estimator, &lists[0], &lists[1]).map_err(refused)
+                })
+            },
+        ),
         function(
             "clip_share",
             [two.clone(), vec![float.clone(); 2]].concat(),
             DataType::Struct(named(&CLIP_SHARE)),
             |arguments| {
                 structs(arguments, 2, &CLIP_SHARE, |lists, numbers| {
-                    let share = clip_share(&lists[0], &lists[1], ClipRange::new(numbers[0], numbers[1])?)?;
+                    let share = clip_share(
+                        &lists[0],
+                        &lists[1],
+                        ClipRange::new(numbers[0], numbers[1])?,
+                    )?;
                     Ok([share.low, share.high])
                 })
             },
         ),
-        function("gspo", [two, vec![list], vec![float; 3]].concat(), DataType::Struct(named(&OBJECTIVE)), |arguments| {
-            structs(arguments, 3, &OBJECTIVE, |lists, numbers| {
-                let range = ClipRange::new(numbers[0], numbers[1])?;
-                let of = objective(&lists[0], &lists[1], &lists[2], range, numbers[2])?;
-                Ok([of.loss, of.surrogate, of.kl, of.clipped.low, of.clipped.high])
-            })
-        }),
+        function(
+            "gspo",
+            [two, vec![list], vec![float; 3]].concat(),
+            DataType::Struct(named(&OBJECTIVE)),
+            |arguments| {
+                structs(arguments, 3, &OBJECTIVE, |lists, numbers| {
+                    let range = ClipRange::new(numbers[0], numbers[1])?;
+                    let of = objective(&lists[0], &lists[1], &lists[2], range, numbers[2])?;
+                    Ok([
+                        of.loss,
+                        of.surrogate,
+                        of.kl,
+                        of.clipped.low,
+                        of.clipped.high,
+                    ])
+                })
+            },
+        ),
     ]
 }
 
@@ -118,7 +162,11 @@ const OBJECTIVE: [&str; 5] = ["loss", "surrogate", "kl", "clip_low", "clip_high"
 
 fn estimated_advantages(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
-    let (batches, names, scales) = (arrays[0].as_list::<i32>(), arrays[1].as_string::<i32>(), arrays[2].as_string::<i32>());
+    let (batches, names, scales) = (
+        arrays[0].as_list::<i32>(),
+        arrays[1].as_string::<i32>(),
+        arrays[2].as_string::<i32>(),
+    );
     let mut found = ListBuilder::new(ListBuilder::new(Float64Builder::new()));
     for row in 0..batches.len() {
         if batches.is_null(row) || names.is_null(row) || scales.is_null(row) {
@@ -126,7 +174,8 @@ fn estimated_advantages(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
             continue;
         }
         let (name, scale) = (names.value(row), scales.value(row));
-        let Some(estimator) = Scale::parse(scale).and_then(|scale| Estimator::named(name, scale)) else {
+        let Some(estimator) = Scale::parse(scale).and_then(|scale| Estimator::named(name, scale))
+        else {
             return exec_err!(
                 "estimated_advantages: no estimator is called '{name}' with scale '{scale}'; estimators are {}, scales group, batch, none",
                 Estimator::NAMES.join(", ")
@@ -134,7 +183,9 @@ fn estimated_advantages(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
         };
         let batch = batches.value(row);
         let batch = batch.as_list::<i32>();
-        let groups = (0..batch.len()).map(|group| Ok(numbers(batch, group)?.unwrap_or_default())).collect::<Result<Vec<_>>>()?;
+        let groups = (0..batch.len())
+            .map(|group| Ok(numbers(batch, group)?.unwrap_or_default()))
+            .collect::<Result<Vec<_>>>()?;
         for group in estimator.advantages(&groups).map_err(refused)? {
             found.values().values().append_slice(&group);
             found.values().append(true);
@@ -145,14 +196,24 @@ fn estimated_advantages(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
 }
 
 /// A number a row from its lists; null where one of them is.
-fn floats(arguments: &[ColumnarValue], of: impl Fn(&[Vec<f64>], usize) -> Result<f64>) -> Result<ColumnarValue> {
+fn floats(
+    arguments: &[ColumnarValue],
+    of: impl Fn(&[Vec<f64>], usize) -> Result<f64>,
+) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
-    let row = |row: usize| lists(&arrays, row)?.map(|lists| of(&lists, row)).transpose();
-    let values = (0..arrays[0].len()).map(row).collect::<Result<Float64Array>>()?;
+    let row = |row: usize| {
+        lists(&arrays, row)?
+            .map(|lists| of(&lists, row))
+            .transpose()
+    };
+    let values = (0..arrays[0].len())
+        .map(row)
+        .collect::<Result<Float64Array>>()?;
     Ok(ColumnarValue::Array(Arc::new(values)))
 }
 
-/// A struct of numbers a row from its lists and the numbers behind them; of nulls where one of them is null.
+/// A struct of numbers a row from its lists and the numbers behind them; of nulls where one of them
+/// is null.
 fn structs<const N: usize>(
     arguments: &[ColumnarValue],
     list_count: usize,
@@ -163,8 +224,14 @@ fn structs<const N: usize>(
     let mut columns = [(); N].map(|()| Float64Builder::new());
     for row in 0..arrays[0].len() {
         let (of_lists, of_numbers) = arrays.split_at(list_count);
-        let numbers: Option<Vec<f64>> =
-            of_numbers.iter().map(|array| array.is_valid(row).then(|| array.as_primitive::<Float64Type>().value(row))).collect();
+        let numbers: Option<Vec<f64>> = of_numbers
+            .iter()
+            .map(|array| {
+                array
+                    .is_valid(row)
+                    .then(|| array.as_primitive::<Float64Type>().value(row))
+            })
+            .collect();
         let values = match lists(of_lists, row)?.zip(numbers) {
             Some((lists, numbers)) => Some(of(&lists, &numbers).map_err(refused)?),
             None => None,
@@ -173,13 +240,23 @@ fn structs<const N: usize>(
             column.append_option(values.map(|values| values[index]));
         }
     }
-    let arrays: Vec<ArrayRef> = columns.into_iter().map(|mut column| Arc::new(column.finish()) as ArrayRef).collect();
-    Ok(ColumnarValue::Array(Arc::new(StructArray::new(named(names), arrays, None))))
+    let arrays: Vec<ArrayRef> = columns
+        .into_iter()
+        .map(|mut column| Arc::new(column.finish()) as ArrayRef)
+        .collect();
+    Ok(ColumnarValue::Array(Arc::new(StructArray::new(
+        named(names),
+        arrays,
+        None,
+    ))))
 }
 
 /// The lists of a row; `None` where one of them is null.
 fn lists(arrays: &[ArrayRef], row: usize) -> Result<Option<Vec<Vec<f64>>>> {
-    arrays.iter().map(|array| numbers(array.as_list::<i32>(), row)).collect()
+    arrays
+        .iter()
+        .map(|array| numbers(array.as_list::<i32>(), row))
+        .collect()
 }
 
 /// The numbers of a list; `None` where it is null.
@@ -200,7 +277,10 @@ fn refused(error: RewardError) -> DataFusionError {
 }
 
 fn named<const N: usize>(names: &[&'static str; N]) -> Fields {
-    names.iter().map(|name| Field::new(*name, DataType::Float64, true)).collect()
+    names
+        .iter()
+        .map(|name| Field::new(*name, DataType::Float64, true))
+        .collect()
 }
 
 fn list_of(item: DataType) -> DataType {

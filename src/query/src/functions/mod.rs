@@ -1,5 +1,5 @@
-//! SQL functions of our own. Each file holds a family: what they are called, what they take and give, and an example that
-//! the tests run. Nothing here plans or runs a query.
+//! SQL functions of our own. Each file holds a family: what they are called, what they take and
+//! give, and an example that the tests run. Nothing here plans or runs a query.
 
 pub mod blame;
 mod conditions;
@@ -28,7 +28,13 @@ pub struct FunctionHelp {
 
 /// Every function, in the order of the documents.
 pub fn help() -> impl Iterator<Item = FunctionHelp> {
-    sequence::HELP.iter().chain(statistics::HELP).chain(gspo::HELP).chain(simulator::HELP).chain([&blame::HELP]).copied()
+    sequence::HELP
+        .iter()
+        .chain(statistics::HELP)
+        .chain(gspo::HELP)
+        .chain(simulator::HELP)
+        .chain([&blame::HELP])
+        .copied()
 }
 
 /// Whether a function opens traces.

@@ -1,14 +1,16 @@
-//! Functions over the nested steps of an episode: patterns in linear time, the first step that fits, back and forth, and a
-//! column of the steps as a list. Patterns are matched over the bits that come of their conditions.
+//! Functions over the nested steps of an episode: patterns in linear time, the first step that
+//! fits, back and forth, and a column of the steps as a list. Patterns are matched over the bits
+//! that come of their conditions.
 //!
-//! The language of the patterns is `reel_pattern`'s. [`needs`] says which columns of the steps a call reads, so that a
-//! query reads no others from disk.
+//! The language of the patterns is `reel_pattern`'s. [`needs`] says which columns of the steps a
+//! call reads, so that a query reads no others from disk.
 
 use std::{collections::BTreeSet, sync::Arc};
 
 use arrow::{
     array::{
-        Array, ArrayRef, AsArray, BooleanArray, BooleanBufferBuilder, Int32Array, Int64Array, ListArray, StringArray, StructArray,
+        Array, ArrayRef, AsArray, BooleanArray, BooleanBufferBuilder, Int32Array, Int64Array,
+        ListArray, StringArray, StructArray,
     },
     buffer::NullBuffer,
     compute::cast,
@@ -17,7 +19,10 @@ use arrow::{
 use datafusion::{
     common::{ScalarValue, exec_err, plan_err},
     error::{DataFusionError, Result},
-    logical_expr::{ColumnarValue, Expr, ReturnFieldArgs, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl, Signature, Volatility},
+    logical_expr::{
+        ColumnarValue, Expr, ReturnFieldArgs, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl,
+        Signature, Volatility,
+    },
 };
 use reel_pattern::{ColumnKind, Condition, Literal, Op, Operand, Oscillation, Pattern, StepColumn};
 
@@ -90,12 +95,17 @@ const KINDS: [(Kind, &str); 7] = [
 pub(crate) fn functions() -> Vec<ScalarUDF> {
     let function = |(kind, name)| {
         let count = if kind == Kind::Oscillation { 1 } else { 2 };
-        ScalarUDF::from(StepFunction { kind, name, signature: Signature::any(count, Volatility::Immutable) })
+        ScalarUDF::from(StepFunction {
+            kind,
+            name,
+            signature: Signature::any(count, Volatility::Immutable),
+        })
     };
     KINDS.into_iter().map(function).collect()
 }
 
-/// Columns of the steps that a call of one of these functions reads; none where that is not to be seen from the call.
+/// Columns of the steps that a call of one of these functions reads; none where that is not to be
+/// seen from the call.
 pub(crate) fn needs(name: &str, arguments: &[Expr]) -> Option<BTreeSet<String>> {
     let (kind, _) = KINDS.into_iter().find(|(_, known)| *known == name)?;
     let text = || match arguments.get(1)? {
@@ -110,7 +120,11 @@ pub(crate) fn needs(name: &str, arguments: &[Expr]) -> Option<BTreeSet<String>> 
         }
         Kind::FirstStep => collect(&Condition::parse(&text()?).ok()?, &mut columns),
         Kind::Match | Kind::Count | Kind::Find => {
-            Pattern::parse(&text()?).ok()?.conditions().iter().for_each(|condition| collect(condition, &mut columns));
+            Pattern::parse(&text()?)
+                .ok()?
+                .conditions()
+                .iter()
+                .for_each(|condition| collect(condition, &mut columns));
         }
     }
     Some(columns)
@@ -134,7 +148,9 @@ fn collect(condition: &Condition, columns: &mut BTreeSet<String>) {
                 take(right);
             }
         }
-        Condition::And(parts) | Condition::Or(parts) => parts.iter().for_each(|part| collect(part, columns)),
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| collect(part, columns))
+        }
         Condition::Not(part) | Condition::IsTrue(part) => collect(part, columns),
     }
 }
@@ -157,7 +173,11 @@ impl ScalarUDFImpl for StepFunction {
 
     fn return_type(&self, arguments: &[DataType]) -> Result<DataType> {
         if step_fields(&arguments[0]).is_none() {
-            return plan_err!("{} takes the steps of an episode first: {}(steps, ...)", self.name, self.name);
+            return plan_err!(
+                "{} takes the steps of an episode first: {}(steps, ...)",
+                self.name,
+                self.name
+            );
         }
         Ok(match self.kind {
             Kind::Match => DataType::Boolean,
@@ -171,11 +191,16 @@ impl ScalarUDFImpl for StepFunction {
     }
 
     fn return_field_from_args(&self, arguments: ReturnFieldArgs<'_>) -> Result<FieldRef> {
-        let types: Vec<DataType> = arguments.arg_fields.iter().map(|field| field.data_type().clone()).collect();
+        let types: Vec<DataType> = arguments
+            .arg_fields
+            .iter()
+            .map(|field| field.data_type().clone())
+            .collect();
         let data_type = self.return_type(&types)?;
         // a wrong pattern is an error of the question, not of its run
         if let Some(Some(text)) = arguments.scalar_arguments.get(1) {
-            let (Some(text), Some(fields)) = (text.try_as_str().flatten(), step_fields(&types[0])) else {
+            let (Some(text), Some(fields)) = (text.try_as_str().flatten(), step_fields(&types[0]))
+            else {
                 return plan_err!("{}: the second argument is a text", self.name);
             };
             self.understand(text, fields)?;
@@ -185,15 +210,26 @@ impl ScalarUDFImpl for StepFunction {
 
     fn invoke_with_args(&self, arguments: ScalarFunctionArgs) -> Result<ColumnarValue> {
         let steps = arguments.args[0].to_array(arguments.number_rows)?;
-        let Some(fields) = step_fields(steps.data_type()) else { return exec_err!("{}: no steps", self.name) };
+        let Some(fields) = step_fields(steps.data_type()) else {
+            return exec_err!("{}: no steps", self.name);
+        };
         let steps = Episodes::new(steps.as_list::<i32>());
         let text = match arguments.args.get(1) {
             None => String::new(),
             Some(ColumnarValue::Scalar(text)) => match text.try_as_str().flatten() {
                 Some(text) => text.to_owned(),
-                None => return Ok(ColumnarValue::Scalar(ScalarValue::try_from(arguments.return_field.data_type())?)),
+                None => {
+                    return Ok(ColumnarValue::Scalar(ScalarValue::try_from(
+                        arguments.return_field.data_type(),
+                    )?));
+                }
             },
-            Some(ColumnarValue::Array(_)) => return exec_err!("{}: the second argument is one text, not a column", self.name),
+            Some(ColumnarValue::Array(_)) => {
+                return exec_err!(
+                    "{}: the second argument is one text, not a column",
+                    self.name
+                );
+            }
         };
         let array: ArrayRef = match self.understand(&text, fields)? {
             Understood::Pattern(pattern) => self.matched(&pattern, &steps)?,
@@ -215,25 +251,43 @@ enum Understood {
 
 impl StepFunction {
     fn understand(&self, text: &str, fields: &Fields) -> Result<Understood> {
-        let known: Vec<(&str, ColumnKind)> =
-            fields.iter().filter_map(|field| Some((field.name().as_str(), kind(field)?))).collect();
-        let wrong = |error: reel_pattern::PatternError| DataFusionError::Plan(format!("{}: {error}", self.name));
+        let known: Vec<(&str, ColumnKind)> = fields
+            .iter()
+            .filter_map(|field| Some((field.name().as_str(), kind(field)?)))
+            .collect();
+        let wrong = |error: reel_pattern::PatternError| {
+            DataFusionError::Plan(format!("{}: {error}", self.name))
+        };
         match self.kind {
             Kind::Oscillation => Ok(Understood::Nothing),
-            Kind::FirstStep => Condition::parse_for(text, &known).map(Understood::Condition).map_err(wrong),
+            Kind::FirstStep => Condition::parse_for(text, &known)
+                .map(Understood::Condition)
+                .map_err(wrong),
             Kind::Match | Kind::Count | Kind::Find => {
                 let pattern = Pattern::parse(text).map_err(wrong)?;
                 pattern.check(&known).map_err(wrong)?;
                 Ok(Understood::Pattern(pattern))
             }
             Kind::Values | Kind::Texts => {
-                let fits = |kind: ColumnKind| (self.kind == Kind::Texts) == (kind == ColumnKind::Text);
+                let fits =
+                    |kind: ColumnKind| (self.kind == Kind::Texts) == (kind == ColumnKind::Text);
                 match known.iter().find(|(name, _)| *name == text) {
                     Some((_, kind)) if fits(*kind) => Ok(Understood::Column(text.to_owned())),
-                    Some((_, kind)) => plan_err!("{}: the column '{text}' of the steps holds {kind}", self.name),
+                    Some((_, kind)) => plan_err!(
+                        "{}: the column '{text}' of the steps holds {kind}",
+                        self.name
+                    ),
                     None => {
-                        let names: Vec<&str> = known.iter().filter(|(_, kind)| fits(*kind)).map(|(name, _)| *name).collect();
-                        plan_err!("{}: the steps have no column '{text}'; there are {}", self.name, names.join(", "))
+                        let names: Vec<&str> = known
+                            .iter()
+                            .filter(|(_, kind)| fits(*kind))
+                            .map(|(name, _)| *name)
+                            .collect();
+                        plan_err!(
+                            "{}: the steps have no column '{text}'; there are {}",
+                            self.name,
+                            names.join(", ")
+                        )
                     }
                 }
             }
@@ -247,11 +301,13 @@ impl StepFunction {
         Ok(match self.kind {
             Kind::Match => {
                 let mut found = BooleanBufferBuilder::new(steps.len());
-                (0..steps.len()).for_each(|row| found.append(matcher.is_match(&masks[steps.range(row)])));
+                (0..steps.len())
+                    .for_each(|row| found.append(matcher.is_match(&masks[steps.range(row)])));
                 Arc::new(BooleanArray::new(found.finish(), nulls))
             }
             Kind::Count => {
-                let counts = (0..steps.len()).map(|row| matcher.count(&masks[steps.range(row)]) as i64);
+                let counts =
+                    (0..steps.len()).map(|row| matcher.count(&masks[steps.range(row)]) as i64);
                 Arc::new(Int64Array::new(counts.collect(), nulls))
             }
             _ => {
@@ -259,12 +315,23 @@ impl StepFunction {
                 let found: Vec<Option<(i32, i32)>> = (0..steps.len())
                     .map(|row| {
                         let range = steps.range(row);
-                        let found = matcher.find(&masks[range.clone()]).filter(|found| !found.is_empty())?;
-                        Some((numbers(range.start + found.start), numbers(range.start + found.end - 1)))
+                        let found = matcher
+                            .find(&masks[range.clone()])
+                            .filter(|found| !found.is_empty())?;
+                        Some((
+                            numbers(range.start + found.start),
+                            numbers(range.start + found.end - 1),
+                        ))
                     })
                     .collect();
-                let first: Int32Array = found.iter().map(|found| found.map(|(first, _)| first)).collect();
-                let last: Int32Array = found.iter().map(|found| found.map(|(_, last)| last)).collect();
+                let first: Int32Array = found
+                    .iter()
+                    .map(|found| found.map(|(first, _)| first))
+                    .collect();
+                let last: Int32Array = found
+                    .iter()
+                    .map(|found| found.map(|(_, last)| last))
+                    .collect();
                 let known = NullBuffer::from_iter(found.iter().map(Option::is_some));
                 Arc::new(StructArray::new(
                     span(),
@@ -283,16 +350,27 @@ fn first_step(condition: &Condition, steps: &Episodes) -> Result<Int32Array> {
         if steps.list.is_null(row) {
             return None;
         }
-        steps.range(row).find(|step| fits.value(*step)).map(&numbers)
+        steps
+            .range(row)
+            .find(|step| fits.value(*step))
+            .map(&numbers)
     };
     Ok((0..steps.len()).map(first).collect())
 }
 
 fn oscillation(steps: &Episodes) -> Result<StructArray> {
-    let goes = of_values(steps.column("tool")?, |tools| compare(tools, Op::Eq, &Literal::Text("nav_to".into())))?;
+    let goes = of_values(steps.column("tool")?, |tools| {
+        compare(tools, Op::Eq, &Literal::Text("nav_to".into()))
+    })?;
     let goes = fitting(&goes);
     let places = Codes::of(steps.column("argument")?)?;
-    let place = |step: usize| if goes.value(step) { places.code(step) } else { None };
+    let place = |step: usize| {
+        if goes.value(step) {
+            places.code(step)
+        } else {
+            None
+        }
+    };
     let numbers = steps.numbers();
     let mut found: Vec<Option<(Oscillation, &str, &str)>> = Vec::with_capacity(steps.len());
     for row in 0..steps.len() {
@@ -301,25 +379,61 @@ fn oscillation(steps: &Episodes) -> Result<StructArray> {
         found.push(run.filter(|_| steps.list.is_valid(row)).map(|run| {
             let first = range.start + run.first_step;
             let (one, other) = (places.text(first), places.text(first + 1));
-            let run = Oscillation { first_step: numbers(first) as usize, ..run };
+            let run = Oscillation {
+                first_step: numbers(first) as usize,
+                ..run
+            };
             (run, one.min(other), one.max(other))
         }));
     }
     let number = |of: fn(&Oscillation) -> usize| -> ArrayRef {
-        Arc::new(found.iter().map(|found| found.as_ref().map(|(run, ..)| of(run) as i32)).collect::<Int32Array>())
+        Arc::new(
+            found
+                .iter()
+                .map(|found| found.as_ref().map(|(run, ..)| of(run) as i32))
+                .collect::<Int32Array>(),
+        )
     };
-    let one: StringArray = found.iter().map(|found| found.map(|(_, one, _)| one)).collect();
-    let other: StringArray = found.iter().map(|found| found.map(|(_, _, other)| other)).collect();
-    let columns = vec![number(|run| run.length), number(|run| run.first_step), Arc::new(one), Arc::new(other)];
-    Ok(StructArray::new(swing(), columns, Some(NullBuffer::from_iter(found.iter().map(Option::is_some)))))
+    let one: StringArray = found
+        .iter()
+        .map(|found| found.map(|(_, one, _)| one))
+        .collect();
+    let other: StringArray = found
+        .iter()
+        .map(|found| found.map(|(_, _, other)| other))
+        .collect();
+    let columns = vec![
+        number(|run| run.length),
+        number(|run| run.first_step),
+        Arc::new(one),
+        Arc::new(other),
+    ];
+    Ok(StructArray::new(
+        swing(),
+        columns,
+        Some(NullBuffer::from_iter(found.iter().map(Option::is_some))),
+    ))
 }
 
 fn values(column: &str, kind: Kind, steps: &Episodes) -> Result<ListArray> {
-    let to = if kind == Kind::Texts { DataType::Utf8 } else { DataType::Float64 };
+    let to = if kind == Kind::Texts {
+        DataType::Utf8
+    } else {
+        DataType::Float64
+    };
     let values = cast(steps.column(column)?, &to)?;
-    let offsets = steps.list.value_offsets().iter().map(|offset| offset - steps.base as i32);
+    let offsets = steps
+        .list
+        .value_offsets()
+        .iter()
+        .map(|offset| offset - steps.base as i32);
     let offsets = arrow::buffer::OffsetBuffer::new(offsets.collect());
-    Ok(ListArray::new(Arc::new(Field::new_list_field(to, true)), offsets, values, steps.nulls()))
+    Ok(ListArray::new(
+        Arc::new(Field::new_list_field(to, true)),
+        offsets,
+        values,
+        steps.nulls(),
+    ))
 }
 
 /// The fields of a list of structs.
@@ -338,13 +452,21 @@ fn kind(field: &FieldRef) -> Option<ColumnKind> {
 }
 
 fn span() -> Fields {
-    ["first", "last"].into_iter().map(|name| Field::new(name, DataType::Int32, true)).collect()
+    ["first", "last"]
+        .into_iter()
+        .map(|name| Field::new(name, DataType::Int32, true))
+        .collect()
 }
 
 fn swing() -> Fields {
     let number = |name| Field::new(name, DataType::Int32, true);
     let text = |name| Field::new(name, DataType::Utf8, true);
-    Fields::from(vec![number("length"), number("first"), text("one"), text("other")])
+    Fields::from(vec![
+        number("length"),
+        number("first"),
+        text("one"),
+        text("other"),
+    ])
 }
 
 fn list_of(item: DataType) -> DataType {

@@ -1,10 +1,14 @@
-//! SQL functions that call the simulator: they open a trace of the store, and what they say follows from its inputs.
-//! Rows are worked off in parallel and remembered by the trace's digest; a stopped query stops between two rows.
+//! SQL functions that call the simulator: they open a trace of the store, and what they say follows
+//! from its inputs. Rows are worked off in parallel and remembered by the trace's digest; a stopped
+//! query stops between two rows.
 
 use std::{path::Path, sync::Arc};
 
 use arrow::{
-    array::{Array, ArrayRef, AsArray, BinaryBuilder, BooleanArray, Float64Array, StringBuilder, StructArray},
+    array::{
+        Array, ArrayRef, AsArray, BinaryBuilder, BooleanArray, Float64Array, StringBuilder,
+        StructArray,
+    },
     compute::cast,
     datatypes::{DataType, Field, Fields, Int64Type},
 };
@@ -55,7 +59,8 @@ pub(crate) struct Row {
 }
 
 pub(crate) fn functions(control: &Arc<Control>) -> Vec<ScalarUDF> {
-    let (replay_control, frame_control, reward_control) = (control.clone(), control.clone(), control.clone());
+    let (replay_control, frame_control, reward_control) =
+        (control.clone(), control.clone(), control.clone());
     vec![
         create_udf(
             NAMES[1],
@@ -86,10 +91,21 @@ fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
     let rows = each(&arrays[0], control, |path, _| {
         let trace = match Trace::read(path) {
             Ok(trace) => trace,
-            Err(error) => return Ok(Row { verdict: "refused", first_divergence: Some(error.to_string()), digest: None }),
+            Err(error) => {
+                return Ok(Row {
+                    verdict: "refused",
+                    first_divergence: Some(error.to_string()),
+                    digest: None,
+                });
+            }
         };
         let digest = trace.chain();
-        let lock = || control.verdicts.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let lock = || {
+            control
+                .verdicts
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner)
+        };
         if let Some(row) = lock().get(&digest) {
             return Ok(row.clone());
         }
@@ -97,19 +113,35 @@ fn replay(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
         lock().insert(digest, row.clone());
         Ok(row)
     })?;
-    let (mut verdicts, mut divergences, mut digests) = (StringBuilder::new(), StringBuilder::new(), StringBuilder::new());
+    let (mut verdicts, mut divergences, mut digests) = (
+        StringBuilder::new(),
+        StringBuilder::new(),
+        StringBuilder::new(),
+    );
     for row in rows {
         verdicts.append_option(row.as_ref().map(|row| row.verdict));
         divergences.append_option(row.as_ref().and_then(|row| row.first_divergence.as_deref()));
         digests.append_option(row.as_ref().and_then(|row| row.digest.as_deref()));
     }
-    let columns: Vec<ArrayRef> = vec![Arc::new(verdicts.finish()), Arc::new(divergences.finish()), Arc::new(digests.finish())];
-    Ok(ColumnarValue::Array(Arc::new(StructArray::new(verdict_fields(), columns, None))))
+    let columns: Vec<ArrayRef> = vec![
+        Arc::new(verdicts.finish()),
+        Arc::new(divergences.finish()),
+        Arc::new(digests.finish()),
+    ];
+    Ok(ColumnarValue::Array(Arc::new(StructArray::new(
+        verdict_fields(),
+        columns,
+        None,
+    ))))
 }
 
 fn row(verdict: &Verdict, digest: Digest) -> Row {
     let first_divergence = (!verdict.is_exact()).then(|| verdict.to_string());
-    Row { verdict: verdict.name(), first_divergence, digest: Some(digest.to_string()) }
+    Row {
+        verdict: verdict.name(),
+        first_divergence,
+        digest: Some(digest.to_string()),
+    }
 }
 
 fn reward(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
@@ -121,28 +153,50 @@ fn reward(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValu
         }
         let name = presets.value(row);
         let Some(preset) = Preset::parse(name) else {
-            let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
+            let known = Preset::built_in()
+                .map(|preset| preset.name().to_owned())
+                .join("', '");
             return exec_err!("reward: no preset is called '{name}'; there are '{known}'");
         };
-        let mut trace = Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
-        let terms = reel_reward::rewards(&preset, &trace.task, &trace.scene, &trace.start, &trace.steps);
+        let mut trace =
+            Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
+        let terms = reel_reward::rewards(
+            &preset,
+            &trace.task,
+            &trace.scene,
+            &trace.start,
+            &trace.steps,
+        );
         for (step, terms) in trace.steps.iter_mut().zip(terms) {
             step.reward = terms;
         }
         let end = trace.end.as_ref().map(|end| &end.graphs);
-        Ok(end.map(|end| reel_reward::metrics(&preset, &trace.task, &trace.start, &trace.steps, end)))
+        Ok(end
+            .map(|end| reel_reward::metrics(&preset, &trace.task, &trace.start, &trace.steps, end)))
     })?;
     let rows: Vec<Option<Metrics>> = rows.into_iter().map(Option::flatten).collect();
-    let number =
-        |of: fn(&Metrics) -> f64| -> ArrayRef { Arc::new(rows.iter().map(|row| row.as_ref().map(of)).collect::<Float64Array>()) };
-    let success: BooleanArray = rows.iter().map(|row| row.as_ref().map(|metrics| metrics.success)).collect();
+    let number = |of: fn(&Metrics) -> f64| -> ArrayRef {
+        Arc::new(
+            rows.iter()
+                .map(|row| row.as_ref().map(of))
+                .collect::<Float64Array>(),
+        )
+    };
+    let success: BooleanArray = rows
+        .iter()
+        .map(|row| row.as_ref().map(|metrics| metrics.success))
+        .collect();
     let columns = vec![
         number(|metrics| metrics.total_reward),
         number(|metrics| metrics.discounted_return),
         Arc::new(success),
         number(|metrics| metrics.completion),
     ];
-    Ok(ColumnarValue::Array(Arc::new(StructArray::new(metric_fields(), columns, None))))
+    Ok(ColumnarValue::Array(Arc::new(StructArray::new(
+        metric_fields(),
+        columns,
+        None,
+    ))))
 }
 
 fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue> {
@@ -152,21 +206,36 @@ fn frame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
         if steps.is_null(row) {
             return Ok(None);
         }
-        let trace = Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
+        let trace =
+            Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
         let step = steps.value(row);
         let wanted = match step {
             -1 => None,
-            _ => Some(u32::try_from(step).map_err(|_| DataFusionError::Execution(format!("frame: there is no step {step}")))?),
+            _ => Some(u32::try_from(step).map_err(|_| {
+                DataFusionError::Execution(format!("frame: there is no step {step}"))
+            })?),
         };
-        let failed = |error: String| DataFusionError::Execution(format!("frame: {}: {error}", path.display()));
-        let rgb = match trace.frame_rgb(wanted).map_err(|error| failed(error.to_string()))? {
+        let failed = |error: String| {
+            DataFusionError::Execution(format!("frame: {}: {error}", path.display()))
+        };
+        let rgb = match trace
+            .frame_rgb(wanted)
+            .map_err(|error| failed(error.to_string()))?
+        {
             Some(rgb) => rgb,
-            None => reel_replay::picture_at(&trace, wanted, None).map_err(|verdict| failed(verdict.to_string()))?,
+            None => reel_replay::picture_at(&trace, wanted, None)
+                .map_err(|verdict| failed(verdict.to_string()))?,
         };
-        Ok(Some(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32)))
+        Ok(Some(encode_png(
+            &rgb,
+            FRAME_WIDTH as u32,
+            FRAME_HEIGHT as u32,
+        )))
     })?;
     let mut bytes = BinaryBuilder::new();
-    pictures.into_iter().for_each(|picture| bytes.append_option(picture.flatten()));
+    pictures
+        .into_iter()
+        .for_each(|picture| bytes.append_option(picture.flatten()));
     Ok(ColumnarValue::Array(Arc::new(bytes.finish())))
 }
 
@@ -185,7 +254,10 @@ pub(super) fn each<T: Send>(
         control.check()?;
         let path = Path::new(traces.value(row));
         if !control.allowed(path) {
-            return exec_err!("this store has no trace '{}'; functions open only the traces of `episodes`", path.display());
+            return exec_err!(
+                "this store has no trace '{}'; functions open only the traces of `episodes`",
+                path.display()
+            );
         }
         let done = work(path, row);
         control.count_simulated();
@@ -197,9 +269,17 @@ pub(super) fn each<T: Send>(
 fn metric_fields() -> Fields {
     let float = |name| Field::new(name, DataType::Float64, true);
     let success = Field::new("success", DataType::Boolean, true);
-    Fields::from(vec![float("total_reward"), float("discounted_return"), success, float("completion")])
+    Fields::from(vec![
+        float("total_reward"),
+        float("discounted_return"),
+        success,
+        float("completion"),
+    ])
 }
 
 fn verdict_fields() -> Fields {
-    ["verdict", "first_divergence", "digest"].into_iter().map(|name| Field::new(name, DataType::Utf8, true)).collect()
+    ["verdict", "first_divergence", "digest"]
+        .into_iter()
+        .map(|name| Field::new(name, DataType::Utf8, true))
+        .collect()
 }

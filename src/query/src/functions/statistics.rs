@@ -1,4 +1,5 @@
-//! Statistics that SQL lacks: intervals of proportions, tests of paired runs, returns and advantages.
+//! Statistics that SQL lacks: intervals of proportions, tests of paired runs, returns and
+//! advantages.
 
 use std::sync::Arc;
 
@@ -57,7 +58,13 @@ pub(crate) fn functions() -> Vec<ScalarUDF> {
     let (float, int, list) = (DataType::Float64, DataType::Int64, list_of_floats());
     let pair = || vec![float.clone(), float.clone()];
     vec![
-        create_udf("wilson_low", pair(), float.clone(), Volatility::Immutable, Arc::new(|arguments| two(arguments, wilson_low))),
+        create_udf(
+            "wilson_low",
+            pair(),
+            float.clone(),
+            Volatility::Immutable,
+            Arc::new(|arguments| two(arguments, wilson_low)),
+        ),
         create_udf(
             "wilson_high",
             pair(),
@@ -65,7 +72,13 @@ pub(crate) fn functions() -> Vec<ScalarUDF> {
             Volatility::Immutable,
             Arc::new(|arguments| two(arguments, wilson_high)),
         ),
-        create_udf("mcnemar", pair(), float.clone(), Volatility::Immutable, Arc::new(|arguments| two(arguments, mcnemar))),
+        create_udf(
+            "mcnemar",
+            pair(),
+            float.clone(),
+            Volatility::Immutable,
+            Arc::new(|arguments| two(arguments, mcnemar)),
+        ),
         create_udf(
             "paired_bootstrap",
             vec![list.clone(), list.clone(), int.clone(), int],
@@ -73,8 +86,20 @@ pub(crate) fn functions() -> Vec<ScalarUDF> {
             Volatility::Immutable,
             Arc::new(paired_bootstrap),
         ),
-        create_udf("discounted", vec![list.clone(), float.clone()], float.clone(), Volatility::Immutable, Arc::new(discounted)),
-        create_udf("advantages", vec![list.clone(), float], list, Volatility::Immutable, Arc::new(advantages)),
+        create_udf(
+            "discounted",
+            vec![list.clone(), float.clone()],
+            float.clone(),
+            Volatility::Immutable,
+            Arc::new(discounted),
+        ),
+        create_udf(
+            "advantages",
+            vec![list.clone(), float],
+            list,
+            Volatility::Immutable,
+            Arc::new(advantages),
+        ),
     ]
 }
 
@@ -87,16 +112,29 @@ fn wilson_high(successes: f64, trials: f64) -> Option<f64> {
     wilson(successes, trials).map(|(_, high)| high)
 }
 
-fn two(arguments: &[ColumnarValue], function: fn(f64, f64) -> Option<f64>) -> Result<ColumnarValue> {
+fn two(
+    arguments: &[ColumnarValue],
+    function: fn(f64, f64) -> Option<f64>,
+) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
-    let (one, other) = (arrays[0].as_primitive::<Float64Type>(), arrays[1].as_primitive::<Float64Type>());
-    let values: Float64Array = one.iter().zip(other).map(|(one, other)| function(one?, other?)).collect();
+    let (one, other) = (
+        arrays[0].as_primitive::<Float64Type>(),
+        arrays[1].as_primitive::<Float64Type>(),
+    );
+    let values: Float64Array = one
+        .iter()
+        .zip(other)
+        .map(|(one, other)| function(one?, other?))
+        .collect();
     Ok(ColumnarValue::Array(Arc::new(values)))
 }
 
 fn discounted(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
-    let (rewards, gamma) = (arrays[0].as_list::<i32>(), arrays[1].as_primitive::<Float64Type>());
+    let (rewards, gamma) = (
+        arrays[0].as_list::<i32>(),
+        arrays[1].as_primitive::<Float64Type>(),
+    );
     let values = rewards.values().as_primitive::<Float64Type>();
     let offsets = rewards.value_offsets();
     let row = |row: usize| {
@@ -118,7 +156,10 @@ fn discounted(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
 
 fn advantages(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
-    let (returns, eps) = (arrays[0].as_list::<i32>(), arrays[1].as_primitive::<Float64Type>());
+    let (returns, eps) = (
+        arrays[0].as_list::<i32>(),
+        arrays[1].as_primitive::<Float64Type>(),
+    );
     let mut lists = ListBuilder::new(Float64Builder::new());
     for row in 0..returns.len() {
         if returns.is_null(row) || eps.is_null(row) {
@@ -130,7 +171,9 @@ fn advantages(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
         let known: Vec<f64> = group.iter().flatten().collect();
         let mut advantages = reel_reward::group_relative(&known, eps.value(row)).into_iter();
         for value in group {
-            lists.values().append_option(value.and_then(|_| advantages.next()));
+            lists
+                .values()
+                .append_option(value.and_then(|_| advantages.next()));
         }
         lists.append(true);
     }
@@ -140,10 +183,18 @@ fn advantages(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
 fn paired_bootstrap(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
     let arrays = ColumnarValue::values_to_arrays(arguments)?;
     let (a, b) = (arrays[0].as_list::<i32>(), arrays[1].as_list::<i32>());
-    let (samples, seeds) = (arrays[2].as_primitive::<Int64Type>(), arrays[3].as_primitive::<Int64Type>());
-    let mut columns = [Float64Builder::new(), Float64Builder::new(), Float64Builder::new()];
+    let (samples, seeds) = (
+        arrays[2].as_primitive::<Int64Type>(),
+        arrays[3].as_primitive::<Int64Type>(),
+    );
+    let mut columns = [
+        Float64Builder::new(),
+        Float64Builder::new(),
+        Float64Builder::new(),
+    ];
     for row in 0..a.len() {
-        let nothing = a.is_null(row) || b.is_null(row) || samples.is_null(row) || seeds.is_null(row);
+        let nothing =
+            a.is_null(row) || b.is_null(row) || samples.is_null(row) || seeds.is_null(row);
         let interval = if nothing {
             None
         } else {
@@ -155,8 +206,13 @@ fn paired_bootstrap(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
                     other.len()
                 );
             }
-            let pairs = one.as_primitive::<Float64Type>().iter().zip(other.as_primitive::<Float64Type>());
-            let differences: Vec<f64> = pairs.filter_map(|(one, other)| Some(one? - other?)).collect();
+            let pairs = one
+                .as_primitive::<Float64Type>()
+                .iter()
+                .zip(other.as_primitive::<Float64Type>());
+            let differences: Vec<f64> = pairs
+                .filter_map(|(one, other)| Some(one? - other?))
+                .collect();
             let count = samples.value(row);
             if count < 1 || (count as u128) * differences.len() as u128 > DRAWS_MAX {
                 return datafusion::common::exec_err!(
@@ -171,12 +227,22 @@ fn paired_bootstrap(arguments: &[ColumnarValue]) -> Result<ColumnarValue> {
             column.append_option(interval.map(|interval| interval[index]));
         }
     }
-    let arrays: Vec<ArrayRef> = columns.into_iter().map(|mut column| Arc::new(column.finish()) as ArrayRef).collect();
-    Ok(ColumnarValue::Array(Arc::new(StructArray::new(interval(), arrays, None))))
+    let arrays: Vec<ArrayRef> = columns
+        .into_iter()
+        .map(|mut column| Arc::new(column.finish()) as ArrayRef)
+        .collect();
+    Ok(ColumnarValue::Array(Arc::new(StructArray::new(
+        interval(),
+        arrays,
+        None,
+    ))))
 }
 
 fn interval() -> Fields {
-    ["difference", "low", "high"].into_iter().map(|name| Field::new(name, DataType::Float64, true)).collect()
+    ["difference", "low", "high"]
+        .into_iter()
+        .map(|name| Field::new(name, DataType::Float64, true))
+        .collect()
 }
 
 fn list_of_floats() -> DataType {

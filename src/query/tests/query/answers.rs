@@ -1,5 +1,5 @@
-//! Every named query over recorded and made-up episodes: against answers by another route, with parameters, and where the
-//! right answer is known.
+//! Every named query over recorded and made-up episodes: against answers by another route, with
+//! parameters, and where the right answer is known.
 
 use std::{
     fs,
@@ -31,8 +31,14 @@ use crate::{
 fn every_named_query_agrees_with_an_independent_path() {
     let python = std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".into());
     let packages = ["-c", "import deltalake, duckdb, numpy"];
-    if !Command::new(&python).args(packages).output().is_ok_and(|output| output.status.success()) {
-        eprintln!("skipped: {python} has no `deltalake`, `duckdb` and `numpy` (REEL_PYTHON names another one)");
+    if !Command::new(&python)
+        .args(packages)
+        .output()
+        .is_ok_and(|output| output.status.success())
+    {
+        eprintln!(
+            "skipped: {python} has no `deltalake`, `duckdb` and `numpy` (REEL_PYTHON names another one)"
+        );
         return;
     }
     let dir = TempDir::new().unwrap();
@@ -41,48 +47,96 @@ fn every_named_query_agrees_with_an_independent_path() {
     fs::create_dir(&out).unwrap();
     for query in named::ALL {
         let batches = session.run(&query.with_defaults()).unwrap();
-        assert!(batches.iter().any(|batch| batch.num_rows() > 0), "{}: nothing to compare", query.name);
-        fs::write(out.join(format!("{}.json", query.name)), format(&batches, Format::Json).unwrap()).unwrap();
+        assert!(
+            batches.iter().any(|batch| batch.num_rows() > 0),
+            "{}: nothing to compare",
+            query.name
+        );
+        fs::write(
+            out.join(format!("{}.json", query.name)),
+            format(&batches, Format::Json).unwrap(),
+        )
+        .unwrap();
     }
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/check_queries.py");
     let mut check = Command::new(&python);
-    check.env("PYTHONDONTWRITEBYTECODE", "1").arg(script).arg(dir.path().join("store")).arg(&out);
+    check
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .arg(script)
+        .arg(dir.path().join("store"))
+        .arg(&out);
     let output = check.output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), named::ALL.len());
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert_eq!(
+        String::from_utf8_lossy(&output.stdout).lines().count(),
+        named::ALL.len()
+    );
 }
 
 #[test]
 fn parameters_are_bound_as_their_defaults_are_written_in() {
     let dir = TempDir::new().unwrap();
     let session = Session::new(rich_store(dir.path())).unwrap();
-    let text = |sql: &str, parameters: &Parameters, form| format(&session.run_with(sql, parameters).unwrap(), form).unwrap();
+    let text = |sql: &str, parameters: &Parameters, form| {
+        format(&session.run_with(sql, parameters).unwrap(), form).unwrap()
+    };
     let none = Parameters::new();
     for query in named::ALL {
         let parameters: Parameters = query.parameters().into_iter().collect();
         if !parameters.is_empty() {
             // as tables: the last bits of a mean depend on the order of its sum
-            let (bound, written) =
-                (text(query.sql, &parameters, Format::Table), text(&query.with_defaults(), &none, Format::Table));
+            let (bound, written) = (
+                text(query.sql, &parameters, Format::Table),
+                text(&query.with_defaults(), &none, Format::Table),
+            );
             assert_eq!(bound, written, "{}", query.name);
         }
     }
     let with = |name: &str, values: &[(&str, &str)]| -> Vec<String> {
         let query = named::by_name(name).unwrap();
         let mut parameters: Parameters = query.parameters().into_iter().collect();
-        parameters.extend(values.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())));
-        text(query.sql, &parameters, Format::Csv).lines().skip(1).map(str::to_owned).collect()
+        parameters.extend(
+            values
+                .iter()
+                .map(|(name, value)| ((*name).to_owned(), (*value).to_owned())),
+        );
+        text(query.sql, &parameters, Format::Csv)
+            .lines()
+            .skip(1)
+            .map(str::to_owned)
+            .collect()
     };
     let robots = with("real_world", &[("backend", "robot")]);
     assert_eq!(robots.len(), 3, "{robots:?}");
     assert!(robots[2].starts_with("student,all,2,0.5,"), "{robots:?}");
     let regressions = with("regressions", &[("a", "oracle"), ("b", "wrong-%")]);
-    assert!(!regressions.is_empty() && regressions.iter().all(|row| row.starts_with("oracle,wrong-")), "{regressions:?}");
-    assert_eq!(with("regressions", &[("a", "7")]).len(), 0, "a policy may be called as a number");
+    assert!(
+        !regressions.is_empty()
+            && regressions
+                .iter()
+                .all(|row| row.starts_with("oracle,wrong-")),
+        "{regressions:?}"
+    );
+    assert_eq!(
+        with("regressions", &[("a", "7")]).len(),
+        0,
+        "a policy may be called as a number"
+    );
     let longest = with("longest_episodes", &[("top", "1")]);
-    assert_eq!(longest.len(), ask(&session, "SELECT DISTINCT policy FROM episodes").len());
+    assert_eq!(
+        longest.len(),
+        ask(&session, "SELECT DISTINCT policy FROM episodes").len()
+    );
     let asked_twice = with("episodes_matching", &[("pattern", "ask ask")]);
-    assert_eq!(asked_twice.len(), 2, "a made-up episode and a recorded one: {asked_twice:?}");
+    assert_eq!(
+        asked_twice.len(),
+        2,
+        "a made-up episode and a recorded one: {asked_twice:?}"
+    );
 }
 
 #[test]
@@ -91,21 +145,49 @@ fn questions_are_judged_by_what_comes_of_them() {
     let session = Session::new(store(dir.path(), &varied())).unwrap();
     let columns = "source, answers, words, led_right, led_wrong, led_nowhere, won";
     assert_eq!(
-        ask(&session, &format!("SELECT {columns} FROM user_fidelity WHERE policy = 'student' ORDER BY source")),
-        ["human,2,1.5,1,1,0,1", "model,1,7.0,1,0,0,1", "rule-based,2,3.5,0,1,1,0"]
+        ask(
+            &session,
+            &format!(
+                "SELECT {columns} FROM user_fidelity WHERE policy = 'student' ORDER BY source"
+            )
+        ),
+        [
+            "human,2,1.5,1,1,0,1",
+            "model,1,7.0,1,0,0,1",
+            "rule-based,2,3.5,0,1,1,0"
+        ]
     );
-    assert_eq!(ask(&session, "SELECT count(*) FROM asks"), ["5"], "a malformed call reaches nobody");
+    assert_eq!(
+        ask(&session, "SELECT count(*) FROM asks"),
+        ["5"],
+        "a malformed call reaches nobody"
+    );
 }
 
 #[test]
 fn advantages_are_relative_to_the_group() {
     let dir = TempDir::new().unwrap();
     let session = Session::new(store(dir.path(), &varied())).unwrap();
-    let rows = ask(&session, "SELECT group_id, rollouts, won, mean, worst, best, signal FROM groups ORDER BY group_id");
-    assert_eq!(rows, ["group-a,3,1,1.9583333333333333,-1.5,7.25,true", "group-b,2,0,2.0,2.0,2.0,false"]);
-    let rows = ask(&session, "SELECT rollout_index, round(advantage, 4) FROM group_advantages WHERE group_id = 'group-a'");
+    let rows = ask(
+        &session,
+        "SELECT group_id, rollouts, won, mean, worst, best, signal FROM groups ORDER BY group_id",
+    );
+    assert_eq!(
+        rows,
+        [
+            "group-a,3,1,1.9583333333333333,-1.5,7.25,true",
+            "group-b,2,0,2.0,2.0,2.0,false"
+        ]
+    );
+    let rows = ask(
+        &session,
+        "SELECT rollout_index, round(advantage, 4) FROM group_advantages WHERE group_id = 'group-a'",
+    );
     assert_eq!(rows, ["0,-0.9101", "1,1.3925", "2,-0.4824"]);
-    let rows = ask(&session, "SELECT DISTINCT advantage FROM group_advantages WHERE group_id = 'group-b'");
+    let rows = ask(
+        &session,
+        "SELECT DISTINCT advantage FROM group_advantages WHERE group_id = 'group-b'",
+    );
     assert_eq!(rows, ["0.0"]);
 }
 
@@ -113,21 +195,31 @@ fn advantages_are_relative_to_the_group() {
 fn a_policy_that_solves_a_task_now_and_then_is_unsteady() {
     let dir = TempDir::new().unwrap();
     let session = Session::new(store(dir.path(), &varied())).unwrap();
-    let rows = ask(&session, "SELECT policy, task_id, episodes, won FROM unsteady_tasks ORDER BY task_id");
+    let rows = ask(
+        &session,
+        "SELECT policy, task_id, episodes, won FROM unsteady_tasks ORDER BY task_id",
+    );
     assert_eq!(rows, ["student,FDP/t,7,2", "student,SUL/t,5,2"]);
 }
 
-/// A store of recorded and made-up episodes, broken-off and unreadable traces, scored again under the other preset.
+/// A store of recorded and made-up episodes, broken-off and unreadable traces, scored again under
+/// the other preset.
 fn rich_store(dir: &Path) -> Store {
     let mut store = store(dir, &varied());
-    let broken_off = Play::new("student", Family::FDP, 19).nav("table_1").find("alarm clock").nav("table_1");
+    let broken_off = Play::new("student", Family::FDP, 19)
+        .nav("table_1")
+        .find("alarm clock")
+        .nav("table_1");
     let mut traces = recorded();
     traces.push(broken_off.record_as(&dir.join("broken.mcap"), Images::None));
     let no_trace = dir.join("no_trace.mcap");
     fs::write(&no_trace, "not a trace").unwrap();
     traces.push(no_trace);
     let report = store.ingest(&traces, &|_, _| ()).unwrap();
-    assert_eq!((report.added, report.quarantined.len()), (traces.len() - 1, 1));
+    assert_eq!(
+        (report.added, report.quarantined.len()),
+        (traces.len() - 1, 1)
+    );
     store.rescore(&Preset::real_repo(), |_| ()).unwrap();
     // all but one policy's failures are classified
     let session = Session::new(Store::open(dir.join("store")).unwrap()).unwrap();
@@ -139,17 +231,27 @@ fn rich_store(dir: &Path) -> Store {
 /// Traces of recorded episodes of the simulator.
 fn recorded() -> Vec<PathBuf> {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../traces/golden");
-    let paths = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let traces: Vec<PathBuf> = paths.filter(|path| path.extension().is_some_and(|extension| extension == "mcap")).collect();
+    let paths = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    let traces: Vec<PathBuf> = paths
+        .filter(|path| {
+            path.extension()
+                .is_some_and(|extension| extension == "mcap")
+        })
+        .collect();
     assert!(!traces.is_empty(), "no traces in {folder}");
     traces
 }
 
-/// What the recorded traces lack: people and models that answer, time to think, prompt groups, a robot, tasks that the same
-/// policy solves now and then.
+/// What the recorded traces lack: people and models that answer, time to think, prompt groups, a
+/// robot, tasks that the same policy solves now and then.
 fn varied() -> Vec<Play> {
     let asked = |policy: &str, seed: u64, source: UserSource, reply: &str, object: &str| {
-        let play = Play::new(policy, Family::SUL, seed).nav("table_1").find("alarm clock").ask("Which one?", reply);
+        let play = Play::new(policy, Family::SUL, seed)
+            .nav("table_1")
+            .find("alarm clock")
+            .ask("Which one?", reply);
         let mut play = play.pick(object).nav("desk_1").place("desk_1").finish();
         play.steps[2].reply.as_mut().unwrap().source = source;
         play
@@ -157,8 +259,11 @@ fn varied() -> Vec<Play> {
     let slow = |mut play: Play, first_ms: u64| {
         for (step, latency_ms) in play.steps.iter_mut().zip((first_ms..).step_by(137)) {
             let tokens = (latency_ms % 2 == 0).then_some([1800 + latency_ms as u32, 60]);
-            step.input.policy =
-                Some(PolicyOutput { tokens, latency_ns: Some(latency_ms * 1_000_000), ..PolicyOutput::default() });
+            step.input.policy = Some(PolicyOutput {
+                tokens,
+                latency_ns: Some(latency_ms * 1_000_000),
+                ..PolicyOutput::default()
+            });
         }
         play
     };
@@ -173,27 +278,42 @@ fn varied() -> Vec<Play> {
         play
     };
     let measured = |mut play: Play| {
-        play.timings.insert(0, Timing { called_unix_ns: 1, took_ns: 8_250_000_000 });
-        let primitive = |step: u32, target: &str, success: bool, seconds: Option<u64>| PrimitiveOutcome {
+        play.timings.insert(
+            0,
+            Timing {
+                called_unix_ns: 1,
+                took_ns: 8_250_000_000,
+            },
+        );
+        let primitive =
+            |step: u32, target: &str, success: bool, seconds: Option<u64>| PrimitiveOutcome {
+                step: Some(step),
+                skill: "open".into(),
+                target: target.into(),
+                success,
+                duration_ns: seconds.map(|seconds| seconds * 1_000_000_000),
+                control_steps: Some(1000),
+                ..PrimitiveOutcome::default()
+            };
+        let vla = |step: u32, latency_ns: u64| VlaLatency {
             step: Some(step),
-            skill: "open".into(),
-            target: target.into(),
-            success,
-            duration_ns: seconds.map(|seconds| seconds * 1_000_000_000),
-            control_steps: Some(1000),
-            ..PrimitiveOutcome::default()
+            latency_ns,
+            ..VlaLatency::default()
         };
-        let vla = |step: u32, latency_ns: u64| VlaLatency { step: Some(step), latency_ns, ..VlaLatency::default() };
-        let alignment = |step: Option<u32>, target: &str, centimetres: f64, shift: Option<f64>| Alignment {
-            step,
-            target: target.into(),
-            odometry_error_m: Some(centimetres / 100.0),
-            yaw_error_rad: Some(-0.01 * centimetres),
-            image_shift_px: shift,
-            image_rmse_px: shift.map(|shift| shift / 10.0),
-            ..Alignment::default()
-        };
-        play.robot.primitives = vec![primitive(1, "cupboard", false, Some(60)), primitive(2, "", true, None)];
+        let alignment =
+            |step: Option<u32>, target: &str, centimetres: f64, shift: Option<f64>| Alignment {
+                step,
+                target: target.into(),
+                odometry_error_m: Some(centimetres / 100.0),
+                yaw_error_rad: Some(-0.01 * centimetres),
+                image_shift_px: shift,
+                image_rmse_px: shift.map(|shift| shift / 10.0),
+                ..Alignment::default()
+            };
+        play.robot.primitives = vec![
+            primitive(1, "cupboard", false, Some(60)),
+            primitive(2, "", true, None),
+        ];
         play.robot.vla = vec![vla(1, 80_000_000), vla(1, 95_000_000), vla(2, 70_000_000)];
         play.robot.alignments = vec![
             alignment(Some(0), "cabinet", 1.5, Some(20.0)),
@@ -202,13 +322,34 @@ fn varied() -> Vec<Play> {
         ];
         play
     };
-    let failing = |seed: u64| Play::new("student", Family::FDP, seed).nav("table_1").pick(TARGET).nav("desk_2").place("desk_2");
+    let failing = |seed: u64| {
+        Play::new("student", Family::FDP, seed)
+            .nav("table_1")
+            .pick(TARGET)
+            .nav("desk_2")
+            .place("desk_2")
+    };
     vec![
         asked("student", 1, UserSource::Human, "the white one", TARGET),
         asked("student", 2, UserSource::Human, "", DISTRACTOR),
-        asked("student", 3, UserSource::Model, "I mean  the\nwhite, round alarm clock. ", TARGET),
-        asked("student", 4, UserSource::RuleBased, "The white one, please.", DISTRACTOR),
-        Play::new("student", Family::SUL, 5).ask("Which one?", "The white one.").fails("ask", ErrorCode::BadArguments).finish(),
+        asked(
+            "student",
+            3,
+            UserSource::Model,
+            "I mean  the\nwhite, round alarm clock. ",
+            TARGET,
+        ),
+        asked(
+            "student",
+            4,
+            UserSource::RuleBased,
+            "The white one, please.",
+            DISTRACTOR,
+        ),
+        Play::new("student", Family::SUL, 5)
+            .ask("Which one?", "The white one.")
+            .fails("ask", ErrorCode::BadArguments)
+            .finish(),
         slow(failing(6).finish(), 900),
         slow(success("student", Family::FDP, 7), 1200),
         slow(success("teacher", Family::FDO, 8), 20_000),

@@ -1,4 +1,5 @@
-//! SQL that means harm, or that nobody thought through: refused or stopped, each time with a message that says why.
+//! SQL that means harm, or that nobody thought through: refused or stopped, each time with a
+//! message that says why.
 
 use std::time::Duration;
 
@@ -9,12 +10,18 @@ use tempfile::TempDir;
 use crate::{play::success, store};
 
 fn session(dir: &TempDir, limits: Limits) -> Session {
-    let plays: Vec<_> = (1..=20).map(|seed| success("oracle", Family::FDP, seed)).collect();
+    let plays: Vec<_> = (1..=20)
+        .map(|seed| success("oracle", Family::FDP, seed))
+        .collect();
     Session::with_limits(store(dir.path(), &plays), limits).unwrap()
 }
 
 fn limits() -> Limits {
-    Limits { memory_bytes: 64 << 20, time: Duration::from_secs(2), rows: 10_000 }
+    Limits {
+        memory_bytes: 64 << 20,
+        time: Duration::from_secs(2),
+        rows: 10_000,
+    }
 }
 
 #[test]
@@ -30,20 +37,31 @@ fn what_never_ends_is_stopped_in_time() {
         let begun = std::time::Instant::now();
         let stopped = session.run(sql).expect_err(sql);
         assert!(
-            matches!(stopped, QueryError::Stopped(Stopped::Time { seconds: 2 } | Stopped::Memory { .. })),
+            matches!(
+                stopped,
+                QueryError::Stopped(Stopped::Time { seconds: 2 } | Stopped::Memory { .. })
+            ),
             "{sql}: {stopped}"
         );
         assert!(begun.elapsed() < Duration::from_secs(30), "{sql}");
     }
-    assert!(session.run("SELECT 1").is_ok(), "a stopped query leaves the session as it was");
+    assert!(
+        session.run("SELECT 1").is_ok(),
+        "a stopped query leaves the session as it was"
+    );
 }
 
 #[test]
 fn long_answers_and_large_values_are_refused() {
     let dir = TempDir::new().unwrap();
     let session = session(&dir, limits());
-    let stopped = session.run("SELECT a.step FROM steps a, steps b, steps c").unwrap_err();
-    assert!(matches!(stopped, QueryError::Stopped(Stopped::Rows { rows: 10_000 })), "{stopped}");
+    let stopped = session
+        .run("SELECT a.step FROM steps a, steps b, steps c")
+        .unwrap_err();
+    assert!(
+        matches!(stopped, QueryError::Stopped(Stopped::Rows { rows: 10_000 })),
+        "{stopped}"
+    );
     for sql in [
         "SELECT length(repeat('x', 2000000000))",
         "SELECT length(repeat(repeat('x', 1000000), 1000))",
@@ -56,16 +74,29 @@ fn long_answers_and_large_values_are_refused() {
         "SELECT sum(length(repeat('x', step + 1000000000))) FROM steps",
     ] {
         let refused = session.run(sql).expect_err(sql);
-        assert!(matches!(refused, QueryError::Stopped(Stopped::Value { .. })), "{sql}: {refused}");
+        assert!(
+            matches!(refused, QueryError::Stopped(Stopped::Value { .. })),
+            "{sql}: {refused}"
+        );
     }
     let text = format!("SELECT '{}'", "x".repeat(2 << 20));
-    assert!(matches!(session.run(&text), Err(QueryError::TooLong { .. })));
+    assert!(matches!(
+        session.run(&text),
+        Err(QueryError::TooLong { .. })
+    ));
 }
 
 #[test]
 fn memory_has_an_end() {
     let dir = TempDir::new().unwrap();
-    let session = session(&dir, Limits { time: Duration::from_secs(120), memory_bytes: 16 << 20, ..limits() });
+    let session = session(
+        &dir,
+        Limits {
+            time: Duration::from_secs(120),
+            memory_bytes: 16 << 20,
+            ..limits()
+        },
+    );
     for sql in [
         "SELECT sum(m - value) FROM (SELECT value, max(value) OVER () AS m FROM generate_series(1, 100000000))",
         "SELECT count(DISTINCT concat('a long text to be kept ', value)) FROM generate_series(1, 100000000)",
@@ -73,8 +104,9 @@ fn memory_has_an_end() {
     ] {
         let refused = session.run(sql).expect_err(sql);
         let text = refused.to_string();
-        let by_limit =
-            matches!(refused, QueryError::Stopped(Stopped::Memory { .. })) || text.contains("memory") || text.contains("disk");
+        let by_limit = matches!(refused, QueryError::Stopped(Stopped::Memory { .. }))
+            || text.contains("memory")
+            || text.contains("disk");
         assert!(by_limit, "{sql}: {text}");
     }
 }
@@ -105,17 +137,32 @@ fn gibberish_and_depth_are_errors() {
     let dir = TempDir::new().unwrap();
     let session = session(&dir, limits());
     let deep = format!("SELECT {}1{}", "(".repeat(5_000), ")".repeat(5_000));
-    let nested = format!("SELECT * FROM {}episodes{}", "(SELECT * FROM ".repeat(300), ")".repeat(300));
+    let nested = format!(
+        "SELECT * FROM {}episodes{}",
+        "(SELECT * FROM ".repeat(300),
+        ")".repeat(300)
+    );
     let sums = |count| format!("SELECT {}", vec!["1"; count].join(" + "));
     let unions = |count| vec!["SELECT 1"; count].join(" UNION ALL ");
-    for sql in
-        [deep.as_str(), nested.as_str(), "", ";", "SELECT", "\u{0}", "SELECT '", "SELECT $1", "SELECT $missing FROM episodes"]
-    {
+    for sql in [
+        deep.as_str(),
+        nested.as_str(),
+        "",
+        ";",
+        "SELECT",
+        "\u{0}",
+        "SELECT '",
+        "SELECT $1",
+        "SELECT $missing FROM episodes",
+    ] {
         let failed = session.run(sql);
         assert!(failed.is_err(), "{:.60}", sql);
     }
     for long in [sums(20_000), unions(20_000)] {
-        assert!(matches!(session.run(&long), Err(QueryError::TooDeep { .. })));
+        assert!(matches!(
+            session.run(&long),
+            Err(QueryError::TooDeep { .. })
+        ));
     }
     session.run(&sums(300)).unwrap();
     // deep, but allowed: answered or refused, and the process lives

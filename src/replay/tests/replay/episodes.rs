@@ -16,7 +16,12 @@ use reel_world::{Family, Profile, Scene, Skills, Task, chain, record::PolicyInfo
 pub fn tasks() -> &'static [Arc<Task>] {
     static TASKS: OnceLock<Vec<Arc<Task>>> = OnceLock::new();
     TASKS.get_or_init(|| {
-        let options = GenerateOptions { scene: &home(), families: &Family::ALL, count: 4, seed: 7 };
+        let options = GenerateOptions {
+            scene: &home(),
+            families: &Family::ALL,
+            count: 4,
+            seed: 7,
+        };
         let tasks: Vec<_> = generate(&options).tasks.into_iter().map(Arc::new).collect();
         assert_eq!(tasks.len(), 4);
         tasks
@@ -29,12 +34,26 @@ pub fn record(path: &Path, task: &Arc<Task>, name: &str, images: Images) -> Path
 }
 
 /// Plays a task under a seed and records it.
-pub fn record_seeded(path: &Path, task: &Arc<Task>, name: &str, seed: u64, images: Images) -> PathBuf {
+pub fn record_seeded(
+    path: &Path,
+    task: &Arc<Task>,
+    name: &str,
+    seed: u64,
+    images: Images,
+) -> PathBuf {
     let scene = Arc::new(home());
     let mut policy = policy(name, task, &scene, seed).unwrap();
     let config = config(task, &scene, seed);
-    run_episode(config, policy.as_mut(), Outside::default(), Some(&RecordTo { path: path.to_owned(), options: images.into() }))
-        .unwrap();
+    run_episode(
+        config,
+        policy.as_mut(),
+        Outside::default(),
+        Some(&RecordTo {
+            path: path.to_owned(),
+            options: images.into(),
+        }),
+    )
+    .unwrap();
     path.to_owned()
 }
 
@@ -64,7 +83,8 @@ pub fn relink(trace: &mut Trace) {
 
 /// Writes a trace with the real recorder: checksums and chain are right.
 pub fn write(path: &Path, trace: &Trace) -> PathBuf {
-    let mut recorder = Recorder::create(path, &trace.header, &trace.task, &trace.scene, Images::None).unwrap();
+    let mut recorder =
+        Recorder::create(path, &trace.header, &trace.task, &trace.scene, Images::None).unwrap();
     recorder.start(&trace.start, None).unwrap();
     for step in &trace.steps {
         recorder.input(step.step, &step.input).unwrap();

@@ -1,9 +1,12 @@
-//! What differs is explained: every field with its distance, the picture, the text, the state at a physics step.
-//! Traces are written again as another build might have recorded them: changed, with checksums and chain that hold.
+//! What differs is explained: every field with its distance, the picture, the text, the state at a
+//! physics step. Traces are written again as another build might have recorded them: changed, with
+//! checksums and chain that hold.
 
 use std::collections::BTreeMap;
 
-use reel_replay::{Moment, Verdict, body_changes, compact, compare, expand, explain, replay_with, state_at};
+use reel_replay::{
+    Moment, Verdict, body_changes, compact, compare, expand, explain, replay_with, state_at,
+};
 use reel_trace::{Images, Recorder, Trace};
 use reel_world::{FRAME_WIDTH, Frame};
 
@@ -12,12 +15,27 @@ use crate::episodes::{record, relink, tasks};
 #[test]
 fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
     let folder = tempfile::tempdir().unwrap();
-    let base = Trace::read(&record(&folder.path().join("a.mcap"), &tasks()[0], "oracle", Images::None)).unwrap();
+    let base = Trace::read(&record(
+        &folder.path().join("a.mcap"),
+        &tasks()[0],
+        "oracle",
+        Images::None,
+    ))
+    .unwrap();
     let exact = explain(&base);
-    assert!(exact.verdict.is_exact() && exact.fields.is_empty() && exact.text.is_none() && exact.picture.is_none());
+    assert!(
+        exact.verdict.is_exact()
+            && exact.fields.is_empty()
+            && exact.text.is_none()
+            && exact.picture.is_none()
+    );
 
     let mut other = base.clone();
-    let step = other.steps.iter_mut().find(|step| step.digests.physics_steps.len() > 20).unwrap();
+    let step = other
+        .steps
+        .iter_mut()
+        .find(|step| step.digests.physics_steps.len() > 20)
+        .unwrap();
     let call = step.step;
     step.bodies[0].position[1] = step.bodies[0].position[1].next_up().next_up();
     step.bodies[0].linear_velocity[2] -= 1.0;
@@ -26,40 +44,98 @@ fn every_differing_field_is_named_with_its_distance_and_the_text_by_words() {
     let name = step.bodies[0].body.clone();
     relink(&mut other);
     let explanation = explain(&other);
-    let Verdict::Diverged { divergence } = &explanation.verdict else { panic!("{}", explanation.verdict) };
-    assert_eq!((divergence.moment, divergence.physics_step), (Moment::Call(call), Some(11)));
-    let field = |name: &str| explanation.fields.iter().find(|change| change.field == name).unwrap();
-    assert_eq!((field("position[1]").body.as_ref(), field("position[1]").ulps), (Some(&name), Some(2)));
+    let Verdict::Diverged { divergence } = &explanation.verdict else {
+        panic!("{}", explanation.verdict)
+    };
+    assert_eq!(
+        (divergence.moment, divergence.physics_step),
+        (Moment::Call(call), Some(11))
+    );
+    let field = |name: &str| {
+        explanation
+            .fields
+            .iter()
+            .find(|change| change.field == name)
+            .unwrap()
+    };
+    assert_eq!(
+        (
+            field("position[1]").body.as_ref(),
+            field("position[1]").ulps
+        ),
+        (Some(&name), Some(2))
+    );
     assert!(field("linear_velocity[2]").ulps.unwrap() > 1000);
-    assert!(explanation.text.as_ref().unwrap().contains("[-never"), "{:?}", explanation.text);
-    assert!(explanation.fields.last().unwrap().field.starts_with("digests"));
+    assert!(
+        explanation.text.as_ref().unwrap().contains("[-never"),
+        "{:?}",
+        explanation.text
+    );
+    assert!(
+        explanation
+            .fields
+            .last()
+            .unwrap()
+            .field
+            .starts_with("digests")
+    );
 
     let states = state_at(&base, Moment::Call(call), 11).unwrap().unwrap();
     assert_eq!(explanation.bodies.as_ref(), Some(&states));
     let last = base.steps[call as usize].digests.physics_steps.len() - 1;
-    assert_eq!(state_at(&base, Moment::Call(call), last).unwrap().unwrap(), base.steps[call as usize].bodies);
+    assert_eq!(
+        state_at(&base, Moment::Call(call), last).unwrap().unwrap(),
+        base.steps[call as usize].bodies
+    );
     assert_eq!(state_at(&base, Moment::Call(call), last + 1).unwrap(), None);
     let settled = base.start.digests.physics_steps.len() - 1;
-    assert_eq!(state_at(&base, Moment::Start, settled).unwrap().unwrap(), base.start.bodies);
+    assert_eq!(
+        state_at(&base, Moment::Start, settled).unwrap().unwrap(),
+        base.start.bodies
+    );
     let changes = body_changes(&base.start.bodies, &states);
-    assert!(changes.iter().all(|change| change.body.is_some() && change.recorded != change.replayed));
+    assert!(
+        changes
+            .iter()
+            .all(|change| change.body.is_some() && change.recorded != change.replayed)
+    );
 
     let found = compare(&base, &other).unwrap();
-    assert_eq!((found.moment, found.physics_step), (Moment::Call(call), Some(11)));
+    assert_eq!(
+        (found.moment, found.physics_step),
+        (Moment::Call(call), Some(11))
+    );
     assert_eq!(compare(&base, &base), None);
     let mut shorter = base.clone();
     shorter.end = None;
     shorter.steps.pop();
-    assert_eq!(compare(&base, &shorter).map(|found| found.moment), Some(Moment::End));
+    assert_eq!(
+        compare(&base, &shorter).map(|found| found.moment),
+        Some(Moment::End)
+    );
 }
 
 #[test]
 fn a_differing_picture_is_measured() {
     let folder = tempfile::tempdir().unwrap();
-    let base = Trace::read(&record(&folder.path().join("a.mcap"), &tasks()[1], "oracle", Images::Full)).unwrap();
+    let base = Trace::read(&record(
+        &folder.path().join("a.mcap"),
+        &tasks()[1],
+        "oracle",
+        Images::Full,
+    ))
+    .unwrap();
     let mut frames: BTreeMap<Option<u32>, Frame> = BTreeMap::new();
-    replay_with(&base, |step, frame| drop(frames.insert(step, frame.clone()))).unwrap();
-    let call = base.steps.iter().find(|step| step.digests.frame.is_some()).unwrap().step;
+    replay_with(&base, |step, frame| {
+        drop(frames.insert(step, frame.clone()))
+    })
+    .unwrap();
+    let call = base
+        .steps
+        .iter()
+        .find(|step| step.digests.frame.is_some())
+        .unwrap()
+        .step;
     let mut other = base.clone();
     let frame = frames.get_mut(&Some(call)).unwrap();
     for (x, y) in [(40, 30), (41, 33)] {
@@ -69,7 +145,14 @@ fn a_differing_picture_is_measured() {
     other.steps[call as usize].digests.frame = Some(frame.digests());
     relink(&mut other);
     let path = folder.path().join("b.mcap");
-    let mut recorder = Recorder::create(&path, &other.header, &other.task, &other.scene, Images::Full).unwrap();
+    let mut recorder = Recorder::create(
+        &path,
+        &other.header,
+        &other.task,
+        &other.scene,
+        Images::Full,
+    )
+    .unwrap();
     recorder.start(&other.start, frames.get(&None)).unwrap();
     for step in &other.steps {
         recorder.input(step.step, &step.input).unwrap();
@@ -79,7 +162,10 @@ fn a_differing_picture_is_measured() {
 
     let explanation = explain(&Trace::read(&path).unwrap());
     let picture = explanation.picture.unwrap();
-    assert_eq!((picture.pixels, picture.bbox, picture.most), (Some(2), Some([40, 30, 41, 33]), Some(7)));
+    assert_eq!(
+        (picture.pixels, picture.bbox, picture.most),
+        (Some(2), Some([40, 30, 41, 33]), Some(7))
+    );
     assert!(picture.recorded.is_some() && picture.replayed.is_some());
 }
 
@@ -92,13 +178,28 @@ fn compact_drops_what_expand_brings_back_and_nothing_that_it_could_not() {
     let read = |path: &std::path::Path| std::fs::read(path).unwrap();
 
     compact(&Trace::read(&full).unwrap(), &path("compacted.mcap"), true).unwrap();
-    assert!(read(&path("compacted.mcap")) == read(&lean), "compacting gives other bytes than recording without pictures");
-    expand(&Trace::read(&path("compacted.mcap")).unwrap(), &path("expanded.mcap")).unwrap();
-    assert!(read(&path("expanded.mcap")) == read(&full), "expanding gives other bytes than recording with pictures");
+    assert!(
+        read(&path("compacted.mcap")) == read(&lean),
+        "compacting gives other bytes than recording without pictures"
+    );
+    expand(
+        &Trace::read(&path("compacted.mcap")).unwrap(),
+        &path("expanded.mcap"),
+    )
+    .unwrap();
+    assert!(
+        read(&path("expanded.mcap")) == read(&full),
+        "expanding gives other bytes than recording with pictures"
+    );
 
     let mut other = Trace::read(&full).unwrap();
     other.steps[0].robot.yaw += 1.0;
     relink(&mut other);
-    let refused = compact(&other, &path("never.mcap"), true).unwrap_err().to_string();
-    assert!(refused.contains("robot.yaw") && !path("never.mcap").exists(), "{refused}");
+    let refused = compact(&other, &path("never.mcap"), true)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        refused.contains("robot.yaw") && !path("never.mcap").exists(),
+        "{refused}"
+    );
 }

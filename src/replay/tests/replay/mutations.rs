@@ -30,14 +30,30 @@ struct Case {
 #[test]
 fn no_changed_trace_is_exact() {
     let folder = tempfile::tempdir().unwrap();
-    let pictured = record(&folder.path().join("pictured.mcap"), &tasks()[0], "oracle", Images::Full);
-    let plain = record(&folder.path().join("plain.mcap"), &tasks()[0], "oracle", Images::None);
-    let doors = record(&folder.path().join("doors.mcap"), &tasks()[2], "oracle", Images::None);
+    let pictured = record(
+        &folder.path().join("pictured.mcap"),
+        &tasks()[0],
+        "oracle",
+        Images::Full,
+    );
+    let plain = record(
+        &folder.path().join("plain.mcap"),
+        &tasks()[0],
+        "oracle",
+        Images::None,
+    );
+    let doors = record(
+        &folder.path().join("doors.mcap"),
+        &tasks()[2],
+        "oracle",
+        Images::None,
+    );
     let flips = flipped(&pictured) + flipped(&plain);
 
     let bases = [Trace::read(&plain).unwrap(), Trace::read(&doors).unwrap()];
-    let files: Vec<(usize, u32)> =
-        (0..bases.len()).flat_map(|base| (0..bases[base].steps.len() as u32).map(move |call| (base, call))).collect();
+    let files: Vec<(usize, u32)> = (0..bases.len())
+        .flat_map(|base| (0..bases[base].steps.len() as u32).map(move |call| (base, call)))
+        .collect();
     let wrong: Vec<String> = files
         .par_iter()
         .filter_map(|(base, call)| {
@@ -59,17 +75,41 @@ fn no_changed_trace_is_exact() {
         arguments.extend(other_arguments(base));
         outputs.extend(other_outputs(base));
     }
-    let counts = [flips, files.len(), removals.len(), arguments.len(), outputs.len()];
-    let cases: Vec<Case> = removals.into_iter().chain(arguments).chain(outputs).collect();
+    let counts = [
+        flips,
+        files.len(),
+        removals.len(),
+        arguments.len(),
+        outputs.len(),
+    ];
+    let cases: Vec<Case> = removals
+        .into_iter()
+        .chain(arguments)
+        .chain(outputs)
+        .collect();
     let wrong: Vec<String> = cases.par_iter().filter_map(Case::wrong).collect();
-    eprintln!("mutations: flips, written without a call, without a call, arguments, outputs: {counts:?}");
-    assert!(wrong.is_empty(), "{} of {}: {wrong:#?}", wrong.len(), cases.len());
+    eprintln!(
+        "mutations: flips, written without a call, without a call, arguments, outputs: {counts:?}"
+    );
+    assert!(
+        wrong.is_empty(),
+        "{} of {}: {wrong:#?}",
+        wrong.len(),
+        cases.len()
+    );
     assert!(counts.iter().sum::<usize>() >= 500, "{counts:?}");
 }
 
 impl Case {
     fn new(what: impl Into<String>, trace: Trace, moment: Moment, field: &'static str) -> Self {
-        Self { what: what.into(), trace, moment, body: None, physics_step: None, field }
+        Self {
+            what: what.into(),
+            trace,
+            moment,
+            body: None,
+            physics_step: None,
+            field,
+        }
     }
 
     /// What replay says, where that is not what it has to say.
@@ -78,10 +118,18 @@ impl Case {
         let fits = |found: &Divergence| {
             let body = self.field.is_empty() || found.body == self.body;
             let physics_step = self.field.is_empty() || found.physics_step == self.physics_step;
-            found.moment == self.moment && found.field.starts_with(self.field) && body && physics_step
+            found.moment == self.moment
+                && found.field.starts_with(self.field)
+                && body
+                && physics_step
         };
         let named = matches!(&verdict, Verdict::Diverged { divergence } if fits(divergence));
-        (!named).then(|| format!("{}: expected {:?} field '{}', got: {verdict}", self.what, self.moment, self.field))
+        (!named).then(|| {
+            format!(
+                "{}: expected {:?} field '{}', got: {verdict}",
+                self.what, self.moment, self.field
+            )
+        })
     }
 }
 
@@ -96,7 +144,8 @@ fn flipped(path: &std::path::Path) -> usize {
             changed[position] ^= 1 << bit;
             let trace = Trace::from_bytes(path, &changed, &Limits::default()).ok()?;
             let verdict = verify_trace(&trace);
-            (!matches!(verdict, Verdict::Refused { .. })).then(|| format!("bit {bit} of byte {position}: {verdict}"))
+            (!matches!(verdict, Verdict::Refused { .. }))
+                .then(|| format!("bit {bit} of byte {position}: {verdict}"))
         })
         .collect();
     assert!(accepted.is_empty(), "{accepted:#?}");
@@ -115,12 +164,22 @@ fn removed(base: &Trace, call: u32, renumber: bool) -> Trace {
     trace
 }
 
-/// Every call left out in memory, as the others were: named at the call that came next, by its own number.
+/// Every call left out in memory, as the others were: named at the call that came next, by its own
+/// number.
 fn without_calls(base: &Trace) -> Vec<Case> {
     let last = base.steps.len() as u32 - 1;
     let case = |call: u32| {
-        let moment = if call == last { Moment::End } else { Moment::Call(call + 1) };
-        Case::new(format!("without call {call}, as numbered"), removed(base, call, false), moment, "")
+        let moment = if call == last {
+            Moment::End
+        } else {
+            Moment::Call(call + 1)
+        };
+        Case::new(
+            format!("without call {call}, as numbered"),
+            removed(base, call, false),
+            moment,
+            "",
+        )
     };
     (0..=last).map(case).collect()
 }
@@ -129,25 +188,47 @@ fn without_calls(base: &Trace) -> Vec<Case> {
 fn other_arguments(base: &Trace) -> Vec<Case> {
     let case = |step: &StepRecord| {
         let call = &step.input.call;
-        let before = step.step.checked_sub(1).map_or(&[][..], |before| &base.steps[before as usize].markers);
+        let before = step
+            .step
+            .checked_sub(1)
+            .map_or(&[][..], |before| &base.steps[before as usize].markers);
         let other = another(call, before, base);
         let what = format!("{call} at call {} became {other}", step.step);
-        Case::new(what, changed(base, step.step, |step| step.input.call = other), Moment::Call(step.step), "")
+        Case::new(
+            what,
+            changed(base, step.step, |step| step.input.call = other),
+            Moment::Call(step.step),
+            "",
+        )
     };
     base.steps.iter().map(case).collect()
 }
 
 fn another(call: &ToolCall, markers: &[Marker], base: &Trace) -> ToolCall {
     let Some((key, value)) = call.arguments.as_object().and_then(|map| map.iter().next()) else {
-        return ToolCall::new(if call.name == "finish" { "walk_around" } else { "finish" }, json!({}));
+        return ToolCall::new(
+            if call.name == "finish" {
+                "walk_around"
+            } else {
+                "finish"
+            },
+            json!({}),
+        );
     };
     let value = match (value.as_u64(), call.name.as_str()) {
         (Some(marker), _) => {
-            let other = markers.iter().map(|other| u64::from(other.id)).find(|other| *other != marker);
+            let other = markers
+                .iter()
+                .map(|other| u64::from(other.id))
+                .find(|other| *other != marker);
             json!(other.unwrap_or(marker + 100))
         }
         (None, "nav_to") => {
-            let ids = base.scene.receptacles.iter().map(|receptacle| receptacle.id.as_str());
+            let ids = base
+                .scene
+                .receptacles
+                .iter()
+                .map(|receptacle| receptacle.id.as_str());
             json!(ids.rev().find(|id| Some(*id) != value.as_str()).unwrap())
         }
         _ => json!("volcano"),
@@ -155,49 +236,112 @@ fn another(call: &ToolCall, markers: &[Marker], base: &Trace) -> ToolCall {
     ToolCall::new(call.name.clone(), json!({ key.as_str(): value }))
 }
 
-/// One output changed at a time, at the first, a middle and the last call, at the start and at the end.
+/// One output changed at a time, at the first, a middle and the last call, at the start and at the
+/// end.
 fn other_outputs(base: &Trace) -> Vec<Case> {
     let count = base.steps.len() as u32;
     let mut cases = Vec::new();
     for call in [0, count / 2, count - 1] {
         let at = |field: &'static str, change: &dyn Fn(&mut StepRecord)| {
-            Case::new(format!("{field} at call {call}"), changed(base, call, change), Moment::Call(call), field)
+            Case::new(
+                format!("{field} at call {call}"),
+                changed(base, call, change),
+                Moment::Call(call),
+                field,
+            )
         };
         let floor = ReceptacleId::from("floor");
         let object = base.task.target.clone();
-        let event = GraphEvent::Add { object: object.clone(), receptacle: floor };
+        let event = GraphEvent::Add {
+            object: object.clone(),
+            receptacle: floor,
+        };
         cases.push(at("outcome.text", &|step| step.outcome.text.push('!')));
-        cases.push(at("changes.physics", &|step| step.changes.physics.push(event.clone())));
+        cases.push(at("changes.physics", &|step| {
+            step.changes.physics.push(event.clone())
+        }));
         cases.push(at("reward", &|step| match step.reward.first_mut() {
             Some(term) => term.value += 0.5,
-            None => step.reward.push(RewardTerm { component: "prog".into(), value: 0.5, reason: String::new() }),
+            None => step.reward.push(RewardTerm {
+                component: "prog".into(),
+                value: 0.5,
+                reason: String::new(),
+            }),
         }));
-        cases.push(at("robot.yaw", &|step| step.robot.yaw = next(step.robot.yaw)));
+        cases.push(at("robot.yaw", &|step| {
+            step.robot.yaw = next(step.robot.yaw)
+        }));
         let target = MarkerTarget::Object(object.clone());
-        cases.push(at("markers", &|step| step.markers.push(Marker { id: 999, target: target.clone() })));
-        cases.push(at("digests.state", &|step| step.digests.state = Digest::of(b"another state")));
+        cases.push(at("markers", &|step| {
+            step.markers.push(Marker {
+                id: 999,
+                target: target.clone(),
+            })
+        }));
+        cases.push(at("digests.state", &|step| {
+            step.digests.state = Digest::of(b"another state")
+        }));
         let body = base.steps[call as usize].bodies[0].body.clone();
-        let moved = at("position[1]", &|step| step.bodies[0].position[1] = next(step.bodies[0].position[1]));
-        cases.push(Case { body: Some(body), ..moved });
+        let moved = at("position[1]", &|step| {
+            step.bodies[0].position[1] = next(step.bodies[0].position[1])
+        });
+        cases.push(Case {
+            body: Some(body),
+            ..moved
+        });
     }
-    let picture = base.steps.iter().find(|step| step.digests.frame.is_some()).unwrap().step;
+    let picture = base
+        .steps
+        .iter()
+        .find(|step| step.digests.frame.is_some())
+        .unwrap()
+        .step;
     let other = Digest::of(b"another picture");
-    let trace = changed(base, picture, |step| step.digests.frame.as_mut().unwrap().rgb = other);
-    cases.push(Case::new("picture", trace, Moment::Call(picture), "digests.frame.rgb"));
-    let moving = base.steps.iter().find(|step| step.digests.physics_steps.len() > 2).unwrap();
+    let trace = changed(base, picture, |step| {
+        step.digests.frame.as_mut().unwrap().rgb = other
+    });
+    cases.push(Case::new(
+        "picture",
+        trace,
+        Moment::Call(picture),
+        "digests.frame.rgb",
+    ));
+    let moving = base
+        .steps
+        .iter()
+        .find(|step| step.digests.physics_steps.len() > 2)
+        .unwrap();
     let middle = moving.digests.physics_steps.len() / 2;
-    let trace = changed(base, moving.step, |step| step.digests.physics_steps[middle] ^= 1);
-    let case = Case::new("physics step", trace, Moment::Call(moving.step), "state digest of the physics step");
-    cases.push(Case { physics_step: Some(middle), ..case });
+    let trace = changed(base, moving.step, |step| {
+        step.digests.physics_steps[middle] ^= 1
+    });
+    let case = Case::new(
+        "physics step",
+        trace,
+        Moment::Call(moving.step),
+        "state digest of the physics step",
+    );
+    cases.push(Case {
+        physics_step: Some(middle),
+        ..case
+    });
 
     let mut trace = base.clone();
     trace.start.bodies[0].position[2] = next(trace.start.bodies[0].position[2]);
     relink(&mut trace);
     let body = Some(base.start.bodies[0].body.clone());
-    cases.push(Case { body, ..Case::new("start", trace, Moment::Start, "position[2]") });
+    cases.push(Case {
+        body,
+        ..Case::new("start", trace, Moment::Start, "position[2]")
+    });
     let mut trace = base.clone();
     trace.end.as_mut().unwrap().metrics.total_reward += 1.0;
-    cases.push(Case::new("metrics", trace, Moment::End, "metrics.total_reward"));
+    cases.push(Case::new(
+        "metrics",
+        trace,
+        Moment::End,
+        "metrics.total_reward",
+    ));
     cases
 }
 

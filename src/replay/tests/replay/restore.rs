@@ -1,4 +1,5 @@
-//! From every call of an episode the future after a restore is that of the original, through bytes and through the cache.
+//! From every call of an episode the future after a restore is that of the original, through bytes
+//! and through the cache.
 
 use std::{collections::BTreeSet, fs};
 
@@ -12,12 +13,18 @@ use crate::episodes::{record, tasks};
 fn restored_after_every_call_the_rest_is_the_same() {
     let folder = tempfile::tempdir().unwrap();
     let policies = ["oracle", "gibberish", "forgets-door", "wrong-receptacle"];
-    let played: Vec<(usize, &str)> =
-        (0..tasks().len()).flat_map(|task| policies.iter().map(move |policy| (task, *policy))).collect();
+    let played: Vec<(usize, &str)> = (0..tasks().len())
+        .flat_map(|task| policies.iter().map(move |policy| (task, *policy)))
+        .collect();
     let restored: usize = played
         .par_iter()
         .map(|(task, policy)| {
-            let path = record(&folder.path().join(format!("{task}-{policy}.mcap")), &tasks()[*task], policy, Images::None);
+            let path = record(
+                &folder.path().join(format!("{task}-{policy}.mcap")),
+                &tasks()[*task],
+                policy,
+                Images::None,
+            );
             let trace = Trace::read(&path).unwrap();
             let calls: Vec<usize> = (0..=trace.steps.len()).collect();
             let verdict = verify_restored(&trace, &calls);
@@ -32,15 +39,28 @@ fn restored_after_every_call_the_rest_is_the_same() {
 #[test]
 fn seeking_gives_the_same_bits_from_the_start_from_the_cache_and_past_a_damaged_cache() {
     let folder = tempfile::tempdir().unwrap();
-    let path = record(&folder.path().join("a.mcap"), &tasks()[2], "oracle", Images::None);
+    let path = record(
+        &folder.path().join("a.mcap"),
+        &tasks()[2],
+        "oracle",
+        Images::None,
+    );
     let trace = Trace::read(&path).unwrap();
     let cache = SnapshotCache::at(&folder.path().join("cache"));
     let last = trace.steps.len();
     for calls in [0, 1, last / 2, last] {
-        let expected = if calls == 0 { &trace.start.digests } else { &trace.steps[calls - 1].digests }.state;
+        let expected = if calls == 0 {
+            &trace.start.digests
+        } else {
+            &trace.steps[calls - 1].digests
+        }
+        .state;
         for use_cache in [None, Some(&cache), Some(&cache)] {
             let replay = seek(&trace, calls, use_cache).unwrap();
-            assert_eq!((replay.calls(), replay.episode().simulator().digest()), (calls, expected));
+            assert_eq!(
+                (replay.calls(), replay.episode().simulator().digest()),
+                (calls, expected)
+            );
             assert!(replay.finish(|_, _| {}).unwrap().is_exact());
         }
     }
@@ -52,8 +72,17 @@ fn seeking_gives_the_same_bits_from_the_start_from_the_cache_and_past_a_damaged_
         fs::write(&path, bytes).unwrap();
     }
     assert!(cache.get(&trace, 1).is_none());
-    assert!(seek(&trace, last / 2, Some(&cache)).unwrap().finish(|_, _| {}).unwrap().is_exact());
-    assert!(cache.get(&trace, last / 2).is_some(), "a damaged snapshot is not made again");
+    assert!(
+        seek(&trace, last / 2, Some(&cache))
+            .unwrap()
+            .finish(|_, _| {})
+            .unwrap()
+            .is_exact()
+    );
+    assert!(
+        cache.get(&trace, last / 2).is_some(),
+        "a damaged snapshot is not made again"
+    );
     assert!(seek(&trace, last + 1, None).is_err());
 }
 
@@ -61,17 +90,32 @@ fn seeking_gives_the_same_bits_from_the_start_from_the_cache_and_past_a_damaged_
 fn pictures_drawn_again_are_those_that_were_recorded() {
     let folder = tempfile::tempdir().unwrap();
     let [full, lean] = [Images::Full, Images::None].map(|images| {
-        let path = record(&folder.path().join(format!("{images:?}.mcap")), &tasks()[0], "oracle", images);
+        let path = record(
+            &folder.path().join(format!("{images:?}.mcap")),
+            &tasks()[0],
+            "oracle",
+            images,
+        );
         Trace::read(&path).unwrap()
     });
     assert!(full.image_count() > 0 && lean.image_count() == 0);
-    let pictured = full.steps.iter().filter(|record| record.digests.frame.is_some()).map(|record| Some(record.step));
+    let pictured = full
+        .steps
+        .iter()
+        .filter(|record| record.digests.frame.is_some())
+        .map(|record| Some(record.step));
     let moments: BTreeSet<Option<u32>> = pictured.step_by(2).chain([None]).collect();
     let recorded = pictures_at(&full, &moments).unwrap();
-    assert_eq!(recorded.keys().collect::<Vec<_>>(), moments.iter().collect::<Vec<_>>());
+    assert_eq!(
+        recorded.keys().collect::<Vec<_>>(),
+        moments.iter().collect::<Vec<_>>()
+    );
     assert!(recorded == pictures_at(&lean, &moments).unwrap());
     for trace in [&full, &lean] {
         let verdict = pictures_at(trace, &BTreeSet::from([Some(999)])).unwrap_err();
-        assert_eq!(verdict.to_string(), "REFUSED the agent got no picture from call 999");
+        assert_eq!(
+            verdict.to_string(),
+            "REFUSED the agent got no picture from call 999"
+        );
     }
 }

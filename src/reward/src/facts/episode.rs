@@ -1,9 +1,11 @@
-//! The facts of one episode in flat, reusable buffers, filled in the order of its steps. Never allocates once warm.
+//! The facts of one episode in flat, reusable buffers, filled in the order of its steps. Never
+//! allocates once warm.
 
 use crate::facts::{Authority, Change, Marked, ObjectKey, StepHead};
 
-/// One episode as facts. Filled from the start on: what the start saw and how its graphs differ from the task's, then
-/// [`EpisodeFacts::step`] once a step, each followed by what came with it. See [`crate::TaskFacts::begin`].
+/// One episode as facts. Filled from the start on: what the start saw and how its graphs differ
+/// from the task's, then [`EpisodeFacts::step`] once a step, each followed by what came with it.
+/// See [`crate::TaskFacts::begin`].
 #[derive(Clone, PartialEq, Debug)]
 pub struct EpisodeFacts {
     /// The first is the start.
@@ -54,8 +56,15 @@ pub struct StepFacts<'a> {
 
 impl Default for EpisodeFacts {
     fn default() -> Self {
-        let (rows, physics, registry, seen, markers) = (vec![Row::default()], vec![], vec![], vec![], vec![]);
-        Self { rows, physics, registry, seen, markers }
+        let (rows, physics, registry, seen, markers) =
+            (vec![Row::default()], vec![], vec![], vec![], vec![]);
+        Self {
+            rows,
+            physics,
+            registry,
+            seen,
+            markers,
+        }
     }
 }
 
@@ -72,10 +81,15 @@ impl EpisodeFacts {
 
     /// Opens the next step: what is told from now on belongs to it.
     pub fn step(&mut self, head: StepHead) {
-        self.rows.push(Row { head, marked: false, ..self.open() });
+        self.rows.push(Row {
+            head,
+            marked: false,
+            ..self.open()
+        });
     }
 
-    /// A change of one of the graphs, in the order of the record; before the first step: from the task's initial graph.
+    /// A change of one of the graphs, in the order of the record; before the first step: from the
+    /// task's initial graph.
     pub fn change(&mut self, authority: Authority, change: Change) {
         match authority {
             Authority::Physics => self.physics.push(change),
@@ -84,16 +98,20 @@ impl EpisodeFacts {
         self.close();
     }
 
-    /// An object in the picture, or told in words. It is enough to tell when it is seen for the first time.
+    /// An object in the picture, or told in words. It is enough to tell when it is seen for the
+    /// first time.
     pub fn saw(&mut self, object: ObjectKey) {
         self.seen.push(object);
         self.close();
     }
 
-    /// The marker map after the call: [`EpisodeFacts::mark`] follows for each number, in ascending order, or for none. A step
-    /// without this leaves the map as it was.
+    /// The marker map after the call: [`EpisodeFacts::mark`] follows for each number, in ascending
+    /// order, or for none. A step without this leaves the map as it was.
     pub fn set_markers(&mut self) {
-        self.rows.last_mut().expect("the start is always there").marked = true;
+        self.rows
+            .last_mut()
+            .expect("the start is always there")
+            .marked = true;
     }
 
     /// A number of the marker map that [`EpisodeFacts::set_markers`] announced.
@@ -125,13 +143,17 @@ impl EpisodeFacts {
     /// The steps in their order.
     pub fn steps(&self) -> impl ExactSizeIterator<Item = StepFacts<'_>> {
         self.rows.windows(2).map(|rows| {
-            let [before, row] = rows else { unreachable!("a window of two") };
+            let [before, row] = rows else {
+                unreachable!("a window of two")
+            };
             StepFacts {
                 head: row.head,
                 physics: &self.physics[before.physics..row.physics],
                 registry: &self.registry[before.registry..row.registry],
                 seen: &self.seen[before.seen..row.seen],
-                markers: row.marked.then(|| &self.markers[before.markers..row.markers]),
+                markers: row
+                    .marked
+                    .then(|| &self.markers[before.markers..row.markers]),
             }
         })
     }
@@ -144,6 +166,12 @@ impl EpisodeFacts {
         let (physics, registry) = (self.physics.len(), self.registry.len());
         let (seen, markers) = (self.seen.len(), self.markers.len());
         let row = self.rows.last_mut().expect("the start is always there");
-        *row = Row { physics, registry, seen, markers, ..*row };
+        *row = Row {
+            physics,
+            registry,
+            seen,
+            markers,
+            ..*row
+        };
     }
 }

@@ -1,5 +1,5 @@
-//! Objects by kind: which instances count as one thing (of one asset, or of one category), and a task's graphs in these terms.
-//! Never knows a reward.
+//! Objects by kind: which instances count as one thing (of one asset, or of one category), and a
+//! task's graphs in these terms. Never knows a reward.
 
 use crate::facts::{Counts, PlaceKey, names::Names};
 
@@ -27,7 +27,10 @@ pub(crate) struct KindChange {
 impl KindChange {
     /// The change that undoes this one.
     pub(crate) fn reverse(self) -> Self {
-        Self { add: !self.add, ..self }
+        Self {
+            add: !self.add,
+            ..self
+        }
     }
 }
 
@@ -51,22 +54,39 @@ impl Kinds {
         self.names.name(kind.0)
     }
 
-    /// Sets the goal from the contents of both graphs: kinds with their places, each as often as it stands there.
-    pub(crate) fn set_graphs(&mut self, initial: &[(KindKey, PlaceKey)], goal: &[(KindKey, PlaceKey)]) {
+    /// Sets the goal from the contents of both graphs: kinds with their places, each as often as it
+    /// stands there.
+    pub(crate) fn set_graphs(
+        &mut self,
+        initial: &[(KindKey, PlaceKey)],
+        goal: &[(KindKey, PlaceKey)],
+    ) {
         self.initial = Counts::default();
-        initial.iter().for_each(|(kind, place)| self.initial.add(kind.0, *place));
+        initial
+            .iter()
+            .for_each(|(kind, place)| self.initial.add(kind.0, *place));
         let mut wanted = Counts::default();
-        goal.iter().for_each(|(kind, place)| wanted.add(kind.0, *place));
+        goal.iter()
+            .for_each(|(kind, place)| wanted.add(kind.0, *place));
         let mut standing: Vec<(KindKey, PlaceKey)> = initial.iter().chain(goal).copied().collect();
         standing.sort_unstable();
         standing.dedup();
         self.goal.clear();
         for (kind, place) in standing {
-            let (was, will) = (self.initial.count(kind.0, place), wanted.count(kind.0, place));
-            let change = KindChange { kind, place, add: will > was };
-            self.goal.extend(std::iter::repeat_n(change, will.abs_diff(was) as usize));
+            let (was, will) = (
+                self.initial.count(kind.0, place),
+                wanted.count(kind.0, place),
+            );
+            let change = KindChange {
+                kind,
+                place,
+                add: will > was,
+            };
+            self.goal
+                .extend(std::iter::repeat_n(change, will.abs_diff(was) as usize));
         }
-        self.goal.sort_by_key(|change| (change.place, !change.add, change.kind));
+        self.goal
+            .sort_by_key(|change| (change.place, !change.add, change.kind));
     }
 
     /// What came so far stays for ever.

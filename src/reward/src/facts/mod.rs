@@ -1,7 +1,8 @@
-//! What a reward reads of an episode, as small integers: [`TaskFacts`] once a task, [`EpisodeFacts`] once an episode.
+//! What a reward reads of an episode, as small integers: [`TaskFacts`] once a task,
+//! [`EpisodeFacts`] once an episode.
 //!
-//! Records ([`crate::Preset::rewarder`]) and table columns are turned into the same facts, and the rules run on facts only, so
-//! both give the same bits. Never holds a reward, a pose or a picture.
+//! Records ([`crate::Preset::rewarder`]) and table columns are turned into the same facts, and the
+//! rules run on facts only, so both give the same bits. Never holds a reward, a pose or a picture.
 
 mod counts;
 mod episode;
@@ -20,7 +21,11 @@ pub(crate) use task::Target;
 pub use task::TaskFacts;
 
 /// Errors of calls that were none.
-const NOT_UNDERSTOOD: [ErrorCode; 3] = [ErrorCode::UnknownTool, ErrorCode::BadArguments, ErrorCode::UnparsableOutput];
+const NOT_UNDERSTOOD: [ErrorCode; 3] = [
+    ErrorCode::UnknownTool,
+    ErrorCode::BadArguments,
+    ErrorCode::UnparsableOutput,
+];
 
 /// An object instance, numbered within a [`TaskFacts`].
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
@@ -30,8 +35,8 @@ pub struct ObjectKey(pub(crate) u32);
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct PlaceKey(pub(crate) u32);
 
-/// A text of an episode (what the user or a tool said, a marker's argument), numbered within a [`TaskFacts`]; valid for one
-/// episode.
+/// A text of an episode (what the user or a tool said, a marker's argument), numbered within a
+/// [`TaskFacts`]; valid for one episode.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct TextKey(pub(crate) u32);
 
@@ -69,7 +74,11 @@ impl Change {
         match self {
             Change::Remove { object, place } => Change::Add { object, place },
             Change::Add { object, place } => Change::Remove { object, place },
-            Change::Door { place, from, to } => Change::Door { place, from: to, to: from },
+            Change::Door { place, from, to } => Change::Door {
+                place,
+                from: to,
+                to: from,
+            },
         }
     }
 }
@@ -164,7 +173,8 @@ pub struct Told {
 /// The columns of one step that hold one value.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct StepHead {
-    /// The tool; none if the call was not understood (`unknown_tool`, `bad_arguments`, `unparsable_output`).
+    /// The tool; none if the call was not understood (`unknown_tool`, `bad_arguments`,
+    /// `unparsable_output`).
     pub tool: Called,
     /// The tool that the call names, understood or not.
     pub named: Called,

@@ -1,24 +1,26 @@
-//! What a reward reads of a task, prepared once: its names as numbers, its goal, its start, its words. Never knows an episode.
+//! What a reward reads of a task, prepared once: its names as numbers, its goal, its start, its
+//! words. Never knows an episode.
 
 use std::collections::BTreeSet;
 
 use reel_world::{
-    DoorState, ErrorCode, FLOOR, GraphEvent, InstanceId, ObjectInstance, ReceptacleId, ReceptacleState, Scene, Task, WorldGraph,
-    language,
+    DoorState, ErrorCode, FLOOR, GraphEvent, InstanceId, ObjectInstance, ReceptacleId,
+    ReceptacleState, Scene, Task, WorldGraph, language,
 };
 
 use crate::{
     ambiguity,
     facts::{
-        Called, Change, Counts, Delivery, EpisodeFacts, Identity, KindKey, Kinds, Marked, ObjectKey, PlaceKey, StepHead, TextKey,
-        Told, is_no_call, names::Names,
+        Called, Change, Counts, Delivery, EpisodeFacts, Identity, KindKey, Kinds, Marked,
+        ObjectKey, PlaceKey, StepHead, TextKey, Told, is_no_call, names::Names,
     },
     goal,
     trainer::{Categories, Graph, GraphSize, TextError, is_dropped, is_unknown, lower},
 };
 
-/// A task as a reward reads it, and the numbers of everything that its episodes name. One can serve any number of
-/// episodes of its task, one after the other; what only records know is numbered as it comes.
+/// A task as a reward reads it, and the numbers of everything that its episodes name. One can serve
+/// any number of episodes of its task, one after the other; what only records know is numbered as
+/// it comes.
 #[derive(Clone, Debug)]
 pub struct TaskFacts {
     objects: Names,
@@ -122,10 +124,16 @@ pub(crate) struct ObjectFacts {
 }
 
 impl TaskFacts {
-    /// Prepares a task. The scene says which captions tell like receptacles apart, and in which order graphs come.
+    /// Prepares a task. The scene says which captions tell like receptacles apart, and in which
+    /// order graphs come.
     pub fn new(task: &Task, scene: &Scene) -> Self {
-        let fits = |object: &&ObjectInstance| language::fits(&task.instruction, object, task.purpose.as_deref());
-        let category = task.object(&task.target).map(|target| target.category.as_str()).unwrap_or_default();
+        let fits = |object: &&ObjectInstance| {
+            language::fits(&task.instruction, object, task.purpose.as_deref())
+        };
+        let category = task
+            .object(&task.target)
+            .map(|target| target.category.as_str())
+            .unwrap_or_default();
         let mut facts = Self::empty(Categories::of_task(task), category);
         facts.ask_budget = ambiguity::budget(task, scene);
         facts.name_all(task, scene);
@@ -135,21 +143,35 @@ impl TaskFacts {
         facts.initial_size.is_empty = task.initial.receptacles.is_empty();
         for object in task.objects.iter().filter(fits) {
             let key = facts.object(object.instance.as_str());
-            facts.candidates.push(Candidate { object: key, asset: facts.of(key).asset, instance: object.clone() });
+            facts.candidates.push(Candidate {
+                object: key,
+                asset: facts.of(key).asset,
+                instance: object.clone(),
+            });
         }
         facts.candidates.sort_by_key(|candidate| candidate.asset);
         facts.keep();
         facts
     }
 
-    /// Prepares what preset `real-trainer` reads, from what the trainer is told of a task. The rest is empty.
-    pub(crate) fn for_trainer(mapping: Categories, category: &str, initial: &Graph, goal: &Graph) -> Self {
+    /// Prepares what preset `real-trainer` reads, from what the trainer is told of a task. The rest
+    /// is empty.
+    pub(crate) fn for_trainer(
+        mapping: Categories,
+        category: &str,
+        initial: &Graph,
+        goal: &Graph,
+    ) -> Self {
         let mut facts = Self::empty(mapping, category);
         for (receptacle, _) in initial.0.iter().chain(&goal.0) {
             facts.place(receptacle);
         }
-        let objects =
-            |graph: &Graph| graph.objects().map(|(name, place)| (name.to_owned(), place.to_owned())).collect::<Vec<_>>();
+        let objects = |graph: &Graph| {
+            graph
+                .objects()
+                .map(|(name, place)| (name.to_owned(), place.to_owned()))
+                .collect::<Vec<_>>()
+        };
         facts.set_kinds(&objects(initial), &objects(goal));
         facts.initial_size.is_empty = initial.0.is_empty();
         facts.floor = facts.place(FLOOR);
@@ -188,7 +210,8 @@ impl TaskFacts {
         self.categories.keep();
     }
 
-    /// Starts another episode: empties its facts, and forgets names that only earlier episodes had, if they became many.
+    /// Starts another episode: empties its facts, and forgets names that only earlier episodes had,
+    /// if they became many.
     pub fn begin(&mut self, episode: &mut EpisodeFacts) {
         episode.clear();
         if self.objects.trim() {
@@ -211,7 +234,11 @@ impl TaskFacts {
         if number as usize == self.object_facts.len() {
             let converted = self.mapping.convert(instance);
             self.object_facts.push(ObjectFacts {
-                asset: self.assets.key(instance.split_once("_on_").map_or(instance, |(asset, _)| asset)),
+                asset: self.assets.key(
+                    instance
+                        .split_once("_on_")
+                        .map_or(instance, |(asset, _)| asset),
+                ),
                 category: self.categories.key(converted),
                 held_category: self.categories.key(self.mapping.of_held(instance)),
                 is_unknown: is_unknown(converted),
@@ -234,17 +261,41 @@ impl TaskFacts {
         TextKey(self.texts.number(text))
     }
 
-    /// The call of a step, from its tool, the code of its error and the text of its argument: the marker or the receptacle that
-    /// it names. The rest of the head is empty.
-    pub fn called(&mut self, tool: &str, error_code: Option<&str>, argument: Option<&str>) -> StepHead {
+    /// The call of a step, from its tool, the code of its error and the text of its argument: the
+    /// marker or the receptacle that it names. The rest of the head is empty.
+    pub fn called(
+        &mut self,
+        tool: &str,
+        error_code: Option<&str>,
+        argument: Option<&str>,
+    ) -> StepHead {
         let named = Called::named(tool);
-        let tool = if is_no_call(error_code) { Called::Other } else { named };
+        let tool = if is_no_call(error_code) {
+            Called::Other
+        } else {
+            named
+        };
         let unreadable = error_code == Some(ErrorCode::UnparsableOutput.as_str());
-        let delivery = if unreadable { Delivery::Unreadable } else { Delivery::Answered };
+        let delivery = if unreadable {
+            Delivery::Unreadable
+        } else {
+            Delivery::Answered
+        };
         let takes_marker = matches!(named, Called::GazeAt | Called::Pick);
-        let marker = argument.filter(|_| takes_marker).map(|text| self.text(text));
-        let driven_to = argument.filter(|_| tool == Called::NavTo).map(|receptacle| self.place(receptacle));
-        StepHead { tool, named, delivery, marker, driven_to, ..StepHead::default() }
+        let marker = argument
+            .filter(|_| takes_marker)
+            .map(|text| self.text(text));
+        let driven_to = argument
+            .filter(|_| tool == Called::NavTo)
+            .map(|receptacle| self.place(receptacle));
+        StepHead {
+            tool,
+            named,
+            delivery,
+            marker,
+            driven_to,
+            ..StepHead::default()
+        }
     }
 
     /// What the trainer reads from the text of a call's result.
@@ -253,11 +304,14 @@ impl TaskFacts {
             return Told::default();
         }
         let words = (call.named == Called::Ask).then(|| self.text(text));
-        Told { error: TextError::find(text), words }
+        Told {
+            error: TextError::find(text),
+            words,
+        }
     }
 
-    /// A change from the columns of the tables: event (`add`, `remove`, `door`) and its operands; none where they do not
-    /// fit together.
+    /// A change from the columns of the tables: event (`add`, `remove`, `door`) and its operands;
+    /// none where they do not fit together.
     pub fn change(
         &mut self,
         event: &str,
@@ -268,9 +322,19 @@ impl TaskFacts {
     ) -> Option<Change> {
         let place = self.place(receptacle);
         Some(match event {
-            "add" => Change::Add { object: self.object(object?), place },
-            "remove" => Change::Remove { object: self.object(object?), place },
-            "door" => Change::Door { place, from: door(door_from?)?, to: door(door_to?)? },
+            "add" => Change::Add {
+                object: self.object(object?),
+                place,
+            },
+            "remove" => Change::Remove {
+                object: self.object(object?),
+                place,
+            },
+            "door" => Change::Door {
+                place,
+                from: door(door_from?)?,
+                to: door(door_to?)?,
+            },
             _ => return None,
         })
     }
@@ -279,9 +343,19 @@ impl TaskFacts {
     pub(crate) fn event(&mut self, event: &GraphEvent) -> Change {
         let place = self.place(event.receptacle().as_str());
         match event {
-            GraphEvent::Remove { object, .. } => Change::Remove { object: self.object(object.as_str()), place },
-            GraphEvent::Add { object, .. } => Change::Add { object: self.object(object.as_str()), place },
-            GraphEvent::Door { from, to, .. } => Change::Door { place, from: *from, to: *to },
+            GraphEvent::Remove { object, .. } => Change::Remove {
+                object: self.object(object.as_str()),
+                place,
+            },
+            GraphEvent::Add { object, .. } => Change::Add {
+                object: self.object(object.as_str()),
+                place,
+            },
+            GraphEvent::Door { from, to, .. } => Change::Door {
+                place,
+                from: *from,
+                to: *to,
+            },
         }
     }
 
@@ -316,8 +390,16 @@ impl TaskFacts {
     /// What occurs in the name of something marked. The name is searched once.
     pub(crate) fn mentions(&mut self, marked: Marked) -> &Mentions {
         let (name, number, known) = match marked {
-            Marked::Object(object) => (self.objects.name(object.0), object.0 as usize, &mut self.object_mentions),
-            Marked::Place(place) => (self.places.name(place.0), place.0 as usize, &mut self.place_mentions),
+            Marked::Object(object) => (
+                self.objects.name(object.0),
+                object.0 as usize,
+                &mut self.object_mentions,
+            ),
+            Marked::Place(place) => (
+                self.places.name(place.0),
+                place.0 as usize,
+                &mut self.place_mentions,
+            ),
         };
         if known.len() <= number {
             known.resize_with(number + 1, || None);
@@ -327,11 +409,18 @@ impl TaskFacts {
                 let mut found: Vec<KindKey> = kinds.goal.iter().map(|change| change.kind).collect();
                 found.sort_unstable();
                 found.dedup();
-                found.into_iter().filter(|kind| name.contains(kinds.name(*kind))).collect()
+                found
+                    .into_iter()
+                    .filter(|kind| name.contains(kinds.name(*kind)))
+                    .collect()
             };
             let category = &self.target_category;
             let target_category = !category.is_empty() && lower(name).contains(category.as_str());
-            Mentions { assets: among(&self.assets), categories: among(&self.categories), target_category }
+            Mentions {
+                assets: among(&self.assets),
+                categories: among(&self.categories),
+                target_category,
+            }
         })
     }
 
@@ -351,13 +440,20 @@ impl TaskFacts {
         self.objects.len()
     }
 
-    /// The first place, in the order of the scene, that holds a thing. Places that the task does not know come last, by name.
+    /// The first place, in the order of the scene, that holds a thing. Places that the task does
+    /// not know come last, by name.
     pub(crate) fn first_place(&self, counts: &Counts, thing: u32) -> Option<PlaceKey> {
         let order = |place: &PlaceKey| {
             let known = self.places.is_kept(place.0);
-            (!known, known.then_some(place.0), (!known).then(|| self.place_name(*place)))
+            (
+                !known,
+                known.then_some(place.0),
+                (!known).then(|| self.place_name(*place)),
+            )
         };
-        counts.places_of(thing).min_by(|a, b| order(a).cmp(&order(b)))
+        counts
+            .places_of(thing)
+            .min_by(|a, b| order(a).cmp(&order(b)))
     }
 
     /// Which candidates a reply leaves; none said is an empty one. The words are read once a reply.
@@ -367,16 +463,32 @@ impl TaskFacts {
             self.reply_fits.resize(reply as usize + 1, None);
         }
         let (text, candidates) = (self.texts.name(reply), &self.candidates);
-        self.reply_fits[reply as usize]
-            .get_or_insert_with(|| candidates.iter().map(|candidate| language::fits(text, &candidate.instance, None)).collect())
+        self.reply_fits[reply as usize].get_or_insert_with(|| {
+            candidates
+                .iter()
+                .map(|candidate| language::fits(text, &candidate.instance, None))
+                .collect()
+        })
     }
 
     fn name_all(&mut self, task: &Task, scene: &Scene) {
         let of_graph = |graph: &WorldGraph| -> Vec<InstanceId> {
-            graph.receptacles.values().flat_map(|state| state.content.keys().cloned()).collect()
+            graph
+                .receptacles
+                .values()
+                .flat_map(|state| state.content.keys().cloned())
+                .collect()
         };
-        let mut objects: BTreeSet<InstanceId> = task.objects.iter().map(|object| object.instance.clone()).collect();
-        objects.extend(of_graph(&task.initial).into_iter().chain(of_graph(&task.goal)));
+        let mut objects: BTreeSet<InstanceId> = task
+            .objects
+            .iter()
+            .map(|object| object.instance.clone())
+            .collect();
+        objects.extend(
+            of_graph(&task.initial)
+                .into_iter()
+                .chain(of_graph(&task.goal)),
+        );
         for object in &objects {
             self.object(object.as_str());
         }
@@ -384,14 +496,27 @@ impl TaskFacts {
             self.place(receptacle.id.as_str());
         }
         let mut places: BTreeSet<&str> = BTreeSet::new();
-        places.extend(task.initial.receptacles.keys().chain(task.goal.receptacles.keys()).map(|id| id.as_str()));
+        places.extend(
+            task.initial
+                .receptacles
+                .keys()
+                .chain(task.goal.receptacles.keys())
+                .map(|id| id.as_str()),
+        );
         places.extend([task.src.as_str(), task.dest.as_str(), FLOOR]);
         for place in places {
             self.place(place);
         }
         self.floor = self.place(FLOOR);
-        let category = task.object(&task.target).map(|target| target.category.to_lowercase()).unwrap_or_default();
-        for object in task.objects.iter().filter(|object| object.category.to_lowercase().contains(&category)) {
+        let category = task
+            .object(&task.target)
+            .map(|target| target.category.to_lowercase())
+            .unwrap_or_default();
+        for object in task
+            .objects
+            .iter()
+            .filter(|object| object.category.to_lowercase().contains(&category))
+        {
             let key = self.object(object.instance.as_str());
             self.object_facts[key.0 as usize].like_target = !category.is_empty();
         }
@@ -401,24 +526,43 @@ impl TaskFacts {
         let events = task.goal_changes();
         for (index, event) in events.iter().enumerate() {
             let change = self.event(event);
-            let earlier = events[..index].iter().filter(|other| *other == event).count() as u32;
-            self.goal.push(GoalChange { change, was: goal::count(&task.initial, event), earlier });
+            let earlier = events[..index]
+                .iter()
+                .filter(|other| *other == event)
+                .count() as u32;
+            self.goal.push(GoalChange {
+                change,
+                was: goal::count(&task.initial, event),
+                earlier,
+            });
             self.targets.push(Target::Goal(change));
-            let (Change::Add { object, .. } | Change::Remove { object, .. }) = change else { continue };
+            let (Change::Add { object, .. } | Change::Remove { object, .. }) = change else {
+                continue;
+            };
             let facts = &mut self.object_facts[object.0 as usize];
             facts.in_goal = true;
             facts.moves_away |= matches!(change, Change::Remove { .. });
             facts.has_destination |= matches!(change, Change::Add { .. });
         }
-        let places = if task.src == task.dest { vec![&task.src] } else { vec![&task.src, &task.dest] };
+        let places = if task.src == task.dest {
+            vec![&task.src]
+        } else {
+            vec![&task.src, &task.dest]
+        };
         for place in &places {
             let place = self.place(place.as_str());
             self.targets.push(Target::Visit(place));
         }
         for id in places {
             let place = self.place(id.as_str());
-            let opening = Change::Door { place, from: DoorState::Closed, to: DoorState::Open };
-            if task.initial.door(id) == Some(DoorState::Closed) && !self.goal.iter().any(|goal| goal.change == opening) {
+            let opening = Change::Door {
+                place,
+                from: DoorState::Closed,
+                to: DoorState::Open,
+            };
+            if task.initial.door(id) == Some(DoorState::Closed)
+                && !self.goal.iter().any(|goal| goal.change == opening)
+            {
                 self.targets.push(Target::Opening(place));
             }
         }
@@ -427,12 +571,18 @@ impl TaskFacts {
     /// Sets the graphs by kind, from objects with their receptacles.
     fn set_kinds(&mut self, initial: &[(String, String)], goal: &[(String, String)]) {
         let mut standing = |objects: &[(String, String)]| -> Vec<(ObjectKey, PlaceKey)> {
-            objects.iter().map(|(object, place)| (self.object(object), self.place(place))).collect()
+            objects
+                .iter()
+                .map(|(object, place)| (self.object(object), self.place(place)))
+                .collect()
         };
         let (initial, goal) = (standing(initial), standing(goal));
         for identity in [Identity::Asset, Identity::Category] {
             let kinds = |objects: &[(ObjectKey, PlaceKey)]| -> Vec<(KindKey, PlaceKey)> {
-                objects.iter().map(|(object, place)| (self.kind_of(identity, *object), *place)).collect()
+                objects
+                    .iter()
+                    .map(|(object, place)| (self.kind_of(identity, *object), *place))
+                    .collect()
             };
             let (initial, goal) = (kinds(&initial), kinds(&goal));
             match identity {
@@ -441,7 +591,10 @@ impl TaskFacts {
             }
         }
         self.initial_size.objects = initial.len();
-        self.initial_size.unknown = initial.iter().filter(|(object, _)| self.of(*object).is_unknown).count();
+        self.initial_size.unknown = initial
+            .iter()
+            .filter(|(object, _)| self.of(*object).is_unknown)
+            .count();
     }
 
     fn set_start(&mut self, initial: &WorldGraph) {
@@ -466,7 +619,12 @@ fn contents(graph: &WorldGraph) -> Vec<(String, String)> {
     let of = |(receptacle, state): (&ReceptacleId, &ReceptacleState)| -> Vec<(String, String)> {
         let objects = state.content.iter();
         objects
-            .flat_map(|(object, count)| std::iter::repeat_n((object.to_string(), receptacle.to_string()), *count as usize))
+            .flat_map(|(object, count)| {
+                std::iter::repeat_n(
+                    (object.to_string(), receptacle.to_string()),
+                    *count as usize,
+                )
+            })
             .collect()
     };
     graph.receptacles.iter().flat_map(of).collect()

@@ -44,8 +44,12 @@ impl Refusal {
 
 /// Whether a translated name still looks like an instance's or an asset's.
 pub fn is_unknown(name: &str) -> bool {
-    let is_digest = |name: &str| name.chars().all(|letter| matches!(letter, '0'..='9' | 'a'..='f' | '_' | '-'));
-    (name.contains("_on_") && name.contains("_at_")) || (name.chars().count() > NAME_LENGTH_MAX && is_digest(name))
+    let is_digest = |name: &str| {
+        name.chars()
+            .all(|letter| matches!(letter, '0'..='9' | 'a'..='f' | '_' | '-'))
+    };
+    (name.contains("_on_") && name.contains("_at_"))
+        || (name.chars().count() > NAME_LENGTH_MAX && is_digest(name))
 }
 
 /// Why a graph is refused after a call; `None` if it replaces the old one.
@@ -59,24 +63,42 @@ pub fn refusal(old: &GraphSize, new: &GraphSize) -> Option<Refusal> {
 }
 
 impl Graph {
-    /// From JSON: `{receptacle: {content: [name]}}`. A receptacle without content is empty; entries that are no text are left
-    /// out.
+    /// From JSON: `{receptacle: {content: [name]}}`. A receptacle without content is empty; entries
+    /// that are no text are left out.
     pub fn of_json(graph: &Value) -> Self {
         let names = |state: &Value| -> Vec<String> {
-            let content = state.get("content").and_then(Value::as_array).into_iter().flatten();
-            content.filter_map(|name| name.as_str().map(str::to_owned)).collect()
+            let content = state
+                .get("content")
+                .and_then(Value::as_array)
+                .into_iter()
+                .flatten();
+            content
+                .filter_map(|name| name.as_str().map(str::to_owned))
+                .collect()
         };
-        Self(graph.as_object().into_iter().flatten().map(|(receptacle, state)| (receptacle.clone(), names(state))).collect())
+        Self(
+            graph
+                .as_object()
+                .into_iter()
+                .flatten()
+                .map(|(receptacle, state)| (receptacle.clone(), names(state)))
+                .collect(),
+        )
     }
 
-    /// Lays the lines of a graph as text (`receptacle: ['name', ...]`) over this one. The text has no empty receptacles, so
-    /// that one that ran empty keeps what it held.
+    /// Lays the lines of a graph as text (`receptacle: ['name', ...]`) over this one. The text has
+    /// no empty receptacles, so that one that ran empty keeps what it held.
     pub fn lay_over(&mut self, text: &str) {
         for line in text.lines() {
-            let Some((receptacle, list)) = line.split_once(": [") else { continue };
+            let Some((receptacle, list)) = line.split_once(": [") else {
+                continue;
+            };
             let list = list.trim_end().trim_end_matches(']');
-            let names: Vec<String> =
-                list.split(", ").map(|name| name.trim_matches(['\'', '"']).to_owned()).filter(|name| !name.is_empty()).collect();
+            let names: Vec<String> = list
+                .split(", ")
+                .map(|name| name.trim_matches(['\'', '"']).to_owned())
+                .filter(|name| !name.is_empty())
+                .collect();
             match self.0.iter_mut().find(|(known, _)| known == receptacle) {
                 Some((_, content)) => *content = names,
                 None => self.0.push((receptacle.to_owned(), names)),
@@ -86,7 +108,11 @@ impl Graph {
 
     /// Its names with their receptacles.
     pub fn objects(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.0.iter().flat_map(|(receptacle, names)| names.iter().map(move |name| (name.as_str(), receptacle.as_str())))
+        self.0.iter().flat_map(|(receptacle, names)| {
+            names
+                .iter()
+                .map(move |name| (name.as_str(), receptacle.as_str()))
+        })
     }
 
     /// What decides whether it is taken.

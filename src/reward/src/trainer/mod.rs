@@ -1,6 +1,6 @@
-//! What REAL's published trainer makes of a server's answers: categories, refused graphs, listed errors, answers of the user.
-//! The rules are those of `src/real_trainer.rs`, which runs on facts; [`Rollout`] feeds them with payloads and results as they
-//! come over MCP. Never talks to a server.
+//! What REAL's published trainer makes of a server's answers: categories, refused graphs, listed
+//! errors, answers of the user. The rules are those of `src/real_trainer.rs`, which runs on facts;
+//! [`Rollout`] feeds them with payloads and results as they come over MCP. Never talks to a server.
 
 mod categories;
 mod graph;
@@ -11,4 +11,6 @@ pub use categories::Categories;
 pub(crate) use categories::lower;
 pub use graph::{Graph, GraphSize, OBJECT_DRIFT_MAX, Refusal, is_unknown, refusal};
 pub use rollout::{ResetError, Rollout, TrainerStep, Turn};
-pub use texts::{HandViolation, TextError, is_dropped, is_not_found, marker_in_answer, observation};
+pub use texts::{
+    HandViolation, TextError, is_dropped, is_not_found, marker_in_answer, observation,
+};

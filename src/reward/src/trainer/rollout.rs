@@ -1,5 +1,6 @@
-//! One episode as the trainer plays it, from payloads and results as they come over MCP: the same rules that score records and
-//! table columns, fed by what a client is sent. Never makes a call itself.
+//! One episode as the trainer plays it, from payloads and results as they come over MCP: the same
+//! rules that score records and table columns, fed by what a client is sent. Never makes a call
+//! itself.
 
 use serde_json::Value;
 use thiserror::Error;
@@ -14,7 +15,11 @@ use crate::{
 };
 
 /// Texts in place of a task that the trainer knows as the end of the list.
-const ENDS: [&str; 3] = ["All benchmark episodes completed", "All replay episodes completed", "All episodes completed"];
+const ENDS: [&str; 3] = [
+    "All benchmark episodes completed",
+    "All replay episodes completed",
+    "All episodes completed",
+];
 
 /// What the text of the debug information begins with.
 const DEBUG_INFO: &str = "Debug Info:\n";
@@ -116,31 +121,70 @@ impl Rollout {
     /// # Panics
     /// If the preset is not of base `real-trainer`: a programmer's error.
     pub fn reset(preset: &Preset, task_id: &str, content: &[Value]) -> Result<Self, ResetError> {
-        assert!(preset.base() == Base::RealTrainer, "a rollout is paid by base real-trainer, not by {}", preset.base());
-        let text = content.iter().find_map(|item| item["text"].as_str()).ok_or(ResetError::NoText)?;
+        assert!(
+            preset.base() == Base::RealTrainer,
+            "a rollout is paid by base real-trainer, not by {}",
+            preset.base()
+        );
+        let text = content
+            .iter()
+            .find_map(|item| item["text"].as_str())
+            .ok_or(ResetError::NoText)?;
         let payload = match serde_json::from_str::<Value>(text) {
             Ok(payload) if payload.is_object() => payload,
-            _ if ENDS.iter().any(|end| text.contains(end)) => return Err(ResetError::AllDone { text: text.to_owned() }),
-            _ if is_not_found(text, None) => return Err(ResetError::NotFound { text: text.to_owned() }),
-            _ => return Err(ResetError::NoTask { text: text.to_owned() }),
+            _ if ENDS.iter().any(|end| text.contains(end)) => {
+                return Err(ResetError::AllDone {
+                    text: text.to_owned(),
+                });
+            }
+            _ if is_not_found(text, None) => {
+                return Err(ResetError::NotFound {
+                    text: text.to_owned(),
+                });
+            }
+            _ => {
+                return Err(ResetError::NoTask {
+                    text: text.to_owned(),
+                });
+            }
         };
-        let found = payload["task_id"].as_str().map_or_else(|| payload["task_id"].to_string(), str::to_owned);
+        let found = payload["task_id"]
+            .as_str()
+            .map_or_else(|| payload["task_id"].to_string(), str::to_owned);
         if found != task_id {
-            return Err(ResetError::OtherTask { asked: task_id.to_owned(), found });
+            return Err(ResetError::OtherTask {
+                asked: task_id.to_owned(),
+                found,
+            });
         }
-        let given = |key: &str| payload.get(key).filter(|graph| graph.as_object().is_some_and(|graph| !graph.is_empty()));
+        let given = |key: &str| {
+            payload
+                .get(key)
+                .filter(|graph| graph.as_object().is_some_and(|graph| !graph.is_empty()))
+        };
         let initial = Graph::of_json(given("initial_world_graph").ok_or(ResetError::NoGraph)?);
         let goal = given("goal_world_graph").or_else(|| given("target_world_graph"));
         let goal = goal.map(Graph::of_json).ok_or(ResetError::NoTargets)?;
-        let category = payload["target_object"]["category"].as_str().unwrap_or_default();
-        let mut facts = TaskFacts::for_trainer(Categories::of_payload(&payload), category, &initial, &goal);
+        let category = payload["target_object"]["category"]
+            .as_str()
+            .unwrap_or_default();
+        let mut facts =
+            TaskFacts::for_trainer(Categories::of_payload(&payload), category, &initial, &goal);
         if facts.categories.goal.is_empty() {
             return Err(ResetError::NoTargets);
         }
         let (mut moment, mut scorer) = (EpisodeFacts::default(), Scorer::new(preset));
         facts.begin(&mut moment);
         scorer.start(&facts, &moment.start());
-        Ok(Self { facts, scorer, moment, taken: initial.clone(), shown: initial, held: None, total: 0.0 })
+        Ok(Self {
+            facts,
+            scorer,
+            moment,
+            taken: initial.clone(),
+            shown: initial,
+            held: None,
+            total: 0.0,
+        })
     }
 
     /// Pays a turn; nothing once the episode is done.
@@ -155,7 +199,11 @@ impl Rollout {
                 self.moment.step(head);
                 String::new()
             }
-            Turn::Call { tool, arguments, content } => self.call(tool, arguments, content),
+            Turn::Call {
+                tool,
+                arguments,
+                content,
+            } => self.call(tool, arguments, content),
         };
         let mut terms = Vec::new();
         for moment in self.moment.steps() {
@@ -166,7 +214,11 @@ impl Rollout {
         }
         let reward = terms.iter().map(|fired| fired.value).sum();
         self.total += reward;
-        TrainerStep { reward, terms, observation }
+        TrainerStep {
+            reward,
+            terms,
+            observation,
+        }
     }
 
     /// What was paid so far.
@@ -181,7 +233,9 @@ impl Rollout {
 
     /// What the trainer holds of the episode.
     pub fn state(&self) -> TrainerState {
-        self.scorer.trainer_state(&self.facts).expect("the preset is the trainer's")
+        self.scorer
+            .trainer_state(&self.facts)
+            .expect("the preset is the trainer's")
     }
 
     /// How many targets the task has.
@@ -190,28 +244,45 @@ impl Rollout {
     }
 
     fn without_call(&mut self, delivery: Delivery) -> String {
-        self.moment.step(crate::StepHead { delivery, held: self.held, ..crate::StepHead::default() });
+        self.moment.step(crate::StepHead {
+            delivery,
+            held: self.held,
+            ..crate::StepHead::default()
+        });
         String::new()
     }
 
     fn call(&mut self, tool: &str, arguments: &Value, content: &[Value]) -> String {
         let observation = observation(content);
-        let debug = content.last().and_then(|item| item["text"].as_str()).and_then(debug_information);
+        let debug = content
+            .last()
+            .and_then(|item| item["text"].as_str())
+            .and_then(debug_information);
         if let Some(held) = debug.as_ref().and_then(|debug| debug.inventory.as_ref()) {
             self.held = held.as_deref().map(|held| self.facts.object(held));
         }
         // only texts are compared: a number equals none
         let of_key = |key: &str| {
-            arguments.get(key).map(|value| value.as_str().map_or_else(|| format!("{value} (no text)"), str::to_owned))
+            arguments.get(key).map(|value| {
+                value
+                    .as_str()
+                    .map_or_else(|| format!("{value} (no text)"), str::to_owned)
+            })
         };
         let argument = of_key("receptacle_name").or_else(|| of_key("marker_id"));
         let mut head = self.facts.called(tool, None, argument.as_deref());
         head.told = self.facts.told(&head, &observation);
         head.held = self.held;
         let marks = debug.as_ref().and_then(|debug| debug.markers.as_deref());
-        let perceives = matches!(head.named, Called::WalkAround | Called::ShowObjectByCategory);
+        let perceives = matches!(
+            head.named,
+            Called::WalkAround | Called::ShowObjectByCategory
+        );
         let anti_exploit = self.scorer.preset().rules.anti_exploit;
-        if anti_exploit && perceives && marks.is_some_and(|marks| marks.iter().any(|mark| !mark.is_text)) {
+        if anti_exploit
+            && perceives
+            && marks.is_some_and(|marks| marks.iter().any(|mark| !mark.is_text))
+        {
             // as published: the anti-exploit terms compare markers as a set, and fail on objects
             head.delivery = Delivery::Failed;
         }
@@ -219,9 +290,16 @@ impl Rollout {
         if let Some(marks) = marks {
             self.moment.set_markers();
             for Mark { number, name, .. } in marks {
-                let is_receptacle = self.shown.0.iter().any(|(receptacle, _)| receptacle == name);
-                let marked =
-                    if is_receptacle { Marked::Place(self.facts.place(name)) } else { Marked::Object(self.facts.object(name)) };
+                let is_receptacle = self
+                    .shown
+                    .0
+                    .iter()
+                    .any(|(receptacle, _)| receptacle == name);
+                let marked = if is_receptacle {
+                    Marked::Place(self.facts.place(name))
+                } else {
+                    Marked::Object(self.facts.object(name))
+                };
                 self.moment.mark(*number, marked);
             }
         }
@@ -242,8 +320,10 @@ impl Rollout {
     /// Tells the rules how the graph differs from the one that was sent before.
     fn show(&mut self, graph: Graph) {
         let sorted = |graph: &Graph| {
-            let mut objects: Vec<(String, String)> =
-                graph.objects().map(|(name, place)| (name.to_owned(), place.to_owned())).collect();
+            let mut objects: Vec<(String, String)> = graph
+                .objects()
+                .map(|(name, place)| (name.to_owned(), place.to_owned()))
+                .collect();
             objects.sort();
             objects
         };
@@ -255,7 +335,10 @@ impl Rollout {
                     left.remove(at);
                     continue;
                 }
-                if let Some(change) = self.facts.change(event, Some(&object.0), &object.1, None, None) {
+                if let Some(change) =
+                    self.facts
+                        .change(event, Some(&object.0), &object.1, None, None)
+                {
                     self.moment.change(Authority::Registry, change);
                 }
             }
@@ -293,10 +376,17 @@ fn debug_information(text: &str) -> Option<DebugInformation> {
         let mut graph: Value = serde_json::from_str(text).ok()?;
         let held = graph.as_object_mut()?.shift_remove("robot_inv");
         let graph = Some(SentGraph::Whole(Graph::of_json(&graph)));
-        return Some(DebugInformation { inventory: held.as_ref().map(name), markers: None, graph });
+        return Some(DebugInformation {
+            inventory: held.as_ref().map(name),
+            markers: None,
+            graph,
+        });
     };
     let debug: Value = serde_json::from_str(json).ok()?;
-    let whole = debug.get("world_graph").filter(|graph| graph.is_object()).map(|graph| SentGraph::Whole(Graph::of_json(graph)));
+    let whole = debug
+        .get("world_graph")
+        .filter(|graph| graph.is_object())
+        .map(|graph| SentGraph::Whole(Graph::of_json(graph)));
     let lines = || name(&debug["WORLD_GRAPH"]).map(SentGraph::Lines);
     Some(DebugInformation {
         inventory: debug.get("CURRENT_INV").map(name),
@@ -305,11 +395,23 @@ fn debug_information(text: &str) -> Option<DebugInformation> {
     })
 }
 
-/// A map from numbers to names, or to objects with a category or a name. Other keys and values mark nothing.
+/// A map from numbers to names, or to objects with a category or a name. Other keys and values mark
+/// nothing.
 fn marks(map: &Value) -> Vec<Mark> {
     let mark = |(number, value): (&String, &Value)| {
-        let told = value.get("category").or_else(|| value.get("name")).unwrap_or(value);
-        Some(Mark { number: number.parse().ok()?, name: told.as_str()?.to_owned(), is_text: value.is_string() })
+        let told = value
+            .get("category")
+            .or_else(|| value.get("name"))
+            .unwrap_or(value);
+        Some(Mark {
+            number: number.parse().ok()?,
+            name: told.as_str()?.to_owned(),
+            is_text: value.is_string(),
+        })
     };
-    map.as_object().into_iter().flatten().filter_map(mark).collect()
+    map.as_object()
+        .into_iter()
+        .flatten()
+        .filter_map(mark)
+        .collect()
 }

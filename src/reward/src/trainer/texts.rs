@@ -1,4 +1,5 @@
-//! What the trainer reads from the texts of results: the observation, listed errors, the marker that an answer names.
+//! What the trainer reads from the texts of results: the observation, listed errors, the marker
+//! that an answer names.
 
 use std::sync::LazyLock;
 
@@ -39,10 +40,15 @@ impl TextError {
     /// The first of the listed texts that occurs, whatever its case.
     pub fn find(observation: &str) -> Option<Self> {
         static TEXTS: LazyLock<AhoCorasick> = LazyLock::new(|| {
-            let builder = AhoCorasick::builder().ascii_case_insensitive(true).build(LISTED);
+            let builder = AhoCorasick::builder()
+                .ascii_case_insensitive(true)
+                .build(LISTED);
             builder.expect("thirteen short texts make an automaton")
         });
-        TEXTS.find_overlapping_iter(observation).map(|found| Self(found.pattern().as_u32() as u8)).min_by_key(|error| error.0)
+        TEXTS
+            .find_overlapping_iter(observation)
+            .map(|found| Self(found.pattern().as_u32() as u8))
+            .min_by_key(|error| error.0)
     }
 
     /// Whether it costs as much as an invalid call.
@@ -86,15 +92,23 @@ pub fn is_dropped(text: &str) -> bool {
     text.starts_with('{') || text.starts_with(DEBUG_INFO)
 }
 
-/// The observation that the trainer makes of the items of a result, one a line: all items but the last, which is the debug
-/// information; an only item counts.
+/// The observation that the trainer makes of the items of a result, one a line: all items but the
+/// last, which is the debug information; an only item counts.
 pub fn observation(content: &[Value]) -> String {
-    let shown = if content.len() > 1 { &content[..content.len() - 1] } else { content };
+    let shown = if content.len() > 1 {
+        &content[..content.len() - 1]
+    } else {
+        content
+    };
     let mut lines = String::new();
     for item in shown {
         let line = match item["type"].as_str() {
             Some("image") => IMAGE,
-            _ => item["text"].as_str().map(str::trim).filter(|text| !is_dropped(text)).unwrap_or_default(),
+            _ => item["text"]
+                .as_str()
+                .map(str::trim)
+                .filter(|text| !is_dropped(text))
+                .unwrap_or_default(),
         };
         if !line.is_empty() {
             lines.push_str(line);
@@ -104,20 +118,27 @@ pub fn observation(content: &[Value]) -> String {
     lines
 }
 
-/// Whether a failed reset says that the scene does not have the task, so that the trainer goes to another server.
+/// Whether a failed reset says that the scene does not have the task, so that the trainer goes to
+/// another server.
 pub fn is_not_found(observation: &str, instruction: Option<&str>) -> bool {
     let says_so = |text: &str| text.to_lowercase().contains("not found");
     says_so(observation) || instruction.is_some_and(says_so)
 }
 
-/// The marker that an answer names: the longest of the known ones that occurs in it (the first of equally long ones); where
-/// none is known, the word that follows `marker` and one blank or underscore.
+/// The marker that an answer names: the longest of the known ones that occurs in it (the first of
+/// equally long ones); where none is known, the word that follows `marker` and one blank or
+/// underscore.
 pub fn marker_in_answer(answer: &str, known: &[impl AsRef<str>]) -> Option<String> {
     if known.is_empty() {
         return after_marker(answer).map(str::to_owned);
     }
-    let named = known.iter().map(AsRef::as_ref).filter(|marker| answer.contains(marker));
-    named.min_by_key(|marker| usize::MAX - marker.len()).map(str::to_owned)
+    let named = known
+        .iter()
+        .map(AsRef::as_ref)
+        .filter(|marker| answer.contains(marker));
+    named
+        .min_by_key(|marker| usize::MAX - marker.len())
+        .map(str::to_owned)
 }
 
 fn after_marker(answer: &str) -> Option<&str> {
@@ -128,7 +149,9 @@ fn after_marker(answer: &str) -> Option<&str> {
         word.eq_ignore_ascii_case(WORD).then_some(rest)
     });
     rests
-        .filter_map(|rest| rest.strip_prefix(|letter: char| letter == '_' || letter.is_whitespace()))
+        .filter_map(|rest| {
+            rest.strip_prefix(|letter: char| letter == '_' || letter.is_whitespace())
+        })
         .find(|rest| rest.starts_with(is_letter))
         .and_then(|rest| rest.split(|letter| !is_letter(letter)).next())
 }

@@ -1,4 +1,5 @@
-//! An episode as its table columns hold it, turned into facts from its texts alone: what whoever reads tables has to do.
+//! An episode as its table columns hold it, turned into facts from its texts alone: what whoever
+//! reads tables has to do.
 
 use std::collections::BTreeSet;
 
@@ -38,13 +39,22 @@ struct StepRow {
 }
 
 /// The facts of an episode by way of its columns.
-pub fn facts_from_columns(facts: &mut TaskFacts, task: &Task, start: &StartRecord, steps: &[StepRecord]) -> EpisodeFacts {
+pub fn facts_from_columns(
+    facts: &mut TaskFacts,
+    task: &Task,
+    start: &StartRecord,
+    steps: &[StepRecord],
+) -> EpisodeFacts {
     let rows = columns(task, start, steps);
     let mut episode = EpisodeFacts::default();
     facts.begin(&mut episode);
     for (index, row) in rows.iter().enumerate() {
         if index > 0 {
-            let call = facts.called(&row.tool, row.error_code.as_deref(), row.argument.as_deref());
+            let call = facts.called(
+                &row.tool,
+                row.error_code.as_deref(),
+                row.argument.as_deref(),
+            );
             let head = StepHead {
                 told: facts.told(&call, &row.text),
                 error: row.error_class.as_deref().map(|class| match class {
@@ -60,9 +70,19 @@ pub fn facts_from_columns(facts: &mut TaskFacts, task: &Task, start: &StartRecor
             episode.step(head);
         }
         for change in &row.changes {
-            let authority = if change.authority == "physics" { Authority::Physics } else { Authority::Registry };
+            let authority = if change.authority == "physics" {
+                Authority::Physics
+            } else {
+                Authority::Registry
+            };
             let (from, to) = (change.door_from.as_deref(), change.door_to.as_deref());
-            let change = facts.change(change.event, change.object.as_deref(), &change.receptacle, from, to);
+            let change = facts.change(
+                change.event,
+                change.object.as_deref(),
+                &change.receptacle,
+                from,
+                to,
+            );
             episode.change(authority, change.expect("a row of ours is a change"));
         }
         for object in &row.seen {
@@ -71,7 +91,11 @@ pub fn facts_from_columns(facts: &mut TaskFacts, task: &Task, start: &StartRecor
         if let Some(markers) = &row.markers {
             episode.set_markers();
             for (number, kind, id) in markers {
-                let target = if *kind == "object" { Marked::Object(facts.object(id)) } else { Marked::Place(facts.place(id)) };
+                let target = if *kind == "object" {
+                    Marked::Object(facts.object(id))
+                } else {
+                    Marked::Place(facts.place(id))
+                };
                 episode.mark(*number, target);
             }
         }
@@ -83,16 +107,31 @@ pub fn facts_from_columns(facts: &mut TaskFacts, task: &Task, start: &StartRecor
 fn columns(task: &Task, start: &StartRecord, steps: &[StepRecord]) -> Vec<StepRow> {
     let mut known = BTreeSet::new();
     let graphs = &start.graphs;
-    let changes =
-        GraphChanges { physics: graphs.physics.difference(&task.initial), registry: graphs.registry.difference(&task.initial) };
+    let changes = GraphChanges {
+        physics: graphs.physics.difference(&task.initial),
+        registry: graphs.registry.difference(&task.initial),
+    };
     let visible = start.visible.iter().map(|seen| seen.object.to_string());
-    let seen = visible.filter(|object| known.insert(object.clone())).collect();
-    let mut rows = vec![StepRow { changes: change_rows(&changes), seen, ..StepRow::default() }];
+    let seen = visible
+        .filter(|object| known.insert(object.clone()))
+        .collect();
+    let mut rows = vec![StepRow {
+        changes: change_rows(&changes),
+        seen,
+        ..StepRow::default()
+    }];
     let mut map = Vec::new();
     for step in steps {
-        let shown = step.visible.iter().map(|seen| &seen.object).chain(&step.listed).map(ToString::to_string);
+        let shown = step
+            .visible
+            .iter()
+            .map(|seen| &seen.object)
+            .chain(&step.listed)
+            .map(ToString::to_string);
         let arguments = &step.input.call.arguments;
-        let argument = arguments.get("receptacle_name").or(arguments.get("marker_id"));
+        let argument = arguments
+            .get("receptacle_name")
+            .or(arguments.get("marker_id"));
         rows.push(StepRow {
             tool: step.tool_name().to_owned(),
             error_code: step.outcome.error.map(|code| code.to_string()),
@@ -100,14 +139,20 @@ fn columns(task: &Task, start: &StartRecord, steps: &[StepRecord]) -> Vec<StepRo
                 ErrorClass::Severe => "severe".to_owned(),
                 ErrorClass::Moderate => "moderate".to_owned(),
             }),
-            argument: argument.map(|value| value.as_str().map_or_else(|| value.to_string(), str::to_owned)),
+            argument: argument.map(|value| {
+                value
+                    .as_str()
+                    .map_or_else(|| value.to_string(), str::to_owned)
+            }),
             object: step.object.as_ref().map(ToString::to_string),
             receptacle: step.receptacle.as_ref().map(ToString::to_string),
             held: step.held.as_ref().map(ToString::to_string),
             reply: step.reply.as_ref().map(|reply| reply.text.clone()),
             text: step.outcome.text.clone(),
             changes: change_rows(&step.changes),
-            seen: shown.filter(|object| known.insert(object.clone())).collect(),
+            seen: shown
+                .filter(|object| known.insert(object.clone()))
+                .collect(),
             markers: (step.markers != map).then(|| {
                 step.markers
                     .iter()
@@ -125,7 +170,10 @@ fn columns(task: &Task, start: &StartRecord, steps: &[StepRecord]) -> Vec<StepRo
 
 fn change_rows(changes: &GraphChanges) -> Vec<ChangeRow> {
     let of = |authority, events: &[GraphEvent]| -> Vec<ChangeRow> {
-        events.iter().map(|event| change_row(authority, event)).collect()
+        events
+            .iter()
+            .map(|event| change_row(authority, event))
+            .collect()
     };
     let mut rows = of("registry", &changes.registry);
     rows.extend(of("physics", &changes.physics));
@@ -139,6 +187,16 @@ fn change_row(authority: &'static str, event: &GraphEvent) -> ChangeRow {
         GraphEvent::Remove { .. } => ("remove", None, None),
         GraphEvent::Door { from, to, .. } => ("door", name(from), name(to)),
     };
-    let (object, receptacle) = (event.object().map(ToString::to_string), event.receptacle().to_string());
-    ChangeRow { authority, event: event_name, object, receptacle, door_from, door_to }
+    let (object, receptacle) = (
+        event.object().map(ToString::to_string),
+        event.receptacle().to_string(),
+    );
+    ChangeRow {
+        authority,
+        event: event_name,
+        object,
+        receptacle,
+        door_from,
+        door_to,
+    }
 }

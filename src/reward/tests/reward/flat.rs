@@ -1,13 +1,14 @@
-//! A flat without physics that turns short scripts into step records: what the rules are tested on. Both authorities see
-//! the same.
+//! A flat without physics that turns short scripts into step records: what the rules are tested on.
+//! Both authorities see the same.
 
 use std::collections::BTreeMap;
 
 use reel_world::{
-    AssetId, DoorState, ErrorCode, Family, GraphEvent, InstanceId, ObjectInstance, Outcome, ReceptacleId, Scene, Task, ToolCall,
-    WorldGraph, language,
+    AssetId, DoorState, ErrorCode, Family, GraphEvent, InstanceId, ObjectInstance, Outcome,
+    ReceptacleId, Scene, Task, ToolCall, WorldGraph, language,
     record::{
-        Graphs, Marker, MarkerTarget, StartRecord, StateDigests, StepInput, StepRecord, UserReply, UserSource, VisibleObject,
+        Graphs, Marker, MarkerTarget, StartRecord, StateDigests, StepInput, StepRecord, UserReply,
+        UserSource, VisibleObject,
     },
 };
 use serde_json::json;
@@ -62,7 +63,8 @@ pub fn task() -> (Task, Scene) {
         family: Family::SUL,
         task_type: None,
         scene_id: "flat".into(),
-        precise_instruction: "Take the round red apple from the table and put it into the fridge.".into(),
+        precise_instruction: "Take the round red apple from the table and put it into the fridge."
+            .into(),
         instruction,
         fuzzy: true,
         purpose: Some("fruit".into()),
@@ -105,13 +107,25 @@ pub fn object(instance: &str, category: &str, caption: &str, receptacle: &str) -
 }
 
 pub fn start(task: &Task) -> StartRecord {
-    let graphs = Graphs { physics: task.initial.clone(), registry: task.initial.clone() };
-    StartRecord { graphs, shortest_path_m: Some(4.0), ..StartRecord::default() }
+    let graphs = Graphs {
+        physics: task.initial.clone(),
+        registry: task.initial.clone(),
+    };
+    StartRecord {
+        graphs,
+        shortest_path_m: Some(4.0),
+        ..StartRecord::default()
+    }
 }
 
 impl Flat {
     pub fn new(task: &Task) -> Self {
-        Self { graph: task.initial.clone(), held: None, markers: Vec::new(), steps: Vec::new() }
+        Self {
+            graph: task.initial.clone(),
+            held: None,
+            markers: Vec::new(),
+            steps: Vec::new(),
+        }
     }
 
     pub fn play(task: &Task, script: &[Act]) -> Self {
@@ -157,7 +171,11 @@ impl Flat {
         self.steps.push(step);
     }
 
-    fn change(&mut self, act: &Act, step: &mut StepRecord) -> (Option<&'static str>, Option<ErrorCode>) {
+    fn change(
+        &mut self,
+        act: &Act,
+        step: &mut StepRecord,
+    ) -> (Option<&'static str>, Option<ErrorCode>) {
         match act {
             Act::Nav(to) => {
                 step.input.call = ToolCall::new("nav_to", json!({ "receptacle_name": to }));
@@ -171,11 +189,17 @@ impl Flat {
             }
             Act::Look(at) => {
                 step.listed = self.graph.objects_on(&(*at).into());
-                let seen = |object: &InstanceId| VisibleObject { object: object.clone(), pixels: 9, bbox: [0; 4] };
+                let seen = |object: &InstanceId| VisibleObject {
+                    object: object.clone(),
+                    pixels: 9,
+                    bbox: [0; 4],
+                };
                 step.visible = step.listed.iter().map(seen).collect();
                 let objects = step.listed.iter().enumerate();
-                let marker =
-                    |(id, object): (usize, &InstanceId)| Marker { id: id as u32, target: MarkerTarget::Object(object.clone()) };
+                let marker = |(id, object): (usize, &InstanceId)| Marker {
+                    id: id as u32,
+                    target: MarkerTarget::Object(object.clone()),
+                };
                 self.markers = objects.map(marker).collect();
                 (Some("walk_around"), None)
             }
@@ -183,10 +207,16 @@ impl Flat {
                 let object = InstanceId::from(*object);
                 let target = MarkerTarget::Object(object.clone());
                 // A pick of what has no marker names one that nothing has.
-                let marker = self.markers.iter().find(|marker| marker.target == target).map_or(99, |marker| marker.id);
+                let marker = self
+                    .markers
+                    .iter()
+                    .find(|marker| marker.target == target)
+                    .map_or(99, |marker| marker.id);
                 step.input.call = ToolCall::new("pick", json!({ "marker_id": marker }));
                 let place = self.graph.place_of(&object).cloned();
-                let (None, Some(place)) = (&self.held, place) else { return (Some("pick"), Some(ErrorCode::AlreadyHolding)) };
+                let (None, Some(place)) = (&self.held, place) else {
+                    return (Some("pick"), Some(ErrorCode::AlreadyHolding));
+                };
                 self.graph.remove(&place, &object);
                 step.object = Some(object.clone());
                 self.held = Some(object);
@@ -197,7 +227,9 @@ impl Flat {
                 if self.graph.door(&at) == Some(DoorState::Closed) {
                     return (Some("place"), Some(ErrorCode::DoorClosed));
                 }
-                let Some(object) = self.held.take() else { return (Some("place"), Some(ErrorCode::NothingHeld)) };
+                let Some(object) = self.held.take() else {
+                    return (Some("place"), Some(ErrorCode::NothingHeld));
+                };
                 self.graph.add(&at, &object);
                 (step.object, step.receptacle) = (Some(object), Some(at));
                 (Some("place"), None)
@@ -205,7 +237,10 @@ impl Flat {
             Act::Open(at) => self.door("open", at, DoorState::Closed, DoorState::Open),
             Act::Close(at) => self.door("close", at, DoorState::Open, DoorState::Closed),
             Act::Ask(reply) => {
-                step.reply = Some(UserReply { text: (*reply).to_owned(), source: UserSource::RuleBased });
+                step.reply = Some(UserReply {
+                    text: (*reply).to_owned(),
+                    source: UserSource::RuleBased,
+                });
                 (Some("ask"), None)
             }
             Act::Fail(code) => (None, Some(*code)),
@@ -224,13 +259,18 @@ impl Flat {
             return (Some(tool), Some(ErrorCode::NoDoor));
         }
         if self.graph.door(&at.into()) == Some(from) {
-            self.graph.apply(&[GraphEvent::Door { receptacle: at.into(), from, to }]);
+            self.graph.apply(&[GraphEvent::Door {
+                receptacle: at.into(),
+                from,
+                to,
+            }]);
         }
         (Some(tool), None)
     }
 }
 
-/// The published text of a failure, or an unlisted text if the published server does not know the failure.
+/// The published text of a failure, or an unlisted text if the published server does not know the
+/// failure.
 fn said(error: ErrorCode) -> &'static str {
     match error {
         ErrorCode::UnknownTool => "Action 'x' not recognized.",

@@ -1,7 +1,10 @@
 //! What holds for every episode, under every preset.
 
 use proptest::prelude::*;
-use reel_reward::{Base, EpisodeFacts, EpisodeReward, Preset, Scorer, TaskFacts, Term, difference, metrics, rewards};
+use reel_reward::{
+    Base, EpisodeFacts, EpisodeReward, Preset, Scorer, TaskFacts, Term, difference, metrics,
+    rewards,
+};
 use reel_world::{
     ErrorCode, FLOOR, Task,
     record::{Graphs, RewardTerm, StartRecord},
@@ -49,12 +52,15 @@ fn any_script() -> impl Strategy<Value = Vec<Act>> {
     prop::collection::vec(any_act(), 0..30)
 }
 
-/// Plays a script in the task's flat, in which something may stand of which the task knows nothing: in every second one, since
-/// the trainer refuses all its graphs.
+/// Plays a script in the task's flat, in which something may stand of which the task knows nothing:
+/// in every second one, since the trainer refuses all its graphs.
 fn haunted(task: &Task, script: &[Act]) -> (StartRecord, Flat) {
     let mut start = start(task);
     let graphs = [&mut start.graphs.physics, &mut start.graphs.registry];
-    for graph in graphs.into_iter().filter(|_| script.len().is_multiple_of(2)) {
+    for graph in graphs
+        .into_iter()
+        .filter(|_| script.len().is_multiple_of(2))
+    {
         graph.add(&ATTIC.into(), &GHOST.into());
     }
     let mut flat = Flat::new(task);
@@ -233,11 +239,29 @@ fn the_generator_reaches_every_term() {
         let mut episode = EpisodeFacts::default();
         episode.record(&mut facts, &task, &start, &flat.steps);
         for preset in presets() {
-            reached.extend(scored(&preset, &mut facts, &episode).fired().iter().map(|fired| fired.term));
+            reached.extend(
+                scored(&preset, &mut facts, &episode)
+                    .fired()
+                    .iter()
+                    .map(|fired| fired.term),
+            );
         }
     }
-    // The first needs, as published, a place and a pick in one step: the test of its own in `real_repo.rs`. Of the others the
-    // first needs a task without targets, and records do not say the last two: the tests in `real_trainer.rs`.
-    let missing: Vec<Term> = Term::ALL.iter().copied().filter(|term| !reached.contains(term)).collect();
-    assert_eq!(missing, [Term::ReplanRecoverPick, Term::FinishComplete, Term::CallTimeout, Term::CallFailed]);
+    // The first needs, as published, a place and a pick in one step: the test of its own in
+    // `real_repo.rs`. Of the others the first needs a task without targets, and records do not say
+    // the last two: the tests in `real_trainer.rs`.
+    let missing: Vec<Term> = Term::ALL
+        .iter()
+        .copied()
+        .filter(|term| !reached.contains(term))
+        .collect();
+    assert_eq!(
+        missing,
+        [
+            Term::ReplanRecoverPick,
+            Term::FinishComplete,
+            Term::CallTimeout,
+            Term::CallFailed
+        ]
+    );
 }

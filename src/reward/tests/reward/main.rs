@@ -1,4 +1,5 @@
-//! The rules of the presets, their laws, preset files and the quantities of GSPO, on a flat without physics.
+//! The rules of the presets, their laws, preset files and the quantities of GSPO, on a flat without
+//! physics.
 
 mod advantage;
 mod columns;
@@ -44,20 +45,41 @@ fn worked_example(reply: &'static str) -> Vec<Act> {
 /// Plays a script and pays its steps.
 fn play_by(preset: &Preset, task: &Task, script: &[Act]) -> (Flat, Vec<Vec<RewardTerm>>) {
     let flat = Flat::play(task, script);
-    let terms = rewards(preset, task, &flat::task().1, &flat::start(task), &flat.steps);
+    let terms = rewards(
+        preset,
+        task,
+        &flat::task().1,
+        &flat::start(task),
+        &flat.steps,
+    );
     (flat, terms)
 }
 
-/// Compares what each step of a successful play pays with `expected`; gives the metrics of the episode.
+/// Compares what each step of a successful play pays with `expected`; gives the metrics of the
+/// episode.
 #[track_caller]
-fn close_steps(preset: &Preset, flat: &mut Flat, terms: &[Vec<RewardTerm>], expected: &[f64]) -> Metrics {
+fn close_steps(
+    preset: &Preset,
+    flat: &mut Flat,
+    terms: &[Vec<RewardTerm>],
+    expected: &[f64],
+) -> Metrics {
     assert_eq!(terms.len(), expected.len());
     for (step, (terms, expected)) in terms.iter().zip(expected).enumerate() {
-        assert!((sum(terms) - expected).abs() < 1e-9, "step {step}: expected {expected}, found {terms:?}");
+        assert!(
+            (sum(terms) - expected).abs() < 1e-9,
+            "step {step}: expected {expected}, found {terms:?}"
+        );
     }
-    flat.steps.iter_mut().zip(terms).for_each(|(step, terms)| step.reward.clone_from(terms));
+    flat.steps
+        .iter_mut()
+        .zip(terms)
+        .for_each(|(step, terms)| step.reward.clone_from(terms));
     let (task, _) = flat::task();
-    let graphs = Graphs { registry: flat.graph.clone(), ..Graphs::default() };
+    let graphs = Graphs {
+        registry: flat.graph.clone(),
+        ..Graphs::default()
+    };
     let metrics = metrics(preset, &task, &flat::start(&task), &flat.steps, &graphs);
     assert!(metrics.success);
     metrics
@@ -68,10 +90,18 @@ fn sum(terms: &[RewardTerm]) -> f64 {
 }
 
 fn component(terms: &[Vec<RewardTerm>], name: &str) -> f64 {
-    terms.iter().flatten().filter(|term| term.component == name).map(|term| term.value).sum()
+    terms
+        .iter()
+        .flatten()
+        .filter(|term| term.component == name)
+        .map(|term| term.value)
+        .sum()
 }
 
 #[track_caller]
 fn close(found: f64, expected: f64) {
-    assert!((found - expected).abs() < 1e-9, "found {found}, expected {expected}");
+    assert!(
+        (found - expected).abs() < 1e-9,
+        "found {found}, expected {expected}"
+    );
 }

@@ -1,5 +1,5 @@
-//! Panels and pages that are JSON files: those that come with Reel (`dashboards/definitions`), and those in the folder
-//! `definitions`, which people add without building anything.
+//! Panels and pages that are JSON files: those that come with Reel (`dashboards/definitions`), and
+//! those in the folder `definitions`, which people add without building anything.
 
 use std::{
     collections::BTreeMap,
@@ -99,7 +99,8 @@ pub(super) struct Listed {
     problem: Option<String>,
 }
 
-/// Panels and pages of the dashboards, by name. A file that is none is told with what is wrong with it.
+/// Panels and pages of the dashboards, by name. A file that is none is told with what is wrong with
+/// it.
 #[utoipa::path(get, path = "/api/definitions", operation_id = "list_definitions", tag = "tables", security(("token" = [])),
     responses((status = 200, body = Vec<Listed>), (status = 503, body = ErrorBody)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Listed>>, ApiError> {
@@ -108,16 +109,27 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Listed>
             let name = file.strip_suffix(".json")?.to_owned();
             Some((name, true, Ours::get(&file)?.data.into_owned()))
         });
-        let mut found: BTreeMap<String, Listed> =
-            ours.map(|(name, builtin, text)| (name.clone(), listed(name, builtin, Ok(text)))).collect();
+        let mut found: BTreeMap<String, Listed> = ours
+            .map(|(name, builtin, text)| (name.clone(), listed(name, builtin, Ok(text))))
+            .collect();
         // Whoever has one of the same name wants theirs.
-        for entry in fs::read_dir(app.config.definitions()).into_iter().flatten().flatten() {
+        for entry in fs::read_dir(app.config.definitions())
+            .into_iter()
+            .flatten()
+            .flatten()
+        {
             let file = entry.file_name();
-            let Some(name) = file.to_str().and_then(|file| file.strip_suffix(".json")).filter(|name| check_name(name).is_ok())
+            let Some(name) = file
+                .to_str()
+                .and_then(|file| file.strip_suffix(".json"))
+                .filter(|name| check_name(name).is_ok())
             else {
                 continue;
             };
-            found.insert(name.to_owned(), listed(name.to_owned(), false, read(&entry.path())));
+            found.insert(
+                name.to_owned(),
+                listed(name.to_owned(), false, read(&entry.path())),
+            );
         }
         Ok(found.into_values().collect())
     });
@@ -134,17 +146,27 @@ pub(super) async fn keep(
     Named(name): Named<String>,
     Body(definition): Body<Definition>,
 ) -> Result<(StatusCode, Json<Definition>), ApiError> {
-    definition.check().map_err(|problem| ApiError::unprocessable("bad_definition", problem))?;
+    definition
+        .check()
+        .map_err(|problem| ApiError::unprocessable("bad_definition", problem))?;
     let kept = analyse(&app, move |app| {
         let file = file(app, &name)?;
-        let text = serde_json::to_string_pretty(&definition).map_err(|_| ApiError::internal("it cannot be written"))? + "\n";
+        let text = serde_json::to_string_pretty(&definition)
+            .map_err(|_| ApiError::internal("it cannot be written"))?
+            + "\n";
         if text.len() as u64 > FILE_BYTES {
-            return Err(ApiError::unprocessable("bad_definition", format!("a definition has at most {FILE_BYTES} bytes")));
+            return Err(ApiError::unprocessable(
+                "bad_definition",
+                format!("a definition has at most {FILE_BYTES} bytes"),
+            ));
         }
-        fs::create_dir_all(app.config.definitions()).and_then(|()| put(&file, &text)).map_err(ApiError::disk)?;
+        fs::create_dir_all(app.config.definitions())
+            .and_then(|()| put(&file, &text))
+            .map_err(ApiError::disk)?;
         Ok(definition)
     });
-    kept.await.map(|definition| (StatusCode::CREATED, Json(definition)))
+    kept.await
+        .map(|definition| (StatusCode::CREATED, Json(definition)))
 }
 
 /// Takes away a panel or a page of yours; one of Reel's that it hid comes back.
@@ -152,12 +174,15 @@ pub(super) async fn keep(
     security(("token" = [])), params(("file" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 503, body = ErrorBody),
         (status = 507, body = ErrorBody)))]
-pub(super) async fn drop(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<StatusCode, ApiError> {
+pub(super) async fn drop(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+) -> Result<StatusCode, ApiError> {
     let gone = analyse(&app, move |app| match fs::remove_file(file(app, &name)?) {
         Ok(()) => Ok(StatusCode::NO_CONTENT),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            Err(ApiError::not_found(format!("there is no panel or page '{name}' in the folder definitions")))
-        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(ApiError::not_found(format!(
+            "there is no panel or page '{name}' in the folder definitions"
+        ))),
         Err(error) => Err(ApiError::disk(error)),
     });
     gone.await
@@ -171,20 +196,33 @@ fn file(app: &App, name: &str) -> Result<PathBuf, ApiError> {
 fn read(path: &Path) -> Result<Vec<u8>, String> {
     let size = fs::metadata(path).map_err(|error| error.to_string())?.len();
     if size > FILE_BYTES {
-        return Err(format!("it has {size} bytes; a definition has at most {FILE_BYTES}"));
+        return Err(format!(
+            "it has {size} bytes; a definition has at most {FILE_BYTES}"
+        ));
     }
     fs::read(path).map_err(|error| error.to_string())
 }
 
 fn listed(name: String, builtin: bool, text: Result<Vec<u8>, String>) -> Listed {
     let read = text.and_then(|text| {
-        let definition: Definition = serde_json::from_slice(&text).map_err(|error| error.to_string())?;
+        let definition: Definition =
+            serde_json::from_slice(&text).map_err(|error| error.to_string())?;
         definition.check()?;
         Ok(definition)
     });
     match read {
-        Ok(definition) => Listed { name, builtin, definition: Some(definition), problem: None },
-        Err(problem) => Listed { name, builtin, definition: None, problem: Some(problem) },
+        Ok(definition) => Listed {
+            name,
+            builtin,
+            definition: Some(definition),
+            problem: None,
+        },
+        Err(problem) => Listed {
+            name,
+            builtin,
+            definition: None,
+            problem: Some(problem),
+        },
     }
 }
 
@@ -199,7 +237,9 @@ impl Definition {
             (None, Some(_)) if self.chart.is_some() || !self.parameters.is_empty() => {
                 Err("a page has no chart and no parameters of its own; its panels have".to_owned())
             }
-            (None, Some(panels)) if !(1..=PANELS).contains(&panels.len()) => Err(format!("a page has 1 to {PANELS} panels")),
+            (None, Some(panels)) if !(1..=PANELS).contains(&panels.len()) => {
+                Err(format!("a page has 1 to {PANELS} panels"))
+            }
             (None, Some(panels)) => match panels.iter().find(|name| check_name(name).is_err()) {
                 Some(name) => Err(format!("'{name}' cannot be the name of a panel")),
                 None => Ok(()),
@@ -217,26 +257,49 @@ mod tests {
     fn what_comes_with_reel_can_be_read_and_has_its_panels() {
         let found: BTreeMap<String, Definition> = Ours::iter()
             .map(|file| {
-                let one = listed(file.to_string(), true, Ok(Ours::get(&file).unwrap().data.into_owned()));
-                (file.trim_end_matches(".json").to_owned(), one.definition.unwrap_or_else(|| panic!("{file}: {:?}", one.problem)))
+                let one = listed(
+                    file.to_string(),
+                    true,
+                    Ok(Ours::get(&file).unwrap().data.into_owned()),
+                );
+                (
+                    file.trim_end_matches(".json").to_owned(),
+                    one.definition
+                        .unwrap_or_else(|| panic!("{file}: {:?}", one.problem)),
+                )
             })
             .collect();
         assert!(!found.is_empty());
         for panel in found.values().flat_map(|one| one.panels.iter().flatten()) {
-            assert!(found.get(panel).is_some_and(|panel| panel.sql.is_some()), "{panel}");
+            assert!(
+                found.get(panel).is_some_and(|panel| panel.sql.is_some()),
+                "{panel}"
+            );
         }
     }
 
     #[test]
     fn what_is_no_definition_is_told() {
-        let problem = |text: &str| listed("x".to_owned(), false, Ok(text.as_bytes().to_vec())).problem.unwrap_or_default();
+        let problem = |text: &str| {
+            listed("x".to_owned(), false, Ok(text.as_bytes().to_vec()))
+                .problem
+                .unwrap_or_default()
+        };
         assert!(problem("{").contains("EOF"));
         assert!(problem(r#"{"title": " ", "sql": "SELECT 1"}"#).contains("title"));
         assert!(problem(r#"{"title": "a"}"#).contains("either"));
-        assert!(problem(r#"{"title": "a", "sql": "SELECT 1", "panels": ["b"]}"#).contains("either"));
+        assert!(
+            problem(r#"{"title": "a", "sql": "SELECT 1", "panels": ["b"]}"#).contains("either")
+        );
         assert!(problem(r#"{"title": "a", "panels": []}"#).contains("panels"));
         assert!(problem(r#"{"title": "a", "panels": ["../b"]}"#).contains("'../b'"));
-        assert!(problem(r#"{"title": "a", "sql": "SELECT 1", "chart": {"kind": "pie"}}"#).contains("pie"));
-        assert_eq!(problem(r#"{"title": "a", "sql": "SELECT 1", "chart": {"kind": "bar"}}"#), "");
+        assert!(
+            problem(r#"{"title": "a", "sql": "SELECT 1", "chart": {"kind": "pie"}}"#)
+                .contains("pie")
+        );
+        assert_eq!(
+            problem(r#"{"title": "a", "sql": "SELECT 1", "chart": {"kind": "bar"}}"#),
+            ""
+        );
     }
 }

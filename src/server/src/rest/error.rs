@@ -1,4 +1,5 @@
-//! What a client is told when something does not work: a status, a code for programs, a sentence for people.
+//! What a client is told when something does not work: a status, a code for programs, a sentence
+//! for people.
 
 use axum::{
     Json,
@@ -41,7 +42,11 @@ pub(crate) struct ErrorDetail {
 
 impl ApiError {
     fn new(status: StatusCode, code: &'static str, message: impl Into<String>) -> Self {
-        Self { status, code, message: message.into() }
+        Self {
+            status,
+            code,
+            message: message.into(),
+        }
     }
 
     pub fn bad_request(code: &'static str, message: impl Into<String>) -> Self {
@@ -61,7 +66,11 @@ impl ApiError {
     }
 
     pub fn not_allowed(message: String) -> Self {
-        Self::new(StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", message)
+        Self::new(
+            StatusCode::METHOD_NOT_ALLOWED,
+            "method_not_allowed",
+            message,
+        )
     }
 
     pub fn timeout(message: &str) -> Self {
@@ -107,7 +116,11 @@ impl ApiError {
         tracing::error!(%error, "the disk refuses");
         let full = error.kind() == std::io::ErrorKind::StorageFull;
         let code = if full { "disk_full" } else { "disk" };
-        Self::new(StatusCode::INSUFFICIENT_STORAGE, code, format!("the disk refuses: {error}"))
+        Self::new(
+            StatusCode::INSUFFICIENT_STORAGE,
+            code,
+            format!("the disk refuses: {error}"),
+        )
     }
 }
 
@@ -119,7 +132,12 @@ impl std::fmt::Display for ApiError {
 
 impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
-        let body = ErrorBody { error: ErrorDetail { code: self.code.to_owned(), message: self.message } };
+        let body = ErrorBody {
+            error: ErrorDetail {
+                code: self.code.to_owned(),
+                message: self.message,
+            },
+        };
         let mut response = (self.status, Json(body)).into_response();
         let headers = response.headers_mut();
         match self.status {
@@ -147,7 +165,9 @@ impl From<LiveError> for ApiError {
             LiveError::Name(_) => Self::bad_request("bad_name", message),
             LiveError::UnknownTask(_) => Self::unprocessable("unknown_task", message),
             LiveError::Taken(_) => Self::conflict("taken", message),
-            LiveError::NoEpisode | LiveError::Over(_) | LiveError::Broken(_) => Self::conflict("no_episode", message),
+            LiveError::NoEpisode | LiveError::Over(_) | LiveError::Broken(_) => {
+                Self::conflict("no_episode", message)
+            }
             LiveError::Full(_) | LiveError::Busy(_) | LiveError::Closing => Self::busy(message),
             LiveError::Folder { source, .. } => Self::disk(source),
             LiveError::Recording(_) => Self::new(StatusCode::INSUFFICIENT_STORAGE, "disk", message),
@@ -159,7 +179,9 @@ impl From<LiveError> for ApiError {
 #[cfg(feature = "tables")]
 impl From<StoreError> for ApiError {
     fn from(error: StoreError) -> Self {
-        Self::not_found(format!("the tables cannot be read: {error}; a job of kind 'ingest' makes them"))
+        Self::not_found(format!(
+            "the tables cannot be read: {error}; a job of kind 'ingest' makes them"
+        ))
     }
 }
 

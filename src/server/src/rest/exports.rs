@@ -1,4 +1,5 @@
-//! Training sets that lie in `exports` of the data folder: what they are, what a row looks like to the model, what is wrong.
+//! Training sets that lie in `exports` of the data folder: what they are, what a row looks like to
+//! the model, what is wrong.
 
 use std::{
     fs,
@@ -49,7 +50,10 @@ pub(super) struct Export {
     responses((status = 200, body = Vec<Export>), (status = 503, body = ErrorBody)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Export>>, ApiError> {
     let found = analyse(&app, |app| {
-        let folders = fs::read_dir(app.config.exports()).into_iter().flatten().flatten();
+        let folders = fs::read_dir(app.config.exports())
+            .into_iter()
+            .flatten()
+            .flatten();
         let mut found: Vec<Export> = folders.filter_map(|entry| export(&entry.path())).collect();
         found.sort_by(|a, b| b.created.cmp(&a.created).then_with(|| a.name.cmp(&b.name)));
         Ok(found)
@@ -62,11 +66,19 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Result<Json<Vec<Export>
     params(("export" = String, Path)),
     responses((status = 200, body = Export), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 503, body = ErrorBody)))]
-pub(super) async fn show(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Export>, ApiError> {
+pub(super) async fn show(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+) -> Result<Json<Export>, ApiError> {
     let found = analyse(&app, move |app| {
         let folder = existing(app, &name)?;
-        let card = fs::read_to_string(folder.join("README.md")).ok().map(|card| app.archive.hide(&card));
-        Ok(Export { card, ..export(&folder).ok_or_else(|| unknown(&name))? })
+        let card = fs::read_to_string(folder.join("README.md"))
+            .ok()
+            .map(|card| app.archive.hide(&card));
+        Ok(Export {
+            card,
+            ..export(&folder).ok_or_else(|| unknown(&name))?
+        })
     });
     found.await.map(Json)
 }
@@ -99,40 +111,64 @@ pub(super) async fn examples(
     Asked(rows): Asked<Rows>,
 ) -> Result<Json<Vec<Value>>, ApiError> {
     if !(1..=EXAMPLES_MAX).contains(&rows.limit) {
-        return Err(ApiError::bad_request("bad_parameter", format!("limit is a number from 1 to {EXAMPLES_MAX}")));
+        return Err(ApiError::bad_request(
+            "bad_parameter",
+            format!("limit is a number from 1 to {EXAMPLES_MAX}"),
+        ));
     }
     let found = analyse(&app, move |app| {
         let dataset = open(app, &name)?;
-        let rows = dataset.rows().skip(rows.from).take(rows.limit).zip(rows.from..);
+        let rows = dataset
+            .rows()
+            .skip(rows.from)
+            .take(rows.limit)
+            .zip(rows.from..);
         Ok(rows
-            .map(|(row, number)| row.map_or_else(|error| json!({"number": number, "error": error.to_string()}), shown))
+            .map(|(row, number)| {
+                row.map_or_else(
+                    |error| json!({"number": number, "error": error.to_string()}),
+                    shown,
+                )
+            })
             .collect())
     });
     found.await.map(Json)
 }
 
-/// What is wrong with a training set: leaks, contradictions, duplicates, bad labels, missing pictures.
+/// What is wrong with a training set: leaks, contradictions, duplicates, bad labels, missing
+/// pictures.
 #[utoipa::path(get, path = "/api/exports/{export}/lint", tag = "tables", security(("token" = [])),
     params(("export" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn findings(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Value>, ApiError> {
+pub(super) async fn findings(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+) -> Result<Json<Value>, ApiError> {
     let found = analyse(&app, move |app| {
         let report = lint(&open(app, &name)?, &Options::default(), |_| ());
-        let text = serde_json::to_string(&report).map_err(|_| ApiError::internal("the report cannot be written"))?;
-        serde_json::from_str(&app.archive.hide(&text)).map_err(|_| ApiError::internal("the report cannot be written"))
+        let text = serde_json::to_string(&report)
+            .map_err(|_| ApiError::internal("the report cannot be written"))?;
+        serde_json::from_str(&app.archive.hide(&text))
+            .map_err(|_| ApiError::internal("the report cannot be written"))
     });
     found.await.map(Json)
 }
 
 fn unknown(name: &str) -> ApiError {
-    ApiError::not_found(format!("there is no finished export '{name}'; a job of kind 'export' makes one"))
+    ApiError::not_found(format!(
+        "there is no finished export '{name}'; a job of kind 'export' makes one"
+    ))
 }
 
 fn existing(app: &App, name: &str) -> Result<PathBuf, ApiError> {
     check_name(name)?;
     let folder = app.config.exports().join(name);
-    if folder.join(MANIFEST).is_file() { Ok(folder) } else { Err(unknown(name)) }
+    if folder.join(MANIFEST).is_file() {
+        Ok(folder)
+    } else {
+        Err(unknown(name))
+    }
 }
 
 fn open(app: &App, name: &str) -> Result<Dataset, ApiError> {
@@ -143,15 +179,29 @@ fn open(app: &App, name: &str) -> Result<Dataset, ApiError> {
 /// A training set; none where it is not finished.
 fn export(folder: &Path) -> Option<Export> {
     let file = folder.join(MANIFEST);
-    let created = fs::metadata(&file).ok()?.modified().ok()?.duration_since(UNIX_EPOCH).ok()?.as_secs();
+    let created = fs::metadata(&file)
+        .ok()?
+        .modified()
+        .ok()?
+        .duration_since(UNIX_EPOCH)
+        .ok()?
+        .as_secs();
     let mut manifest: Value = serde_json::from_slice(&fs::read(&file).ok()?).ok()?;
     // How it was made names paths of this machine; its files are many, and not for people.
-    manifest.as_object_mut()?.retain(|key, _| key != "command" && key != "files");
+    manifest
+        .as_object_mut()?
+        .retain(|key, _| key != "command" && key != "files");
     if let Some(options) = manifest.get_mut("options").and_then(Value::as_object_mut) {
         options.remove("command");
     }
     let name = folder.file_name()?.to_str()?.to_owned();
-    Some(Export { name, created, bytes: bytes_in(folder), manifest, card: None })
+    Some(Export {
+        name,
+        created,
+        bytes: bytes_in(folder),
+        manifest,
+        card: None,
+    })
 }
 
 fn bytes_in(folder: &Path) -> u64 {
@@ -192,5 +242,8 @@ fn data_uri(image: &Image) -> Option<String> {
         [0xff, 0xd8, ..] => "jpeg",
         _ => "webp",
     };
-    Some(format!("data:image/{kind};base64,{}", BASE64_STANDARD.encode(&bytes)))
+    Some(format!(
+        "data:image/{kind};base64,{}",
+        BASE64_STANDARD.encode(&bytes)
+    ))
 }

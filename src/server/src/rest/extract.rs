@@ -18,14 +18,21 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
     async fn from_request(request: Request, _: &S) -> Result<Self, ApiError> {
         // The gate took it in already, as far as it may be large.
         let bytes = to_bytes(request.into_body(), usize::MAX).await;
-        let bytes = bytes.map_err(|error| ApiError::bad_request("broken_body", error.to_string()))?;
+        let bytes =
+            bytes.map_err(|error| ApiError::bad_request("broken_body", error.to_string()))?;
         // Structs could be read from lists, too, which is not documented.
         if bytes.trim_ascii_start().starts_with(b"[") {
-            return Err(ApiError::unprocessable("bad_body", "the body is not what is asked for: it is a list".to_owned()));
+            return Err(ApiError::unprocessable(
+                "bad_body",
+                "the body is not what is asked for: it is a list".to_owned(),
+            ));
         }
         serde_json::from_slice(&bytes).map(Body).map_err(|error| {
             if error.is_data() {
-                ApiError::unprocessable("bad_body", format!("the body is not what is asked for: {error}"))
+                ApiError::unprocessable(
+                    "bad_body",
+                    format!("the body is not what is asked for: {error}"),
+                )
             } else {
                 ApiError::bad_request("no_json", format!("the body is no JSON: {error}"))
             }
@@ -41,7 +48,9 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Asked<T> {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
         let query = Query::from_request_parts(parts, state).await;
-        query.map(|Query(value)| Asked(value)).map_err(|error| ApiError::bad_request("bad_parameter", error.body_text()))
+        query
+            .map(|Query(value)| Asked(value))
+            .map_err(|error| ApiError::bad_request("bad_parameter", error.body_text()))
     }
 }
 
@@ -53,6 +62,7 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Named<T
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, ApiError> {
         let path = Path::from_request_parts(parts, state).await;
-        path.map(|Path(value)| Named(value)).map_err(|error| ApiError::bad_request("bad_path", error.body_text()))
+        path.map(|Path(value)| Named(value))
+            .map_err(|error| ApiError::bad_request("bad_path", error.body_text()))
     }
 }

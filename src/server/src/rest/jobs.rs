@@ -35,7 +35,10 @@ pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Job>> {
 #[utoipa::path(post, path = "/api/jobs", tag = "jobs", security(("token" = [])), request_body = Work,
     responses((status = 202, body = Job), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody)))]
-pub(super) async fn start(State(app): State<Arc<App>>, Body(work): Body<Work>) -> Result<(StatusCode, Json<Job>), ApiError> {
+pub(super) async fn start(
+    State(app): State<Arc<App>>,
+    Body(work): Body<Work>,
+) -> Result<(StatusCode, Json<Job>), ApiError> {
     Ok((StatusCode::ACCEPTED, Json(app.jobs.start(work)?)))
 }
 
@@ -43,7 +46,10 @@ pub(super) async fn start(State(app): State<Arc<App>>, Body(work): Body<Work>) -
 #[utoipa::path(get, path = "/api/jobs/{id}", operation_id = "show_job", tag = "jobs", security(("token" = [])),
     params(("id" = u64, Path)),
     responses((status = 200, body = Job), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
-pub(super) async fn show(State(app): State<Arc<App>>, Named(id): Named<u64>) -> Result<Json<Job>, ApiError> {
+pub(super) async fn show(
+    State(app): State<Arc<App>>,
+    Named(id): Named<u64>,
+) -> Result<Json<Job>, ApiError> {
     Ok(Json(app.jobs.watch(id)?.borrow().clone()))
 }
 
@@ -51,7 +57,10 @@ pub(super) async fn show(State(app): State<Arc<App>>, Named(id): Named<u64>) -> 
 #[utoipa::path(delete, path = "/api/jobs/{id}", tag = "jobs", security(("token" = [])), params(("id" = u64, Path)),
     responses((status = 202), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody)))]
-pub(super) async fn cancel(State(app): State<Arc<App>>, Named(id): Named<u64>) -> Result<StatusCode, ApiError> {
+pub(super) async fn cancel(
+    State(app): State<Arc<App>>,
+    Named(id): Named<u64>,
+) -> Result<StatusCode, ApiError> {
     app.jobs.cancel(id).map(|()| StatusCode::ACCEPTED)
 }
 
@@ -73,7 +82,10 @@ pub(super) async fn events(
         if !job.ended() {
             tokio::time::sleep(TELL_EVERY).await;
         }
-        let event = Event::default().event("job").json_data(&job).expect("a job is JSON");
+        let event = Event::default()
+            .event("job")
+            .json_data(&job)
+            .expect("a job is JSON");
         Some((Ok(event), (watched, job.ended())))
     });
     let events = until_it_ends.take_until(async move { closing.cancelled().await });

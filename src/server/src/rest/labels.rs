@@ -32,13 +32,24 @@ pub(super) struct Which {
 #[utoipa::path(get, path = "/api/labels", operation_id = "list_labels", tag = "tables", security(("token" = [])), params(Which),
     responses((status = 200, body = Vec<Object>), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn list(State(app): State<Arc<App>>, Asked(which): Asked<Which>) -> Result<Json<Value>, ApiError> {
+pub(super) async fn list(
+    State(app): State<Arc<App>>,
+    Asked(which): Asked<Which>,
+) -> Result<Json<Value>, ApiError> {
     let labels = analyse(&app, move |app| match which.episode {
         Some(id) => {
             let parameters = Parameters::from([("id".to_owned(), id)]);
-            rows(app, "SELECT * FROM labels WHERE episode_id = $id ORDER BY author", &parameters)
+            rows(
+                app,
+                "SELECT * FROM labels WHERE episode_id = $id ORDER BY author",
+                &parameters,
+            )
         }
-        None => rows(app, "SELECT * FROM labels ORDER BY episode_id, author", &Parameters::new()),
+        None => rows(
+            app,
+            "SELECT * FROM labels ORDER BY episode_id, author",
+            &Parameters::new(),
+        ),
     });
     labels.await.map(|labels| Json(json!(labels)))
 }
@@ -76,9 +87,13 @@ pub(super) async fn set(
     caller: Option<Extension<Caller>>,
     Body(label): Body<LabelBody>,
 ) -> Result<(StatusCode, Json<Value>), ApiError> {
-    let author = caller.map(|Extension(caller)| caller.0).or_else(|| label.author.clone());
+    let author = caller
+        .map(|Extension(caller)| caller.0)
+        .or_else(|| label.author.clone());
     let author = author.filter(|author| !author.trim().is_empty());
-    let author = author.ok_or_else(|| ApiError::unprocessable("no_author", "say who says so: author".to_owned()))?;
+    let author = author.ok_or_else(|| {
+        ApiError::unprocessable("no_author", "say who says so: author".to_owned())
+    })?;
     // The command knows what a label may be, and the tables take one writer at a time.
     let mut command = Command::new(std::env::current_exe().map_err(ApiError::disk)?);
     command.args(["label", "--store", &app.config.store(), "set"]);
@@ -90,7 +105,10 @@ pub(super) async fn set(
         ("note", label.note.clone()),
         ("author", Some(author.clone())),
     ];
-    let mut all = texts.iter().filter_map(|(_, value)| value.as_ref()).chain([&label.episode]);
+    let mut all = texts
+        .iter()
+        .filter_map(|(_, value)| value.as_ref())
+        .chain([&label.episode]);
     if all.any(|text| text.len() > TEXT_BYTES || text.contains('\0')) {
         let text = format!("a text of a label has at most {TEXT_BYTES} bytes, and no NUL");
         return Err(ApiError::unprocessable("bad_label", text));
@@ -103,10 +121,16 @@ pub(super) async fn set(
     if label.adjudicate {
         command.arg("--adjudicate");
     }
-    command.args(["--", &label.episode]).stdin(std::process::Stdio::null()).kill_on_drop(true);
+    command
+        .args(["--", &label.episode])
+        .stdin(std::process::Stdio::null())
+        .kill_on_drop(true);
     let output = command.output().await.map_err(ApiError::disk)?;
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr).trim().trim_start_matches("reel: ").to_owned();
+        let said = String::from_utf8_lossy(&output.stderr)
+            .trim()
+            .trim_start_matches("reel: ")
+            .to_owned();
         return Err(told(&app, ApiError::unprocessable("bad_label", said)));
     }
     let mut kept = json!(label);

@@ -1,5 +1,5 @@
-//! The REST service: what people, pages and trainers ask, and what they get. Documented where it is written; the document is
-//! at `/api/openapi.json`.
+//! The REST service: what people, pages and trainers ask, and what they get. Documented where it is
+//! written; the document is at `/api/openapi.json`.
 
 #[cfg(feature = "tables")]
 mod definitions;
@@ -64,11 +64,15 @@ struct Security;
 impl Modify for Security {
     fn modify(&self, openapi: &mut utoipa::openapi::OpenApi) {
         let scheme = SecurityScheme::Http(Http::new(HttpAuthScheme::Bearer));
-        openapi.components.get_or_insert_default().add_security_scheme("token", scheme);
+        openapi
+            .components
+            .get_or_insert_default()
+            .add_security_scheme("token", scheme);
     }
 }
 
-/// What holds for every operation and is said once: how names in paths look, and what the gate may answer (`crate::gate`).
+/// What holds for every operation and is said once: how names in paths look, and what the gate may
+/// answer (`crate::gate`).
 struct Everywhere;
 
 /// Names in paths, where not every text is one.
@@ -83,20 +87,46 @@ const NAMES: [(&str, &str); 5] = [
 impl Modify for Everywhere {
     fn modify(&self, openapi: &mut utoipa::openapi::OpenApi) {
         let paths = openapi.paths.paths.values_mut();
-        let operations = paths.flat_map(|path| [&mut path.get, &mut path.put, &mut path.post, &mut path.delete]).flatten();
+        let operations = paths
+            .flat_map(|path| {
+                [
+                    &mut path.get,
+                    &mut path.put,
+                    &mut path.post,
+                    &mut path.delete,
+                ]
+            })
+            .flatten();
         for operation in operations {
-            for parameter in operation.parameters.iter_mut().flatten().filter(|it| it.parameter_in == ParameterIn::Path) {
-                let pattern = NAMES.iter().find(|(name, _)| *name == parameter.name).map(|(_, pattern)| (*pattern).to_owned());
+            for parameter in operation
+                .parameters
+                .iter_mut()
+                .flatten()
+                .filter(|it| it.parameter_in == ParameterIn::Path)
+            {
+                let pattern = NAMES
+                    .iter()
+                    .find(|(name, _)| *name == parameter.name)
+                    .map(|(_, pattern)| (*pattern).to_owned());
                 if let Some(RefOr::T(Schema::Object(schema))) = &mut parameter.schema {
                     schema.pattern = pattern;
                 }
             }
             let mut may_answer = |status: &str, why: &str| {
                 let body = Content::new(Some(Ref::from_schema_name("ErrorBody")));
-                let response = ResponseBuilder::new().description(why).content("application/json", body).build();
-                operation.responses.responses.insert(status.to_owned(), response.into());
+                let response = ResponseBuilder::new()
+                    .description(why)
+                    .content("application/json", body)
+                    .build();
+                operation
+                    .responses
+                    .responses
+                    .insert(status.to_owned(), response.into());
             };
-            may_answer("403", "A host or a page that may not call, or a token without the role");
+            may_answer(
+                "403",
+                "A host or a page that may not call, or a token without the role",
+            );
             may_answer("429", "Too much at once; wait a moment");
             if operation.security.is_some() {
                 may_answer("401", "No token, or none of ours");
@@ -166,13 +196,19 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
 pub(crate) fn router(app: &Arc<App>) -> Router {
     let (router, document) = documented();
     let document = Arc::new(document);
-    let document = get(move |State(_): State<Arc<App>>| async move { Json(document.as_ref().clone()) });
-    router.route("/api/openapi.json", document).with_state(app.clone()).method_not_allowed_fallback(other_method)
+    let document =
+        get(move |State(_): State<Arc<App>>| async move { Json(document.as_ref().clone()) });
+    router
+        .route("/api/openapi.json", document)
+        .with_state(app.clone())
+        .method_not_allowed_fallback(other_method)
 }
 
 /// What is there is asked for in another way; the header `Allow` says in which.
 async fn other_method(method: Method) -> ApiError {
-    ApiError::not_allowed(format!("{method} is nothing that this path takes; /api/openapi.json says what it does"))
+    ApiError::not_allowed(format!(
+        "{method} is nothing that this path takes; /api/openapi.json says what it does"
+    ))
 }
 
 /// Where nothing is.
@@ -183,7 +219,9 @@ pub(crate) async fn nothing_here() -> ApiError {
 /// A handler panicked: the client learns that, and everybody else goes on.
 pub(crate) fn broke_down(panic: Box<dyn Any + Send + 'static>) -> Response {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+    let text = text
+        .or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_default();
     tracing::error!(panic = text, "a request broke down");
     ApiError::internal("the request broke down; the log says where").into_response()
 }
@@ -198,8 +236,13 @@ async fn analyse<T: Send + 'static>(
     app: &Arc<App>,
     work: impl FnOnce(&App) -> Result<T, ApiError> + Send + 'static,
 ) -> Result<T, ApiError> {
-    let waiting = tokio::time::timeout(std::time::Duration::from_secs(app.config.limits.patience_s), app.analyses.acquire());
-    let place = waiting.await.map_err(|_| ApiError::busy("too much is being asked; try again in a moment"))?;
+    let waiting = tokio::time::timeout(
+        std::time::Duration::from_secs(app.config.limits.patience_s),
+        app.analyses.acquire(),
+    );
+    let place = waiting
+        .await
+        .map_err(|_| ApiError::busy("too much is being asked; try again in a moment"))?;
     let _place = place.expect("the places are never closed");
     let inner = app.clone();
     match tokio::task::spawn_blocking(move || work(&inner)).await {

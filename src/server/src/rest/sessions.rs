@@ -27,14 +27,23 @@ use crate::service::App;
 #[utoipa::path(get, path = "/api/sessions", operation_id = "list_sessions", tag = "sessions", security(("token" = [])),
     responses((status = 200, body = Vec<Object>)))]
 pub(super) async fn list(State(app): State<Arc<App>>) -> Json<Vec<Value>> {
-    Json(app.pool.entries().iter().map(|entry| shown(&app, entry)).collect())
+    Json(
+        app.pool
+            .entries()
+            .iter()
+            .map(|entry| shown(&app, entry))
+            .collect(),
+    )
 }
 
 /// One live session.
 #[utoipa::path(get, path = "/api/sessions/{session}", operation_id = "show_session", tag = "sessions", security(("token" = [])),
     params(("session" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
-pub(super) async fn show(State(app): State<Arc<App>>, Named(session): Named<String>) -> Result<Json<Value>, ApiError> {
+pub(super) async fn show(
+    State(app): State<Arc<App>>,
+    Named(session): Named<String>,
+) -> Result<Json<Value>, ApiError> {
     Ok(Json(shown(&app, &app.pool.entry(&session)?)))
 }
 
@@ -43,17 +52,30 @@ pub(super) async fn show(State(app): State<Arc<App>>, Named(session): Named<Stri
     params(("session" = String, Path)),
     responses((status = 200, content_type = "image/png"), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn frame(State(app): State<Arc<App>>, Named(session): Named<String>) -> Result<Response, ApiError> {
+pub(super) async fn frame(
+    State(app): State<Arc<App>>,
+    Named(session): Named<String>,
+) -> Result<Response, ApiError> {
     let frame = app.pool.look(&session).await?;
     let png = encode_png(&frame.rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
-    Ok(([(header::CONTENT_TYPE, "image/png"), (header::CACHE_CONTROL, "no-store")], png).into_response())
+    Ok((
+        [
+            (header::CONTENT_TYPE, "image/png"),
+            (header::CACHE_CONTROL, "no-store"),
+        ],
+        png,
+    )
+        .into_response())
 }
 
 /// Closes a session: its episode ends as aborted, and its trace is whole.
 #[utoipa::path(delete, path = "/api/sessions/{session}", tag = "sessions", security(("token" = [])),
     params(("session" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
-pub(super) async fn close(State(app): State<Arc<App>>, Named(session): Named<String>) -> Result<StatusCode, ApiError> {
+pub(super) async fn close(
+    State(app): State<Arc<App>>,
+    Named(session): Named<String>,
+) -> Result<StatusCode, ApiError> {
     app.pool.close(&session).await?;
     Ok(StatusCode::NO_CONTENT)
 }
@@ -86,7 +108,9 @@ pub(super) async fn answer(
     if app.questions.answer(&session, &answer) {
         Ok(StatusCode::NO_CONTENT)
     } else {
-        Err(ApiError::not_found(format!("session {session} asks nothing at the moment")))
+        Err(ApiError::not_found(format!(
+            "session {session} asks nothing at the moment"
+        )))
     }
 }
 
@@ -121,7 +145,8 @@ pub(super) struct Leased {
     sse: String,
 }
 
-/// Leases a simulator to a prompt group: every `finish` begins the next rollout, with equal task and seed.
+/// Leases a simulator to a prompt group: every `finish` begins the next rollout, with equal task
+/// and seed.
 #[utoipa::path(post, path = "/api/leases", tag = "sessions", security(("token" = [])), request_body = LeaseBody,
     responses((status = 201, body = Leased), (status = 400, body = ErrorBody), (status = 409, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
@@ -130,17 +155,42 @@ pub(super) async fn lease(
     Body(body): Body<LeaseBody>,
 ) -> Result<(StatusCode, Json<Leased>), ApiError> {
     if body.rollouts == 0 {
-        return Err(ApiError::unprocessable("bad_body", "rollouts: at least 1".to_owned()));
+        return Err(ApiError::unprocessable(
+            "bad_body",
+            "rollouts: at least 1".to_owned(),
+        ));
     }
     // Its name goes into an address, too.
     check_name(&body.worker)?;
     let worker = Worker::named(&body.worker)?;
-    let made = || format!("{}--{}--{}--{}", app.pool.setup().run_id, body.worker, body.task_id, body.seed);
+    let made = || {
+        format!(
+            "{}--{}--{}--{}",
+            app.pool.setup().run_id,
+            body.worker,
+            body.task_id,
+            body.seed
+        )
+    };
     let group_id = body.group_id.clone().unwrap_or_else(made);
-    let LeaseBody { task_id, seed, rollouts, .. } = body;
-    let lease = Lease { group_id: group_id.clone(), task_id, seed, rollouts };
+    let LeaseBody {
+        task_id,
+        seed,
+        rollouts,
+        ..
+    } = body;
+    let lease = Lease {
+        group_id: group_id.clone(),
+        task_id,
+        seed,
+        rollouts,
+    };
     app.pool.open_for(&worker.household(), Some(lease))?;
-    let leased = Leased { group_id, mcp: format!("/w/{}/mcp", body.worker), sse: format!("/w/{}/sse", body.worker) };
+    let leased = Leased {
+        group_id,
+        mcp: format!("/w/{}/mcp", body.worker),
+        sse: format!("/w/{}/sse", body.worker),
+    };
     Ok((StatusCode::CREATED, Json(leased)))
 }
 
@@ -148,7 +198,10 @@ pub(super) async fn lease(
 #[utoipa::path(delete, path = "/api/leases/{worker}", tag = "sessions", security(("token" = [])),
     params(("worker" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody)))]
-pub(super) async fn release(State(app): State<Arc<App>>, Named(worker): Named<String>) -> Result<StatusCode, ApiError> {
+pub(super) async fn release(
+    State(app): State<Arc<App>>,
+    Named(worker): Named<String>,
+) -> Result<StatusCode, ApiError> {
     let household = Worker::named(&worker)?.household();
     if app.pool.entry(&household)?.group_id.is_none() {
         return Err(ApiError::not_found(format!("worker {worker} has no lease")));
@@ -160,6 +213,12 @@ pub(super) async fn release(State(app): State<Arc<App>>, Named(worker): Named<St
 /// A session without paths of this machine.
 fn shown(app: &App, entry: &Entry) -> Value {
     let mut value = json!(entry);
-    value["trace"] = json!(entry.state.trace.as_ref().and_then(|path| app.archive.name_of(path)));
+    value["trace"] = json!(
+        entry
+            .state
+            .trace
+            .as_ref()
+            .and_then(|path| app.archive.name_of(path))
+    );
     value
 }

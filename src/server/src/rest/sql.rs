@@ -66,7 +66,11 @@ impl App {
     /// What a question may cost.
     pub(crate) fn sql_limits(&self) -> Limits {
         let limits = &self.config.limits;
-        Limits { memory_bytes: limits.sql_mib << 20, time: std::time::Duration::from_secs(limits.sql_s), rows: limits.sql_rows }
+        Limits {
+            memory_bytes: limits.sql_mib << 20,
+            time: std::time::Duration::from_secs(limits.sql_s),
+            rows: limits.sql_rows,
+        }
     }
 }
 
@@ -76,7 +80,10 @@ impl App {
             content((Vec<Object> = "application/json"), ("text/csv"), ("application/vnd.apache.arrow.stream"))),
         (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 422, body = ErrorBody),
         (status = 503, body = ErrorBody)))]
-pub(super) async fn ask(State(app): State<Arc<App>>, JsonBody(question): JsonBody<Question>) -> Result<Response, ApiError> {
+pub(super) async fn ask(
+    State(app): State<Arc<App>>,
+    JsonBody(question): JsonBody<Question>,
+) -> Result<Response, ApiError> {
     answer(app, question).await
 }
 
@@ -129,16 +136,36 @@ pub(super) async fn ask_named(
     Named(name): Named<String>,
     Asked(options): Asked<NamedOptions>,
 ) -> Result<Response, ApiError> {
-    let query = named::by_name(&name)
-        .ok_or_else(|| ApiError::not_found(format!("no query is called '{name}'; /api/queries lists them")))?;
+    let query = named::by_name(&name).ok_or_else(|| {
+        ApiError::not_found(format!(
+            "no query is called '{name}'; /api/queries lists them"
+        ))
+    })?;
     let mut parameters: Parameters = query.parameters().into_iter().collect();
-    for part in options.parameters.iter().flat_map(|text| text.split(',')).filter(|part| !part.is_empty()) {
-        let (name, value) = part
-            .split_once('=')
-            .ok_or_else(|| ApiError::bad_request("bad_parameter", format!("parameters: '{part}' is not name=value")))?;
+    for part in options
+        .parameters
+        .iter()
+        .flat_map(|text| text.split(','))
+        .filter(|part| !part.is_empty())
+    {
+        let (name, value) = part.split_once('=').ok_or_else(|| {
+            ApiError::bad_request(
+                "bad_parameter",
+                format!("parameters: '{part}' is not name=value"),
+            )
+        })?;
         parameters.insert(name.to_owned(), value.to_owned());
     }
-    answer(app, Question { sql: query.sql.to_owned(), parameters, format: options.format, at: None }).await
+    answer(
+        app,
+        Question {
+            sql: query.sql.to_owned(),
+            parameters,
+            format: options.format,
+            at: None,
+        },
+    )
+    .await
 }
 
 /// Asks, and answers with what comes first: a part of the answer, or why there is none.
@@ -150,7 +177,11 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
     };
     let patience = std::time::Duration::from_secs(app.config.limits.patience_s);
     let busy = || ApiError::busy("too much is being asked; try again in a moment");
-    tokio::time::timeout(patience, app.analyses.acquire()).await.map_err(|_| busy())?.map_err(|_| busy())?.forget();
+    tokio::time::timeout(patience, app.analyses.acquire())
+        .await
+        .map_err(|_| busy())?
+        .map_err(|_| busy())?
+        .forget();
     let (sender, mut parts) = mpsc::channel::<Result<Bytes, QueryError>>(AHEAD);
     let asked = app.clone();
     tokio::task::spawn_blocking(move || {
@@ -162,13 +193,16 @@ async fn answer(app: Arc<App>, question: Question) -> Result<Response, ApiError>
     });
     match parts.recv().await {
         Some(Ok(first)) => {
-            // After the first part it is too late for a status: the stream breaks off, which clients see.
+            // After the first part it is too late for a status: the stream breaks off, which
+            // clients see.
             let rest = ReceiverStream::new(parts).map(|part| part.map_err(io::Error::other));
             let body = futures_util::stream::once(async { Ok::<_, io::Error>(first) }).chain(rest);
             Ok(([(header::CONTENT_TYPE, kind)], Body::from_stream(body)).into_response())
         }
         Some(Err(error)) => Err(told(&app, error.into())),
-        None => Err(ApiError::internal("the query broke down; the log says where")),
+        None => Err(ApiError::internal(
+            "the query broke down; the log says where",
+        )),
     }
 }
 
@@ -180,12 +214,20 @@ impl Drop for GiveBack<'_> {
     }
 }
 
-fn run(app: &App, question: &Question, sender: &mpsc::Sender<Result<Bytes, QueryError>>) -> Result<(), QueryError> {
+fn run(
+    app: &App,
+    question: &Question,
+    sender: &mpsc::Sender<Result<Bytes, QueryError>>,
+) -> Result<(), QueryError> {
     let newest = match question.at {
         None => app.tables.newest()?,
-        Some(version) => Newest { store: app.tables.at(version)?, stamp: None },
+        Some(version) => Newest {
+            store: app.tables.at(version)?,
+            stamp: None,
+        },
     };
-    let asked = serde_json::to_string(&(&question.sql, &question.parameters, question.format)).unwrap_or_default();
+    let asked = serde_json::to_string(&(&question.sql, &question.parameters, question.format))
+        .unwrap_or_default();
     if let Some(answer) = app.tables.answered(&newest, &asked) {
         let _ = sender.blocking_send(Ok(answer));
         return Ok(());
@@ -236,11 +278,18 @@ impl Encoder {
             Encoder::Json { begun } => {
                 let list = format(one, Format::Json)?;
                 let list = list.trim();
-                let rows = list.strip_prefix('[').and_then(|list| list.strip_suffix(']')).unwrap_or(list);
+                let rows = list
+                    .strip_prefix('[')
+                    .and_then(|list| list.strip_suffix(']'))
+                    .unwrap_or(list);
                 if rows.is_empty() {
                     return Ok(Bytes::new());
                 }
-                let before = if std::mem::replace(begun, true) { "," } else { "[" };
+                let before = if std::mem::replace(begun, true) {
+                    ","
+                } else {
+                    "["
+                };
                 Ok(format!("{before}{rows}").into())
             }
             Encoder::Csv { begun } => {
@@ -249,12 +298,19 @@ impl Encoder {
                     return Ok(text.into());
                 }
                 let header = format(&[RecordBatch::new_empty(batch.schema())], Format::Csv)?;
-                Ok(text.strip_prefix(header.as_str()).unwrap_or(&text).to_owned().into())
+                Ok(text
+                    .strip_prefix(header.as_str())
+                    .unwrap_or(&text)
+                    .to_owned()
+                    .into())
             }
             Encoder::Arrow(writer) => {
                 let writer = match writer {
                     Some(writer) => writer,
-                    None => writer.insert(Box::new(StreamWriter::try_new(Vec::new(), &batch.schema())?)),
+                    None => writer.insert(Box::new(StreamWriter::try_new(
+                        Vec::new(),
+                        &batch.schema(),
+                    )?)),
                 };
                 writer.write(batch)?;
                 Ok(std::mem::take(writer.get_mut()).into())

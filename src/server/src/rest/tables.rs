@@ -58,11 +58,19 @@ const COLUMNS: &str = "episode_id, run_id, group_id, rollout_index, task_id, fam
 #[utoipa::path(get, path = "/api/episodes", tag = "tables", security(("token" = [])), params(Filter),
     responses((status = 200, body = Episodes), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn episodes(State(app): State<Arc<App>>, Asked(filter): Asked<Filter>) -> Result<Json<Episodes>, ApiError> {
+pub(super) async fn episodes(
+    State(app): State<Arc<App>>,
+    Asked(filter): Asked<Filter>,
+) -> Result<Json<Episodes>, ApiError> {
     let limit = limited(filter.limit)?;
     let mut conditions = vec!["episode_id > $after".to_owned()];
     let mut parameters = Parameters::from([("after".to_owned(), filter.after)]);
-    let texts = [("family", filter.family), ("policy", filter.policy), ("run_id", filter.run_id), ("task_id", filter.task_id)];
+    let texts = [
+        ("family", filter.family),
+        ("policy", filter.policy),
+        ("run_id", filter.run_id),
+        ("task_id", filter.task_id),
+    ];
     for (column, value) in texts {
         if let Some(value) = value {
             conditions.push(format!("{column} = ${column}"));
@@ -72,10 +80,15 @@ pub(super) async fn episodes(State(app): State<Arc<App>>, Asked(filter): Asked<F
     if let Some(success) = filter.success {
         conditions.push(if success { "success" } else { "NOT success" }.to_owned());
     }
-    let sql = format!("SELECT {COLUMNS} FROM episodes WHERE {} ORDER BY episode_id LIMIT {limit}", conditions.join(" AND "));
+    let sql = format!(
+        "SELECT {COLUMNS} FROM episodes WHERE {} ORDER BY episode_id LIMIT {limit}",
+        conditions.join(" AND ")
+    );
     let episodes = analyse(&app, move |app| rows(app, &sql, &parameters)).await?;
     let last = episodes.last().filter(|_| episodes.len() == limit);
-    let next = last.and_then(|last| last["episode_id"].as_str()).map(str::to_owned);
+    let next = last
+        .and_then(|last| last["episode_id"].as_str())
+        .map(str::to_owned);
     Ok(Json(Episodes { episodes, next }))
 }
 
@@ -84,13 +97,22 @@ pub(super) async fn episodes(State(app): State<Arc<App>>, Asked(filter): Asked<F
     params(("episode" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn episode(State(app): State<Arc<App>>, Named(id): Named<String>) -> Result<Json<Value>, ApiError> {
+pub(super) async fn episode(
+    State(app): State<Arc<App>>,
+    Named(id): Named<String>,
+) -> Result<Json<Value>, ApiError> {
     let found = analyse(&app, move |app| {
         let parameters = Parameters::from([("id".to_owned(), id.clone())]);
-        let of =
-            |columns: &str, table: &str| rows(app, &format!("SELECT {columns} FROM {table} WHERE episode_id = $id"), &parameters);
-        let mut episode =
-            of(COLUMNS, "episodes")?.pop().ok_or_else(|| ApiError::not_found(format!("the tables have no episode {id}")))?;
+        let of = |columns: &str, table: &str| {
+            rows(
+                app,
+                &format!("SELECT {columns} FROM {table} WHERE episode_id = $id"),
+                &parameters,
+            )
+        };
+        let mut episode = of(COLUMNS, "episodes")?
+            .pop()
+            .ok_or_else(|| ApiError::not_found(format!("the tables have no episode {id}")))?;
         for table in ["classes", "blame", "labels"] {
             episode[table] = json!(of("*", table)?);
         }
@@ -104,9 +126,13 @@ pub(crate) fn rows(app: &App, sql: &str, parameters: &Parameters) -> Result<Vec<
     let session = Session::with_limits(app.tables.newest()?.store, app.sql_limits())?;
     let batches = session.run_with(sql, parameters)?;
     let text = reel_query::format(&batches, Format::Json).map_err(reel_query::QueryError::from)?;
-    let rows: Vec<Value> = serde_json::from_str(&text).map_err(|_| ApiError::internal("the answer is no JSON"))?;
+    let rows: Vec<Value> =
+        serde_json::from_str(&text).map_err(|_| ApiError::internal("the answer is no JSON"))?;
     let named = |mut row: Value| {
-        let path = row.get("trace").and_then(Value::as_str).map(std::path::PathBuf::from);
+        let path = row
+            .get("trace")
+            .and_then(Value::as_str)
+            .map(std::path::PathBuf::from);
         if let Some(path) = path {
             row["trace"] = json!(app.archive.name_of(&path));
         }

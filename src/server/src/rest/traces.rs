@@ -59,10 +59,19 @@ pub(super) struct Traces {
 /// Traces by name.
 #[utoipa::path(get, path = "/api/traces", operation_id = "list_traces", tag = "traces", security(("token" = [])), params(Page),
     responses((status = 200, body = Traces), (status = 400, body = ErrorBody), (status = 507, body = ErrorBody)))]
-pub(super) async fn list(State(app): State<Arc<App>>, Asked(page): Asked<Page>) -> Result<Json<Traces>, ApiError> {
+pub(super) async fn list(
+    State(app): State<Arc<App>>,
+    Asked(page): Asked<Page>,
+) -> Result<Json<Traces>, ApiError> {
     let limit = limited(page.limit)?;
-    let traces = app.archive.list(&page.after, limit).map_err(ApiError::disk)?;
-    let next = traces.last().filter(|_| traces.len() == limit).map(|last| last.trace.clone());
+    let traces = app
+        .archive
+        .list(&page.after, limit)
+        .map_err(ApiError::disk)?;
+    let next = traces
+        .last()
+        .filter(|_| traces.len() == limit)
+        .map(|last| last.trace.clone());
     Ok(Json(Traces { traces, next }))
 }
 
@@ -70,7 +79,10 @@ pub(super) fn limited(limit: usize) -> Result<usize, ApiError> {
     if (1..=PAGE).contains(&limit) {
         Ok(limit)
     } else {
-        Err(ApiError::bad_request("bad_parameter", format!("limit: from 1 to {PAGE}")))
+        Err(ApiError::bad_request(
+            "bad_parameter",
+            format!("limit: from 1 to {PAGE}"),
+        ))
     }
 }
 
@@ -86,7 +98,15 @@ pub(super) async fn upload(
     request: Request,
 ) -> Result<(StatusCode, Json<TraceFile>), ApiError> {
     let limit = (app.config.limits.upload_mib as u64) << 20;
-    let file = app.archive.take(&trace, limit, app.read_patience(), request.into_body().into_data_stream()).await?;
+    let file = app
+        .archive
+        .take(
+            &trace,
+            limit,
+            app.read_patience(),
+            request.into_body().into_data_stream(),
+        )
+        .await?;
     Ok((StatusCode::CREATED, Json(file)))
 }
 
@@ -105,27 +125,42 @@ pub(super) async fn download(
     let path = app.archive.existing(&trace)?;
     let mut file = tokio::fs::File::open(&path).await.map_err(ApiError::disk)?;
     let size = file.metadata().await.map_err(ApiError::disk)?.len();
-    let asked = request.headers().get(header::RANGE).and_then(|range| range.to_str().ok());
+    let asked = request
+        .headers()
+        .get(header::RANGE)
+        .and_then(|range| range.to_str().ok());
     let range = match asked.map(|range| range_of(range, size)) {
         // A header that is no range of bytes is passed over, as the protocol wants.
         None | Some(Asking::Nothing) => None,
         Some(Asking::Part(from, to)) => Some((from, to)),
         Some(Asking::Outside) => {
             let headers = [(header::CONTENT_RANGE, format!("bytes */{size}"))];
-            return Ok((headers, ApiError::not_satisfiable(format!("{trace} has {size} bytes"))).into_response());
+            return Ok((
+                headers,
+                ApiError::not_satisfiable(format!("{trace} has {size} bytes")),
+            )
+                .into_response());
         }
     };
     let (from, to) = range.unwrap_or((0, size.saturating_sub(1)));
     let length = if size == 0 { 0 } else { to - from + 1 };
-    file.seek(std::io::SeekFrom::Start(from)).await.map_err(ApiError::disk)?;
+    file.seek(std::io::SeekFrom::Start(from))
+        .await
+        .map_err(ApiError::disk)?;
     let body = Body::from_stream(ReaderStream::with_capacity(file.take(length), 1 << 16));
     let mut response = Response::new(body);
     let headers = response.headers_mut();
-    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
+    headers.insert(
+        header::CONTENT_TYPE,
+        HeaderValue::from_static("application/octet-stream"),
+    );
     headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
     headers.insert(header::CONTENT_LENGTH, HeaderValue::from(length));
     let name = HeaderValue::try_from(format!("attachment; filename=\"{trace}.mcap\""));
-    headers.insert(header::CONTENT_DISPOSITION, name.expect("names of traces are plain"));
+    headers.insert(
+        header::CONTENT_DISPOSITION,
+        name.expect("names of traces are plain"),
+    );
     if range.is_some() {
         let range = HeaderValue::try_from(format!("bytes {from}-{to}/{size}"));
         headers.insert(header::CONTENT_RANGE, range.expect("numbers are plain"));
@@ -146,14 +181,23 @@ enum Asking {
 }
 
 fn range_of(range: &str, size: u64) -> Asking {
-    let Some(range) = range.strip_prefix("bytes=") else { return Asking::Nothing };
-    let Some((from, to)) = range.split_once('-') else { return Asking::Nothing };
+    let Some(range) = range.strip_prefix("bytes=") else {
+        return Asking::Nothing;
+    };
+    let Some((from, to)) = range.split_once('-') else {
+        return Asking::Nothing;
+    };
     let number = |text: &str| text.trim().parse::<u64>();
     let (start, end) = match (number(from), number(to)) {
         (Ok(from), Ok(to)) if from <= to => (Bound::Included(from), to.min(size.saturating_sub(1))),
-        (Ok(from), Err(_)) if to.trim().is_empty() => (Bound::Included(from), size.saturating_sub(1)),
+        (Ok(from), Err(_)) if to.trim().is_empty() => {
+            (Bound::Included(from), size.saturating_sub(1))
+        }
         (Err(_), Ok(0)) if from.trim().is_empty() => return Asking::Outside,
-        (Err(_), Ok(last)) if from.trim().is_empty() => (Bound::Included(size.saturating_sub(last)), size.saturating_sub(1)),
+        (Err(_), Ok(last)) if from.trim().is_empty() => (
+            Bound::Included(size.saturating_sub(last)),
+            size.saturating_sub(1),
+        ),
         _ => return Asking::Nothing,
     };
     match start {
@@ -166,13 +210,20 @@ fn range_of(range: &str, size: u64) -> Asking {
 #[utoipa::path(delete, path = "/api/traces/{trace}", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path)),
     responses((status = 204), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody), (status = 409, body = ErrorBody)))]
-pub(super) async fn delete(State(app): State<Arc<App>>, Named(trace): Named<String>) -> Result<StatusCode, ApiError> {
+pub(super) async fn delete(
+    State(app): State<Arc<App>>,
+    Named(trace): Named<String>,
+) -> Result<StatusCode, ApiError> {
     let path = app.archive.existing(&trace)?;
-    tokio::fs::remove_file(&path).await.map_err(|error| match error.kind() {
-        // Somebody else was faster.
-        std::io::ErrorKind::NotFound => ApiError::not_found(format!("there is no trace {trace}")),
-        _ => ApiError::disk(error),
-    })?;
+    tokio::fs::remove_file(&path)
+        .await
+        .map_err(|error| match error.kind() {
+            // Somebody else was faster.
+            std::io::ErrorKind::NotFound => {
+                ApiError::not_found(format!("there is no trace {trace}"))
+            }
+            _ => ApiError::disk(error),
+        })?;
     tracing::info!(trace, "deleted");
     Ok(StatusCode::NO_CONTENT)
 }
@@ -182,7 +233,10 @@ pub(super) async fn delete(State(app): State<Arc<App>>, Named(trace): Named<Stri
     params(("trace" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn episode(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Value>, ApiError> {
+pub(super) async fn episode(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
         Ok(json!({
@@ -204,7 +258,10 @@ pub(super) async fn episode(State(app): State<Arc<App>>, Named(name): Named<Stri
     params(("trace" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn scene(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Value>, ApiError> {
+pub(super) async fn scene(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| Ok(json!(*app.archive.read(&name)?.scene)));
     answer.await.map(Json)
 }
@@ -216,7 +273,10 @@ pub(super) async fn scene(State(app): State<Arc<App>>, Named(name): Named<String
     responses((status = 200, content_type = "application/octet-stream"), (status = 400, body = ErrorBody),
         (status = 404, body = ErrorBody), (status = 409, body = ErrorBody), (status = 422, body = ErrorBody),
         (status = 503, body = ErrorBody)))]
-pub(super) async fn recording(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Response, ApiError> {
+pub(super) async fn recording(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+) -> Result<Response, ApiError> {
     let answer = analyse(&app, move |app| {
         let recording = reel_view::rrd(&app.archive.read(&name)?);
         recording.map_err(|error| ApiError::unprocessable("bad_trace", error.to_string()))
@@ -250,7 +310,14 @@ pub(super) async fn steps(
     let limit = limited(asked.limit)?;
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
-        Ok(json!(trace.steps.iter().skip(asked.from as usize).take(limit).collect::<Vec<_>>()))
+        Ok(json!(
+            trace
+                .steps
+                .iter()
+                .skip(asked.from as usize)
+                .take(limit)
+                .collect::<Vec<_>>()
+        ))
     });
     answer.await.map(Json)
 }
@@ -258,7 +325,8 @@ pub(super) async fn steps(
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub(super) struct Camera {
-    /// head (what the agent saw), top-down, follow:OBJECT (an instance, asset or category of the task, or target), or free.
+    /// head (what the agent saw), top-down, follow:OBJECT (an instance, asset or category of the
+    /// task, or target), or free.
     #[serde(default = "head")]
     #[param(default = "head")]
     camera: String,
@@ -284,24 +352,34 @@ pub(super) async fn frame(
 ) -> Result<Response, ApiError> {
     let step = match moment.strip_suffix(".png").unwrap_or(&moment) {
         "start" => None,
-        number => Some(
-            number
-                .parse::<u32>()
-                .map_err(|_| ApiError::bad_request("bad_path", "a moment is 'start' or the number of a step"))?,
-        ),
+        number => Some(number.parse::<u32>().map_err(|_| {
+            ApiError::bad_request("bad_path", "a moment is 'start' or the number of a step")
+        })?),
     };
     let png = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
         if step.is_some_and(|step| step as usize >= trace.steps.len()) {
-            return Err(ApiError::not_found(format!("{name} has {} steps", trace.steps.len())));
+            return Err(ApiError::not_found(format!(
+                "{name} has {} steps",
+                trace.steps.len()
+            )));
         }
-        let viewpoint = Viewpoint::named(&camera.camera, camera.eye.as_deref(), camera.look_at.as_deref(), &trace.task);
-        let viewpoint = viewpoint.map_err(|error| ApiError::bad_request("bad_camera", error.to_string()))?;
+        let viewpoint = Viewpoint::named(
+            &camera.camera,
+            camera.eye.as_deref(),
+            camera.look_at.as_deref(),
+            &trace.task,
+        );
+        let viewpoint =
+            viewpoint.map_err(|error| ApiError::bad_request("bad_camera", error.to_string()))?;
         // What was recorded need not be drawn again.
-        let recorded = (viewpoint == Viewpoint::Head).then(|| trace.frame_rgb(step).ok().flatten()).flatten();
+        let recorded = (viewpoint == Viewpoint::Head)
+            .then(|| trace.frame_rgb(step).ok().flatten())
+            .flatten();
         let rgb = match recorded {
             Some(rgb) => rgb,
-            None => view_at(&trace, step, &viewpoint, Some(app.moments.cache())).map_err(|verdict| not_executed(&verdict))?,
+            None => view_at(&trace, step, &viewpoint, Some(app.moments.cache()))
+                .map_err(|verdict| not_executed(&verdict))?,
         };
         Ok(encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))
     })
@@ -310,7 +388,10 @@ pub(super) async fn frame(
 }
 
 fn not_executed(verdict: &Verdict) -> ApiError {
-    ApiError::unprocessable("not_executed", format!("the episode cannot be executed again: {verdict}"))
+    ApiError::unprocessable(
+        "not_executed",
+        format!("the episode cannot be executed again: {verdict}"),
+    )
 }
 
 /// Executes an episode again and compares every digest.
@@ -318,11 +399,16 @@ fn not_executed(verdict: &Verdict) -> ApiError {
     params(("trace" = String, Path)),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
         (status = 409, body = ErrorBody), (status = 422, body = ErrorBody), (status = 503, body = ErrorBody)))]
-pub(super) async fn replay(State(app): State<Arc<App>>, Named(name): Named<String>) -> Result<Json<Value>, ApiError> {
+pub(super) async fn replay(
+    State(app): State<Arc<App>>,
+    Named(name): Named<String>,
+) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
         let verdict = reel_replay::verify_contained(&trace);
-        Ok(json!({"trace": name, "exact": verdict.is_exact(), "verdict": verdict.name(), "says": verdict.to_string()}))
+        Ok(
+            json!({"trace": name, "exact": verdict.is_exact(), "verdict": verdict.name(), "says": verdict.to_string()}),
+        )
     });
     answer.await.map(Json)
 }
@@ -363,24 +449,47 @@ pub(super) async fn branch(
         let wrong = |message: String| ApiError::unprocessable("bad_branch", message);
         let parent = app.archive.read(&name)?;
         let path = app.archive.path(&body.name)?;
-        let taken = || ApiError::conflict("exists", format!("there is a trace {} already", body.name));
+        let taken =
+            || ApiError::conflict("exists", format!("there is a trace {} already", body.name));
         if path.exists() || path.with_added_extension("part").exists() {
             return Err(taken());
         }
         let then = match (body.policy, body.parent_from) {
             (Some(_), Some(_)) => return Err(wrong("policy or parent_from, not both".to_owned())),
-            (Some(name), None) => Then::Policy { name, seed: body.seed.unwrap_or(parent.header.seed) },
+            (Some(name), None) => Then::Policy {
+                name,
+                seed: body.seed.unwrap_or(parent.header.seed),
+            },
             (None, Some(from)) => Then::Parent(from),
             (None, None) if body.calls.is_empty() => {
-                return Err(wrong("say what comes: calls, policy or parent_from".to_owned()));
+                return Err(wrong(
+                    "say what comes: calls, policy or parent_from".to_owned(),
+                ));
             }
             (None, None) => Then::Stop,
         };
-        let images = if parent.image_count() > 0 { Images::Full } else { Images::None };
-        let record = RecordTo { path: path.clone(), options: RecordOptions::from(images) };
-        let branch = Branch { calls: body.calls, then };
-        let report = reel_branch::fork(&parent, body.at, None).and_then(|fork| branch.play(&fork, Some(&record)));
-        let report = report.map_err(|error| if is_in_the_way(&error) { taken() } else { wrong(error.to_string()) })?;
+        let images = if parent.image_count() > 0 {
+            Images::Full
+        } else {
+            Images::None
+        };
+        let record = RecordTo {
+            path: path.clone(),
+            options: RecordOptions::from(images),
+        };
+        let branch = Branch {
+            calls: body.calls,
+            then,
+        };
+        let report = reel_branch::fork(&parent, body.at, None)
+            .and_then(|fork| branch.play(&fork, Some(&record)));
+        let report = report.map_err(|error| {
+            if is_in_the_way(&error) {
+                taken()
+            } else {
+                wrong(error.to_string())
+            }
+        })?;
         let made = Trace::read(&path).map_err(|error| wrong(error.to_string()))?;
         Ok(json!({
             "trace": body.name, "episode_id": report.episode_id, "parent": made.header.parent, "length": report.length,
@@ -393,8 +502,13 @@ pub(super) async fn branch(
 
 /// Whether somebody else is writing a trace of that name.
 fn is_in_the_way(error: &BranchError) -> bool {
-    let BranchError::Agent(AgentError::Trace { source, .. }) = error else { return false };
-    matches!(source.downcast_ref::<TraceError>(), Some(TraceError::PartExists { .. }))
+    let BranchError::Agent(AgentError::Trace { source, .. }) = error else {
+        return false;
+    };
+    matches!(
+        source.downcast_ref::<TraceError>(),
+        Some(TraceError::PartExists { .. })
+    )
 }
 
 #[derive(Deserialize, IntoParams)]
@@ -405,7 +519,8 @@ pub(super) struct BlameQuery {
     alternative: bool,
 }
 
-/// Why an episode failed, measured: what every step cost, the decisive one, and what would have been better.
+/// Why an episode failed, measured: what every step cost, the decisive one, and what would have
+/// been better.
 #[utoipa::path(get, path = "/api/traces/{trace}/blame", tag = "traces", security(("token" = [])),
     params(("trace" = String, Path), BlameQuery),
     responses((status = 200, body = Object), (status = 400, body = ErrorBody), (status = 404, body = ErrorBody),
@@ -417,10 +532,14 @@ pub(super) async fn blame(
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let path = app.archive.existing(&name)?;
-        let options = Options { alternatives: asked.alternative, branches: None };
+        let options = Options {
+            alternatives: asked.alternative,
+            branches: None,
+        };
         let measured = reel_blame::blame_all(&[path], 1, &options, || ()).pop();
         let measured = measured.unwrap_or_else(|| Err("nothing was measured".to_owned()));
-        let mut value = json!(measured.map_err(|error| ApiError::unprocessable("bad_trace", error))?);
+        let mut value =
+            json!(measured.map_err(|error| ApiError::unprocessable("bad_trace", error))?);
         value["trace"] = json!(name);
         Ok(value)
     });
@@ -446,10 +565,17 @@ pub(super) async fn reward(
 ) -> Result<Json<Value>, ApiError> {
     let answer = analyse(&app, move |app| {
         let trace = app.archive.read(&name)?;
-        let wanted = asked.preset.unwrap_or_else(|| trace.header.reward_preset.clone());
+        let wanted = asked
+            .preset
+            .unwrap_or_else(|| trace.header.reward_preset.clone());
         let preset = Preset::parse(&wanted).ok_or_else(|| {
-            let known = Preset::built_in().map(|preset| preset.name().to_owned()).join("', '");
-            ApiError::unprocessable("unknown_preset", format!("no preset is called '{wanted}'; built in are '{known}'"))
+            let known = Preset::built_in()
+                .map(|preset| preset.name().to_owned())
+                .join("', '");
+            ApiError::unprocessable(
+                "unknown_preset",
+                format!("no preset is called '{wanted}'; built in are '{known}'"),
+            )
         })?;
         let mut rewarder = preset.rewarder(&trace.task, &trace.scene);
         rewarder.start(&trace.start);
@@ -462,7 +588,9 @@ pub(super) async fn reward(
             })
             .collect();
         let total: f64 = steps.iter().filter_map(|step| step["total"].as_f64()).sum();
-        Ok(json!({"trace": name, "preset": preset.name(), "version": preset.version(), "total": total, "steps": steps}))
+        Ok(
+            json!({"trace": name, "preset": preset.name(), "version": preset.version(), "total": total, "steps": steps}),
+        )
     });
     answer.await.map(Json)
 }

@@ -26,19 +26,35 @@ const POLICY: &str = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; 
 /// The viewer's files; none where the crate was built without them.
 fn viewer() -> Option<&'static WebViewerData> {
     static VIEWER: OnceLock<Option<WebViewerData>> = OnceLock::new();
-    VIEWER.get_or_init(|| WebViewerData::load(None).ok()).as_ref()
+    VIEWER
+        .get_or_init(|| WebViewerData::load(None).ok())
+        .as_ref()
 }
 
 /// The viewer at `/rerun/?trace=NAME&step=N`; it fetches `/api/traces/NAME/rrd`.
 pub(crate) fn router<S: Clone + Send + Sync + 'static>() -> Router<S> {
-    let file = |kind: &'static str, content: &'static [u8]| get(move || async move { served(kind, content) });
+    let file = |kind: &'static str, content: &'static [u8]| {
+        get(move || async move { served(kind, content) })
+    };
     let of = |part: fn(&'static WebViewerData) -> &'static [u8]| viewer().map_or(&[][..], part);
     Router::new()
         .route("/rerun", get(|| async { Redirect::permanent("/rerun/") }))
-        .route("/rerun/", file("text/html; charset=utf-8", include_bytes!("page.html")))
-        .route("/rerun/start.js", file("text/javascript", include_bytes!("start.js")))
-        .route("/rerun/re_viewer.js", file("text/javascript", of(WebViewerData::viewer_js)))
-        .route("/rerun/re_viewer_bg.wasm", file("application/wasm", of(WebViewerData::viewer_wasm)))
+        .route(
+            "/rerun/",
+            file("text/html; charset=utf-8", include_bytes!("page.html")),
+        )
+        .route(
+            "/rerun/start.js",
+            file("text/javascript", include_bytes!("start.js")),
+        )
+        .route(
+            "/rerun/re_viewer.js",
+            file("text/javascript", of(WebViewerData::viewer_js)),
+        )
+        .route(
+            "/rerun/re_viewer_bg.wasm",
+            file("application/wasm", of(WebViewerData::viewer_wasm)),
+        )
 }
 
 fn served(kind: &'static str, content: &'static [u8]) -> Response {
@@ -52,7 +68,8 @@ fn served(kind: &'static str, content: &'static [u8]) -> Response {
     (headers, Bytes::from_static(content)).into_response()
 }
 
-/// Serves one recording in Rerun's web viewer, until Ctrl-C. `on_listening` is told the address of the page.
+/// Serves one recording in Rerun's web viewer, until Ctrl-C. `on_listening` is told the address of
+/// the page.
 ///
 /// # Errors
 /// When the address cannot be listened on.
@@ -66,12 +83,20 @@ pub fn view(
     let recording = Bytes::from(recording);
     let runtime = runtime(Some(2))?;
     runtime.block_on(async {
-        let listener = TcpListener::bind(listen).await.map_err(|source| ServeError::Listen { address: listen, source })?;
+        let listener = TcpListener::bind(listen)
+            .await
+            .map_err(|source| ServeError::Listen {
+                address: listen,
+                source,
+            })?;
         let address = listener.local_addr().map_err(ServeError::System)?;
         let content = get(move || async move { ([(header::CONTENT_TYPE, RRD)], recording) });
         let router = router::<()>().route(&format!("/api/traces/{name}/rrd"), content);
         let at = step.map(|step| format!("&step={step}")).unwrap_or_default();
         on_listening(format!("http://{address}/rerun/?trace={name}{at}"));
-        axum::serve(listener, router).with_graceful_shutdown(stopped()).await.map_err(ServeError::System)
+        axum::serve(listener, router)
+            .with_graceful_shutdown(stopped())
+            .await
+            .map_err(ServeError::System)
     })
 }

@@ -1,5 +1,5 @@
-//! Where furniture stands: the rectangle of its surface, the side its front looks to, the free room around it, and
-//! which piece is a lid. Reads the scene only; never builds parts.
+//! Where furniture stands: the rectangle of its surface, the side its front looks to, the free room
+//! around it, and which piece is a lid. Reads the scene only; never builds parts.
 
 use reel_world::{Receptacle, Room, Scene};
 
@@ -34,14 +34,14 @@ pub(super) struct Spot {
     pub(super) half_depth: f32,
     /// Half extent of the surface from side to side.
     pub(super) half_width: f32,
-    /// Room that the body may take beyond the surface without closing a passage: front, left, back, right (of the piece
-    /// itself).
+    /// Room that the body may take beyond the surface without closing a passage: front, left, back,
+    /// right (of the piece itself).
     pub(super) free: [f32; 4],
 }
 
 impl Spot {
-    /// Finds the spot of receptacle `index`; its surface is grown to the least size (depth, width) where the scene is not
-    /// sure of it.
+    /// Finds the spot of receptacle `index`; its surface is grown to the least size (depth, width)
+    /// where the scene is not sure of it.
     pub(super) fn of(scene: &Scene, index: usize, least: [f32; 2], front_is_short: bool) -> Self {
         let receptacle = &scene.receptacles[index];
         let given = rectangle(receptacle);
@@ -50,13 +50,31 @@ impl Spot {
             Some(degrees) => (libm::floor(degrees / 90.0 + 0.5) as i64).rem_euclid(4) as usize,
             None => best_front(given, free, front_is_short),
         };
-        let surface = if is_unsure(receptacle) { grown(given, least, quarters, free) } else { given };
+        let surface = if is_unsure(receptacle) {
+            grown(given, least, quarters, free)
+        } else {
+            given
+        };
         let [low, high] = surface;
         let half = [(high[0] - low[0]) * 0.5, (high[1] - low[1]) * 0.5];
-        let (half_depth, half_width) = if quarters.is_multiple_of(2) { (half[0], half[1]) } else { (half[1], half[0]) };
-        let frame = Frame { origin: [(low[0] + high[0]) * 0.5, (low[1] + high[1]) * 0.5], quarters };
-        let free = [0, 1, 2, 3].map(|side| spare(free_room(scene, index, surface, (quarters + side) % 4)));
-        Self { surface, frame, half_depth, half_width, free }
+        let (half_depth, half_width) = if quarters.is_multiple_of(2) {
+            (half[0], half[1])
+        } else {
+            (half[1], half[0])
+        };
+        let frame = Frame {
+            origin: [(low[0] + high[0]) * 0.5, (low[1] + high[1]) * 0.5],
+            quarters,
+        };
+        let free =
+            [0, 1, 2, 3].map(|side| spare(free_room(scene, index, surface, (quarters + side) % 4)));
+        Self {
+            surface,
+            frame,
+            half_depth,
+            half_width,
+            free,
+        }
     }
 
     /// Room on the tightest side.
@@ -67,43 +85,75 @@ impl Spot {
 
 /// The receptacle that each receptacle lies on as its lid, by index.
 pub(super) fn covered(scene: &Scene) -> Vec<Option<usize>> {
-    let position = |id| scene.receptacles.iter().position(|receptacle| receptacle.id == id);
-    let told: Vec<Option<usize>> =
-        scene.receptacles.iter().map(|receptacle| receptacle.covers.clone().and_then(position)).collect();
+    let position = |id| {
+        scene
+            .receptacles
+            .iter()
+            .position(|receptacle| receptacle.id == id)
+    };
+    let told: Vec<Option<usize>> = scene
+        .receptacles
+        .iter()
+        .map(|receptacle| receptacle.covers.clone().and_then(position))
+        .collect();
     if told.iter().any(Option::is_some) {
         return told;
     }
     let lies_on = |upper: &Receptacle, lower: &Receptacle| {
         let rise = upper.surface_max[2] - lower.surface_max[2];
         let [a, b] = [rectangle(upper), rectangle(lower)];
-        rise > 0.0 && rise <= 0.06 && (0..2).all(|axis| a[0][axis] < b[1][axis] && b[0][axis] < a[1][axis])
+        rise > 0.0
+            && rise <= 0.06
+            && (0..2).all(|axis| a[0][axis] < b[1][axis] && b[0][axis] < a[1][axis])
     };
-    let below = |upper| scene.receptacles.iter().position(|lower| lies_on(upper, lower));
+    let below = |upper| {
+        scene
+            .receptacles
+            .iter()
+            .position(|lower| lies_on(upper, lower))
+    };
     scene.receptacles.iter().map(below).collect()
 }
 
 /// The surface as the scene gives it.
 pub(super) fn rectangle(receptacle: &Receptacle) -> Rectangle {
     let corner = |corner: [f64; 3]| [corner[0] as f32, corner[1] as f32];
-    [corner(receptacle.surface_min), corner(receptacle.surface_max)]
+    [
+        corner(receptacle.surface_min),
+        corner(receptacle.surface_max),
+    ]
 }
 
 fn is_unsure(receptacle: &Receptacle) -> bool {
-    let text = receptacle.extra.get("confidence").and_then(|value| value.as_str());
-    let synthetic = receptacle.extra.get("synthetic").and_then(serde_json::Value::as_bool);
+    let text = receptacle
+        .extra
+        .get("confidence")
+        .and_then(|value| value.as_str());
+    let synthetic = receptacle
+        .extra
+        .get("synthetic")
+        .and_then(serde_json::Value::as_bool);
     synthetic == Some(true) || matches!(text, Some("low" | "none"))
 }
 
-/// Room from a side (0 is +x, then counter-clockwise) to the border of the room or to the next furniture.
+/// Room from a side (0 is +x, then counter-clockwise) to the border of the room or to the next
+/// furniture.
 fn free_room(scene: &Scene, index: usize, [low, high]: Rectangle, side: usize) -> f32 {
     let receptacle = &scene.receptacles[index];
     let (along, across) = (side % 2, 1 - side % 2);
     let outward = side < 2;
     let edge = if outward { high[along] } else { low[along] };
-    let ahead = |coordinate: f32| if outward { coordinate - edge } else { edge - coordinate };
+    let ahead = |coordinate: f32| {
+        if outward {
+            coordinate - edge
+        } else {
+            edge - coordinate
+        }
+    };
     let mut free = f32::MAX;
     if let Some(room) = scene.rooms.iter().find(|room| room.name == receptacle.room) {
-        let lines = [0.02, 0.5, 0.98].map(|share| low[across] + (high[across] - low[across]) * share);
+        let lines =
+            [0.02, 0.5, 0.98].map(|share| low[across] + (high[across] - low[across]) * share);
         for line in lines {
             let mut start = [0.0; 2];
             start[along] = edge;
@@ -114,8 +164,16 @@ fn free_room(scene: &Scene, index: usize, [low, high]: Rectangle, side: usize) -
     for (other_index, other) in scene.receptacles.iter().enumerate() {
         let [other_low, other_high] = rectangle(other);
         let abreast = other_low[across] < high[across] && low[across] < other_high[across];
-        let near = ahead(if outward { other_low[along] } else { other_high[along] });
-        let passes = ahead(if outward { other_high[along] } else { other_low[along] }) > 0.0;
+        let near = ahead(if outward {
+            other_low[along]
+        } else {
+            other_high[along]
+        });
+        let passes = ahead(if outward {
+            other_high[along]
+        } else {
+            other_low[along]
+        }) > 0.0;
         if other_index != index && abreast && passes && near > -0.02 {
             free = free.min(near - ROOM_MARGIN_M);
         }
@@ -125,7 +183,11 @@ fn free_room(scene: &Scene, index: usize, [low, high]: Rectangle, side: usize) -
 
 /// What of the free room on a side the body may take.
 fn spare(free: f32) -> f32 {
-    if free < PASSAGE_M { free } else { (free - KEPT_PASSAGE_M).max(0.0) }
+    if free < PASSAGE_M {
+        free
+    } else {
+        (free - KEPT_PASSAGE_M).max(0.0)
+    }
 }
 
 /// Distance from a point to the border of a room along an axis, across its rectangles.
@@ -136,8 +198,17 @@ fn room_ahead(room: &Room, start: [f32; 2], along: usize, outward: bool) -> f32 
     for _ in 0..footprint.len() {
         let mut probe = point;
         probe[along] += if outward { STEP } else { -STEP };
-        let Some(rect) = footprint.iter().find(|rect| rect.contains(probe.map(f64::from))) else { break };
-        point[along] = if outward { rect.max[along] } else { rect.min[along] } as f32;
+        let Some(rect) = footprint
+            .iter()
+            .find(|rect| rect.contains(probe.map(f64::from)))
+        else {
+            break;
+        };
+        point[along] = if outward {
+            rect.max[along]
+        } else {
+            rect.min[along]
+        } as f32;
     }
     libm::fabsf(point[along] - start[along])
 }
@@ -148,7 +219,11 @@ fn best_front([low, high]: Rectangle, free: [f32; 4], front_is_short: bool) -> u
     let score = |side: usize| {
         // The edge of side 0 runs along y.
         let (edge, other) = (size[1 - side % 2], size[side % 2]);
-        let favoured = if front_is_short { other > edge * 1.3 } else { edge > other * 1.3 };
+        let favoured = if front_is_short {
+            other > edge * 1.3
+        } else {
+            edge > other * 1.3
+        };
         let room = free[side].min(FREE_ENOUGH_M);
         libm::floorf(room * 100.0) + if favoured && room > 0.5 { 40.0 } else { 0.0 }
     };
@@ -165,7 +240,11 @@ fn best_front([low, high]: Rectangle, free: [f32; 4], front_is_short: bool) -> u
 fn grown(given: Rectangle, least: [f32; 2], quarters: usize, free: [f32; 4]) -> Rectangle {
     let [mut low, mut high] = given;
     for axis in 0..2 {
-        let wanted = if (quarters + axis).is_multiple_of(2) { least[0] } else { least[1] };
+        let wanted = if (quarters + axis).is_multiple_of(2) {
+            least[0]
+        } else {
+            least[1]
+        };
         let missing = ((wanted - (high[axis] - low[axis])) * 0.5).max(0.0);
         high[axis] += missing.min(free[axis]);
         low[axis] -= missing.min(free[axis + 2]);

@@ -1,5 +1,5 @@
-//! From words to paint: colour, material and pattern words of captions and attributes, and stable choices by
-//! identifier where the words say nothing. Never builds shapes.
+//! From words to paint: colour, material and pattern words of captions and attributes, and stable
+//! choices by identifier where the words say nothing. Never builds shapes.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,22 +18,38 @@ pub(super) struct Paint {
 impl Paint {
     /// One colour.
     pub(super) const fn plain(color: [u8; 3]) -> Self {
-        Self { color, accent: color, pattern: Pattern::Plain }
+        Self {
+            color,
+            accent: color,
+            pattern: Pattern::Plain,
+        }
     }
 
     /// Wood of a colour.
     pub(super) fn grain(color: [u8; 3]) -> Self {
-        Self { color, accent: shade(color, 0.78), pattern: Pattern::Grain }
+        Self {
+            color,
+            accent: shade(color, 0.78),
+            pattern: Pattern::Grain,
+        }
     }
 
     /// Polished in a colour.
     pub(super) fn glossy(color: [u8; 3]) -> Self {
-        Self { color, accent: tint(color, 0.5), pattern: Pattern::Glossy }
+        Self {
+            color,
+            accent: tint(color, 0.5),
+            pattern: Pattern::Glossy,
+        }
     }
 
     /// The same, darker (below 1) or lighter (above 1).
     pub(super) fn shaded(self, factor: f32) -> Self {
-        Self { color: shade(self.color, factor), accent: shade(self.accent, factor), ..self }
+        Self {
+            color: shade(self.color, factor),
+            accent: shade(self.accent, factor),
+            ..self
+        }
     }
 
     /// The second colour, plain.
@@ -52,7 +68,10 @@ pub(super) fn pick(id: &str, purpose: &str, count: usize) -> usize {
 /// Lower-case words of a text.
 pub(super) fn words(text: &str) -> Vec<String> {
     let parts = text.split(|letter: char| !letter.is_alphanumeric());
-    parts.filter(|word| !word.is_empty()).map(str::to_lowercase).collect()
+    parts
+        .filter(|word| !word.is_empty())
+        .map(str::to_lowercase)
+        .collect()
 }
 
 /// A part of a piece of furniture that words speak of.
@@ -78,16 +97,27 @@ pub(super) struct Traits {
 impl Traits {
     /// Reads attributes, then captions (those that people use most first).
     pub(super) fn of(receptacle: &Receptacle) -> Self {
-        let mut traits = Self { id: receptacle.id.to_string(), said: BTreeMap::new(), all: BTreeSet::new() };
+        let mut traits = Self {
+            id: receptacle.id.to_string(),
+            said: BTreeMap::new(),
+            all: BTreeSet::new(),
+        };
         for (kind, values) in &receptacle.attributes {
-            let feature = words(kind).iter().find_map(|word| feature_of(word)).unwrap_or(Feature::Body);
+            let feature = words(kind)
+                .iter()
+                .find_map(|word| feature_of(word))
+                .unwrap_or(Feature::Body);
             for value in values {
                 let said = words(value);
                 traits.all.extend(said.iter().cloned());
                 traits.said.entry(feature).or_default().extend(said);
             }
         }
-        let mut captions: Vec<(&String, f64)> = receptacle.captions.iter().map(|(text, weight)| (text, *weight)).collect();
+        let mut captions: Vec<(&String, f64)> = receptacle
+            .captions
+            .iter()
+            .map(|(text, weight)| (text, *weight))
+            .collect();
         captions.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(b.0)));
         for (caption, _) in captions {
             traits.read(caption);
@@ -107,19 +137,23 @@ impl Traits {
 
     /// How a feature looks; a stable choice of a palette where the words do not say.
     pub(super) fn paint_or(&self, feature: Feature, palette: &[Paint]) -> Paint {
-        self.paint(feature).unwrap_or_else(|| palette[self.choose(&format!("{feature:?}"), palette.len())])
+        self.paint(feature)
+            .unwrap_or_else(|| palette[self.choose(&format!("{feature:?}"), palette.len())])
     }
 
     /// A stable number below `count`; pieces numbered one after the other differ.
     pub(super) fn choose(&self, purpose: &str, count: usize) -> usize {
-        let kind = self.id.trim_end_matches(|letter: char| letter.is_ascii_digit());
+        let kind = self
+            .id
+            .trim_end_matches(|letter: char| letter.is_ascii_digit());
         match self.id[kind.len()..].parse::<usize>() {
             Ok(number) => (pick(kind, purpose, count) + number % count) % count,
             Err(_) => pick(&self.id, purpose, count),
         }
     }
 
-    /// Colours belong to the noun after them; without a known noun to the body, behind a "with" to nothing.
+    /// Colours belong to the noun after them; without a known noun to the body, behind a "with" to
+    /// nothing.
     fn read(&mut self, caption: &str) {
         let mut waiting: Vec<String> = Vec::new();
         let mut on_body = true;
@@ -137,7 +171,10 @@ impl Traits {
                 self.said.entry(feature).or_default().append(&mut waiting);
             } else if word == "with" {
                 if on_body {
-                    self.said.entry(Feature::Body).or_default().append(&mut waiting);
+                    self.said
+                        .entry(Feature::Body)
+                        .or_default()
+                        .append(&mut waiting);
                 }
                 waiting.clear();
                 on_body = false;
@@ -146,27 +183,33 @@ impl Traits {
             }
         }
         if on_body {
-            self.said.entry(Feature::Body).or_default().append(&mut waiting);
+            self.said
+                .entry(Feature::Body)
+                .or_default()
+                .append(&mut waiting);
         }
     }
 }
 
 /// Behind these words a caption speaks of something else.
-const ELSEWHERE: [&str; 10] = ["next", "near", "front", "where", "for", "beside", "on", "by", "under", "than"];
+const ELSEWHERE: [&str; 10] = [
+    "next", "near", "front", "where", "for", "beside", "on", "by", "under", "than",
+];
 
 fn feature_of(word: &str) -> Option<Feature> {
     Some(match word {
         "handle" | "handles" | "knob" | "knobs" | "pull" | "pulls" => Feature::Handles,
-        "bedding" | "sheet" | "sheets" | "cover" | "runner" | "blanket" | "duvet" | "quilt" | "mattress" | "cushion"
-        | "cushions" | "bedspread" | "upholstery" => Feature::Bedding,
+        "bedding" | "sheet" | "sheets" | "cover" | "runner" | "blanket" | "duvet" | "quilt"
+        | "mattress" | "cushion" | "cushions" | "bedspread" | "upholstery" => Feature::Bedding,
         "pillow" | "pillows" => Feature::Pillows,
         "top" | "tabletop" | "countertop" | "surface" => Feature::Top,
         "leg" | "legs" | "feet" | "base" => Feature::Legs,
-        "backing" | "back" | "insert" | "grill" | "grille" | "cube" | "drawers" | "trim" | "edge" | "basin" | "stripe"
-        | "panel" => Feature::Detail,
-        "unit" | "desk" | "table" | "cabinet" | "bed" | "couch" | "sofa" | "nightstand" | "dresser" | "shelf" | "counter"
-        | "sink" | "bench" | "stool" | "fridge" | "refrigerator" | "microwave" | "body" | "frame" | "colour" | "color"
-        | "material" | "finish" => Feature::Body,
+        "backing" | "back" | "insert" | "grill" | "grille" | "cube" | "drawers" | "trim"
+        | "edge" | "basin" | "stripe" | "panel" => Feature::Detail,
+        "unit" | "desk" | "table" | "cabinet" | "bed" | "couch" | "sofa" | "nightstand"
+        | "dresser" | "shelf" | "counter" | "sink" | "bench" | "stool" | "fridge"
+        | "refrigerator" | "microwave" | "body" | "frame" | "colour" | "color" | "material"
+        | "finish" => Feature::Body,
         _ => return None,
     })
 }
@@ -175,25 +218,52 @@ fn feature_of(word: &str) -> Option<Feature> {
 pub(super) fn object_paint(object: &ObjectInstance) -> Paint {
     let caption = words(object.caption.as_deref().unwrap_or_default());
     let attribute = |kinds: &[&str]| -> Vec<String> {
-        let found = object.attributes.iter().filter(|(kind, _)| kinds.contains(&kind.as_str()));
-        found.flat_map(|(_, values)| values.iter().flat_map(|value| words(value))).collect()
+        let found = object
+            .attributes
+            .iter()
+            .filter(|(kind, _)| kinds.contains(&kind.as_str()));
+        found
+            .flat_map(|(_, values)| values.iter().flat_map(|value| words(value)))
+            .collect()
     };
     // Attribute lists need not name the main colour first; a caption does.
     let mut colors = attribute(&["colour", "color"]);
-    colors.sort_by_key(|word| caption.iter().position(|said| said == word).unwrap_or(usize::MAX));
+    colors.sort_by_key(|word| {
+        caption
+            .iter()
+            .position(|said| said == word)
+            .unwrap_or(usize::MAX)
+    });
     let rest = attribute(&["material", "pattern", "finish", "texture"]);
     let said: Vec<String> = if colors.iter().any(|word| color(word).is_some()) {
-        let hints = caption.iter().filter(|word| color(word).is_none() && material(word).is_none());
-        colors.into_iter().chain(rest).chain(hints.cloned()).collect()
+        let hints = caption
+            .iter()
+            .filter(|word| color(word).is_none() && material(word).is_none());
+        colors
+            .into_iter()
+            .chain(rest)
+            .chain(hints.cloned())
+            .collect()
     } else {
         rest.into_iter().chain(caption).collect()
     };
-    let typical = words(&object.category).iter().rev().find_map(|word| typical_color(word));
+    let typical = words(&object.category)
+        .iter()
+        .rev()
+        .find_map(|word| typical_color(word));
     let by_asset = OBJECT_PALETTE[pick(object.asset.as_str(), "colour", OBJECT_PALETTE.len())];
     match (paint(&said), typical) {
         (Some(paint), _) => paint,
-        (None, Some([color, accent])) => Paint { color, accent, pattern: pattern_of(&said).unwrap_or_default() },
-        (None, None) => Paint { color: by_asset, accent: shade(by_asset, 0.6), pattern: pattern_of(&said).unwrap_or_default() },
+        (None, Some([color, accent])) => Paint {
+            color,
+            accent,
+            pattern: pattern_of(&said).unwrap_or_default(),
+        },
+        (None, None) => Paint {
+            color: by_asset,
+            accent: shade(by_asset, 0.6),
+            pattern: pattern_of(&said).unwrap_or_default(),
+        },
     }
 }
 
@@ -208,8 +278,14 @@ fn paint(said: &[String]) -> Option<Paint> {
             "light" | "pale" | "soft" | "pastel" => factor = Some(1.3),
             "bright" | "vibrant" | "vivid" => factor = None,
             _ => {
-                let list = if color(word).is_some() { &mut named } else { &mut of_material };
-                if let Some(found) = color(word).or_else(|| material(word).and_then(|(color, _)| color)) {
+                let list = if color(word).is_some() {
+                    &mut named
+                } else {
+                    &mut of_material
+                };
+                if let Some(found) =
+                    color(word).or_else(|| material(word).and_then(|(color, _)| color))
+                {
                     let found = factor.take().map_or(found, |factor| shade(found, factor));
                     if !list.contains(&found) {
                         list.push(found);
@@ -218,17 +294,29 @@ fn paint(said: &[String]) -> Option<Paint> {
             }
         }
     }
-    let alone = factor.filter(|_| said.len() < 8).map(|factor| if factor < 1.0 { [62, 57, 54] } else { [226, 218, 204] });
+    let alone = factor.filter(|_| said.len() < 8).map(|factor| {
+        if factor < 1.0 {
+            [62, 57, 54]
+        } else {
+            [226, 218, 204]
+        }
+    });
     let mut colors = named.into_iter().chain(of_material).chain(alone);
     let color = colors.next()?;
     let pattern = pattern_of(said).unwrap_or_default();
     let second = colors.next();
     let accent = match pattern {
         // On one material a second colour is lettering or a detail, not the other half of it.
-        Pattern::Grain => second.filter(|_| said.iter().any(|word| word == "striped")).unwrap_or(shade(color, 0.78)),
+        Pattern::Grain => second
+            .filter(|_| said.iter().any(|word| word == "striped"))
+            .unwrap_or(shade(color, 0.78)),
         _ => second.unwrap_or(shade(color, if is_dark(color) { 1.8 } else { 0.72 })),
     };
-    Some(Paint { color, accent, pattern })
+    Some(Paint {
+        color,
+        accent,
+        pattern,
+    })
 }
 
 fn pattern_of(said: &[String]) -> Option<Pattern> {
@@ -236,15 +324,29 @@ fn pattern_of(said: &[String]) -> Option<Pattern> {
     if any(&["striped", "stripes", "checkered", "checked", "plaid"]) {
         return Some(Pattern::Stripes);
     }
-    if any(&["dotted", "dots", "speckled", "spotted", "spots", "sprinkles", "terrazzo", "floral"]) {
+    if any(&[
+        "dotted",
+        "dots",
+        "speckled",
+        "spotted",
+        "spots",
+        "sprinkles",
+        "terrazzo",
+        "floral",
+    ]) {
         return Some(Pattern::Dots);
     }
-    said.iter().find_map(|word| material(word).and_then(|(_, pattern)| pattern))
+    said.iter()
+        .find_map(|word| material(word).and_then(|(_, pattern)| pattern))
 }
 
 /// Mixes a colour with black (below 1) or with white (above 1: 2 is white).
 fn shade(color: [u8; 3], factor: f32) -> [u8; 3] {
-    if factor > 1.0 { tint(color, (factor - 1.0).min(1.0)) } else { color.map(|c| (f32::from(c) * factor) as u8) }
+    if factor > 1.0 {
+        tint(color, (factor - 1.0).min(1.0))
+    } else {
+        color.map(|c| (f32::from(c) * factor) as u8)
+    }
 }
 
 fn tint(color: [u8; 3], share: f32) -> [u8; 3] {
@@ -317,19 +419,23 @@ fn material(word: &str) -> Option<(Option<[u8; 3]>, Option<Pattern>)> {
         "marble" => (Some([228, 227, 224]), Pattern::Grain),
         "granite" | "stone" | "concrete" => (Some([150, 148, 144]), Pattern::Dots),
         "glass" | "crystal" => (Some([196, 220, 224]), Pattern::Glossy),
-        "metal" | "metallic" | "steel" | "stainless" | "aluminum" | "aluminium" | "chrome" | "iron" => {
-            (Some([176, 180, 184]), Pattern::Glossy)
-        }
+        "metal" | "metallic" | "steel" | "stainless" | "aluminum" | "aluminium" | "chrome"
+        | "iron" => (Some([176, 180, 184]), Pattern::Glossy),
         "ceramic" | "porcelain" => (Some([238, 236, 230]), Pattern::Glossy),
         "clay" | "terracotta" => (Some([184, 108, 74]), Pattern::Plain),
         "leather" => (Some([112, 70, 44]), Pattern::Plain),
         "cardboard" => (Some([186, 146, 100]), Pattern::Plain),
         "paper" => (Some([240, 238, 230]), Pattern::Plain),
-        "glossy" | "shiny" | "polished" | "satin" | "silky" | "lacquered" => (None, Pattern::Glossy),
+        "glossy" | "shiny" | "polished" | "satin" | "silky" | "lacquered" => {
+            (None, Pattern::Glossy)
+        }
         "grain" => (None, Pattern::Grain),
         _ => return None,
     };
-    Some((color, Some(pattern).filter(|pattern| *pattern != Pattern::Plain)))
+    Some((
+        color,
+        Some(pattern).filter(|pattern| *pattern != Pattern::Plain),
+    ))
 }
 
 /// Main and second colour that a kind of thing usually has.
@@ -342,9 +448,13 @@ fn typical_color(word: &str) -> Option<[[u8; 3]; 2]> {
         "pear" => [[176, 190, 74], [100, 72, 40]],
         "pepper" => [[204, 44, 34], [64, 120, 44]],
         "avocado" | "cucumber" => [[70, 96, 44], [150, 180, 90]],
-        "broccoli" | "lettuce" | "vegetable" | "cactus" | "plant" => [[86, 148, 58], [150, 190, 100]],
+        "broccoli" | "lettuce" | "vegetable" | "cactus" | "plant" => {
+            [[86, 148, 58], [150, 190, 100]]
+        }
         "egg" => [[238, 220, 196], [222, 198, 170]],
-        "bun" | "bread" | "cookie" | "pie" | "muffin" | "food" | "croissant" => [[208, 152, 84], [150, 92, 46]],
+        "bun" | "bread" | "cookie" | "pie" | "muffin" | "food" | "croissant" => {
+            [[208, 152, 84], [150, 92, 46]]
+        }
         "cake" | "dessert" => [[232, 200, 160], [188, 70, 84]],
         "soup" => [[226, 222, 214], [196, 104, 40]],
         "meat" | "steak" => [[158, 66, 58], [226, 178, 168]],
@@ -352,7 +462,9 @@ fn typical_color(word: &str) -> Option<[[u8; 3]; 2]> {
         "fruit" => [[220, 110, 60], [90, 130, 60]],
         "sushi" => [[240, 238, 230], [240, 120, 70]],
         "bear" | "teddy" => [[156, 108, 62], [206, 168, 120]],
-        "laptop" | "remote" | "keyboard" | "mouse" | "headphones" | "phone" => [[46, 47, 50], [120, 124, 130]],
+        "laptop" | "remote" | "keyboard" | "mouse" | "headphones" | "phone" => {
+            [[46, 47, 50], [120, 124, 130]]
+        }
         "plate" | "bowl" | "saucer" | "cup" | "mug" => [[234, 233, 228], [120, 150, 180]],
         "basket" => [[188, 148, 96], [140, 104, 60]],
         "pencil" => [[238, 190, 40], [214, 120, 130]],

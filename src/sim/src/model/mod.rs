@@ -1,4 +1,5 @@
-//! What scenes and objects look like and consist of: furniture, walls, floor and household objects as coloured parts.
+//! What scenes and objects look like and consist of: furniture, walls, floor and household objects
+//! as coloured parts.
 
 mod appliances;
 mod details;
@@ -49,7 +50,8 @@ pub struct SceneModel {
 pub struct Furniture {
     /// Which.
     pub id: ReceptacleId,
-    /// Its fixed parts, in the scene frame; empty while it is taken off (a lid whose pot is in use).
+    /// Its fixed parts, in the scene frame; empty while it is taken off (a lid whose pot is in
+    /// use).
     pub parts: Vec<Part>,
     /// The interaction surface.
     pub surface: Surface,
@@ -92,7 +94,8 @@ pub struct DoorModel {
 /// A movable object as parts, or as a mesh, around the centre of its box.
 #[derive(Clone, PartialEq, Debug)]
 pub struct ObjectModel {
-    /// In the object's frame; the solid ones together stay within its size. None where there is a mesh.
+    /// In the object's frame; the solid ones together stay within its size. None where there is a
+    /// mesh.
     pub parts: Vec<Part>,
     /// What stands in for parts.
     pub mesh: Option<MeshModel>,
@@ -105,20 +108,41 @@ pub struct ObjectModel {
 /// Height to which the space above an open surface counts as free, in metres.
 const ROOM_HEIGHT_M: f32 = 2.5;
 
-/// Builds a scene. `in_use` names the receptacles that hold objects at the start: what covers them is taken off.
+/// Builds a scene. `in_use` names the receptacles that hold objects at the start: what covers them
+/// is taken off.
 pub fn scene_model(scene: &Scene, in_use: &BTreeSet<ReceptacleId>) -> SceneModel {
     let covered = layout::covered(scene);
     let pieces = covered.iter().enumerate();
-    let furniture: Vec<Furniture> = pieces.map(|(index, below)| piece(scene, index, *below, in_use)).collect();
-    let footprints: Vec<_> = furniture.iter().map(|piece| piece.bounds.map(|[x, y, _]| [x, y])).collect();
+    let furniture: Vec<Furniture> = pieces
+        .map(|(index, below)| piece(scene, index, *below, in_use))
+        .collect();
+    let footprints: Vec<_> = furniture
+        .iter()
+        .map(|piece| piece.bounds.map(|[x, y, _]| [x, y]))
+        .collect();
     let walls = walls::walls(scene, &footprints);
     let shell = walls::shell(scene, &walls);
-    let corners = scene.rooms.iter().flat_map(|room| room.footprint()).flat_map(|rect| [rect.min, rect.max]);
-    let bounds = corners.map(|corner| corner.map(|c| c as f32)).fold(None, |bounds: Option<[[f32; 2]; 2]>, point| {
-        let [low, high] = bounds.unwrap_or([point; 2]);
-        Some([[low[0].min(point[0]), low[1].min(point[1])], [high[0].max(point[0]), high[1].max(point[1])]])
-    });
-    SceneModel { shell, walls, furniture, bounds: bounds.unwrap_or_default() }
+    let corners = scene
+        .rooms
+        .iter()
+        .flat_map(|room| room.footprint())
+        .flat_map(|rect| [rect.min, rect.max]);
+    let bounds = corners.map(|corner| corner.map(|c| c as f32)).fold(
+        None,
+        |bounds: Option<[[f32; 2]; 2]>, point| {
+            let [low, high] = bounds.unwrap_or([point; 2]);
+            Some([
+                [low[0].min(point[0]), low[1].min(point[1])],
+                [high[0].max(point[0]), high[1].max(point[1])],
+            ])
+        },
+    );
+    SceneModel {
+        shell,
+        walls,
+        furniture,
+        bounds: bounds.unwrap_or_default(),
+    }
 }
 
 /// Builds an object from its category, size and attribute words.
@@ -129,13 +153,22 @@ pub fn object_model(object: &ObjectInstance) -> ObjectModel {
 /// Builds an object from a mesh and its size. How dense it is still follows from the words.
 pub fn meshed_model(object: &ObjectInstance, mesh: &Arc<Mesh>) -> ObjectModel {
     let model = objects::build(object);
-    ObjectModel { parts: Vec::new(), mesh: Some(MeshModel::fit(mesh, model.half)), ..model }
+    ObjectModel {
+        parts: Vec::new(),
+        mesh: Some(MeshModel::fit(mesh, model.half)),
+        ..model
+    }
 }
 
 impl ObjectModel {
     /// The object at a pose, to draw.
     pub(crate) fn drawable(&self, pose: Pose, entity: u16) -> Drawable<'_> {
-        Drawable { parts: &self.parts, mesh: self.mesh.as_ref(), pose, entity }
+        Drawable {
+            parts: &self.parts,
+            mesh: self.mesh.as_ref(),
+            pose,
+            entity,
+        }
     }
 }
 
@@ -150,7 +183,11 @@ enum Build {
 
 impl Build {
     fn of(category: &str, has_door: bool, is_cover: bool) -> Self {
-        let letters: String = category.to_lowercase().chars().filter(|letter| letter.is_alphanumeric()).collect();
+        let letters: String = category
+            .to_lowercase()
+            .chars()
+            .filter(|letter| letter.is_alphanumeric())
+            .collect();
         if is_cover || letters.ends_with("lid") {
             Build::Lid
         } else if let Some(enclosure) = Enclosure::of(&letters, has_door) {
@@ -175,10 +212,24 @@ impl Build {
     }
 }
 
-fn piece(scene: &Scene, index: usize, below: Option<usize>, in_use: &BTreeSet<ReceptacleId>) -> Furniture {
+fn piece(
+    scene: &Scene,
+    index: usize,
+    below: Option<usize>,
+    in_use: &BTreeSet<ReceptacleId>,
+) -> Furniture {
     let receptacle = &scene.receptacles[index];
-    let build = Build::of(&receptacle.category, receptacle.door.exists(), below.is_some());
-    let spot = Spot::of(scene, index, build.least_size(), matches!(build, Build::Open(Kind::Bed)));
+    let build = Build::of(
+        &receptacle.category,
+        receptacle.door.exists(),
+        below.is_some(),
+    );
+    let spot = Spot::of(
+        scene,
+        index,
+        build.least_size(),
+        matches!(build, Build::Open(Kind::Bed)),
+    );
     let z = receptacle.surface_max[2] as f32;
     let traits = Traits::of(receptacle);
     let mut parts = Parts::new(spot.frame);
@@ -199,11 +250,17 @@ fn piece(scene: &Scene, index: usize, below: Option<usize>, in_use: &BTreeSet<Re
     }
     let parts = parts.finish();
     let door_parts: Vec<Part> = door.iter().flat_map(closed_parts).collect();
-    let taken_off = below.is_some_and(|below| in_use.contains(&scene.receptacles[below].id)) && !in_use.contains(&receptacle.id);
+    let taken_off = below.is_some_and(|below| in_use.contains(&scene.receptacles[below].id))
+        && !in_use.contains(&receptacle.id);
     Furniture {
         id: receptacle.id.clone(),
         bounds: bounds(parts.iter().chain(&door_parts)),
-        surface: Surface { min: spot.surface[0], max: spot.surface[1], z, clearance },
+        surface: Surface {
+            min: spot.surface[0],
+            max: spot.surface[1],
+            z,
+            clearance,
+        },
         facing: spot.frame.turn([1.0, 0.0]),
         door,
         present: !taken_off,
@@ -213,5 +270,11 @@ fn piece(scene: &Scene, index: usize, below: Option<usize>, in_use: &BTreeSet<Re
 
 /// The parts of a closed door in the scene frame.
 fn closed_parts(door: &DoorModel) -> Vec<Part> {
-    door.parts.iter().map(|part| Part { pose: door.closed.then(&part.pose), ..*part }).collect()
+    door.parts
+        .iter()
+        .map(|part| Part {
+            pose: door.closed.then(&part.pose),
+            ..*part
+        })
+        .collect()
 }

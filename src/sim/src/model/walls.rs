@@ -1,4 +1,5 @@
-//! Floor slabs and walls: as the scene gives them, or around the rooms with an opening between neighbours.
+//! Floor slabs and walls: as the scene gives them, or around the rooms with an opening between
+//! neighbours.
 
 use reel_world::{Room, Scene, Wall};
 
@@ -32,7 +33,10 @@ pub(super) fn walls(scene: &Scene, furniture: &[Rectangle]) -> Vec<Wall> {
     let mut walls = Vec::new();
     for edge in &edges {
         let mut from = edge.from;
-        let mut cuts: Vec<&Opening> = openings.iter().filter(|opening| opening.is_in(edge)).collect();
+        let mut cuts: Vec<&Opening> = openings
+            .iter()
+            .filter(|opening| opening.is_in(edge))
+            .collect();
         cuts.sort_by(|a, b| a.from.total_cmp(&b.from));
         for cut in cuts {
             walls.extend(edge.wall(from, cut.from));
@@ -49,15 +53,27 @@ pub(super) fn shell(scene: &Scene, walls: &[Wall]) -> Vec<Part> {
     for room in &scene.rooms {
         for rect in room.footprint() {
             let ([x0, y0], [x1, y1]) = (rect.min.map(|c| c as f32), rect.max.map(|c| c as f32));
-            parts.solid(block([x0, y0, -0.1], [x1, y1, 0.0]), floor_paint(&room.name));
+            parts.solid(
+                block([x0, y0, -0.1], [x1, y1, 0.0]),
+                floor_paint(&room.name),
+            );
         }
     }
     for wall in walls {
         let [low, high] = thick(wall, walls);
-        parts.solid(block([low[0], low[1], 0.0], [high[0], high[1], wall.height as f32]), Paint::plain([226, 222, 212]));
+        parts.solid(
+            block(
+                [low[0], low[1], 0.0],
+                [high[0], high[1], wall.height as f32],
+            ),
+            Paint::plain([226, 222, 212]),
+        );
         let skirting = 0.008;
         let (low, high) = (low.map(|c| c - skirting), high.map(|c| c + skirting));
-        parts.look(block([low[0], low[1], 0.0], [high[0], high[1], 0.09]), Paint::plain([246, 245, 240]));
+        parts.look(
+            block([low[0], low[1], 0.0], [high[0], high[1], 0.09]),
+            Paint::plain([246, 245, 240]),
+        );
     }
     parts.finish()
 }
@@ -73,7 +89,8 @@ struct Edge {
     to: f32,
     /// The two rooms, if there are two.
     rooms: Option<(usize, usize)>,
-    /// From here to the middle of the wall: the wall between rooms stands on the border, one to the outside behind it.
+    /// From here to the middle of the wall: the wall between rooms stands on the border, one to the
+    /// outside behind it.
     shift: f32,
 }
 
@@ -85,7 +102,11 @@ impl Edge {
     }
 
     fn wall(&self, from: f32, to: f32) -> Option<Wall> {
-        (to - from > 0.02).then(|| Wall { from: self.point(from), to: self.point(to), height: HEIGHT_M })
+        (to - from > 0.02).then(|| Wall {
+            from: self.point(from),
+            to: self.point(to),
+            height: HEIGHT_M,
+        })
     }
 }
 
@@ -100,7 +121,10 @@ struct Opening {
 
 impl Opening {
     fn is_in(&self, edge: &Edge) -> bool {
-        self.across == edge.across && self.at == edge.at && self.from >= edge.from && self.to <= edge.to
+        self.across == edge.across
+            && self.at == edge.at
+            && self.from >= edge.from
+            && self.to <= edge.to
     }
 }
 
@@ -111,23 +135,41 @@ fn edges(rooms: &[Room]) -> Vec<Edge> {
     let rects: Vec<(usize, [i64; 2], [i64; 2])> = rooms
         .iter()
         .enumerate()
-        .flat_map(|(room, data)| data.footprint().into_iter().map(move |rect| (room, rect.min.map(whole), rect.max.map(whole))))
+        .flat_map(|(room, data)| {
+            data.footprint()
+                .into_iter()
+                .map(move |rect| (room, rect.min.map(whole), rect.max.map(whole)))
+        })
         .collect();
     let mut edges: Vec<Edge> = Vec::new();
     for across in 0..2 {
         let along = 1 - across;
-        let mut lines: Vec<i64> = rects.iter().flat_map(|(_, min, max)| [min[across], max[across]]).collect();
+        let mut lines: Vec<i64> = rects
+            .iter()
+            .flat_map(|(_, min, max)| [min[across], max[across]])
+            .collect();
         lines.sort_unstable();
         lines.dedup();
         for line in lines {
-            let touching = rects.iter().filter(|(_, min, max)| min[across] == line || max[across] == line);
-            let mut cuts: Vec<i64> = touching.flat_map(|(_, min, max)| [min[along], max[along]]).collect();
+            let touching = rects
+                .iter()
+                .filter(|(_, min, max)| min[across] == line || max[across] == line);
+            let mut cuts: Vec<i64> = touching
+                .flat_map(|(_, min, max)| [min[along], max[along]])
+                .collect();
             cuts.sort_unstable();
             cuts.dedup();
             for pair in cuts.windows(2) {
-                let spans = |min: &[i64; 2], max: &[i64; 2]| min[along] <= pair[0] && pair[1] <= max[along];
-                let below = rects.iter().find(|(_, min, max)| max[across] == line && spans(min, max)).map(|rect| rect.0);
-                let above = rects.iter().find(|(_, min, max)| min[across] == line && spans(min, max)).map(|rect| rect.0);
+                let spans =
+                    |min: &[i64; 2], max: &[i64; 2]| min[along] <= pair[0] && pair[1] <= max[along];
+                let below = rects
+                    .iter()
+                    .find(|(_, min, max)| max[across] == line && spans(min, max))
+                    .map(|rect| rect.0);
+                let above = rects
+                    .iter()
+                    .find(|(_, min, max)| min[across] == line && spans(min, max))
+                    .map(|rect| rect.0);
                 let (rooms, shift) = match (below, above) {
                     (None, None) => continue,
                     (Some(a), Some(b)) if a == b => continue,
@@ -137,9 +179,24 @@ fn edges(rooms: &[Room]) -> Vec<Edge> {
                 };
                 let metres = |value: i64| value as f32 / 1000.0;
                 let (at, from, to) = (metres(line), metres(pair[0]), metres(pair[1]));
-                let edge = Edge { across, at, from, to, rooms, shift };
+                let edge = Edge {
+                    across,
+                    at,
+                    from,
+                    to,
+                    rooms,
+                    shift,
+                };
                 match edges.last_mut() {
-                    Some(last) if Edge { from: last.from, ..edge } == Edge { to, ..*last } && last.to == from => last.to = to,
+                    Some(last)
+                        if Edge {
+                            from: last.from,
+                            ..edge
+                        } == Edge { to, ..*last }
+                            && last.to == from =>
+                    {
+                        last.to = to
+                    }
                     _ => edges.push(edge),
                 }
             }
@@ -173,7 +230,12 @@ fn openings(edges: &[Edge], furniture: &[Rectangle]) -> Vec<Opening> {
 
 fn candidates(edge: &Edge) -> Vec<Opening> {
     let length = edge.to - edge.from;
-    let opening = |from: f32, to: f32| Opening { across: edge.across, at: edge.at, from, to };
+    let opening = |from: f32, to: f32| Opening {
+        across: edge.across,
+        at: edge.at,
+        from,
+        to,
+    };
     if length < OPENING_M - 1e-3 {
         return Vec::new();
     }
@@ -182,36 +244,45 @@ fn candidates(edge: &Edge) -> Vec<Opening> {
     }
     let steps = libm::floorf((length - OPENING_M - 2.0 * CORNER_M) / 0.05 + 1e-3) as usize;
     let start = |step: usize| edge.from + CORNER_M + step as f32 * 0.05;
-    (0..=steps).map(|step| opening(start(step), start(step) + OPENING_M)).collect()
+    (0..=steps)
+        .map(|step| opening(start(step), start(step) + OPENING_M))
+        .collect()
 }
 
 /// Distance from an opening to the nearest furniture, at most [`FAR_M`].
 fn room_around(opening: &Opening, furniture: &[Rectangle]) -> f32 {
     let along = 1 - opening.across;
     let distances = furniture.iter().map(|[low, high]| {
-        let sideways = (low[along] - opening.to).max(opening.from - high[along]).max(0.0);
-        let ahead = (low[opening.across] - opening.at).max(opening.at - high[opening.across]).max(0.0);
+        let sideways = (low[along] - opening.to)
+            .max(opening.from - high[along])
+            .max(0.0);
+        let ahead = (low[opening.across] - opening.at)
+            .max(opening.at - high[opening.across])
+            .max(0.0);
         libm::sqrtf(sideways * sideways + ahead * ahead)
     });
     distances.fold(FAR_M, f32::min)
 }
 
-/// A wall with its thickness; an end that meets another wall across is drawn out to close the corner.
+/// A wall with its thickness; an end that meets another wall across is drawn out to close the
+/// corner.
 fn thick(wall: &Wall, walls: &[Wall]) -> Rectangle {
     let half = THICKNESS_M * 0.5;
     let along = usize::from((wall.to[0] - wall.from[0]).abs() < (wall.to[1] - wall.from[1]).abs());
     let ends = [wall.from.map(|c| c as f32), wall.to.map(|c| c as f32)];
     let mut low = [ends[0][0].min(ends[1][0]), ends[0][1].min(ends[1][1])];
     let mut high = [ends[0][0].max(ends[1][0]), ends[0][1].max(ends[1][1])];
-    // How far an end must be drawn out to reach the far face of a wall across, which stands up to half a wall off.
+    // How far an end must be drawn out to reach the far face of a wall across, which stands up to
+    // half a wall off.
     let reach = |end: [f32; 2], outward: f32| {
         let side = 1 - along;
         let across = walls.iter().filter_map(|other| {
             let (from, to) = (other.from.map(|c| c as f32), other.to.map(|c| c as f32));
             let offset = (from[along] - end[along]) * outward;
-            let crosses = libm::fabsf(to[along] - from[along]) < 1e-3 && libm::fabsf(offset) < half + 1e-3;
-            let spans =
-                from[side].min(to[side]) <= end[side] + half + 1e-3 && from[side].max(to[side]) >= end[side] - half - 1e-3;
+            let crosses =
+                libm::fabsf(to[along] - from[along]) < 1e-3 && libm::fabsf(offset) < half + 1e-3;
+            let spans = from[side].min(to[side]) <= end[side] + half + 1e-3
+                && from[side].max(to[side]) >= end[side] - half - 1e-3;
             (crosses && spans).then_some(offset + half)
         });
         across.fold(0.0, f32::max)
@@ -225,7 +296,11 @@ fn thick(wall: &Wall, walls: &[Wall]) -> Rectangle {
 }
 
 fn floor_paint(room: &str) -> Paint {
-    let tiles = |color, accent| Paint { color, accent, pattern: Pattern::Dots };
+    let tiles = |color, accent| Paint {
+        color,
+        accent,
+        pattern: Pattern::Dots,
+    };
     let name = room.to_lowercase();
     let is = |kinds: &[&str]| kinds.iter().any(|kind| name.contains(kind));
     if is(&["kitchen"]) {

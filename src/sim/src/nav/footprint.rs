@@ -1,12 +1,15 @@
 //! What a part covers of the floor plan: its exact convex outline and its height range.
 //!
-//! Knows nothing of grids but the square of a cell; never looks at colours or at whether a part is solid.
+//! Knows nothing of grids but the square of a cell; never looks at colours or at whether a part is
+//! solid.
 
 use crate::geometry::{Part, Shape, add, distance_2d};
 
-/// Resolution of polygon corners, in metres. Corners are whole numbers of it, so that the hull is exact.
+/// Resolution of polygon corners, in metres. Corners are whole numbers of it, so that the hull is
+/// exact.
 const CORNER_M: f32 = 1e-4;
-/// Overlap that does not count yet, in metres: a wall that ends on a cell's edge does not take that cell.
+/// Overlap that does not count yet, in metres: a wall that ends on a cell's edge does not take that
+/// cell.
 const TOUCH_M: f32 = 1e-3;
 
 /// The part of the floor plan below a part.
@@ -32,8 +35,8 @@ enum Outline {
 }
 
 impl Footprint {
-    /// The footprint of a part; `None` if a number in it is not finite. Cuboids are exact, upright round parts are
-    /// discs, and tilted round parts count as the box around them.
+    /// The footprint of a part; `None` if a number in it is not finite. Cuboids are exact, upright
+    /// round parts are discs, and tilted round parts count as the box around them.
     pub(super) fn of(part: &Part) -> Option<Self> {
         let corners = box_corners(part);
         if !corners.as_flattened().iter().all(|value| value.abs() < 1e4) {
@@ -44,26 +47,48 @@ impl Footprint {
         let [x, y, height] = part.pose.position;
         let radius = match part.shape {
             Shape::Ball { radius } => Some(radius),
-            Shape::Cylinder { radius, .. } | Shape::Capsule { radius, .. } | Shape::Cone { radius, .. } if upright => {
+            Shape::Cylinder { radius, .. }
+            | Shape::Capsule { radius, .. }
+            | Shape::Cone { radius, .. }
+                if upright =>
+            {
                 Some(radius)
             }
             _ => None,
         };
         let (bottom, top) = match part.shape {
             Shape::Ball { radius } => (height - radius, height + radius),
-            _ => corners.iter().fold((f32::MAX, f32::MIN), |(low, high), corner| (low.min(corner[2]), high.max(corner[2]))),
+            _ => corners
+                .iter()
+                .fold((f32::MAX, f32::MIN), |(low, high), corner| {
+                    (low.min(corner[2]), high.max(corner[2]))
+                }),
         };
         let (outline, bounds) = match radius {
-            Some(radius) => (Outline::Disc { center: [x, y], radius }, [[x - radius, y - radius], [x + radius, y + radius]]),
+            Some(radius) => (
+                Outline::Disc {
+                    center: [x, y],
+                    radius,
+                },
+                [[x - radius, y - radius], [x + radius, y + radius]],
+            ),
             None => {
                 let hull = convex_hull(corners.map(|[x, y, _]| [x, y]));
-                let bounds = hull.iter().fold([[f32::MAX; 2], [f32::MIN; 2]], |[[left, back], [right, front]], [x, y]| {
-                    [[left.min(*x), back.min(*y)], [right.max(*x), front.max(*y)]]
-                });
+                let bounds = hull.iter().fold(
+                    [[f32::MAX; 2], [f32::MIN; 2]],
+                    |[[left, back], [right, front]], [x, y]| {
+                        [[left.min(*x), back.min(*y)], [right.max(*x), front.max(*y)]]
+                    },
+                );
                 (Outline::Polygon(edges(&hull)), bounds)
             }
         };
-        Some(Self { outline, bottom, top, bounds })
+        Some(Self {
+            outline,
+            bottom,
+            top,
+            bounds,
+        })
     }
 
     /// Whether it overlaps the axis-aligned square around `center`; touching is not overlapping.
@@ -75,8 +100,14 @@ impl Footprint {
             return false;
         }
         match &self.outline {
-            Outline::Disc { center: [u, v], radius } => {
-                let (dx, dy) = (((u - x).abs() - reach).max(0.0), ((v - y).abs() - reach).max(0.0));
+            Outline::Disc {
+                center: [u, v],
+                radius,
+            } => {
+                let (dx, dy) = (
+                    ((u - x).abs() - reach).max(0.0),
+                    ((v - y).abs() - reach).max(0.0),
+                );
                 dx * dx + dy * dy < radius * radius
             }
             Outline::Polygon(edges) => edges.iter().all(|[from, normal]| {
@@ -103,8 +134,18 @@ pub(super) fn half_extents(shape: &Shape) -> [f32; 3] {
     match *shape {
         Shape::Cuboid { half } => half,
         Shape::Ball { radius } => [radius; 3],
-        Shape::Cylinder { radius, half_height } | Shape::Cone { radius, half_height } => [radius, radius, half_height],
-        Shape::Capsule { radius, half_height } => [radius, radius, half_height + radius],
+        Shape::Cylinder {
+            radius,
+            half_height,
+        }
+        | Shape::Cone {
+            radius,
+            half_height,
+        } => [radius, radius, half_height],
+        Shape::Capsule {
+            radius,
+            half_height,
+        } => [radius, radius, half_height + radius],
     }
 }
 
@@ -113,7 +154,11 @@ pub(super) fn box_corners(part: &Part) -> [[f32; 3]; 8] {
     let [hx, hy, hz] = half_extents(&part.shape);
     std::array::from_fn(|corner| {
         let signed = |bit: usize, half: f32| if corner >> bit & 1 == 1 { half } else { -half };
-        add(part.pose.rotate([signed(0, hx), signed(1, hy), signed(2, hz)]), part.pose.position)
+        add(
+            part.pose
+                .rotate([signed(0, hx), signed(1, hy), signed(2, hz)]),
+            part.pose.position,
+        )
     })
 }
 
@@ -124,12 +169,16 @@ fn edges(corners: &[[f32; 2]]) -> Vec<[[f32; 2]; 2]> {
     pairs
         .map(|(from, to)| {
             let length = distance_2d(*from, *to);
-            [*from, [(to[1] - from[1]) / length, (from[0] - to[0]) / length]]
+            [
+                *from,
+                [(to[1] - from[1]) / length, (from[0] - to[0]) / length],
+            ]
         })
         .collect()
 }
 
-/// The convex hull, counter-clockwise, by Andrew's monotone chain over whole multiples of [`CORNER_M`].
+/// The convex hull, counter-clockwise, by Andrew's monotone chain over whole multiples of
+/// [`CORNER_M`].
 fn convex_hull(points: [[f32; 2]; 8]) -> Vec<[f32; 2]> {
     let mut points = points.map(|point| point.map(|value| libm::roundf(value / CORNER_M) as i64));
     points.sort_unstable();
@@ -152,5 +201,7 @@ fn convex_hull(points: [[f32; 2]; 8]) -> Vec<[f32; 2]> {
     if hull.is_empty() {
         hull.push(points[0]);
     }
-    hull.into_iter().map(|corner| corner.map(|value| value as f32 * CORNER_M)).collect()
+    hull.into_iter()
+        .map(|corner| corner.map(|value| value as f32 * CORNER_M))
+        .collect()
 }

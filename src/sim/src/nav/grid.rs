@@ -1,6 +1,8 @@
-//! The occupancy grid: which cells of the floor are taken, where the base can stand, and which cells are connected.
+//! The occupancy grid: which cells of the floor are taken, where the base can stand, and which
+//! cells are connected.
 //!
-//! Never searches paths (see `path`) and never looks at heights beyond what the base and the camera can hit.
+//! Never searches paths (see `path`) and never looks at heights beyond what the base and the camera
+//! can hit.
 
 use std::ops::RangeInclusive;
 
@@ -9,7 +11,8 @@ use crate::{geometry::Part, model::SceneModel};
 
 /// Parts that end at or below this height are floor, in metres.
 const FLOOR_M: f32 = 0.02;
-/// Parts that start at or above this height are above the robot: a hand's breadth over the camera, in metres.
+/// Parts that start at or above this height are above the robot: a hand's breadth over the camera,
+/// in metres.
 const ROBOT_TOP_M: f32 = CAMERA_HEIGHT_M + 0.1;
 /// Between these heights something stands in the robot's way.
 pub(super) const ROBOT_HEIGHTS_M: [f32; 2] = [FLOOR_M, ROBOT_TOP_M];
@@ -47,33 +50,56 @@ impl Grid {
         grid
     }
 
-    /// Paints the solid parts of a scene between two heights, but for those of one piece of furniture. Nothing is inflated or
-    /// connected: such a grid only knows what is occupied.
-    pub(super) fn painted(model: &SceneModel, [from, to]: [f32; 2], leaving_out: Option<usize>) -> Self {
+    /// Paints the solid parts of a scene between two heights, but for those of one piece of
+    /// furniture. Nothing is inflated or connected: such a grid only knows what is occupied.
+    pub(super) fn painted(
+        model: &SceneModel,
+        [from, to]: [f32; 2],
+        leaving_out: Option<usize>,
+    ) -> Self {
         let [low, high] = model.bounds;
         let fits = |value: f32| value.abs() < 1e4;
         if !(low.iter().chain(&high).copied().all(fits) && low[0] < high[0] && low[1] < high[1]) {
             return Self::unconnected([0, 0], 0, Vec::new());
         }
         let origin = low.map(|value| cell_along(value) as i32 - MARGIN);
-        let side = |axis: usize| ((cell_along(high[axis]) as i32 + MARGIN - origin[axis]) as usize + 1).min(SIDE_MAX);
+        let side = |axis: usize| {
+            ((cell_along(high[axis]) as i32 + MARGIN - origin[axis]) as usize + 1).min(SIDE_MAX)
+        };
         let (width, height) = (side(0), side(1));
         let mut grid = Self::unconnected(origin, width, vec![false; width * height]);
 
         let solid = |part: &&Part| part.solid;
-        let shell: Vec<Footprint> = model.shell.iter().filter(solid).filter_map(Footprint::of).collect();
+        let shell: Vec<Footprint> = model
+            .shell
+            .iter()
+            .filter(solid)
+            .filter_map(Footprint::of)
+            .collect();
         let furniture = model.furniture.iter().enumerate();
-        let furniture = furniture.filter(|(index, furniture)| furniture.present && leaving_out != Some(*index));
-        let furniture: Vec<Footprint> =
-            furniture.flat_map(|(_, furniture)| furniture.parts.iter().filter(solid).filter_map(Footprint::of)).collect();
+        let furniture =
+            furniture.filter(|(index, furniture)| furniture.present && leaving_out != Some(*index));
+        let furniture: Vec<Footprint> = furniture
+            .flat_map(|(_, furniture)| {
+                furniture
+                    .parts
+                    .iter()
+                    .filter(solid)
+                    .filter_map(Footprint::of)
+            })
+            .collect();
 
-        let (floor, walls): (Vec<&Footprint>, Vec<&Footprint>) = shell.iter().partition(|footprint| footprint.top <= FLOOR_M);
+        let (floor, walls): (Vec<&Footprint>, Vec<&Footprint>) =
+            shell.iter().partition(|footprint| footprint.top <= FLOOR_M);
         if !floor.is_empty() {
             grid.occupied.fill(true);
         }
         for slab in floor {
             let [low, high] = slab.bounds;
-            for cell in grid.cells_within(low.map(|value| value - SEAM_M), high.map(|value| value + SEAM_M)) {
+            for cell in grid.cells_within(
+                low.map(|value| value - SEAM_M),
+                high.map(|value| value + SEAM_M),
+            ) {
                 if slab.contains(grid.center(cell), SEAM_M) {
                     grid.occupied[cell] = false;
                 }
@@ -97,7 +123,8 @@ impl Grid {
         grid
     }
 
-    /// A grid whose occupied cells are given row by row, without inflation. The border must be occupied.
+    /// A grid whose occupied cells are given row by row, without inflation. The border must be
+    /// occupied.
     #[cfg(test)]
     pub(super) fn from_occupied(origin: [i32; 2], width: usize, occupied: Vec<bool>) -> Self {
         let mut grid = Self::unconnected(origin, width, occupied);
@@ -118,14 +145,18 @@ impl Grid {
         }
         let column = cell_along(point[0]) - i64::from(self.origin[0]);
         let row = cell_along(point[1]) - i64::from(self.origin[1]);
-        let inside = (0..self.width as i64).contains(&column) && (0..self.height as i64).contains(&row);
+        let inside =
+            (0..self.width as i64).contains(&column) && (0..self.height as i64).contains(&row);
         inside.then(|| row as usize * self.width + column as usize)
     }
 
     /// The centre of a cell.
     pub(super) fn center(&self, cell: usize) -> [f32; 2] {
         let [column, row] = self.place(cell);
-        [center_along(self.origin[0] + column as i32), center_along(self.origin[1] + row as i32)]
+        [
+            center_along(self.origin[0] + column as i32),
+            center_along(self.origin[1] + row as i32),
+        ]
     }
 
     /// Column and row of a cell.
@@ -150,11 +181,19 @@ impl Grid {
 
     /// How many cells can be reached from a free cell.
     pub(super) fn reachable_cells(&self, cell: usize) -> u32 {
-        if self.is_free(cell) { self.region_cells[self.region[cell] as usize] } else { 0 }
+        if self.is_free(cell) {
+            self.region_cells[self.region[cell] as usize]
+        } else {
+            0
+        }
     }
 
     /// The cells that overlap a rectangle, row by row.
-    pub(super) fn cells_within(&self, low: [f32; 2], high: [f32; 2]) -> impl Iterator<Item = usize> + use<> {
+    pub(super) fn cells_within(
+        &self,
+        low: [f32; 2],
+        high: [f32; 2],
+    ) -> impl Iterator<Item = usize> + use<> {
         let columns = clipped(low[0], high[0], self.origin[0], self.width);
         let rows = clipped(low[1], high[1], self.origin[1], self.height);
         let width = self.width;
@@ -174,7 +213,10 @@ impl Grid {
         let low = point.map(|value| value - within_m);
         let high = point.map(|value| value + within_m);
         let mut best: Option<(f32, usize)> = None;
-        for cell in self.cells_within(low, high).filter(|cell| self.is_free(*cell)) {
+        for cell in self
+            .cells_within(low, high)
+            .filter(|cell| self.is_free(*cell))
+        {
             let [x, y] = self.center(cell);
             let square = (x - point[0]) * (x - point[0]) + (y - point[1]) * (y - point[1]);
             if square <= within_m * within_m && best.is_none_or(|(least, _)| square < least) {
@@ -189,7 +231,10 @@ impl Grid {
         let low = center.map(|value| value - radius);
         let high = center.map(|value| value + radius);
         // Both corners inside the grid: the disc is; what lies outside is occupied.
-        if self.cell(low).is_none() || self.cell(high).is_none() || self.cell(center).is_none_or(|cell| self.occupied[cell]) {
+        if self.cell(low).is_none()
+            || self.cell(high).is_none()
+            || self.cell(center).is_none_or(|cell| self.occupied[cell])
+        {
             return false;
         }
         !self.cells_within(low, high).any(|cell| {
@@ -202,10 +247,19 @@ impl Grid {
 
     fn unconnected(origin: [i32; 2], width: usize, occupied: Vec<bool>) -> Self {
         let height = occupied.len().checked_div(width).unwrap_or(0);
-        Self { origin, width, height, occupied, blocked: Vec::new(), region: Vec::new(), region_cells: Vec::new() }
+        Self {
+            origin,
+            width,
+            height,
+            occupied,
+            blocked: Vec::new(),
+            region: Vec::new(),
+            region_cells: Vec::new(),
+        }
     }
 
-    /// Labels connected regions. A diagonal step needs both cells beside it, so straight steps decide.
+    /// Labels connected regions. A diagonal step needs both cells beside it, so straight steps
+    /// decide.
     fn connect(&mut self) {
         const NONE: u32 = u32::MAX;
         self.region = vec![NONE; self.occupied.len()];
@@ -231,7 +285,8 @@ impl Grid {
     }
 }
 
-/// Which cell a coordinate lies in, counted from the origin of the scene; of 32 bits, so that differences fit.
+/// Which cell a coordinate lies in, counted from the origin of the scene; of 32 bits, so that
+/// differences fit.
 fn cell_along(value: f32) -> i64 {
     i64::from(libm::floorf(value / CELL_M) as i32)
 }
@@ -241,11 +296,18 @@ fn center_along(cell: i32) -> f32 {
 }
 
 /// The cells of one axis between two coordinates.
-#[expect(clippy::reversed_empty_ranges, reason = "an empty range is meant where nothing overlaps")]
+#[expect(
+    clippy::reversed_empty_ranges,
+    reason = "an empty range is meant where nothing overlaps"
+)]
 fn clipped(low: f32, high: f32, origin: i32, side: usize) -> RangeInclusive<usize> {
     let first = (cell_along(low) - i64::from(origin)).max(0);
     let last = (cell_along(high) - i64::from(origin)).min(side as i64 - 1);
-    if first > last { 1..=0 } else { first as usize..=last as usize }
+    if first > last {
+        1..=0
+    } else {
+        first as usize..=last as usize
+    }
 }
 
 /// Cells whose centre is closer than the robot's radius to the square of an occupied cell.
@@ -254,14 +316,24 @@ fn inflated(occupied: &[bool], width: usize) -> Vec<bool> {
     let reach = libm::ceilf(radius + 0.5) as usize;
     // Per row offset, the largest column offset that is still too close.
     let beyond = |offset: usize| (offset as f32 - 0.5).max(0.0);
-    let too_close = |dx: usize, dy: usize| beyond(dx) * beyond(dx) + beyond(dy) * beyond(dy) < radius * radius;
-    let spans: Vec<Option<u8>> =
-        (0..=reach).map(|dy| (0..=reach).rev().find(|dx| too_close(*dx, dy)).map(|dx| dx as u8)).collect();
+    let too_close =
+        |dx: usize, dy: usize| beyond(dx) * beyond(dx) + beyond(dy) * beyond(dy) < radius * radius;
+    let spans: Vec<Option<u8>> = (0..=reach)
+        .map(|dy| {
+            (0..=reach)
+                .rev()
+                .find(|dx| too_close(*dx, dy))
+                .map(|dx| dx as u8)
+        })
+        .collect();
 
     // Distance in columns to the nearest occupied cell of the same row.
     let none = (reach + 1) as u8;
     let mut gap = vec![none; occupied.len()];
-    for (gap, occupied) in gap.chunks_exact_mut(width).zip(occupied.chunks_exact(width)) {
+    for (gap, occupied) in gap
+        .chunks_exact_mut(width)
+        .zip(occupied.chunks_exact(width))
+    {
         let mut last = none;
         for (gap, occupied) in gap.iter_mut().zip(occupied) {
             last = if *occupied { 0 } else { (last + 1).min(none) };

@@ -1,6 +1,7 @@
 //! Shortest paths over the free cells: A* between two cells, and the cost from one cell to all.
 //!
-//! Costs are whole numbers, so that equal arguments give equal paths on every machine. Diagonal steps never cut a corner.
+//! Costs are whole numbers, so that equal arguments give equal paths on every machine. Diagonal
+//! steps never cut a corner.
 
 use std::{cmp::Reverse, collections::BinaryHeap};
 
@@ -18,8 +19,8 @@ pub(super) fn metres(cost: u32) -> f32 {
     cost as f32 * (CELL_M / STRAIGHT as f32)
 }
 
-/// Cost and cells of the shortest path between two free cells, both included, by A*. Ties go to the lower estimate
-/// of the rest, then to the lower cell.
+/// Cost and cells of the shortest path between two free cells, both included, by A*. Ties go to the
+/// lower estimate of the rest, then to the lower cell.
 pub(super) fn shortest(grid: &Grid, from: usize, to: usize) -> Option<(u32, Vec<usize>)> {
     if !grid.connected(from, to) {
         return None;
@@ -27,7 +28,10 @@ pub(super) fn shortest(grid: &Grid, from: usize, to: usize) -> Option<(u32, Vec<
     let [goal_column, goal_row] = grid.place(to);
     let estimate = |cell: usize| {
         let [column, row] = grid.place(cell);
-        let (dx, dy) = (column.abs_diff(goal_column) as u32, row.abs_diff(goal_row) as u32);
+        let (dx, dy) = (
+            column.abs_diff(goal_column) as u32,
+            row.abs_diff(goal_row) as u32,
+        );
         STRAIGHT * dx.max(dy) + (DIAGONAL - STRAIGHT) * dx.min(dy)
     };
     let mut cost = vec![UNREACHED; grid.len()];
@@ -63,8 +67,8 @@ pub(super) fn shortest(grid: &Grid, from: usize, to: usize) -> Option<(u32, Vec<
 
 /// Cost of the shortest path from a free cell to every cell ([`UNREACHED`] where there is none).
 ///
-/// Dijkstra with buckets as wide as the cheapest step: nothing in a bucket can improve its own bucket, so its
-/// cells are final in any order.
+/// Dijkstra with buckets as wide as the cheapest step: nothing in a bucket can improve its own
+/// bucket, so its cells are final in any order.
 pub(super) fn costs_from(grid: &Grid, from: usize) -> Vec<u32> {
     let mut cost = vec![UNREACHED; grid.len()];
     if !grid.is_free(from) {
@@ -99,7 +103,8 @@ fn steps(grid: &Grid, cell: usize) -> impl Iterator<Item = (usize, u32)> {
     let free = |cell: usize| grid.is_free(cell);
     let (west, east, south, north) = (cell - 1, cell + 1, cell - width, cell + width);
     let open = [free(west), free(east), free(south), free(north)];
-    let diagonal = |beside: bool, above: bool, next: usize| (beside && above && free(next), next, DIAGONAL);
+    let diagonal =
+        |beside: bool, above: bool, next: usize| (beside && above && free(next), next, DIAGONAL);
     [
         (open[0], west, STRAIGHT),
         (open[1], east, STRAIGHT),

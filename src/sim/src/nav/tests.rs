@@ -15,12 +15,22 @@ use crate::{
 };
 
 fn part(shape: Shape, pose: Pose) -> Part {
-    Part { shape, pose, color: [128; 3], accent: [0; 3], pattern: Pattern::Plain, solid: true }
+    Part {
+        shape,
+        pose,
+        color: [128; 3],
+        accent: [0; 3],
+        pattern: Pattern::Plain,
+        solid: true,
+    }
 }
 
 fn block(min: [f32; 3], max: [f32; 3]) -> Part {
     let half = std::array::from_fn(|axis| (max[axis] - min[axis]) * 0.5);
-    part(Shape::Cuboid { half }, Pose::at(std::array::from_fn(|axis| (max[axis] + min[axis]) * 0.5)))
+    part(
+        Shape::Cuboid { half },
+        Pose::at(std::array::from_fn(|axis| (max[axis] + min[axis]) * 0.5)),
+    )
 }
 
 /// One room from the origin to `size` with walls around it, and no furniture.
@@ -29,23 +39,44 @@ fn room(size: [f32; 2]) -> SceneModel {
     let shell = vec![
         block([0.0, 0.0, -0.1], [width, depth, 0.0]),
         block([-0.05, -0.05, 0.0], [width + 0.05, 0.05, 2.5]),
-        block([-0.05, depth - 0.05, 0.0], [width + 0.05, depth + 0.05, 2.5]),
+        block(
+            [-0.05, depth - 0.05, 0.0],
+            [width + 0.05, depth + 0.05, 2.5],
+        ),
         block([-0.05, -0.05, 0.0], [0.05, depth + 0.05, 2.5]),
-        block([width - 0.05, -0.05, 0.0], [width + 0.05, depth + 0.05, 2.5]),
+        block(
+            [width - 0.05, -0.05, 0.0],
+            [width + 0.05, depth + 0.05, 2.5],
+        ),
     ];
-    SceneModel { shell, walls: Vec::new(), furniture: Vec::new(), bounds: [[0.0; 2], size] }
+    SceneModel {
+        shell,
+        walls: Vec::new(),
+        furniture: Vec::new(),
+        bounds: [[0.0; 2], size],
+    }
 }
 
 /// A room of 6 x 4 m, parted at x = 3 by a wall that leaves out y from 2.0 to 2.0 + `opening`.
 fn two_rooms(opening: f32) -> SceneModel {
     let mut model = room([6.0, 4.0]);
     model.shell.push(block([2.95, 0.0, 0.0], [3.05, 2.0, 2.5]));
-    model.shell.push(block([2.95, 2.0 + opening, 0.0], [3.05, 4.0, 2.5]));
+    model
+        .shell
+        .push(block([2.95, 2.0 + opening, 0.0], [3.05, 4.0, 2.5]));
     model
 }
 
 fn furniture(parts: Vec<Part>, surface: Surface, bounds: [[f32; 3]; 2]) -> Furniture {
-    Furniture { id: "thing_0".into(), parts, surface, bounds, facing: [1.0, 0.0], door: None, present: true }
+    Furniture {
+        id: "thing_0".into(),
+        parts,
+        surface,
+        bounds,
+        facing: [1.0, 0.0],
+        door: None,
+        present: true,
+    }
 }
 
 /// A table: a top and four legs.
@@ -56,10 +87,20 @@ fn table(min: [f32; 2], max: [f32; 2], z: f32) -> Furniture {
             parts.push(block([x, y, 0.0], [x + 0.05, y + 0.05, z - 0.04]));
         }
     }
-    furniture(parts, Surface { min, max, z, clearance: 1.0 }, [[min[0], min[1], 0.0], [max[0], max[1], z]])
+    furniture(
+        parts,
+        Surface {
+            min,
+            max,
+            z,
+            clearance: 1.0,
+        },
+        [[min[0], min[1], 0.0], [max[0], max[1], z]],
+    )
 }
 
-/// A box of 0.6 x 0.6 x 0.8 m on the floor with the interior at 0.3 m; its front, with a door, looks along +x.
+/// A box of 0.6 x 0.6 x 0.8 m on the floor with the interior at 0.3 m; its front, with a door,
+/// looks along +x.
 fn fridge([x, y]: [f32; 2]) -> Furniture {
     let parts = vec![
         block([x, y, 0.0], [x + 0.58, y + 0.6, 0.3]),
@@ -68,7 +109,12 @@ fn fridge([x, y]: [f32; 2]) -> Furniture {
         block([x, y + 0.58, 0.3], [x + 0.58, y + 0.6, 0.8]),
         block([x, y, 0.78], [x + 0.58, y + 0.6, 0.8]),
     ];
-    let surface = Surface { min: [x + 0.04, y + 0.04], max: [x + 0.56, y + 0.56], z: 0.3, clearance: 0.48 };
+    let surface = Surface {
+        min: [x + 0.04, y + 0.04],
+        max: [x + 0.56, y + 0.56],
+        z: 0.3,
+        clearance: 0.48,
+    };
     let leaf = block([0.0, -0.6, 0.0], [0.02, 0.0, 0.8]);
     Furniture {
         door: Some(DoorModel {
@@ -82,20 +128,35 @@ fn fridge([x, y]: [f32; 2]) -> Furniture {
 }
 
 fn gap(base: [f32; 2], bounds: [[f32; 3]; 2]) -> f32 {
-    let beyond = |axis: usize| (bounds[0][axis] - base[axis]).max(base[axis] - bounds[1][axis]).max(0.0);
+    let beyond = |axis: usize| {
+        (bounds[0][axis] - base[axis])
+            .max(base[axis] - bounds[1][axis])
+            .max(0.0)
+    };
     distance_2d([beyond(0), beyond(1)], [0.0; 2])
 }
 
 /// Whether a point lies inside a part grown by `margin`, by the inverse of its pose.
 fn inside(part: &Part, point: [f32; 3], margin: f32) -> bool {
-    let Pose { position, rotation: [x, y, z, w] } = part.pose;
-    let back = Pose { position: [0.0; 3], rotation: [-x, -y, -z, w] };
+    let Pose {
+        position,
+        rotation: [x, y, z, w],
+    } = part.pose;
+    let back = Pose {
+        position: [0.0; 3],
+        rotation: [-x, -y, -z, w],
+    };
     let local = back.rotate(std::array::from_fn(|axis| point[axis] - position[axis]));
     let level = libm::sqrtf(local[0] * local[0] + local[1] * local[1]);
     match part.shape {
         Shape::Cuboid { half } => (0..3).all(|axis| local[axis].abs() < half[axis] + margin),
-        Shape::Cylinder { radius, half_height } => level < radius + margin && local[2].abs() < half_height + margin,
-        Shape::Ball { radius } => libm::sqrtf(level * level + local[2] * local[2]) < radius + margin,
+        Shape::Cylinder {
+            radius,
+            half_height,
+        } => level < radius + margin && local[2].abs() < half_height + margin,
+        Shape::Ball { radius } => {
+            libm::sqrtf(level * level + local[2] * local[2]) < radius + margin
+        }
         Shape::Capsule { .. } | Shape::Cone { .. } => panic!("not in these tests"),
     }
 }
@@ -109,7 +170,16 @@ fn brute_force(free: &[Vec<bool>], start: [usize; 2]) -> Vec<Vec<u32>> {
         changed = false;
         for y in 1..free.len() - 1 {
             for x in 1..free[0].len() - 1 {
-                for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
+                for (dx, dy) in [
+                    (-1, 0),
+                    (1, 0),
+                    (0, -1),
+                    (0, 1),
+                    (-1, -1),
+                    (1, -1),
+                    (-1, 1),
+                    (1, 1),
+                ] {
                     let (u, v) = (x.wrapping_add_signed(dx), y.wrapping_add_signed(dy));
                     let passable = free[y][x] && free[v][u] && free[y][u] && free[v][x];
                     let step = if dx != 0 && dy != 0 { 1414 } else { 1000 };
@@ -307,12 +377,22 @@ fn walls_block_and_openings_do_not() {
     assert!(!closed.line_of_sight([1.0, 1.0, 1.4], [5.0, 1.0, 1.4], None));
     let open = NavMap::new(&two_rooms(0.8));
     let length = open.path_length(left, right).unwrap();
-    // Around the corner of the opening, at least as far as the crow flies and at most as octile steps go.
-    let (air, octile) = (2.0 * libm::hypotf(2.0, 1.2), 2.0 * (2.0 + 0.414 * 1.5) + 0.2);
+    // Around the corner of the opening, at least as far as the crow flies and at most as octile
+    // steps go.
+    let (air, octile) = (
+        2.0 * libm::hypotf(2.0, 1.2),
+        2.0 * (2.0 + 0.414 * 1.5) + 0.2,
+    );
     assert!((air..octile).contains(&length), "{length}");
     let path = open.path(left, right).unwrap();
-    assert!(path.iter().any(|[x, y]| (x - 3.0).abs() < 0.05 && (2.2..2.6).contains(y)));
-    let walked: f32 = path.windows(2).map(|pair| distance_2d(pair[0], pair[1])).sum();
+    assert!(
+        path.iter()
+            .any(|[x, y]| (x - 3.0).abs() < 0.05 && (2.2..2.6).contains(y))
+    );
+    let walked: f32 = path
+        .windows(2)
+        .map(|pair| distance_2d(pair[0], pair[1]))
+        .sum();
     assert!((walked - length).abs() < 1e-3);
     assert!(open.reachable_area_m2(left) > 1.8 * closed.reachable_area_m2(left));
     // The robot does not fit through 0.35 m.
@@ -329,7 +409,12 @@ fn floor_and_rugs_are_free_and_the_rest_is_not() {
     let rug = block([1.0, 1.0, 0.0], [2.0, 2.0, 0.015]);
     model.furniture.push(furniture(
         vec![rug],
-        Surface { min: [1.0; 2], max: [2.0; 2], z: 0.015, clearance: 2.0 },
+        Surface {
+            min: [1.0; 2],
+            max: [2.0; 2],
+            z: 0.015,
+            clearance: 2.0,
+        },
         [[1.0, 1.0, 0.0], [2.0, 2.0, 0.015]],
     ));
     let mut ghost = table([2.5, 1.0], [3.5, 2.0], 0.7);
@@ -344,7 +429,10 @@ fn floor_and_rugs_are_free_and_the_rest_is_not() {
     // A blocked end is moved, one far away is not.
     assert_eq!(map.path_length([0.1, 1.02], [0.26, 1.02]), Some(0.0));
     assert_eq!(map.path_length([-2.0, 1.0], [0.31, 1.0]), None);
-    assert!(map.free_near([-2.0, 1.0]).is_some_and(|[x, y]| (x - 0.275).abs() < 0.03 && (y - 1.0).abs() < 0.03));
+    assert!(
+        map.free_near([-2.0, 1.0])
+            .is_some_and(|[x, y]| (x - 0.275).abs() < 0.03 && (y - 1.0).abs() < 0.03)
+    );
     assert_eq!(map.free_near([1.51, 1.52]), Some([1.51, 1.52]));
 }
 
@@ -355,11 +443,19 @@ fn a_table_is_seen_from_its_nearer_side() {
     let map = NavMap::new(&model);
     let from_left = map.viewpoint(&model, [0.6, 2.4], 0).unwrap();
     let from_right = map.viewpoint(&model, [5.4, 2.4], 0).unwrap();
-    assert!(from_left.base[0] < 1.81 && from_right.base[0] > 4.19, "{from_left:?} {from_right:?}");
-    assert!((STANDOFF_M..STANDOFF_M + 0.2).contains(&gap(from_left.base, model.furniture[0].bounds)));
+    assert!(
+        from_left.base[0] < 1.81 && from_right.base[0] > 4.19,
+        "{from_left:?} {from_right:?}"
+    );
+    assert!(
+        (STANDOFF_M..STANDOFF_M + 0.2).contains(&gap(from_left.base, model.furniture[0].bounds))
+    );
     // All four corners are in the picture, and the centre is in the middle of it.
     for corner in [[2.4, 2.0], [3.6, 2.0], [2.4, 2.8], [3.6, 2.8]] {
-        let [u, v] = from_left.camera.project([corner[0], corner[1], 0.7]).unwrap();
+        let [u, v] = from_left
+            .camera
+            .project([corner[0], corner[1], 0.7])
+            .unwrap();
         assert!((0.0..=640.0).contains(&u) && (0.0..=480.0).contains(&v));
     }
     let [u, v] = from_left.camera.project([3.0, 2.4, 0.72]).unwrap();
@@ -401,7 +497,9 @@ fn a_fridge_is_opened_from_the_front() {
         assert!((0.0..=640.0).contains(&u) && (0.0..=480.0).contains(&v));
     }
     // What is inside is reached from the front, too, and its door stands in nobody's way.
-    let approach = map.approach(viewpoint.base, [0.4, 0.7, 0.35], Some(0)).unwrap();
+    let approach = map
+        .approach(viewpoint.base, [0.4, 0.7, 0.35], Some(0))
+        .unwrap();
     assert!(approach.base[0] > 0.7 && distance_2d(approach.base, [0.4, 0.7]) <= REACH_M);
     assert!(map.line_of_sight([1.5, 0.7, 0.4], [0.4, 0.7, 0.4], None));
     // A table right before it leaves no room in front.
@@ -455,7 +553,12 @@ fn other_furniture_hides_and_the_own_does_not() {
     model.furniture.push(table([4.0, 2.0], [5.0, 3.0], 0.7));
     model.furniture.push(furniture(
         vec![block([3.0, 0.1, 0.0], [3.2, 4.9, 2.0])],
-        Surface { min: [3.0, 0.1], max: [3.2, 4.9], z: 2.0, clearance: 0.5 },
+        Surface {
+            min: [3.0, 0.1],
+            max: [3.2, 4.9],
+            z: 2.0,
+            clearance: 0.5,
+        },
         [[3.0, 0.1, 0.0], [3.2, 4.9, 2.0]],
     ));
     let map = NavMap::new(&model);

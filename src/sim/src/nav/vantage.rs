@@ -1,4 +1,5 @@
-//! Where to stand to look at furniture or to reach a point: candidates, their order, and what counts as seen.
+//! Where to stand to look at furniture or to reach a point: candidates, their order, and what
+//! counts as seen.
 //!
 //! Chooses among the free cells of the grid only; never moves anything.
 
@@ -12,9 +13,11 @@ use crate::{
     model::{Furniture, SceneModel, Surface},
 };
 
-/// Distances from the furniture's bounding box to stand at, in metres; later ones only where earlier ones have nothing.
+/// Distances from the furniture's bounding box to stand at, in metres; later ones only where
+/// earlier ones have nothing.
 const STANDOFFS_M: [[f32; 2]; 3] = [[STANDOFF_M, 1.4], [0.3, STANDOFF_M], [1.4, 2.0]];
-/// Horizontal distances from a target to reach it from, in metres; later ones only where earlier ones have nothing.
+/// Horizontal distances from a target to reach it from, in metres; later ones only where earlier
+/// ones have nothing.
 const REACHES_M: [[f32; 2]; 3] = [[0.35, REACH_M], [0.0, 0.35], [REACH_M, 1.3]];
 /// Distances that differ by less are equally close, in metres.
 const BUCKET_M: f32 = 0.1;
@@ -34,7 +37,11 @@ pub(super) struct Front {
 impl Front {
     pub(super) fn of(index: usize, furniture: &Furniture) -> Option<Self> {
         let [x, y, _] = furniture.door.as_ref()?.center;
-        Some(Self { door: [x, y], facing: furniture.facing, panel: open_panel(index, furniture) })
+        Some(Self {
+            door: [x, y],
+            facing: furniture.facing,
+            panel: open_panel(index, furniture),
+        })
     }
 
     /// Whether a point lies less than 60 degrees off the direction the door faces.
@@ -45,25 +52,47 @@ impl Front {
 }
 
 /// The viewpoint for furniture `index`; see [`NavMap::viewpoint`].
-pub(super) fn viewpoint(map: &NavMap, model: &SceneModel, robot: [f32; 2], index: usize) -> Option<Viewpoint> {
-    let furniture = model.furniture.get(index).filter(|furniture| furniture.present)?;
+pub(super) fn viewpoint(
+    map: &NavMap,
+    model: &SceneModel,
+    robot: [f32; 2],
+    index: usize,
+) -> Option<Viewpoint> {
+    let furniture = model
+        .furniture
+        .get(index)
+        .filter(|furniture| furniture.present)?;
     let costs = costs_from(&map.grid, map.snapped(robot)?);
     let front = map.fronts.get(index).and_then(Option::as_ref);
     let [center, samples @ ..] = surface_points(&furniture.surface);
     let (target, look_at) = match &furniture.door {
-        Some(door) => (door.center, std::array::from_fn(|axis| (door.center[axis] + center[axis]) * 0.5)),
+        Some(door) => (
+            door.center,
+            std::array::from_fn(|axis| (door.center[axis] + center[axis]) * 0.5),
+        ),
         None => (center, center),
     };
-    let (mut own, others): (Vec<&Solid>, Vec<&Solid>) = map.solids.iter().partition(|solid| solid.owner == Some(index));
+    let (mut own, others): (Vec<&Solid>, Vec<&Solid>) = map
+        .solids
+        .iter()
+        .partition(|solid| solid.owner == Some(index));
     own.extend(front.iter().flat_map(|front| &front.panel));
     let [low, high] = furniture.bounds.map(|[x, y, _]| [x, y]);
 
     STANDOFFS_M.iter().find_map(|[near, far]| {
         let area = [low.map(|value| value - far), high.map(|value| value + far)];
         // A segment from the area to the target meets only what meets the rectangle around both.
-        let others: Vec<&Solid> = others.iter().copied().filter(|solid| meets(solid, area, target)).collect();
+        let others: Vec<&Solid> = others
+            .iter()
+            .copied()
+            .filter(|solid| meets(solid, area, target))
+            .collect();
         let mut places: Vec<(u32, u32, usize)> = Vec::new();
-        for cell in map.grid.cells_within(area[0], area[1]).filter(|cell| costs[*cell] != UNREACHED) {
+        for cell in map
+            .grid
+            .cells_within(area[0], area[1])
+            .filter(|cell| costs[*cell] != UNREACHED)
+        {
             let base = map.grid.center(cell);
             let away = distance_to_rectangle(base, low, high);
             if (*near..=*far).contains(&away) && front.is_none_or(|front| front.sees(base)) {
@@ -73,16 +102,27 @@ pub(super) fn viewpoint(map: &NavMap, model: &SceneModel, robot: [f32; 2], index
         }
         places.sort_unstable();
 
-        // The first with the least hidden; it cannot get better than nothing hidden and all in the picture.
+        // The first with the least hidden; it cannot get better than nothing hidden and all in the
+        // picture.
         let mut best: Option<((usize, bool), Viewpoint)> = None;
         for (_, cost, cell) in places {
             let base = map.grid.center(cell);
             let camera = Camera::looking_at(eye(base), look_at);
-            let unseen = |point: &&[f32; 3]| !is_clear(own.iter().copied(), camera.position, **point);
+            let unseen =
+                |point: &&[f32; 3]| !is_clear(own.iter().copied(), camera.position, **point);
             let hidden = samples.iter().chain([&center]).filter(unseen).count();
             let rank = (hidden, !in_picture(&camera, &furniture.surface));
-            if best.as_ref().is_none_or(|(least, _)| rank < *least) && is_clear(others.iter().copied(), camera.position, target) {
-                best = Some((rank, Viewpoint { base, camera, path_length_m: metres(cost) }));
+            if best.as_ref().is_none_or(|(least, _)| rank < *least)
+                && is_clear(others.iter().copied(), camera.position, target)
+            {
+                best = Some((
+                    rank,
+                    Viewpoint {
+                        base,
+                        camera,
+                        path_length_m: metres(cost),
+                    },
+                ));
                 if rank == (0, false) {
                     break;
                 }
@@ -93,32 +133,58 @@ pub(super) fn viewpoint(map: &NavMap, model: &SceneModel, robot: [f32; 2], index
 }
 
 /// The place to reach a target from; see [`NavMap::approach`].
-pub(super) fn approach(map: &NavMap, robot: [f32; 2], target: [f32; 3], furniture: Option<usize>) -> Option<Viewpoint> {
+pub(super) fn approach(
+    map: &NavMap,
+    robot: [f32; 2],
+    target: [f32; 3],
+    furniture: Option<usize>,
+) -> Option<Viewpoint> {
     if !target.iter().all(|value| value.is_finite()) {
         return None;
     }
     let costs = costs_from(&map.grid, map.snapped(robot)?);
     let front = furniture.and_then(|index| map.fronts.get(index)?.as_ref());
     let on_floor = [target[0], target[1]];
-    // In plain sight within comfortable reach, else past the furniture's own parts from wherever it can be reached.
-    let attempts = [(REACHES_M[0], None)].into_iter().chain(REACHES_M.map(|reach| (reach, furniture)));
+    // In plain sight within comfortable reach, else past the furniture's own parts from wherever it
+    // can be reached.
+    let attempts = [(REACHES_M[0], None)]
+        .into_iter()
+        .chain(REACHES_M.map(|reach| (reach, furniture)));
     attempts.into_iter().find_map(|([near, far], ignoring)| {
-        let area = [on_floor.map(|value| value - far), on_floor.map(|value| value + far)];
-        let fixed = map.solids.iter().filter(|solid| ignoring.is_none() || solid.owner != ignoring);
+        let area = [
+            on_floor.map(|value| value - far),
+            on_floor.map(|value| value + far),
+        ];
+        let fixed = map
+            .solids
+            .iter()
+            .filter(|solid| ignoring.is_none() || solid.owner != ignoring);
         let solids = fixed.chain(front.iter().flat_map(|front| &front.panel));
         let solids: Vec<&Solid> = solids.filter(|solid| meets(solid, area, target)).collect();
         let mut places: Vec<(u32, usize)> = Vec::new();
-        for cell in map.grid.cells_within(area[0], area[1]).filter(|cell| costs[*cell] != UNREACHED) {
+        for cell in map
+            .grid
+            .cells_within(area[0], area[1])
+            .filter(|cell| costs[*cell] != UNREACHED)
+        {
             let base = map.grid.center(cell);
-            if (near..=far).contains(&distance_2d(base, on_floor)) && front.is_none_or(|front| front.sees(base)) {
+            if (near..=far).contains(&distance_2d(base, on_floor))
+                && front.is_none_or(|front| front.sees(base))
+            {
                 places.push((costs[cell], cell));
             }
         }
         places.sort_unstable();
-        let seen = |(_, cell): &(u32, usize)| is_clear(solids.iter().copied(), eye(map.grid.center(*cell)), target);
+        let seen = |(_, cell): &(u32, usize)| {
+            is_clear(solids.iter().copied(), eye(map.grid.center(*cell)), target)
+        };
         let (cost, cell) = places.into_iter().find(seen)?;
         let base = map.grid.center(cell);
-        Some(Viewpoint { base, camera: Camera::looking_at(eye(base), target), path_length_m: metres(cost) })
+        Some(Viewpoint {
+            base,
+            camera: Camera::looking_at(eye(base), target),
+            path_length_m: metres(cost),
+        })
     })
 }
 
@@ -130,30 +196,48 @@ fn eye([x, y]: [f32; 2]) -> [f32; 3] {
 /// The centre of a surface and the points halfway to its corners, a little above it.
 fn surface_points(surface: &Surface) -> [[f32; 3]; 5] {
     let at = |x: f32, y: f32| {
-        let along = |axis: usize, part: f32| surface.min[axis] + (surface.max[axis] - surface.min[axis]) * part;
+        let along = |axis: usize, part: f32| {
+            surface.min[axis] + (surface.max[axis] - surface.min[axis]) * part
+        };
         [along(0, x), along(1, y), surface.z + OVER_SURFACE_M]
     };
-    [at(0.5, 0.5), at(0.25, 0.25), at(0.75, 0.25), at(0.25, 0.75), at(0.75, 0.75)]
+    [
+        at(0.5, 0.5),
+        at(0.25, 0.25),
+        at(0.75, 0.25),
+        at(0.25, 0.75),
+        at(0.75, 0.75),
+    ]
 }
 
 /// Whether a whole surface projects into the picture.
 fn in_picture(camera: &Camera, surface: &Surface) -> bool {
     let axes = camera.axes();
     let [[left, back], [right, front]] = [surface.min, surface.max];
-    [[left, back], [right, back], [left, front], [right, front]].iter().all(|[x, y]| {
-        let way = sub([*x, *y, surface.z], camera.position);
-        let [x, y, depth] = axes.map(|axis| dot(axis, way));
-        depth > 0.05 && x.abs() * FOCAL_PX <= 320.0 * depth && y.abs() * FOCAL_PX <= 240.0 * depth
-    })
+    [[left, back], [right, back], [left, front], [right, front]]
+        .iter()
+        .all(|[x, y]| {
+            let way = sub([*x, *y, surface.z], camera.position);
+            let [x, y, depth] = axes.map(|axis| dot(axis, way));
+            depth > 0.05
+                && x.abs() * FOCAL_PX <= 320.0 * depth
+                && y.abs() * FOCAL_PX <= 240.0 * depth
+        })
 }
 
 /// Whether a solid's bounding box meets the rectangle around an area and a point.
 fn meets(solid: &Solid, area: [[f32; 2]; 2], point: [f32; 3]) -> bool {
     let [low, high] = solid.bounds;
-    (0..2).all(|axis| high[axis] >= area[0][axis].min(point[axis]) && low[axis] <= area[1][axis].max(point[axis]))
+    (0..2).all(|axis| {
+        high[axis] >= area[0][axis].min(point[axis]) && low[axis] <= area[1][axis].max(point[axis])
+    })
 }
 
 fn distance_to_rectangle(point: [f32; 2], low: [f32; 2], high: [f32; 2]) -> f32 {
-    let beyond: [f32; 2] = std::array::from_fn(|axis| (low[axis] - point[axis]).max(point[axis] - high[axis]).max(0.0));
+    let beyond: [f32; 2] = std::array::from_fn(|axis| {
+        (low[axis] - point[axis])
+            .max(point[axis] - high[axis])
+            .max(0.0)
+    });
     distance_2d(beyond, [0.0; 2])
 }

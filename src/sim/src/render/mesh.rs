@@ -10,7 +10,8 @@ pub(super) const SIDE: u8 = 0;
 pub(super) const TOP: u8 = 1;
 pub(super) const BOTTOM: u8 = 2;
 
-/// A corner of a unit mesh: `unit * scale`, moved along z by `lift` times the half height of a capsule's cylinder.
+/// A corner of a unit mesh: `unit * scale`, moved along z by `lift` times the half height of a
+/// capsule's cylinder.
 #[derive(Clone, Copy)]
 pub(super) struct Vertex {
     pub unit: [f32; 3],
@@ -44,25 +45,64 @@ impl Tessellation {
         let meshes = &*MESHES;
         let (mesh, scale, lift) = match *shape {
             Shape::Cuboid { half } => (&meshes.cuboid, half, 0.0),
-            Shape::Cylinder { radius, half_height } => (&meshes.cylinders[detail(radius)], [radius, radius, half_height], 0.0),
-            Shape::Cone { radius, half_height } => (&meshes.cones[detail(radius)], [radius, radius, half_height], 0.0),
+            Shape::Cylinder {
+                radius,
+                half_height,
+            } => (
+                &meshes.cylinders[detail(radius)],
+                [radius, radius, half_height],
+                0.0,
+            ),
+            Shape::Cone {
+                radius,
+                half_height,
+            } => (
+                &meshes.cones[detail(radius)],
+                [radius, radius, half_height],
+                0.0,
+            ),
             Shape::Ball { radius } => (&meshes.balls[detail(radius)], [radius; 3], 0.0),
-            Shape::Capsule { radius, half_height } => (&meshes.capsules[detail(radius)], [radius; 3], half_height),
+            Shape::Capsule {
+                radius,
+                half_height,
+            } => (&meshes.capsules[detail(radius)], [radius; 3], half_height),
         };
-        let drawable = scale.iter().all(|&extent| extent > 0.0 && extent < LARGEST_M) && (0.0..LARGEST_M).contains(&lift);
+        let drawable = scale
+            .iter()
+            .all(|&extent| extent > 0.0 && extent < LARGEST_M)
+            && (0.0..LARGEST_M).contains(&lift);
         let bound = match shape {
             Shape::Ball { radius } => *radius,
-            Shape::Capsule { radius, half_height } => radius + half_height,
-            Shape::Cylinder { radius, half_height } | Shape::Cone { radius, half_height } => length([*radius, 0.0, *half_height]),
+            Shape::Capsule {
+                radius,
+                half_height,
+            } => radius + half_height,
+            Shape::Cylinder {
+                radius,
+                half_height,
+            }
+            | Shape::Cone {
+                radius,
+                half_height,
+            } => length([*radius, 0.0, *half_height]),
             Shape::Cuboid { half } => length(*half),
         };
-        drawable.then_some(Self { mesh, scale, lift, bound })
+        drawable.then_some(Self {
+            mesh,
+            scale,
+            lift,
+            bound,
+        })
     }
 
     /// A corner in the frame of the shape.
     pub fn place(&self, vertex: &Vertex) -> [f32; 3] {
         let [x, y, z] = vertex.unit;
-        [x * self.scale[0], y * self.scale[1], z * self.scale[2] + vertex.lift * self.lift]
+        [
+            x * self.scale[0],
+            y * self.scale[1],
+            z * self.scale[2] + vertex.lift * self.lift,
+        ]
     }
 }
 
@@ -89,7 +129,10 @@ static MESHES: LazyLock<Meshes> = LazyLock::new(|| Meshes {
 
 /// Which of `SEGMENTS` a radius in metres gets.
 fn detail(radius: f32) -> usize {
-    [0.02, 0.06, 0.25].iter().filter(|&&limit| radius > limit).count()
+    [0.02, 0.06, 0.25]
+        .iter()
+        .filter(|&&limit| radius > limit)
+        .count()
 }
 
 fn length(v: [f32; 3]) -> f32 {
@@ -102,13 +145,19 @@ impl Mesh {
     }
 
     fn triangle(&mut self, a: u16, b: u16, c: u16, face: u8) {
-        self.triangles.push(Triangle { corners: [a, b, c], face });
+        self.triangles.push(Triangle {
+            corners: [a, b, c],
+            face,
+        });
     }
 
     fn ring(&mut self, segments: u16, radius: f32, z: f32, lift: f32) {
         for i in 0..segments {
             let angle = f32::from(i) * (core::f32::consts::TAU / f32::from(segments));
-            self.vertex([libm::cosf(angle) * radius, libm::sinf(angle) * radius, z], lift);
+            self.vertex(
+                [libm::cosf(angle) * radius, libm::sinf(angle) * radius, z],
+                lift,
+            );
         }
     }
 
@@ -133,9 +182,19 @@ impl Mesh {
 fn cuboid() -> Mesh {
     let mut mesh = Mesh::default();
     for corner in 0..8 {
-        mesh.vertex([0, 1, 2].map(|axis| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 }), 0.0);
+        mesh.vertex(
+            [0, 1, 2].map(|axis| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 }),
+            0.0,
+        );
     }
-    let quads: [[u16; 4]; 6] = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let quads: [[u16; 4]; 6] = [
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+    ];
     for (face, [a, b, c, d]) in (0..).zip(quads) {
         mesh.triangle(a, b, c, face);
         mesh.triangle(a, c, d, face);
@@ -184,7 +243,10 @@ fn ball(segments: u16, capsule: bool) -> Mesh {
     mesh.vertex([0.0, 0.0, -1.0], -1.0);
     mesh.vertex([0.0, 0.0, 1.0], 1.0);
     let last = south - segments;
-    for (lower, upper) in (0..last).step_by(usize::from(segments)).zip((segments..).step_by(usize::from(segments))) {
+    for (lower, upper) in (0..last)
+        .step_by(usize::from(segments))
+        .zip((segments..).step_by(usize::from(segments)))
+    {
         mesh.band(segments, lower, upper);
     }
     for i in 0..segments {
@@ -205,24 +267,43 @@ mod tests {
     fn every_mesh() -> Vec<&'static Mesh> {
         let m = &*MESHES;
         let mut all = vec![&m.cuboid];
-        all.extend(m.cylinders.iter().chain(&m.cones).chain(&m.balls).chain(&m.capsules));
+        all.extend(
+            m.cylinders
+                .iter()
+                .chain(&m.cones)
+                .chain(&m.balls)
+                .chain(&m.capsules),
+        );
         all
     }
 
     #[test]
     fn meshes_are_closed_and_wound_outwards() {
         for mesh in every_mesh() {
-            let shape = Tessellation { mesh, scale: [1.0; 3], lift: 1.0, bound: 2.0 };
+            let shape = Tessellation {
+                mesh,
+                scale: [1.0; 3],
+                lift: 1.0,
+                bound: 2.0,
+            };
             let mut edges = BTreeSet::new();
             for triangle in &mesh.triangles {
                 let [a, b, c] = triangle.corners;
                 for edge in [(a, b), (b, c), (c, a)] {
                     assert!(edges.insert(edge), "an edge is used twice in one direction");
                 }
-                let [a, b, c] = triangle.corners.map(|i| shape.place(&mesh.vertices[usize::from(i)]));
-                assert!(dot(cross(sub(b, a), sub(c, a)), add(a, add(b, c))) > 0.0, "a triangle looks inwards");
+                let [a, b, c] = triangle
+                    .corners
+                    .map(|i| shape.place(&mesh.vertices[usize::from(i)]));
+                assert!(
+                    dot(cross(sub(b, a), sub(c, a)), add(a, add(b, c))) > 0.0,
+                    "a triangle looks inwards"
+                );
             }
-            assert!(edges.iter().all(|&(a, b)| edges.contains(&(b, a))), "a mesh has a hole");
+            assert!(
+                edges.iter().all(|&(a, b)| edges.contains(&(b, a))),
+                "a mesh has a hole"
+            );
         }
     }
 
@@ -230,7 +311,13 @@ mod tests {
     fn shapes_without_extent_have_no_mesh() {
         for radius in [0.0, -1.0, f32::NAN, f32::INFINITY] {
             assert!(Tessellation::of(&Shape::Ball { radius }).is_none());
-            assert!(Tessellation::of(&Shape::Capsule { radius: 0.1, half_height: radius - 1.0 }).is_none());
+            assert!(
+                Tessellation::of(&Shape::Capsule {
+                    radius: 0.1,
+                    half_height: radius - 1.0
+                })
+                .is_none()
+            );
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Pictures: a software rasterizer with exact integer coverage, and Set-of-Mark overlays.
 //!
-//! Every picture is a pure function of its arguments, to the bit, on every platform. Never decides what is in a
-//! scene or what is worth a mark, and never encodes files.
+//! Every picture is a pure function of its arguments, to the bit, on every platform. Never decides
+//! what is in a scene or what is worth a mark, and never encodes files.
 
 mod mesh;
 mod outline;
@@ -65,19 +65,22 @@ pub enum Detail {
     /// All of it.
     #[default]
     Picture,
-    /// Instance ids and depth; RGB stays black. Everything but the picture itself is decided by these.
+    /// Instance ids and depth; RGB stays black. Everything but the picture itself is decided by
+    /// these.
     Geometry,
 }
 
 /// Draws the drawables as the camera sees them. What has no finite pose or no extent is left out.
 ///
-/// Surfaces nearer than 5 cm are cut off. Where two parts are equally far, the earlier drawable is seen.
+/// Surfaces nearer than 5 cm are cut off. Where two parts are equally far, the earlier drawable is
+/// seen.
 pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Frame {
     let camera_axes = camera.axes();
     let mut visibility = Visibility::new();
     let mut surfaces = Surfaces::default();
     let camera_from = |pose: &Pose| {
-        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| pose.rotate(axis));
+        let columns =
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| pose.rotate(axis));
         CameraFromPart {
             rows: camera_axes.map(|axis| columns.map(|column| dot(axis, column))),
             translation: camera.to_camera(pose.position),
@@ -85,12 +88,23 @@ pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Fr
     };
     for drawable in drawables {
         for part in drawable.parts {
-            let Some(tessellation) = Tessellation::of(&part.shape) else { continue };
+            let Some(tessellation) = Tessellation::of(&part.shape) else {
+                continue;
+            };
             let pose = drawable.pose.then(&part.pose);
             let camera_from_part = camera_from(&pose);
             if camera_from_part.sees(tessellation.bound) {
-                visibility.draw(&tessellation, &camera_from_part, code_of(surfaces.parts.len()));
-                surfaces.parts.push(Surface::new(drawable.entity, part, &pose, &camera_from_part));
+                visibility.draw(
+                    &tessellation,
+                    &camera_from_part,
+                    code_of(surfaces.parts.len()),
+                );
+                surfaces.parts.push(Surface::new(
+                    drawable.entity,
+                    part,
+                    &pose,
+                    &camera_from_part,
+                ));
             }
         }
         if let Some(model) = drawable.mesh {
@@ -99,7 +113,9 @@ pub fn render(camera: &Camera, drawables: &[Drawable<'_>], detail: Detail) -> Fr
                 let first = surfaces.next_mesh;
                 surfaces.next_mesh += visibility.draw_mesh(model, &camera_from_part, first);
                 let place = Place::new(&drawable.pose, &camera_from_part);
-                surfaces.meshes.push(MeshSurface::new(drawable.entity, first, model, place));
+                surfaces
+                    .meshes
+                    .push(MeshSurface::new(drawable.entity, first, model, place));
             }
         }
     }
@@ -132,7 +148,11 @@ enum Seen<'s, 'a> {
 
 impl Default for Surfaces<'_> {
     fn default() -> Self {
-        Self { parts: Vec::new(), meshes: Vec::new(), next_mesh: FIRST_MESH }
+        Self {
+            parts: Vec::new(),
+            meshes: Vec::new(),
+            next_mesh: FIRST_MESH,
+        }
     }
 }
 
@@ -173,7 +193,11 @@ fn surface_of(code: u32) -> (usize, u8) {
 /// Fills ids and depth from what is visible.
 fn identify(visibility: &Visibility, surfaces: &Surfaces<'_>, frame: &mut Frame) {
     for (depth_mm, &inverse) in frame.depth_mm.iter_mut().zip(&visibility.inverse_depth) {
-        *depth_mm = if inverse > 0.0 { (1000.0 / inverse + 0.5) as u16 } else { 0 };
+        *depth_mm = if inverse > 0.0 {
+            (1000.0 / inverse + 0.5) as u16
+        } else {
+            0
+        };
     }
     let mut start = 0;
     for run in visibility.codes.chunk_by(|a, b| a == b) {
@@ -185,7 +209,12 @@ fn identify(visibility: &Visibility, surfaces: &Surfaces<'_>, frame: &mut Frame)
 }
 
 /// Fills RGB from what is visible, run by run of one face.
-fn color(camera_axes: &[[f32; 3]; 3], visibility: &Visibility, surfaces: &Surfaces<'_>, frame: &mut Frame) {
+fn color(
+    camera_axes: &[[f32; 3]; 3],
+    visibility: &Visibility,
+    surfaces: &Surfaces<'_>,
+    frame: &mut Frame,
+) {
     for y in 0..FRAME_HEIGHT {
         let background = shade::background_row(camera_axes, y);
         let row = y * FRAME_WIDTH;

@@ -1,5 +1,5 @@
-//! Owns what makes a picture readable: shadows where things touch what they stand on, and thin lines between
-//! things. Works on pixels and their neighbours only.
+//! Owns what makes a picture readable: shadows where things touch what they stand on, and thin
+//! lines between things. Works on pixels and their neighbours only.
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 
@@ -9,7 +9,12 @@ use crate::geometry::FOCAL_PX;
 
 /// Darkens surfaces that look up close to other things at the same depth.
 pub(super) fn darken_contacts(visibility: &Visibility, surfaces: &Surfaces<'_>, frame: &mut Frame) {
-    let faces = (0..FACES as u8).map(|face| surfaces.parts.iter().map(move |surface| surface.receives_contact(face)));
+    let faces = (0..FACES as u8).map(|face| {
+        surfaces
+            .parts
+            .iter()
+            .map(move |surface| surface.receives_contact(face))
+    });
     let receives: Vec<Vec<bool>> = faces.map(Iterator::collect).collect();
     for (tile_y, tile_x) in busy_tiles(&frame.ids) {
         for y in tile_y * TILE..(tile_y + 1) * TILE {
@@ -22,7 +27,9 @@ pub(super) fn darken_contacts(visibility: &Visibility, surfaces: &Surfaces<'_>, 
                         let (surface, face) = surface_of(code);
                         receives[usize::from(face)][surface]
                     }
-                    code => matches!(surfaces.at(code), Seen::Mesh(mesh, triangle) if mesh.receives_contact(triangle)),
+                    code => {
+                        matches!(surfaces.at(code), Seen::Mesh(mesh, triangle) if mesh.receives_contact(triangle))
+                    }
                 };
                 if receives {
                     let shadow = contact_of(visibility, &frame.ids, at % FRAME_WIDTH, y);
@@ -33,7 +40,8 @@ pub(super) fn darken_contacts(visibility: &Visibility, surfaces: &Surfaces<'_>, 
     }
 }
 
-/// Darkens the pixels along the outlines of things, strongly, and along the edges of their parts, weakly.
+/// Darkens the pixels along the outlines of things, strongly, and along the edges of their parts,
+/// weakly.
 pub(super) fn draw_edges(visibility: &Visibility, frame: &mut Frame) {
     let (codes, depths) = (&visibility.codes, &visibility.inverse_depth);
     let mut darkest = vec![0u8; FRAME_WIDTH * FRAME_HEIGHT];
@@ -51,8 +59,10 @@ pub(super) fn draw_edges(visibility: &Visibility, frame: &mut Frame) {
         } else {
             FACE_EDGE
         };
-        // The line lies on the nearer thing. Equal depths are told apart by what does not depend on drawing order.
-        let a_is_nearer = depths[a] > depths[b] || (depths[a] == depths[b] && frame.ids[a] >= frame.ids[b]);
+        // The line lies on the nearer thing. Equal depths are told apart by what does not depend on
+        // drawing order.
+        let a_is_nearer =
+            depths[a] > depths[b] || (depths[a] == depths[b] && frame.ids[a] >= frame.ids[b]);
         let on = if a_is_nearer { a } else { b };
         darkest[on] = darkest[on].max(strength);
     };
@@ -65,8 +75,13 @@ pub(super) fn draw_edges(visibility: &Visibility, frame: &mut Frame) {
             at += run.len();
         }
     }
-    let pieces = codes.chunks_exact(TILE).zip(codes[FRAME_WIDTH..].chunks_exact(TILE));
-    for (i, _) in pieces.enumerate().filter(|(_, (here, below))| here != below) {
+    let pieces = codes
+        .chunks_exact(TILE)
+        .zip(codes[FRAME_WIDTH..].chunks_exact(TILE));
+    for (i, _) in pieces
+        .enumerate()
+        .filter(|(_, (here, below))| here != below)
+    {
         for at in i * TILE..(i + 1) * TILE {
             compare(at, at + FRAME_WIDTH);
         }
@@ -83,26 +98,42 @@ const OUTLINE: u8 = 130;
 const PART_EDGE: u8 = 64;
 const FACE_EDGE: u8 = 34;
 
-/// Side of the square tiles in which neighbours are looked for; both sides of the picture are multiples of it.
+/// Side of the square tiles in which neighbours are looked for; both sides of the picture are
+/// multiples of it.
 const TILE: usize = 32;
 
-/// Rows and columns of the tiles in which shadows can fall: they or the tiles beside and above hold several things.
+/// Rows and columns of the tiles in which shadows can fall: they or the tiles beside and above hold
+/// several things.
 fn busy_tiles(ids: &[u16]) -> impl Iterator<Item = (usize, usize)> {
     const ACROSS: usize = FRAME_WIDTH / TILE;
     const DOWN: usize = FRAME_HEIGHT / TILE;
     let tile = |tile_y: usize, tile_x: usize| {
         let first = ids[tile_y * TILE * FRAME_WIDTH + tile_x * TILE];
-        let rows = ids[tile_y * TILE * FRAME_WIDTH..].chunks_exact(FRAME_WIDTH).take(TILE);
-        let alone = rows.map(|row| row[tile_x * TILE..][..TILE].iter().filter(|&&id| id != first).count()).sum::<usize>() == 0;
+        let rows = ids[tile_y * TILE * FRAME_WIDTH..]
+            .chunks_exact(FRAME_WIDTH)
+            .take(TILE);
+        let alone = rows
+            .map(|row| {
+                row[tile_x * TILE..][..TILE]
+                    .iter()
+                    .filter(|&&id| id != first)
+                    .count()
+            })
+            .sum::<usize>()
+            == 0;
         alone.then_some(first)
     };
-    let tiles: Vec<Option<u16>> = (0..ACROSS * DOWN).map(|i| tile(i / ACROSS, i % ACROSS)).collect();
-    (0..ACROSS * DOWN).map(|i| (i / ACROSS, i % ACROSS)).filter(move |&(y, x)| {
-        let mut around =
-            (y.saturating_sub(1)..=y).flat_map(|y| (x.saturating_sub(1)..=(x + 1).min(ACROSS - 1)).map(move |x| (y, x)));
-        let here = tiles[y * ACROSS + x];
-        here.is_none() || around.any(|(y, x)| tiles[y * ACROSS + x] != here)
-    })
+    let tiles: Vec<Option<u16>> = (0..ACROSS * DOWN)
+        .map(|i| tile(i / ACROSS, i % ACROSS))
+        .collect();
+    (0..ACROSS * DOWN)
+        .map(|i| (i / ACROSS, i % ACROSS))
+        .filter(move |&(y, x)| {
+            let mut around = (y.saturating_sub(1)..=y)
+                .flat_map(|y| (x.saturating_sub(1)..=(x + 1).min(ACROSS - 1)).map(move |x| (y, x)));
+            let here = tiles[y * ACROSS + x];
+            here.is_none() || around.any(|(y, x)| tiles[y * ACROSS + x] != here)
+        })
 }
 
 /// Shadow of 256 at a pixel: how much of its surroundings is another thing at about the same depth.
@@ -113,7 +144,11 @@ fn contact_of(visibility: &Visibility, ids: &[u16], x: usize, y: usize) -> i32 {
     // Taps stay within the neighbouring tiles.
     let reach = (FOCAL_PX * CONTACT_M * inverse).min(TILE as f32 - 2.0);
     let pixels = |length: f32| usize::from(length as u8);
-    let (near, aside, far) = (pixels(0.25 * reach) + 1, pixels(reach), pixels(0.75 * reach) + 1);
+    let (near, aside, far) = (
+        pixels(0.25 * reach) + 1,
+        pixels(reach),
+        pixels(0.75 * reach) + 1,
+    );
     let weight_of = |x: usize, up: usize, weight: i32| {
         if x >= FRAME_WIDTH || up > y {
             return 0;
@@ -124,7 +159,11 @@ fn contact_of(visibility: &Visibility, ids: &[u16], x: usize, y: usize) -> i32 {
         let touches = ids[there] != ids[here] && (1.0 - other * depth).abs() < 0.08 * other;
         if touches { weight } else { 0 }
     };
-    let left = if x >= aside { weight_of(x - aside, near, 20) } else { 0 };
+    let left = if x >= aside {
+        weight_of(x - aside, near, 20)
+    } else {
+        0
+    };
     weight_of(x, near, 34) + weight_of(x, far, 24) + left + weight_of(x + aside, near, 20)
 }
 

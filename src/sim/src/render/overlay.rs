@@ -1,5 +1,5 @@
-//! Owns Set-of-Mark overlays: tints, outlines and numbers drawn into the RGB of a frame. Never changes ids or depth,
-//! and never chooses what is marked.
+//! Owns Set-of-Mark overlays: tints, outlines and numbers drawn into the RGB of a frame. Never
+//! changes ids or depth, and never chooses what is marked.
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame};
 
@@ -8,18 +8,25 @@ use super::{Mark, Region};
 
 /// Draws numbered Set-of-Mark overlays into the RGB of a frame; ids and depth stay.
 ///
-/// Entities without a visible pixel get nothing. Labels lie inside the picture and do not overlap, as long as there
-/// is room for all of them.
+/// Entities without a visible pixel get nothing. Labels lie inside the picture and do not overlap,
+/// as long as there is room for all of them.
 pub fn overlay(frame: &mut Frame, marks: &[Mark]) {
     overlay_tinted(frame, marks, ENTITY_TINT);
 }
 
 /// [`overlay`] with entities tinted to a coverage of 0 to 255.
 pub fn overlay_tinted(frame: &mut Frame, marks: &[Mark], entity_tint: u16) {
-    let masks: Vec<Option<Mask>> = marks.iter().map(|mark| Mask::of(mark.region, &frame.ids)).collect();
+    let masks: Vec<Option<Mask>> = marks
+        .iter()
+        .map(|mark| Mask::of(mark.region, &frame.ids))
+        .collect();
     for (mark, mask) in marks.iter().zip(&masks) {
         if let Some(mask) = mask {
-            let tint = if matches!(mark.region, Region::Entity(_)) { entity_tint } else { RECTANGLE_TINT };
+            let tint = if matches!(mark.region, Region::Entity(_)) {
+                entity_tint
+            } else {
+                RECTANGLE_TINT
+            };
             mask.paint(&mut frame.rgb, color_of(mark.number), tint);
         }
     }
@@ -71,7 +78,8 @@ struct Mask {
     left: i32,
     top: i32,
     width: i32,
-    /// City-block distance of each pixel to the nearest one outside the mask; 0 outside. Row by row.
+    /// City-block distance of each pixel to the nearest one outside the mask; 0 outside. Row by
+    /// row.
     depths: Vec<i32>,
     anchor: Anchor,
 }
@@ -110,11 +118,20 @@ impl Mask {
         if left > right {
             return None;
         }
-        let rows = ids.chunks_exact(FRAME_WIDTH).skip(top).take(bottom - top + 1);
+        let rows = ids
+            .chunks_exact(FRAME_WIDTH)
+            .skip(top)
+            .take(bottom - top + 1);
         let inside = rows.flat_map(|row| row[left..=right].iter().map(|&other| other == id));
         let depths = distances_to_border(inside, right - left + 1);
         let (left, top, width) = (left as i32, top as i32, (right - left + 1) as i32);
-        let mut mask = Self { left, top, width, depths, anchor: Anchor::Centre([left, top]) };
+        let mut mask = Self {
+            left,
+            top,
+            width,
+            depths,
+            anchor: Anchor::Centre([left, top]),
+        };
         mask.anchor = mask.find_anchor();
         Some(mask)
     }
@@ -122,24 +139,44 @@ impl Mask {
     fn of_rectangle([x0, y0, x1, y1]: [u16; 4]) -> Self {
         let clip = |value: u16, size: usize| i32::from(value).min(size as i32 - 1);
         let (left, right) = (clip(x0.min(x1), FRAME_WIDTH), clip(x0.max(x1), FRAME_WIDTH));
-        let (top, bottom) = (clip(y0.min(y1), FRAME_HEIGHT), clip(y0.max(y1), FRAME_HEIGHT));
-        let across = |y: i32| (left..=right).map(move |x| (x - left).min(right - x).min(y - top).min(bottom - y) + 1);
+        let (top, bottom) = (
+            clip(y0.min(y1), FRAME_HEIGHT),
+            clip(y0.max(y1), FRAME_HEIGHT),
+        );
+        let across = |y: i32| {
+            (left..=right).map(move |x| (x - left).min(right - x).min(y - top).min(bottom - y) + 1)
+        };
         let depths = (top..=bottom).flat_map(across).collect();
-        Self { left, top, width: right - left + 1, depths, anchor: Anchor::Top([(left + right) / 2, top]) }
+        Self {
+            left,
+            top,
+            width: right - left + 1,
+            depths,
+            anchor: Anchor::Top([(left + right) / 2, top]),
+        }
     }
 
     /// Pixels of the mask in the picture, with their distances to its border.
     fn pixels(&self) -> impl Iterator<Item = ([i32; 2], i32)> {
         (self.top..)
             .zip(self.depths.chunks_exact(self.width as usize))
-            .flat_map(|(y, row)| (self.left..).zip(row).filter(|&(_, &depth)| depth > 0).map(move |(x, &depth)| ([x, y], depth)))
+            .flat_map(|(y, row)| {
+                (self.left..)
+                    .zip(row)
+                    .filter(|&(_, &depth)| depth > 0)
+                    .map(move |(x, &depth)| ([x, y], depth))
+            })
     }
 
     /// Tints the mask and draws its border, inside the mask.
     fn paint(&self, rgb: &mut [u8], color: [u8; 3], tint: u16) {
         for ([x, y], depth) in self.pixels() {
             let at = (y as usize * FRAME_WIDTH + x as usize) * 3;
-            blend(&mut rgb[at..at + 3], color, if depth > OUTLINE_PX { tint } else { OUTLINE });
+            blend(
+                &mut rgb[at..at + 3],
+                color,
+                if depth > OUTLINE_PX { tint } else { OUTLINE },
+            );
         }
     }
 
@@ -159,13 +196,20 @@ impl Mask {
                 (best, place) = (value, point);
             }
         }
-        if best.0 < SMALL_PX { Anchor::Beside([place[0], self.top]) } else { Anchor::Centre(place) }
+        if best.0 < SMALL_PX {
+            Anchor::Beside([place[0], self.top])
+        } else {
+            Anchor::Centre(place)
+        }
     }
 }
 
-/// City-block distances of the pixels of a mask to the nearest one outside; outside the bounding box is outside.
+/// City-block distances of the pixels of a mask to the nearest one outside; outside the bounding
+/// box is outside.
 fn distances_to_border(inside: impl Iterator<Item = bool>, width: usize) -> Vec<i32> {
-    let mut distances: Vec<i32> = inside.map(|inside| if inside { i32::MAX } else { 0 }).collect();
+    let mut distances: Vec<i32> = inside
+        .map(|inside| if inside { i32::MAX } else { 0 })
+        .collect();
     let count = distances.len();
     for i in 0..count {
         let before = if i % width > 0 { distances[i - 1] } else { 0 };
@@ -173,8 +217,16 @@ fn distances_to_border(inside: impl Iterator<Item = bool>, width: usize) -> Vec<
         distances[i] = distances[i].min(before.min(above) + 1);
     }
     for i in (0..count).rev() {
-        let after = if i % width + 1 < width { distances[i + 1] } else { 0 };
-        let below = if i + width < count { distances[i + width] } else { 0 };
+        let after = if i % width + 1 < width {
+            distances[i + 1]
+        } else {
+            0
+        };
+        let below = if i + width < count {
+            distances[i + width]
+        } else {
+            0
+        };
         distances[i] = distances[i].min(after.min(below) + 1);
     }
     distances
@@ -214,7 +266,14 @@ fn place_labels(marks: &[Mark], masks: &[Option<Mask>]) -> Vec<Label> {
             Anchor::Beside([x, y]) => ([x, y - LABEL_HEIGHT / 2 - 6], Some([x, y])),
             Anchor::Top([x, y]) => ([x, y + LABEL_HEIGHT / 2 + 3], None),
         };
-        let mut label = Label { text, color: color_of(mark.number), left: 0, top: 0, width, target };
+        let mut label = Label {
+            text,
+            color: color_of(mark.number),
+            left: 0,
+            top: 0,
+            width,
+            target,
+        };
         let free = spiral(centre).find(|&centre| {
             label.centre_on(centre);
             placed.iter().all(|other| !label.overlaps(other))
@@ -251,24 +310,44 @@ impl Label {
                 }
                 let border = edge < 2 || corner < 5;
                 let at = ((self.top + y) as usize * FRAME_WIDTH + (self.left + x) as usize) * 3;
-                let (color, coverage) = if border { (self.color, 255) } else { ([18, 19, 24], 225) };
+                let (color, coverage) = if border {
+                    (self.color, 255)
+                } else {
+                    ([18, 19, 24], 225)
+                };
                 blend(&mut rgb[at..at + 3], color, coverage);
             }
         }
-        let (x, y) = (self.left + LABEL_PADDING, self.top + (LABEL_HEIGHT - LABEL_SIZE.height() as i32) / 2);
-        draw_text(rgb, FRAME_WIDTH, FRAME_HEIGHT, x, y, LABEL_SIZE, [255; 3], &self.text);
+        let (x, y) = (
+            self.left + LABEL_PADDING,
+            self.top + (LABEL_HEIGHT - LABEL_SIZE.height() as i32) / 2,
+        );
+        draw_text(
+            rgb,
+            FRAME_WIDTH,
+            FRAME_HEIGHT,
+            x,
+            y,
+            LABEL_SIZE,
+            [255; 3],
+            &self.text,
+        );
     }
 
     /// A two-pixel line from the middle of the label to what it marks, if it lies away from it.
     fn draw_pointer(&self, rgb: &mut [u8]) {
-        let Some([to_x, to_y]) = self.target else { return };
+        let Some([to_x, to_y]) = self.target else {
+            return;
+        };
         let (from_x, from_y) = (self.left + self.width / 2, self.top + LABEL_HEIGHT / 2);
         let steps = (to_x - from_x).abs().max((to_y - from_y).abs()).max(1);
         for step in 0..=steps {
             let x = from_x + (to_x - from_x) * step / steps;
             let y = from_y + (to_y - from_y) * step / steps;
             for column in [x, x + 1] {
-                if (0..FRAME_WIDTH as i32).contains(&column) && (0..FRAME_HEIGHT as i32).contains(&y) {
+                if (0..FRAME_WIDTH as i32).contains(&column)
+                    && (0..FRAME_HEIGHT as i32).contains(&y)
+                {
                     let at = (y as usize * FRAME_WIDTH + column as usize) * 3;
                     blend(&mut rgb[at..at + 3], self.color, 255);
                 }
@@ -283,7 +362,14 @@ fn spiral([x, y]: [i32; 2]) -> impl Iterator<Item = [i32; 2]> {
     let rings = FRAME_WIDTH as i32 / STEP_PX;
     (0..=rings).flat_map(move |ring| {
         let d = ring * STEP_PX;
-        (-ring..=ring).map(|i| i * STEP_PX).flat_map(move |i| [[x + i, y - d], [x + i, y + d], [x - d, y + i], [x + d, y + i]])
+        (-ring..=ring).map(|i| i * STEP_PX).flat_map(move |i| {
+            [
+                [x + i, y - d],
+                [x + i, y + d],
+                [x - d, y + i],
+                [x + d, y + i],
+            ]
+        })
     })
 }
 
@@ -302,25 +388,46 @@ mod tests {
     }
 
     fn labels(frame: &Frame, marks: &[Mark]) -> Vec<Label> {
-        let masks: Vec<Option<Mask>> = marks.iter().map(|mark| Mask::of(mark.region, &frame.ids)).collect();
+        let masks: Vec<Option<Mask>> = marks
+            .iter()
+            .map(|mark| Mask::of(mark.region, &frame.ids))
+            .collect();
         place_labels(marks, &masks)
     }
 
     fn assert_apart_and_inside(labels: &[Label]) {
         for (i, label) in labels.iter().enumerate() {
-            assert!(label.left >= 0 && label.left + label.width <= FRAME_WIDTH as i32, "{label:?}");
-            assert!(label.top >= 0 && label.top + LABEL_HEIGHT <= FRAME_HEIGHT as i32, "{label:?}");
-            assert!(labels[..i].iter().all(|other| !label.overlaps(other)), "{label:?} overlaps");
+            assert!(
+                label.left >= 0 && label.left + label.width <= FRAME_WIDTH as i32,
+                "{label:?}"
+            );
+            assert!(
+                label.top >= 0 && label.top + LABEL_HEIGHT <= FRAME_HEIGHT as i32,
+                "{label:?}"
+            );
+            assert!(
+                labels[..i].iter().all(|other| !label.overlaps(other)),
+                "{label:?} overlaps"
+            );
         }
     }
 
     #[test]
     fn crowded_labels_are_inside_and_apart() {
         // Forty specks in a corner, and the same place marked again and again.
-        let squares: Vec<(u16, [usize; 4])> =
-            (0..40u16).map(|i| (i + 1, [usize::from(i) * 3, 0, usize::from(i) * 3 + 1, 2])).collect();
-        let mut marks: Vec<Mark> = (1..=40).map(|i| Mark { number: i, region: Region::Entity(i as u16) }).collect();
-        marks.extend((41..=120).map(|number| Mark { number, region: Region::Rectangle([600, 470, 639, 479]) }));
+        let squares: Vec<(u16, [usize; 4])> = (0..40u16)
+            .map(|i| (i + 1, [usize::from(i) * 3, 0, usize::from(i) * 3 + 1, 2]))
+            .collect();
+        let mut marks: Vec<Mark> = (1..=40)
+            .map(|i| Mark {
+                number: i,
+                region: Region::Entity(i as u16),
+            })
+            .collect();
+        marks.extend((41..=120).map(|number| Mark {
+            number,
+            region: Region::Rectangle([600, 470, 639, 479]),
+        }));
         let frame = frame_with(&squares);
         let labels = labels(&frame, &marks);
         assert_eq!(labels.len(), 120);
@@ -331,8 +438,17 @@ mod tests {
     fn a_label_sits_on_its_mask_where_there_is_room() {
         // An L: its centroid lies outside of it.
         let frame = frame_with(&[(5, [100, 100, 150, 400]), (5, [100, 350, 400, 400])]);
-        let label = &labels(&frame, &[Mark { number: 12, region: Region::Entity(5) }])[0];
-        for (x, y) in [(label.left, label.top), (label.left + label.width - 1, label.top + LABEL_HEIGHT - 1)] {
+        let label = &labels(
+            &frame,
+            &[Mark {
+                number: 12,
+                region: Region::Entity(5),
+            }],
+        )[0];
+        for (x, y) in [
+            (label.left, label.top),
+            (label.left + label.width - 1, label.top + LABEL_HEIGHT - 1),
+        ] {
             assert_eq!(frame.ids[y as usize * FRAME_WIDTH + x as usize], 5);
         }
         assert!(label.target.is_none());
@@ -342,18 +458,47 @@ mod tests {
     fn overlay_colours_the_mask_only_and_keeps_ids_and_depth() {
         let before = frame_with(&[(7, [200, 200, 299, 299])]);
         let mut after = before.clone();
-        overlay(&mut after, &[Mark { number: 1, region: Region::Entity(7) }, Mark { number: 2, region: Region::Entity(9) }]);
-        assert_eq!((&after.ids, &after.depth_mm), (&before.ids, &before.depth_mm));
+        overlay(
+            &mut after,
+            &[
+                Mark {
+                    number: 1,
+                    region: Region::Entity(7),
+                },
+                Mark {
+                    number: 2,
+                    region: Region::Entity(9),
+                },
+            ],
+        );
+        assert_eq!(
+            (&after.ids, &after.depth_mm),
+            (&before.ids, &before.depth_mm)
+        );
         let changed = |x: usize, y: usize| after.rgb[(y * FRAME_WIDTH + x) * 3..][..3] != [0; 3];
         assert!(changed(200, 200) && changed(210, 290));
-        assert!(!changed(199, 200) && !changed(300, 250), "the mark of an entity out of sight draws nothing");
+        assert!(
+            !changed(199, 200) && !changed(300, 250),
+            "the mark of an entity out of sight draws nothing"
+        );
     }
 
     #[test]
     fn strange_rectangles_are_clipped() {
         let mut frame = Frame::new();
-        let wild = [[u16::MAX; 4], [9, 9, 3, 3], [0, 0, 0, 0], [0, 0, u16::MAX, u16::MAX]];
-        let marks: Vec<Mark> = wild.iter().map(|&r| Mark { number: u32::MAX, region: Region::Rectangle(r) }).collect();
+        let wild = [
+            [u16::MAX; 4],
+            [9, 9, 3, 3],
+            [0, 0, 0, 0],
+            [0, 0, u16::MAX, u16::MAX],
+        ];
+        let marks: Vec<Mark> = wild
+            .iter()
+            .map(|&r| Mark {
+                number: u32::MAX,
+                region: Region::Rectangle(r),
+            })
+            .collect();
         overlay(&mut frame, &marks);
         assert_apart_and_inside(&labels(&frame, &marks));
     }

@@ -1,5 +1,5 @@
-//! Owns coverage and visibility: projects meshes, clips them at the near plane and fills triangles with exact
-//! integer edge functions. Writes inverse depth and surface codes; knows no colours.
+//! Owns coverage and visibility: projects meshes, clips them at the near plane and fills triangles
+//! with exact integer edge functions. Writes inverse depth and surface codes; knows no colours.
 
 use reel_world::{FRAME_HEIGHT, FRAME_WIDTH};
 
@@ -29,12 +29,15 @@ pub(super) struct CameraFromPart {
 }
 
 impl CameraFromPart {
-    /// Whether a sphere around the part's origin can be seen: false for what is not finite or far beyond any home.
+    /// Whether a sphere around the part's origin can be seen: false for what is not finite or far
+    /// beyond any home.
     pub fn sees(&self, bound: f32) -> bool {
         let [x, y, z] = self.translation;
         let (half_width, half_height) = (FRAME_WIDTH as f32 * 0.5, FRAME_HEIGHT as f32 * 0.5);
-        let outside =
-            |offset: f32, half: f32| (FOCAL_PX * libm::fabsf(offset) - half * z) / libm::sqrtf(FOCAL_PX * FOCAL_PX + half * half);
+        let outside = |offset: f32, half: f32| {
+            (FOCAL_PX * libm::fabsf(offset) - half * z)
+                / libm::sqrtf(FOCAL_PX * FOCAL_PX + half * half)
+        };
         z + bound > NEAR_M
             && z < super::mesh::LARGEST_M
             && outside(x, half_width) < bound
@@ -46,19 +49,44 @@ impl CameraFromPart {
 impl Visibility {
     pub fn new() -> Self {
         let pixels = FRAME_WIDTH * FRAME_HEIGHT;
-        Self { inverse_depth: vec![0.0; pixels], codes: vec![0; pixels], corners: Vec::new() }
+        Self {
+            inverse_depth: vec![0.0; pixels],
+            codes: vec![0; pixels],
+            corners: Vec::new(),
+        }
     }
 
-    /// Draws a mesh; triangles that show their back are left out. On equal depths the earlier drawn stays.
-    pub fn draw(&mut self, tessellation: &Tessellation, camera_from_part: &CameraFromPart, code: u32) {
-        let points = tessellation.mesh.vertices.iter().map(|vertex| tessellation.place(vertex));
+    /// Draws a mesh; triangles that show their back are left out. On equal depths the earlier drawn
+    /// stays.
+    pub fn draw(
+        &mut self,
+        tessellation: &Tessellation,
+        camera_from_part: &CameraFromPart,
+        code: u32,
+    ) {
+        let points = tessellation
+            .mesh
+            .vertices
+            .iter()
+            .map(|vertex| tessellation.place(vertex));
         let triangles = tessellation.mesh.triangles.iter();
-        let triangles = triangles.map(|triangle| (triangle.corners.map(usize::from), code + u32::from(triangle.face)));
+        let triangles = triangles.map(|triangle| {
+            (
+                triangle.corners.map(usize::from),
+                code + u32::from(triangle.face),
+            )
+        });
         self.fill_all(points, triangles, camera_from_part);
     }
 
-    /// Draws both sides of the triangles of a mesh, each with a code of its own from `first` on; gives how many there are.
-    pub fn draw_mesh(&mut self, model: &MeshModel, camera_from_part: &CameraFromPart, first: u32) -> u32 {
+    /// Draws both sides of the triangles of a mesh, each with a code of its own from `first` on;
+    /// gives how many there are.
+    pub fn draw_mesh(
+        &mut self,
+        model: &MeshModel,
+        camera_from_part: &CameraFromPart,
+        first: u32,
+    ) -> u32 {
         let triangles = &model.mesh.data().triangles;
         let sides = (first..).zip(triangles).flat_map(|(code, triangle)| {
             let [a, b, c] = triangle.corners.map(|corner| corner as usize);
@@ -76,9 +104,12 @@ impl Visibility {
     ) {
         let mut corners = core::mem::take(&mut self.corners);
         corners.clear();
-        corners.extend(
-            points.map(|point| Corner::new(add(camera_from_part.rows.map(|row| dot(row, point)), camera_from_part.translation))),
-        );
+        corners.extend(points.map(|point| {
+            Corner::new(add(
+                camera_from_part.rows.map(|row| dot(row, point)),
+                camera_from_part.translation,
+            ))
+        }));
         for (triangle, code) in triangles {
             let [a, b, c] = triangle.map(|i| &corners[i]);
             match [a, b, c].iter().filter(|corner| corner.in_front).count() {
@@ -101,8 +132,13 @@ impl Visibility {
                 count += 1;
             }
             if here.in_front != next.in_front {
-                // Always from the visible end, so that two triangles cut their common edge in the same point.
-                let (inner, outer) = if here.in_front { (here.point, next.point) } else { (next.point, here.point) };
+                // Always from the visible end, so that two triangles cut their common edge in the
+                // same point.
+                let (inner, outer) = if here.in_front {
+                    (here.point, next.point)
+                } else {
+                    (next.point, here.point)
+                };
                 let share = (NEAR_M - inner[2]) / (outer[2] - inner[2]);
                 let x = inner[0] + share * (outer[0] - inner[0]);
                 let y = inner[1] + share * (outer[1] - inner[1]);
@@ -115,10 +151,12 @@ impl Visibility {
         }
     }
 
-    /// Fills the pixels whose centres a front-facing triangle covers and in which it is nearest. Pixels on an edge
-    /// belong to the triangle if it is a left or a top edge, so triangles that share an edge share no pixel.
+    /// Fills the pixels whose centres a front-facing triangle covers and in which it is nearest.
+    /// Pixels on an edge belong to the triangle if it is a left or a top edge, so triangles that
+    /// share an edge share no pixel.
     pub fn fill(&mut self, [a, c, b]: [ScreenPoint; 3], code: u32) {
-        // Counter-clockwise from outside is negative with y down: corners two and three are swapped above.
+        // Counter-clockwise from outside is negative with y down: corners two and three are swapped
+        // above.
         let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
         if area <= 0 {
             return;
@@ -138,19 +176,39 @@ impl Visibility {
         // Inverse depth is linear over the picture.
         let scale = 1.0 / area as f64;
         let share = weights.map(|weight| f64::from(weight) * scale);
-        let slope = (0..3).map(|i| edges[i].per_x as f64 * share[i]).sum::<f64>() * SUBPIXELS as f64;
+        let slope = (0..3)
+            .map(|i| edges[i].per_x as f64 * share[i])
+            .sum::<f64>()
+            * SUBPIXELS as f64;
         for y in rows.0..=rows.1 {
             let centre_y = y * SUBPIXELS + SUBPIXELS / 2;
-            let values = edges.each_ref().map(|edge| edge.per_x * (SUBPIXELS / 2) + edge.per_y * centre_y + edge.constant);
-            let Some((first, last)) = span(&edges, values, columns) else { continue };
-            let start = (0..3).map(|i| (values[i] + edges[i].per_x * SUBPIXELS * first) as f64 * share[i]).sum::<f64>() as f32;
+            let values = edges
+                .each_ref()
+                .map(|edge| edge.per_x * (SUBPIXELS / 2) + edge.per_y * centre_y + edge.constant);
+            let Some((first, last)) = span(&edges, values, columns) else {
+                continue;
+            };
+            let start = (0..3)
+                .map(|i| (values[i] + edges[i].per_x * SUBPIXELS * first) as f64 * share[i])
+                .sum::<f64>() as f32;
             let row = y as usize * FRAME_WIDTH;
             let span = row + first as usize..row + last as usize + 1;
             let slope = slope as f32;
-            for ((i, depth), seen) in (0u16..).zip(&mut self.inverse_depth[span.clone()]).zip(&mut self.codes[span]) {
+            for ((i, depth), seen) in (0u16..)
+                .zip(&mut self.inverse_depth[span.clone()])
+                .zip(&mut self.codes[span])
+            {
                 let mut candidate = start + slope * f32::from(i);
-                candidate = if candidate > nearest { nearest } else { candidate };
-                candidate = if candidate < farthest { farthest } else { candidate };
+                candidate = if candidate > nearest {
+                    nearest
+                } else {
+                    candidate
+                };
+                candidate = if candidate < farthest {
+                    farthest
+                } else {
+                    candidate
+                };
                 let wins = candidate > *depth;
                 *depth = if wins { candidate } else { *depth };
                 *seen = if wins { code } else { *seen };
@@ -180,7 +238,11 @@ impl ScreenPoint {
             let position = (centre as f32 + FOCAL_PX * offset * inverse_depth) * SUBPIXELS as f32;
             floor_to_integer(position.clamp(-FARTHEST_SUBPIXEL, FARTHEST_SUBPIXEL) + 0.5)
         };
-        Self { x: fixed(x, FRAME_WIDTH / 2), y: fixed(y, FRAME_HEIGHT / 2), inverse_depth }
+        Self {
+            x: fixed(x, FRAME_WIDTH / 2),
+            y: fixed(y, FRAME_HEIGHT / 2),
+            inverse_depth,
+        }
     }
 }
 
@@ -194,7 +256,15 @@ struct Corner {
 impl Corner {
     fn new(point: [f32; 3]) -> Self {
         let in_front = point[2] >= NEAR_M;
-        Self { point, in_front, pixel: if in_front { ScreenPoint::project(point) } else { ScreenPoint::default() } }
+        Self {
+            point,
+            in_front,
+            pixel: if in_front {
+                ScreenPoint::project(point)
+            } else {
+                ScreenPoint::default()
+            },
+        }
     }
 }
 
@@ -211,14 +281,25 @@ impl Edge {
     fn new(from: ScreenPoint, to: ScreenPoint) -> Self {
         let (per_x, per_y) = (from.y - to.y, to.x - from.x);
         let left_or_top = per_x > 0 || (per_x == 0 && per_y > 0);
-        Self { per_x, per_y, constant: from.x * to.y - from.y * to.x, bias: if left_or_top { 0 } else { -1 } }
+        Self {
+            per_x,
+            per_y,
+            constant: from.x * to.y - from.y * to.x,
+            bias: if left_or_top { 0 } else { -1 },
+        }
     }
 }
 
-/// First and last pixel of a row that all edges hold inside, given the edges' values in the middle of pixel 0.
-fn span(edges: &[Edge; 3], values: [i64; 3], (mut first, mut last): (i64, i64)) -> Option<(i64, i64)> {
+/// First and last pixel of a row that all edges hold inside, given the edges' values in the middle
+/// of pixel 0.
+fn span(
+    edges: &[Edge; 3],
+    values: [i64; 3],
+    (mut first, mut last): (i64, i64),
+) -> Option<(i64, i64)> {
     if last - first < NARROW {
-        let outside = |x: i64| (0..3).any(|i| values[i] + edges[i].bias + edges[i].per_x * SUBPIXELS * x < 0);
+        let outside =
+            |x: i64| (0..3).any(|i| values[i] + edges[i].bias + edges[i].per_x * SUBPIXELS * x < 0);
         while first <= last && outside(first) {
             first += 1;
         }
@@ -240,7 +321,8 @@ fn span(edges: &[Edge; 3], values: [i64; 3], (mut first, mut last): (i64, i64)) 
     (first <= last).then_some((first, last))
 }
 
-/// Triangles of fewer columns than this are searched pixel by pixel, which gives the same and spares divisions.
+/// Triangles of fewer columns than this are searched pixel by pixel, which gives the same and
+/// spares divisions.
 const NARROW: i64 = 24;
 
 /// First and last pixel whose centre can lie within three coordinates, within the picture.
@@ -262,7 +344,11 @@ mod tests {
     use super::*;
 
     fn point(x: i64, y: i64) -> ScreenPoint {
-        ScreenPoint { x, y, inverse_depth: 1.0 }
+        ScreenPoint {
+            x,
+            y,
+            inverse_depth: 1.0,
+        }
     }
 
     /// Draws both windings, because one of them is the back.
@@ -276,20 +362,36 @@ mod tests {
 
     #[test]
     fn a_fan_covers_every_pixel_of_a_rectangle_once() {
-        let corners =
-            [point(10 * 256, 20 * 256), point(300 * 256, 20 * 256), point(300 * 256, 200 * 256), point(10 * 256, 200 * 256)];
+        let corners = [
+            point(10 * 256, 20 * 256),
+            point(300 * 256, 20 * 256),
+            point(300 * 256, 200 * 256),
+            point(10 * 256, 200 * 256),
+        ];
         // Through a pixel's centre, on a pixel's corner, and somewhere.
-        for middle in [point(100 * 256 + 128, 77 * 256 + 128), point(155 * 256, 110 * 256), point(41_111, 33_333)] {
+        for middle in [
+            point(100 * 256 + 128, 77 * 256 + 128),
+            point(155 * 256, 110 * 256),
+            point(41_111, 33_333),
+        ] {
             let mut times = vec![0; FRAME_WIDTH * FRAME_HEIGHT];
             for i in 0..4 {
-                for (sum, code) in times.iter_mut().zip(covered([corners[i], corners[(i + 1) % 4], middle])) {
+                for (sum, code) in
+                    times
+                        .iter_mut()
+                        .zip(covered([corners[i], corners[(i + 1) % 4], middle]))
+                {
                     *sum += code;
                 }
             }
             for y in 0..FRAME_HEIGHT {
                 for x in 0..FRAME_WIDTH {
                     let inside = (10..300).contains(&x) && (20..200).contains(&y);
-                    assert_eq!(times[y * FRAME_WIDTH + x], u32::from(inside), "pixel {x}, {y}");
+                    assert_eq!(
+                        times[y * FRAME_WIDTH + x],
+                        u32::from(inside),
+                        "pixel {x}, {y}"
+                    );
                 }
             }
         }
@@ -297,9 +399,21 @@ mod tests {
 
     #[test]
     fn edges_through_pixel_centres_belong_to_one_side() {
-        let left = [point(128, 128), point(64 * 256 + 128, 64 * 256 + 128), point(128, 64 * 256 + 128)];
-        let right = [point(128, 128), point(64 * 256 + 128, 128), point(64 * 256 + 128, 64 * 256 + 128)];
-        let total: u32 = covered(left).iter().zip(covered(right)).map(|(a, b)| a + b).sum();
+        let left = [
+            point(128, 128),
+            point(64 * 256 + 128, 64 * 256 + 128),
+            point(128, 64 * 256 + 128),
+        ];
+        let right = [
+            point(128, 128),
+            point(64 * 256 + 128, 128),
+            point(64 * 256 + 128, 64 * 256 + 128),
+        ];
+        let total: u32 = covered(left)
+            .iter()
+            .zip(covered(right))
+            .map(|(a, b)| a + b)
+            .sum();
         assert_eq!(total, 64 * 64);
     }
 }

@@ -1,5 +1,6 @@
-//! Owns how surfaces look: light, patterns and the sRGB tables. Works from what is visible in each pixel: the
-//! point on the surface follows from pixel and depth, so nothing is interpolated. Knows no triangles.
+//! Owns how surfaces look: light, patterns and the sRGB tables. Works from what is visible in each
+//! pixel: the point on the surface follows from pixel and depth, so nothing is interpolated. Knows
+//! no triangles.
 
 use std::sync::LazyLock;
 
@@ -38,10 +39,12 @@ impl Place {
     pub fn new(pose: &Pose, camera_from_part: &CameraFromPart) -> Self {
         let axes = camera_from_part.rows;
         let away = camera_from_part.translation;
-        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| pose.rotate(axis));
+        let columns =
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| pose.rotate(axis));
         Self {
             axes,
-            eye: [0, 1, 2].map(|k| -(axes[0][k] * away[0] + axes[1][k] * away[1] + axes[2][k] * away[2])),
+            eye: [0, 1, 2]
+                .map(|k| -(axes[0][k] * away[0] + axes[1][k] * away[1] + axes[2][k] * away[2])),
             key: columns.map(|column| dot(column, KEY)),
             up: columns.map(|column| column[2]),
         }
@@ -86,28 +89,38 @@ impl Surface {
         }
     }
 
-    /// The normal at a point of a round face. The true shape's rather than the mesh's, hence smooth.
+    /// The normal at a point of a round face. The true shape's rather than the mesh's, hence
+    /// smooth.
     #[inline]
     fn round_normal(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
         match self.shape {
             Shape::Ball { radius } => [x / radius, y / radius, z / radius],
-            Shape::Capsule { radius, half_height } => {
+            Shape::Capsule {
+                radius,
+                half_height,
+            } => {
                 let beyond = z - z.clamp(-half_height, half_height);
                 [x / radius, y / radius, beyond / radius]
             }
-            Shape::Cone { radius, half_height } => {
+            Shape::Cone {
+                radius,
+                half_height,
+            } => {
                 let out = (x * x + y * y).sqrt().max(1e-6);
                 let slant = (radius * radius + 4.0 * half_height * half_height).sqrt();
                 let level = 2.0 * half_height / (slant * out);
                 [x * level, y * level, radius / slant]
             }
-            Shape::Cylinder { radius, .. } | Shape::Cuboid { half: [radius, ..] } => [x / radius, y / radius, 0.0],
+            Shape::Cylinder { radius, .. } | Shape::Cuboid { half: [radius, ..] } => {
+                [x / radius, y / radius, 0.0]
+            }
         }
     }
 
     /// Whether a face looks up, so that things stand on it and darken it.
     pub fn receives_contact(&self, face: u8) -> bool {
-        self.flat_normal(face).is_some_and(|normal| dot(normal, self.place.up) > 0.8)
+        self.flat_normal(face)
+            .is_some_and(|normal| dot(normal, self.place.up) > 0.8)
     }
 
     /// Colours pixels `x..` of row `y`, given their inverse depths.
@@ -124,15 +137,37 @@ impl Surface {
             return;
         }
         let mapping = Mapping::new(&self.shape, face, flat.is_some());
-        let run = Run { surface: self, flat, x, y, inverse_depth };
-        let mixed = |share: f32| (add(self.color, scaled(sub(self.accent, self.color), share)), [0.0; 3]);
+        let run = Run {
+            surface: self,
+            flat,
+            x,
+            y,
+            inverse_depth,
+        };
+        let mixed = |share: f32| {
+            (
+                add(self.color, scaled(sub(self.accent, self.color), share)),
+                [0.0; 3],
+            )
+        };
         // One loop for each pattern, so that each is short.
         match self.pattern {
             Pattern::Plain => run.shade(rgb, |_| (self.color, [0.0; 3])),
-            Pattern::Glossy => run.shade(rgb, |at| (self.color, scaled(self.gloss, shine_of(at.normal, at.ray, self.place.key)))),
-            Pattern::Stripes => run.shade(rgb, |at| mixed(stripes(&mapping.at(at.point, at.pixels_per_metre)))),
-            Pattern::Dots => run.shade(rgb, |at| mixed(dots(&mapping.at(at.point, at.pixels_per_metre)))),
-            Pattern::Grain => run.shade(rgb, |at| mixed(grain(&mapping.at(at.point, at.pixels_per_metre)))),
+            Pattern::Glossy => run.shade(rgb, |at| {
+                (
+                    self.color,
+                    scaled(self.gloss, shine_of(at.normal, at.ray, self.place.key)),
+                )
+            }),
+            Pattern::Stripes => run.shade(rgb, |at| {
+                mixed(stripes(&mapping.at(at.point, at.pixels_per_metre)))
+            }),
+            Pattern::Dots => run.shade(rgb, |at| {
+                mixed(dots(&mapping.at(at.point, at.pixels_per_metre)))
+            }),
+            Pattern::Grain => run.shade(rgb, |at| {
+                mixed(grain(&mapping.at(at.point, at.pixels_per_metre)))
+            }),
         }
     }
 }
@@ -162,13 +197,23 @@ impl Run<'_> {
     fn shade(&self, rgb: &mut [u8], look: impl Fn(&Sight) -> ([f32; 3], [f32; 3])) {
         let encode: &Encoder = &LINEAR_TO_SRGB;
         let surface = self.surface;
-        let lit = |normal: [f32; 3]| light(dot(normal, surface.place.key), dot(normal, surface.place.up));
+        let lit = |normal: [f32; 3]| {
+            light(
+                dot(normal, surface.place.key),
+                dot(normal, surface.place.up),
+            )
+        };
         let flat = self.flat.map(|normal| (normal, lit(normal)));
         let [right, down, forward] = surface.place.axes;
         let across_y = (self.y as f32 + 0.5 - FRAME_HEIGHT as f32 * 0.5) / FOCAL_PX;
         let row = add(forward, scaled(down, across_y));
         let mut across = self.x as f32 + 0.5 - FRAME_WIDTH as f32 * 0.5;
-        for (pixel, &inverse) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(self.inverse_depth) {
+        for (pixel, &inverse) in rgb
+            .as_chunks_mut::<3>()
+            .0
+            .iter_mut()
+            .zip(self.inverse_depth)
+        {
             let ray = add(row, scaled(right, across * (1.0 / FOCAL_PX)));
             across += 1.0;
             let point = add(surface.place.eye, scaled(ray, 1.0 / inverse));
@@ -176,7 +221,12 @@ impl Run<'_> {
                 let normal = surface.round_normal(point);
                 (normal, lit(normal))
             });
-            let (own, mirrored) = look(&Sight { point, normal, ray, pixels_per_metre: FOCAL_PX * inverse });
+            let (own, mirrored) = look(&Sight {
+                point,
+                normal,
+                ray,
+                pixels_per_metre: FOCAL_PX * inverse,
+            });
             let color = add([own[0] * red, own[1] * green, own[2] * blue], mirrored);
             *pixel = encode.encode(scaled(color, falloff(inverse)));
         }
@@ -187,7 +237,11 @@ impl Run<'_> {
 pub(super) fn background_row(camera_axes: &[[f32; 3]; 3], y: usize) -> [u8; 3] {
     let across_y = (y as f32 + 0.5 - FRAME_HEIGHT as f32 * 0.5) / FOCAL_PX;
     let up = camera_axes[2][2] + camera_axes[1][2] * across_y;
-    let share = if up.is_finite() { (0.5 + up * 0.7).clamp(0.0, 1.0) } else { 0.5 };
+    let share = if up.is_finite() {
+        (0.5 + up * 0.7).clamp(0.0, 1.0)
+    } else {
+        0.5
+    };
     let (low, high) = ([0.42, 0.42, 0.40], [0.62, 0.71, 0.80]);
     LINEAR_TO_SRGB.encode(add(low, scaled(sub(high, low), share)))
 }
@@ -200,9 +254,17 @@ const KEY: [f32; 3] = [-0.45, 0.36, 0.817];
 pub(super) fn light(toward_key: f32, up: f32) -> [f32; 3] {
     // Wrapped around the terminator, as light of a large window is.
     let wrapped = (toward_key + 0.3) * (1.0 / 1.3);
-    let key = if wrapped > 0.0 { wrapped * wrapped * 0.56 } else { 0.0 };
+    let key = if wrapped > 0.0 {
+        wrapped * wrapped * 0.56
+    } else {
+        0.0
+    };
     let sky = 0.5 + 0.5 * up;
-    [0.335 + 0.2 * sky + key, 0.32 + 0.22 * sky + key * 0.975, 0.305 + 0.25 * sky + key * 0.93]
+    [
+        0.335 + 0.2 * sky + key,
+        0.32 + 0.22 * sky + key * 0.975,
+        0.305 + 0.25 * sky + key * 0.93,
+    ]
 }
 
 /// Things far away are a little darker.
@@ -240,7 +302,11 @@ pub(super) fn to_linear(value: u8) -> f32 {
 static SRGB_TO_LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
     core::array::from_fn(|value| {
         let encoded = value as f32 / 255.0;
-        if encoded <= 0.04045 { encoded / 12.92 } else { libm::powf((encoded + 0.055) / 1.055, 2.4) }
+        if encoded <= 0.04045 {
+            encoded / 12.92
+        } else {
+            libm::powf((encoded + 0.055) / 1.055, 2.4)
+        }
     })
 });
 
@@ -249,7 +315,11 @@ const LEVELS: usize = 4096;
 pub(super) static LINEAR_TO_SRGB: LazyLock<Encoder> = LazyLock::new(|| {
     Encoder(core::array::from_fn(|level| {
         let linear = (level as f32 + 0.5) / LEVELS as f32;
-        let encoded = if linear <= 0.0031308 { linear * 12.92 } else { 1.055 * libm::powf(linear, 1.0 / 2.4) - 0.055 };
+        let encoded = if linear <= 0.0031308 {
+            linear * 12.92
+        } else {
+            1.055 * libm::powf(linear, 1.0 / 2.4) - 0.055
+        };
         (encoded * 255.0 + 0.5) as u8
     }))
 });
@@ -261,7 +331,9 @@ impl Encoder {
     #[inline]
     pub fn encode(&self, [red, green, blue]: [f32; 3]) -> [u8; 3] {
         // The cast saturates, so darkness and glare stay in the table.
-        let byte = |linear: f32| self.0[((linear * LEVELS as f32) as i32).clamp(0, LEVELS as i32 - 1) as usize];
+        let byte = |linear: f32| {
+            self.0[((linear * LEVELS as f32) as i32).clamp(0, LEVELS as i32 - 1) as usize]
+        };
         [byte(red), byte(green), byte(blue)]
     }
 }

@@ -1,4 +1,5 @@
-//! Owns text in pictures: ASCII from a fixed bitmap font. Never measures or breaks lines for its callers.
+//! Owns text in pictures: ASCII from a fixed bitmap font. Never measures or breaks lines for its
+//! callers.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
@@ -34,19 +35,38 @@ impl TextSize {
     }
 }
 
-/// Draws one line of text into an 8-bit RGB picture, `x` and `y` being its upper left corner. What is not printable
-/// ASCII becomes `?`; what lies outside the picture is left out.
-#[expect(clippy::too_many_arguments, reason = "a picture is three arguments, and contact sheets have plain buffers")]
-pub fn draw_text(rgb: &mut [u8], width: usize, height: usize, x: i32, y: i32, size: TextSize, color: [u8; 3], text: &str) {
+/// Draws one line of text into an 8-bit RGB picture, `x` and `y` being its upper left corner. What
+/// is not printable ASCII becomes `?`; what lies outside the picture is left out.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a picture is three arguments, and contact sheets have plain buffers"
+)]
+pub fn draw_text(
+    rgb: &mut [u8],
+    width: usize,
+    height: usize,
+    x: i32,
+    y: i32,
+    size: TextSize,
+    color: [u8; 3],
+    text: &str,
+) {
     let (weight, raster_height) = size.font();
     let advance = get_raster_width(weight, raster_height) as i64;
     let mut left = i64::from(x);
     for character in text.chars() {
-        let printable = if matches!(character, ' '..='~') { character } else { '?' };
-        let Some(glyph) = get_raster(printable, weight, raster_height) else { continue };
+        let printable = if matches!(character, ' '..='~') {
+            character
+        } else {
+            '?'
+        };
+        let Some(glyph) = get_raster(printable, weight, raster_height) else {
+            continue;
+        };
         for (row, line) in (i64::from(y)..).zip(glyph.raster()) {
             for (column, &coverage) in (left..).zip(*line) {
-                let inside = (0..width as i64).contains(&column) && (0..height as i64).contains(&row);
+                let inside =
+                    (0..width as i64).contains(&column) && (0..height as i64).contains(&row);
                 if coverage == 0 || !inside {
                     continue;
                 }
@@ -63,7 +83,8 @@ pub fn draw_text(rgb: &mut [u8], width: usize, height: usize, x: i32, y: i32, si
 /// Mixes a colour into a pixel; 255 covers it.
 pub(super) fn blend(pixel: &mut [u8], color: [u8; 3], coverage: u16) {
     for (channel, target) in pixel.iter_mut().zip(color) {
-        *channel = ((u16::from(*channel) * (255 - coverage) + u16::from(target) * coverage + 127) / 255) as u8;
+        *channel = ((u16::from(*channel) * (255 - coverage) + u16::from(target) * coverage + 127)
+            / 255) as u8;
     }
 }
 
@@ -79,7 +100,16 @@ mod tests {
         }
         assert!(rgb.as_chunks::<3>().0.contains(&[255, 200, 0]));
         // A buffer shorter than promised is no reason to fall over.
-        draw_text(&mut rgb[..100], 40, 30, 0, 0, TextSize::Small, [255; 3], "short");
+        draw_text(
+            &mut rgb[..100],
+            40,
+            30,
+            0,
+            0,
+            TextSize::Small,
+            [255; 3],
+            "short",
+        );
     }
 
     #[test]
@@ -91,6 +121,9 @@ mod tests {
         };
         assert_eq!(picture("\u{e9}\n"), picture("??"));
         assert_ne!(picture("1"), picture("?"));
-        assert_eq!(TextSize::Medium.width("12"), 2 * TextSize::Medium.width("1"));
+        assert_eq!(
+            TextSize::Medium.width("12"),
+            2 * TextSize::Medium.width("1")
+        );
     }
 }

@@ -1,9 +1,12 @@
-//! Owns how meshes look: colours, textures and smooth normals of their triangles, in the light of everything else. What a
-//! pixel shows of a triangle follows from the point it sees, so nothing is interpolated over the picture.
+//! Owns how meshes look: colours, textures and smooth normals of their triangles, in the light of
+//! everything else. What a pixel shows of a triangle follows from the point it sees, so nothing is
+//! interpolated over the picture.
 
 use reel_world::mesh::{Texture, Triangle};
 
-use super::shade::{Encoder, LINEAR_TO_SRGB, Place, falloff, light, pixels_per_metre, scaled, to_linear};
+use super::shade::{
+    Encoder, LINEAR_TO_SRGB, Place, falloff, light, pixels_per_metre, scaled, to_linear,
+};
 use crate::{
     geometry::{add, cross, dot, sub},
     model::MeshModel,
@@ -42,7 +45,12 @@ struct Texels<'a> {
 
 impl<'a> MeshSurface<'a> {
     pub fn new(entity: u16, first: u32, model: &'a MeshModel, place: Place) -> Self {
-        Self { entity, first, model, place }
+        Self {
+            entity,
+            first,
+            model,
+            place,
+        }
     }
 
     /// Whether a triangle looks up, so that things stand on it and darken it.
@@ -51,7 +59,14 @@ impl<'a> MeshSurface<'a> {
     }
 
     /// Colours pixels `x..` of row `y` that show a triangle, given their inverse depths.
-    pub fn shade(&self, triangle: usize, x: usize, y: usize, inverse_depth: &[f32], rgb: &mut [u8]) {
+    pub fn shade(
+        &self,
+        triangle: usize,
+        x: usize,
+        y: usize,
+        inverse_depth: &[f32],
+        rgb: &mut [u8],
+    ) {
         let encode: &Encoder = &LINEAR_TO_SRGB;
         let facet = self.facet(triangle);
         for ((x, pixel), &inverse) in (x..).zip(rgb.as_chunks_mut::<3>().0).zip(inverse_depth) {
@@ -59,7 +74,14 @@ impl<'a> MeshSurface<'a> {
             let normal = facet.normal_at(weights);
             let light = light(dot(normal, self.place.key), dot(normal, self.place.up));
             let color = facet.color_at(weights, inverse);
-            *pixel = encode.encode(scaled([color[0] * light[0], color[1] * light[1], color[2] * light[2]], falloff(inverse)));
+            *pixel = encode.encode(scaled(
+                [
+                    color[0] * light[0],
+                    color[1] * light[1],
+                    color[2] * light[2],
+                ],
+                falloff(inverse),
+            ));
         }
     }
 
@@ -69,12 +91,20 @@ impl<'a> MeshSurface<'a> {
         let corners = corners.map(|corner| corner as usize);
         let [corner, b, c] = corners.map(|corner| self.model.positions[corner]);
         let sides = [sub(b, corner), sub(c, corner)];
-        let products = [dot(sides[0], sides[0]), dot(sides[0], sides[1]), dot(sides[1], sides[1])];
+        let products = [
+            dot(sides[0], sides[0]),
+            dot(sides[0], sides[1]),
+            dot(sides[1], sides[1]),
+        ];
         let inverse = inverse_of(products[0] * products[2] - products[1] * products[1]);
         let across = cross(sides[0], sides[1]);
         let twice_area = dot(across, across).sqrt();
         let outward = scaled(across, inverse_of(twice_area));
-        let normal = if dot(outward, sub(self.place.eye, corner)) < 0.0 { scaled(outward, -1.0) } else { outward };
+        let normal = if dot(outward, sub(self.place.eye, corner)) < 0.0 {
+            scaled(outward, -1.0)
+        } else {
+            outward
+        };
         let material = &data.materials[usize::from(material)];
         Facet {
             corner,
@@ -93,7 +123,11 @@ impl<'a> MeshSurface<'a> {
                     [0, 1].map(|axis| (points[i][axis] - points[0][axis]) * size[axis])
                 });
                 let twice_texels = (u[0] * v[1] - u[1] * v[0]).abs();
-                Texels { levels, points, per_metre: (twice_texels * inverse_of(twice_area)).sqrt() }
+                Texels {
+                    levels,
+                    points,
+                    per_metre: (twice_texels * inverse_of(twice_area)).sqrt(),
+                }
             }),
         }
     }
@@ -114,20 +148,31 @@ impl Facet<'_> {
     /// The smooth normal, on the side of the eye; the flat one where there is none.
     #[inline]
     fn normal_at(&self, weights: [f32; 3]) -> [f32; 3] {
-        let Some(normals) = self.normals else { return self.normal };
+        let Some(normals) = self.normals else {
+            return self.normal;
+        };
         let mixed = mix(normals, weights);
         let square = dot(mixed, mixed);
         if !(square > 1e-12 && square < 1e12) {
             return self.normal;
         }
         let length = square.sqrt();
-        scaled(mixed, if dot(mixed, self.normal) < 0.0 { -1.0 / length } else { 1.0 / length })
+        scaled(
+            mixed,
+            if dot(mixed, self.normal) < 0.0 {
+                -1.0 / length
+            } else {
+                1.0 / length
+            },
+        )
     }
 
     #[inline]
     fn color_at(&self, weights: [f32; 3], inverse_depth: f32) -> [f32; 3] {
         let times = |a: [f32; 3], b: [f32; 3]| [a[0] * b[0], a[1] * b[1], a[2] * b[2]];
-        let color = self.colors.map_or(self.color, |colors| times(self.color, mix(colors, weights)));
+        let color = self
+            .colors
+            .map_or(self.color, |colors| times(self.color, mix(colors, weights)));
         match &self.texture {
             Some(texels) => times(color, texels.at(weights, inverse_depth).map(to_linear)),
             None => color,
@@ -136,7 +181,8 @@ impl Facet<'_> {
 }
 
 impl Texels<'_> {
-    /// The colour at a point of the triangle: the mean of four texels of the level whose texels are about as large as pixels.
+    /// The colour at a point of the triangle: the mean of four texels of the level whose texels are
+    /// about as large as pixels.
     fn at(&self, [a, b, c]: [f32; 3], inverse_depth: f32) -> [u8; 3] {
         let mut per_pixel = self.per_metre / pixels_per_metre(inverse_depth);
         let mut level = 0;
@@ -147,10 +193,17 @@ impl Texels<'_> {
         let texture = &self.levels[level];
         let [p, q, r] = &self.points;
         let [u, v] = [0, 1].map(|axis| p[axis] * a + q[axis] * b + r[axis] * c);
-        let (x, y) = (Between::new(u, texture.width), Between::new(v, texture.height));
-        let texel = |x: u32, y: u32, channel: usize| u32::from(texture.rgb[(y * texture.width + x) as usize * 3 + channel]);
+        let (x, y) = (
+            Between::new(u, texture.width),
+            Between::new(v, texture.height),
+        );
+        let texel = |x: u32, y: u32, channel: usize| {
+            u32::from(texture.rgb[(y * texture.width + x) as usize * 3 + channel])
+        };
         [0, 1, 2].map(|channel| {
-            let row = |y: u32| texel(x.first, y, channel) * (256 - x.share) + texel(x.second, y, channel) * x.share;
+            let row = |y: u32| {
+                texel(x.first, y, channel) * (256 - x.share) + texel(x.second, y, channel) * x.share
+            };
             ((row(y.first) * (256 - y.share) + row(y.second) * y.share + (1 << 15)) >> 16) as u8
         })
     }
@@ -172,13 +225,20 @@ impl Between {
         let fraction = position - if whole > position { whole - 1.0 } else { whole };
         let fixed = (fraction * size as f32 * 256.0) as i64 - 128;
         let first = fixed.div_euclid(256).rem_euclid(i64::from(size)) as u32;
-        Self { first, second: (first + 1) % size, share: fixed.rem_euclid(256) as u32 }
+        Self {
+            first,
+            second: (first + 1) % size,
+            share: fixed.rem_euclid(256) as u32,
+        }
     }
 }
 
 #[inline]
 fn mix([a, b, c]: [[f32; 3]; 3], weights: [f32; 3]) -> [f32; 3] {
-    add(add(scaled(a, weights[0]), scaled(b, weights[1])), scaled(c, weights[2]))
+    add(
+        add(scaled(a, weights[0]), scaled(b, weights[1])),
+        scaled(c, weights[2]),
+    )
 }
 
 /// One over a number; 0 where that is none.

@@ -1,4 +1,5 @@
-//! Traces into the store: read in parallel, committed in bounded portions, each whole or not at all.
+//! Traces into the store: read in parallel, committed in bounded portions, each whole or not at
+//! all.
 
 use std::{
     collections::{BTreeMap, BTreeSet, HashMap, HashSet},
@@ -72,39 +73,50 @@ struct Portion {
 }
 
 impl Store {
-    /// Reads traces into the tables, several at a time. A file that is as it was when it was read costs a look at its size
-    /// and time; a trace that is there already changes nothing; of two with the same episode id and other content the later
-    /// path wins; a file that is no sound trace is quarantined and the rest goes on. What is committed by the time of a kill
-    /// stays, and the next ingest goes on from there. Several processes may ingest at a time.
+    /// Reads traces into the tables, several at a time. A file that is as it was when it was read
+    /// costs a look at its size and time; a trace that is there already changes nothing; of two
+    /// with the same episode id and other content the later path wins; a file that is no sound
+    /// trace is quarantined and the rest goes on. What is committed by the time of a kill stays,
+    /// and the next ingest goes on from there. Several processes may ingest at a time.
     ///
     /// # Errors
     /// When the store cannot be read or written.
-    pub fn ingest(&mut self, paths: &[PathBuf], progress: Progress<'_>) -> Result<IngestReport, StoreError> {
-        self.ingest_by(paths, TRACES_PER_BATCH, progress, |groups, seen, done, take| {
-            let reader = RecordsReader::default();
-            let read = |group: &Vec<PathBuf>| {
-                let rows = TraceRows::read(&reader, group, &seen);
-                done(group.len());
-                rows
-            };
-            std::thread::scope(|scope| {
-                let (sender, receiver) = mpsc::sync_channel::<Vec<Result<TraceRows, StoreError>>>(1);
-                let read = &read;
-                scope.spawn(move || {
-                    for ahead in groups.chunks(BATCHES_AHEAD) {
-                        if sender.send(ahead.par_iter().map(read).collect()).is_err() {
-                            return;
+    pub fn ingest(
+        &mut self,
+        paths: &[PathBuf],
+        progress: Progress<'_>,
+    ) -> Result<IngestReport, StoreError> {
+        self.ingest_by(
+            paths,
+            TRACES_PER_BATCH,
+            progress,
+            |groups, seen, done, take| {
+                let reader = RecordsReader::default();
+                let read = |group: &Vec<PathBuf>| {
+                    let rows = TraceRows::read(&reader, group, &seen);
+                    done(group.len());
+                    rows
+                };
+                std::thread::scope(|scope| {
+                    let (sender, receiver) =
+                        mpsc::sync_channel::<Vec<Result<TraceRows, StoreError>>>(1);
+                    let read = &read;
+                    scope.spawn(move || {
+                        for ahead in groups.chunks(BATCHES_AHEAD) {
+                            if sender.send(ahead.par_iter().map(read).collect()).is_err() {
+                                return;
+                            }
                         }
-                    }
-                });
-                receiver.iter().flatten().try_for_each(|rows| take(rows?))
-            })
-        })
+                    });
+                    receiver.iter().flatten().try_for_each(|rows| take(rows?))
+                })
+            },
+        )
     }
 
-    /// [`Store::ingest`], where somebody else reads the traces: `read` gets them in groups of so many, hands the rows of each
-    /// group on in the order of the groups, and says how many traces are done. Of the tasks and scenes in the set no rows are
-    /// needed.
+    /// [`Store::ingest`], where somebody else reads the traces: `read` gets them in groups of so
+    /// many, hands the rows of each group on in the order of the groups, and says how many traces
+    /// are done. Of the tasks and scenes in the set no rows are needed.
     ///
     /// # Errors
     /// As [`Store::ingest`], and what `read` says; what was committed before stays.
@@ -113,24 +125,46 @@ impl Store {
         paths: &[PathBuf],
         group: usize,
         progress: Progress<'_>,
-        read: impl FnOnce(&[Vec<PathBuf>], Seen, &(dyn Fn(usize) + Sync), &mut dyn FnMut(TraceRows) -> Result<(), E>) -> Result<(), E>,
+        read: impl FnOnce(
+            &[Vec<PathBuf>],
+            Seen,
+            &(dyn Fn(usize) + Sync),
+            &mut dyn FnMut(TraceRows) -> Result<(), E>,
+        ) -> Result<(), E>,
     ) -> Result<IngestReport, E> {
         self.reload()?;
-        let paths: BTreeSet<PathBuf> = paths.iter().map(|path| absolute(path).unwrap_or_else(|_| path.clone())).collect();
+        let paths: BTreeSet<PathBuf> = paths
+            .iter()
+            .map(|path| absolute(path).unwrap_or_else(|_| path.clone()))
+            .collect();
         let mut known = self.known()?;
         let mut report = IngestReport::default();
-        let fresh: Vec<PathBuf> = paths.iter().filter(|path| !known.files.contains(&file_key(path))).cloned().collect();
+        let fresh: Vec<PathBuf> = paths
+            .iter()
+            .filter(|path| !known.files.contains(&file_key(path)))
+            .cloned()
+            .collect();
         let groups: Vec<Vec<PathBuf>> = fresh.chunks(group).map(<[PathBuf]>::to_vec).collect();
         report.unchanged = paths.len() - fresh.len();
         let done = AtomicUsize::new(report.unchanged);
         progress(report.unchanged, paths.len());
         let seen = Seen::new(known.tasks.union(&known.scenes).copied());
-        let more = |count: usize| progress(done.fetch_add(count, Ordering::Relaxed) + count, paths.len());
+        let more = |count: usize| {
+            progress(
+                done.fetch_add(count, Ordering::Relaxed) + count,
+                paths.len(),
+            )
+        };
         let mut portion = Portion::default();
         read(&groups, seen, &more, &mut |rows| {
             portion.push(rows);
             if portion.bytes >= PORTION_BYTES {
-                self.take(std::mem::take(&mut portion), &paths, &mut known, &mut report)?;
+                self.take(
+                    std::mem::take(&mut portion),
+                    &paths,
+                    &mut known,
+                    &mut report,
+                )?;
                 self.merge_small_files(Merge::INGESTED)?;
             }
             Ok(())
@@ -174,7 +208,10 @@ impl Store {
                 }
             }
         }
-        Err(StoreError::Busy { tries: TRIES_MAX, location: self.location.to_string() })
+        Err(StoreError::Busy {
+            tries: TRIES_MAX,
+            location: self.location.to_string(),
+        })
     }
 
     /// Whether something had to be written.
@@ -195,11 +232,19 @@ impl Store {
         if let Some(version) = self.update_quarantine(portion)? {
             moved.insert(Table::Quarantine, version);
         }
-        report.quarantined.extend(portion.batches.iter().flat_map(|batch| batch.bad.iter().cloned()));
+        report.quarantined.extend(
+            portion
+                .batches
+                .iter()
+                .flat_map(|batch| batch.bad.iter().cloned()),
+        );
 
         let mut rows = Vec::new();
         for (batch, keep) in portion.batches.iter().zip(&verdicts.keep) {
-            rows.push(filter_record_batch(&batch.episodes, &BooleanArray::from(keep.clone()))?);
+            rows.push(filter_record_batch(
+                &batch.episodes,
+                &BooleanArray::from(keep.clone()),
+            )?);
         }
         rows.retain(|batch| batch.num_rows() > 0);
         let mut actions = self.without(&verdicts.replaced, &verdicts.overwritten)?;
@@ -212,11 +257,17 @@ impl Store {
         self.commit_episodes(actions, &moved)?;
         for (batch, keep) in portion.batches.iter().zip(&verdicts.keep) {
             for (read, _) in batch.read.iter().zip(keep).filter(|(_, keep)| **keep) {
-                known.episodes.insert(key(&read.episode_id), key(&read.digest));
+                known
+                    .episodes
+                    .insert(key(&read.episode_id), key(&read.digest));
                 known.paths.insert(key(&read.path), key(&read.episode_id));
             }
-            known.tasks.extend(batch.tasks.iter().map(|(task, _)| *task));
-            known.scenes.extend(batch.scenes.iter().map(|(scene, _)| *scene));
+            known
+                .tasks
+                .extend(batch.tasks.iter().map(|(task, _)| *task));
+            known
+                .scenes
+                .extend(batch.scenes.iter().map(|(scene, _)| *scene));
         }
         Ok(true)
     }
@@ -230,26 +281,40 @@ impl Store {
         report: &mut IngestReport,
     ) -> Result<Verdicts, StoreError> {
         let mut last: HashMap<&str, (usize, usize)> = HashMap::new();
-        let mut verdicts = Verdicts { keep: Vec::new(), replaced: BTreeSet::new(), overwritten: BTreeSet::new() };
-        let same_content =
-            self.traces_of(&portion.ids(|read| known.episodes.get(&key(&read.episode_id)) == Some(&key(&read.digest))))?;
+        let mut verdicts = Verdicts {
+            keep: Vec::new(),
+            replaced: BTreeSet::new(),
+            overwritten: BTreeSet::new(),
+        };
+        let same_content = self
+            .traces_of(&portion.ids(|read| {
+                known.episodes.get(&key(&read.episode_id)) == Some(&key(&read.digest))
+            }))?;
         let mut other_content: BTreeSet<String> = BTreeSet::new();
         for (index, batch) in portion.batches.iter().enumerate() {
             verdicts.keep.push(vec![true; batch.read.len()]);
             for (row, read) in batch.read.iter().enumerate() {
                 // a file that held another episode holds this one now
-                if known.paths.get(&key(&read.path)).is_some_and(|episode| *episode != key(&read.episode_id)) {
+                if known
+                    .paths
+                    .get(&key(&read.path))
+                    .is_some_and(|episode| *episode != key(&read.episode_id))
+                {
                     verdicts.overwritten.insert(read.path.clone());
                 }
                 match known.episodes.get(&key(&read.episode_id)) {
-                    // the trace was moved, its old file is another one by now, or its file holds more beside the records (frames,
-                    // log-probabilities): its row learns where and how it is
+                    // the trace was moved, its old file is another one by now, or its file holds
+                    // more beside the records (frames, log-probabilities): its row learns where and
+                    // how it is
                     Some(digest)
                         if *digest == key(&read.digest)
-                            && same_content.get(&read.episode_id).is_some_and(|(path, bytes)| match *path == read.path {
-                                true => file_facts(Path::new(path)).is_ok_and(|facts| facts.bytes != *bytes),
-                                false => !known.files.contains(&file_key(Path::new(path))),
-                            }) =>
+                            && same_content.get(&read.episode_id).is_some_and(
+                                |(path, bytes)| match *path == read.path {
+                                    true => file_facts(Path::new(path))
+                                        .is_ok_and(|facts| facts.bytes != *bytes),
+                                    false => !known.files.contains(&file_key(Path::new(path))),
+                                },
+                            ) =>
                     {
                         other_content.insert(read.episode_id.clone());
                     }
@@ -264,7 +329,9 @@ impl Store {
                     None => {}
                 }
                 let earlier = last.get(read.episode_id.as_str()).copied();
-                match earlier.map(|(batch, row)| portion.batches[batch].read[row].digest == read.digest) {
+                match earlier
+                    .map(|(batch, row)| portion.batches[batch].read[row].digest == read.digest)
+                {
                     Some(true) => {
                         verdicts.keep[index][row] = false;
                         report.unchanged += 1;
@@ -303,10 +370,27 @@ impl Store {
         Ok(verdicts)
     }
 
-    /// Adds the tasks or scenes of a portion that are not there yet; the new version where there were any.
-    fn add_missing(&self, table: Table, portion: &Portion, known: &HashSet<Key>) -> Result<Option<u64>, Refused> {
-        let of = |batch: &'_ TraceRows| if table == Table::Tasks { &batch.tasks } else { &batch.scenes }.clone();
-        let rows = portion.batches.iter().flat_map(of).filter(|(digest, _)| !known.contains(digest));
+    /// Adds the tasks or scenes of a portion that are not there yet; the new version where there
+    /// were any.
+    fn add_missing(
+        &self,
+        table: Table,
+        portion: &Portion,
+        known: &HashSet<Key>,
+    ) -> Result<Option<u64>, Refused> {
+        let of = |batch: &'_ TraceRows| {
+            if table == Table::Tasks {
+                &batch.tasks
+            } else {
+                &batch.scenes
+            }
+            .clone()
+        };
+        let rows = portion
+            .batches
+            .iter()
+            .flat_map(of)
+            .filter(|(digest, _)| !known.contains(digest));
         let rows: BTreeMap<Key, RecordBatch> = rows.collect();
         if rows.is_empty() {
             return Ok(None);
@@ -314,7 +398,11 @@ impl Store {
         // what a writer left that died before its episodes
         let newest = self.newest(table)?;
         let there = self.keys(&newest, column_of(table))?;
-        let missing: Vec<&RecordBatch> = rows.iter().filter(|(digest, _)| !there.contains(digest)).map(|(_, row)| row).collect();
+        let missing: Vec<&RecordBatch> = rows
+            .iter()
+            .filter(|(digest, _)| !there.contains(digest))
+            .map(|(_, row)| row)
+            .collect();
         if missing.is_empty() {
             return Ok(newest.version());
         }
@@ -332,39 +420,72 @@ impl Store {
         let before = self.quarantined(&newest)?;
         let mut after = before.clone();
         for batch in &portion.batches {
-            batch.read.iter().for_each(|read| drop(after.remove(&read.path)));
-            after.extend(batch.bad.iter().map(|(path, reason)| (path.display().to_string(), reason.clone())));
+            batch
+                .read
+                .iter()
+                .for_each(|read| drop(after.remove(&read.path)));
+            after.extend(
+                batch
+                    .bad
+                    .iter()
+                    .map(|(path, reason)| (path.display().to_string(), reason.clone())),
+            );
         }
         if after == before {
             return Ok(None);
         }
-        let mut actions: Vec<Action> = parts(&newest).into_iter().map(|part| Action::Remove(part.remove)).collect();
+        let mut actions: Vec<Action> = parts(&newest)
+            .into_iter()
+            .map(|part| Action::Remove(part.remove))
+            .collect();
         if !after.is_empty() {
-            actions.extend(self.write_parts(&newest, vec![Rows::quarantine(&after).map_err(StoreError::from)?])?);
+            actions.extend(self.write_parts(
+                &newest,
+                vec![Rows::quarantine(&after).map_err(StoreError::from)?],
+            )?);
         }
         self.commit_side(&newest, actions).map(Some)
     }
 
-    /// Actions that take the rows of some episodes, and those read from some files, out of `episodes`.
-    fn without(&self, episodes: &BTreeSet<String>, files: &BTreeSet<String>) -> Result<Vec<Action>, StoreError> {
+    /// Actions that take the rows of some episodes, and those read from some files, out of
+    /// `episodes`.
+    fn without(
+        &self,
+        episodes: &BTreeSet<String>,
+        files: &BTreeSet<String>,
+    ) -> Result<Vec<Action>, StoreError> {
         let mut actions = Vec::new();
         if episodes.is_empty() && files.is_empty() {
             return Ok(actions);
         }
         let goes = |batch: &RecordBatch| -> Vec<bool> {
-            let (ids, traces) = (batch["episode_id"].as_string::<i32>(), batch["trace"].as_string::<i32>());
-            (0..batch.num_rows()).map(|row| episodes.contains(ids.value(row)) || files.contains(traces.value(row))).collect()
+            let (ids, traces) = (
+                batch["episode_id"].as_string::<i32>(),
+                batch["trace"].as_string::<i32>(),
+            );
+            (0..batch.num_rows())
+                .map(|row| episodes.contains(ids.value(row)) || files.contains(traces.value(row)))
+                .collect()
         };
         let table = &self.tables[&Table::Episodes];
         let parts = self.parts(Table::Episodes);
         let mut touched = BTreeSet::new();
-        self.read_parts(table, &parts, Some(&["episode_id", "trace"]), |index, batch| {
-            if goes(&batch).contains(&true) {
-                touched.insert(index);
-            }
-            Ok(())
-        })?;
-        for (_, part) in parts.into_iter().enumerate().filter(|(index, _)| touched.contains(index)) {
+        self.read_parts(
+            table,
+            &parts,
+            Some(&["episode_id", "trace"]),
+            |index, batch| {
+                if goes(&batch).contains(&true) {
+                    touched.insert(index);
+                }
+                Ok(())
+            },
+        )?;
+        for (_, part) in parts
+            .into_iter()
+            .enumerate()
+            .filter(|(index, _)| touched.contains(index))
+        {
             let mut kept = Vec::new();
             self.read_parts(table, std::slice::from_ref(&part), None, |_, batch| {
                 let keep: BooleanArray = goes(&batch).into_iter().map(|goes| Some(!goes)).collect();
@@ -382,24 +503,58 @@ impl Store {
 
     fn known(&self) -> Result<Known, StoreError> {
         let (mut episodes, mut files, mut paths) = (HashMap::new(), HashSet::new(), HashMap::new());
-        let columns = ["episode_id", "trace_digest", "trace", "trace_bytes", "trace_modified_ns"];
-        self.read_parts(&self.tables[&Table::Episodes], &self.parts(Table::Episodes), Some(&columns), |_, batch| {
-            let text = |column: &str| batch[column].as_string::<i32>();
-            let number = |column: &str| batch[column].as_primitive::<Int64Type>();
-            for row in 0..batch.num_rows() {
-                episodes.insert(key(text("episode_id").value(row)), key(text("trace_digest").value(row)));
-                let (bytes, modified_ns) = (number("trace_bytes").value(row), number("trace_modified_ns").value(row));
-                paths.insert(key(text("trace").value(row)), key(text("episode_id").value(row)));
-                files.insert(identity(text("trace").value(row), bytes as u64, modified_ns));
-            }
-            Ok(())
-        })?;
+        let columns = [
+            "episode_id",
+            "trace_digest",
+            "trace",
+            "trace_bytes",
+            "trace_modified_ns",
+        ];
+        self.read_parts(
+            &self.tables[&Table::Episodes],
+            &self.parts(Table::Episodes),
+            Some(&columns),
+            |_, batch| {
+                let text = |column: &str| batch[column].as_string::<i32>();
+                let number = |column: &str| batch[column].as_primitive::<Int64Type>();
+                for row in 0..batch.num_rows() {
+                    episodes.insert(
+                        key(text("episode_id").value(row)),
+                        key(text("trace_digest").value(row)),
+                    );
+                    let (bytes, modified_ns) = (
+                        number("trace_bytes").value(row),
+                        number("trace_modified_ns").value(row),
+                    );
+                    paths.insert(
+                        key(text("trace").value(row)),
+                        key(text("episode_id").value(row)),
+                    );
+                    files.insert(identity(
+                        text("trace").value(row),
+                        bytes as u64,
+                        modified_ns,
+                    ));
+                }
+                Ok(())
+            },
+        )?;
         let tasks = self.keys(&self.tables[&Table::Tasks], column_of(Table::Tasks))?;
         let scenes = self.keys(&self.tables[&Table::Scenes], column_of(Table::Scenes))?;
-        Ok(Known { episodes, files, paths, tasks, scenes })
+        Ok(Known {
+            episodes,
+            files,
+            paths,
+            tasks,
+            scenes,
+        })
     }
 
-    fn keys(&self, table: &deltalake::DeltaTable, column: &str) -> Result<HashSet<Key>, StoreError> {
+    fn keys(
+        &self,
+        table: &deltalake::DeltaTable,
+        column: &str,
+    ) -> Result<HashSet<Key>, StoreError> {
         let mut keys = HashSet::new();
         self.read_parts(table, &parts(table), Some(&[column]), |_, batch| {
             keys.extend(batch[column].as_string::<i32>().iter().flatten().map(key));
@@ -409,28 +564,54 @@ impl Store {
     }
 
     /// The traces that some episodes were read from, and their sizes in bytes.
-    fn traces_of(&self, episodes: &BTreeSet<String>) -> Result<HashMap<String, (String, u64)>, StoreError> {
+    fn traces_of(
+        &self,
+        episodes: &BTreeSet<String>,
+    ) -> Result<HashMap<String, (String, u64)>, StoreError> {
         let mut traces = HashMap::new();
         if episodes.is_empty() {
             return Ok(traces);
         }
         let table = &self.tables[&Table::Episodes];
-        self.read_parts(table, &self.parts(Table::Episodes), Some(&["episode_id", "trace", "trace_bytes"]), |_, batch| {
-            let (ids, files) = (batch["episode_id"].as_string::<i32>(), batch["trace"].as_string::<i32>());
-            let sizes = batch["trace_bytes"].as_primitive::<Int64Type>();
-            let wanted = ids.iter().zip(files).zip(sizes).filter_map(|((id, file), size)| Some((id?, file?, size?)));
-            let wanted = wanted.filter(|(id, ..)| episodes.contains(*id));
-            traces.extend(wanted.map(|(id, file, size)| (id.to_owned(), (file.to_owned(), size.max(0) as u64))));
-            Ok(())
-        })?;
+        self.read_parts(
+            table,
+            &self.parts(Table::Episodes),
+            Some(&["episode_id", "trace", "trace_bytes"]),
+            |_, batch| {
+                let (ids, files) = (
+                    batch["episode_id"].as_string::<i32>(),
+                    batch["trace"].as_string::<i32>(),
+                );
+                let sizes = batch["trace_bytes"].as_primitive::<Int64Type>();
+                let wanted = ids
+                    .iter()
+                    .zip(files)
+                    .zip(sizes)
+                    .filter_map(|((id, file), size)| Some((id?, file?, size?)));
+                let wanted = wanted.filter(|(id, ..)| episodes.contains(*id));
+                traces.extend(wanted.map(|(id, file, size)| {
+                    (id.to_owned(), (file.to_owned(), size.max(0) as u64))
+                }));
+                Ok(())
+            },
+        )?;
         Ok(traces)
     }
 
-    fn quarantined(&self, table: &deltalake::DeltaTable) -> Result<BTreeMap<String, String>, StoreError> {
+    fn quarantined(
+        &self,
+        table: &deltalake::DeltaTable,
+    ) -> Result<BTreeMap<String, String>, StoreError> {
         let mut files = BTreeMap::new();
         self.read_parts(table, &parts(table), None, |_, batch| {
-            let (traces, reasons) = (batch["trace"].as_string::<i32>(), batch["reason"].as_string::<i32>());
-            let rows = traces.iter().zip(reasons).filter_map(|(trace, reason)| Some((trace?.to_owned(), reason?.to_owned())));
+            let (traces, reasons) = (
+                batch["trace"].as_string::<i32>(),
+                batch["reason"].as_string::<i32>(),
+            );
+            let rows = traces
+                .iter()
+                .zip(reasons)
+                .filter_map(|(trace, reason)| Some((trace?.to_owned(), reason?.to_owned())));
             files.extend(rows);
             Ok(())
         })?;
@@ -450,24 +631,41 @@ struct Verdicts {
 impl Portion {
     /// The episodes whose reading fulfils a condition.
     fn ids(&self, wanted: impl Fn(&Read) -> bool) -> BTreeSet<String> {
-        let reads = self.batches.iter().flat_map(|batch| &batch.read).filter(|read| wanted(read));
+        let reads = self
+            .batches
+            .iter()
+            .flat_map(|batch| &batch.read)
+            .filter(|read| wanted(read));
         reads.map(|read| read.episode_id.clone()).collect()
     }
 
     fn push(&mut self, batch: TraceRows) {
-        let rows = batch.tasks.iter().chain(&batch.scenes).map(|(_, rows)| rows).chain([&batch.episodes]);
+        let rows = batch
+            .tasks
+            .iter()
+            .chain(&batch.scenes)
+            .map(|(_, rows)| rows)
+            .chain([&batch.episodes]);
         self.bytes += rows.map(RecordBatch::get_array_memory_size).sum::<usize>();
         self.batches.push(batch);
     }
 }
 
 fn column_of(table: Table) -> &'static str {
-    assert!(SIDE[..2].contains(&table), "only tasks and scenes have a digest for a key");
-    if table == Table::Tasks { "task_digest" } else { "scene_digest" }
+    assert!(
+        SIDE[..2].contains(&table),
+        "only tasks and scenes have a digest for a key"
+    );
+    if table == Table::Tasks {
+        "task_digest"
+    } else {
+        "scene_digest"
+    }
 }
 
 fn file_key(path: &Path) -> Key {
-    let (bytes, modified_ns) = file_facts(path).map_or((0, 0), |facts| (facts.bytes, facts.modified_ns));
+    let (bytes, modified_ns) =
+        file_facts(path).map_or((0, 0), |facts| (facts.bytes, facts.modified_ns));
     identity(&path.display().to_string(), bytes, modified_ns)
 }
 

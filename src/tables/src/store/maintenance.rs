@@ -1,4 +1,5 @@
-//! Upkeep of a store: few large files instead of many small ones, and the removal of files that no version needs.
+//! Upkeep of a store: few large files instead of many small ones, and the removal of files that no
+//! version needs.
 
 use std::collections::BTreeMap;
 
@@ -31,29 +32,56 @@ pub struct VacuumReport {
 }
 
 impl Store {
-    /// Merges the small files of every table. Answers do not change; earlier versions stay readable.
+    /// Merges the small files of every table. Answers do not change; earlier versions stay
+    /// readable.
     ///
     /// # Errors
     /// When the store cannot be read or written.
     pub fn compact(&mut self) -> Result<CompactReport, StoreError> {
-        let count = |store: &Self| Table::ALL.iter().map(|table| store.parts(*table).len()).sum();
+        let count = |store: &Self| {
+            Table::ALL
+                .iter()
+                .map(|table| store.parts(*table).len())
+                .sum()
+        };
         self.reload()?;
         let files_before = count(self);
         self.merge_small_files(Merge::COMPACT)?;
-        Ok(CompactReport { files_before, files_after: count(self), version: self.version() })
+        Ok(CompactReport {
+            files_before,
+            files_after: count(self),
+            version: self.version(),
+        })
     }
 
-    /// Deletes files that no version of the last `retention_hours` needs. Earlier versions cannot be opened any more.
+    /// Deletes files that no version of the last `retention_hours` needs. Earlier versions cannot
+    /// be opened any more.
     ///
     /// # Errors
     /// When the store cannot be read or written.
-    pub fn vacuum(&mut self, retention_hours: u32, dry_run: bool) -> Result<VacuumReport, StoreError> {
-        let mut report = VacuumReport { dry_run, ..VacuumReport::default() };
+    pub fn vacuum(
+        &mut self,
+        retention_hours: u32,
+        dry_run: bool,
+    ) -> Result<VacuumReport, StoreError> {
+        let mut report = VacuumReport {
+            dry_run,
+            ..VacuumReport::default()
+        };
         for table in Table::ALL {
             let period = chrono::Duration::hours(retention_hours.into());
-            let vacuum = self.newest(table)?.vacuum().with_retention_period(period).with_enforce_retention_duration(false);
+            let vacuum = self
+                .newest(table)?
+                .vacuum()
+                .with_retention_period(period)
+                .with_enforce_retention_duration(false);
             let (_, metrics) = self.wait(vacuum.with_dry_run(dry_run).into_future())?;
-            report.deleted.extend(metrics.files_deleted.into_iter().map(|file| format!("{}/{file}", table.name())));
+            report.deleted.extend(
+                metrics
+                    .files_deleted
+                    .into_iter()
+                    .map(|file| format!("{}/{file}", table.name())),
+            );
         }
         self.reload()?;
         Ok(report)
@@ -72,7 +100,8 @@ impl Store {
                     Ok(_) => self.reload()?,
                     Err(Refused::Conflict) => {
                         self.reload()?;
-                        // a writer that was killed left a commit that nothing names yet: the next ingest takes it in
+                        // a writer that was killed left a commit that nothing names yet: the next
+                        // ingest takes it in
                         if table != Table::Episodes {
                             break;
                         }

@@ -1,10 +1,12 @@
 //! The store: Delta Lake tables in one folder or bucket, and the one log that binds them.
 //!
-//! Every table is a Delta table of its own, which any reader of Delta Lake can open. What makes them one store is the log of
-//! `episodes`: each of its commits names, as Delta application transactions, the version of every other table that belongs
-//! to it. A reader opens `episodes` at a version and the others at the versions named there, so that it never sees half of
-//! an ingest; two writers that commit at a time conflict on those names, and the later one looks again and repeats.
-//! Only `verdicts` hangs on no version. Nobody outside this folder knows how the tables lie.
+//! Every table is a Delta table of its own, which any reader of Delta Lake can open. What makes
+//! them one store is the log of `episodes`: each of its commits names, as Delta application
+//! transactions, the version of every other table that belongs to it. A reader opens `episodes` at
+//! a version and the others at the versions named there, so that it never sees half of an ingest;
+//! two writers that commit at a time conflict on those names, and the later one looks again and
+//! repeats. Only `verdicts` hangs on no version. Nobody outside this folder knows how the tables
+//! lie.
 
 mod ingest;
 mod location;
@@ -21,7 +23,10 @@ use arrow::error::ArrowError;
 use deltalake::{
     DeltaTable, DeltaTableError,
     kernel::transaction::{CommitBuilder, CommitConflictError, TransactionError},
-    kernel::{Action, StructType, Transaction, engine::arrow_conversion::TryIntoKernel, transaction::CommitProperties},
+    kernel::{
+        Action, StructType, Transaction, engine::arrow_conversion::TryIntoKernel,
+        transaction::CommitProperties,
+    },
     operations::create::CreateBuilder,
     protocol::{DeltaOperation, SaveMode},
 };
@@ -42,10 +47,18 @@ pub use verdicts::TraceVerdict;
 use crate::Table;
 
 /// Tables that hang on `episodes`, in the order in which they are committed before it.
-const SIDE: [Table; 7] =
-    [Table::Tasks, Table::Scenes, Table::Rescored, Table::Quarantine, Table::Classes, Table::Blame, Table::Labels];
+const SIDE: [Table; 7] = [
+    Table::Tasks,
+    Table::Scenes,
+    Table::Rescored,
+    Table::Quarantine,
+    Table::Classes,
+    Table::Blame,
+    Table::Labels,
+];
 
-/// Stack of the threads that plan and run queries, in bytes: deep expressions are walked by recursion.
+/// Stack of the threads that plan and run queries, in bytes: deep expressions are walked by
+/// recursion.
 pub const STACK_BYTES: usize = 64 << 20;
 
 /// How often a writer looks again after others were quicker.
@@ -58,7 +71,8 @@ pub struct Store {
     tables: BTreeMap<Table, DeltaTable>,
 }
 
-/// The commits by which a store sees what it sees ([`Store::stamp`]): of another store in the same place they are others.
+/// The commits by which a store sees what it sees ([`Store::stamp`]): of another store in the same
+/// place they are others.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Stamp(Vec<ObjectMeta>);
 
@@ -123,7 +137,9 @@ pub enum StoreError {
         location: String,
     },
     /// Others wrote all the time.
-    #[error("others keep writing to this store: gave up after {tries} tries; nothing of this step was written: {location}")]
+    #[error(
+        "others keep writing to this store: gave up after {tries} tries; nothing of this step was written: {location}"
+    )]
     Busy {
         /// How often it was tried.
         tries: u32,
@@ -157,7 +173,9 @@ pub enum StoreError {
         path: String,
     },
     /// A task or scene in the tables is none.
-    #[error("the {what} in the tables is damaged: {reason}; ingest the traces anew into another folder: {digest}")]
+    #[error(
+        "the {what} in the tables is damaged: {reason}; ingest the traces anew into another folder: {digest}"
+    )]
     Document {
         /// `task` or `scene`.
         what: &'static str,
@@ -167,7 +185,9 @@ pub enum StoreError {
         reason: String,
     },
     /// Rows that came from another machine are none.
-    #[error("rows that another machine read cannot be used: {reason}; both have to be the same build of reel")]
+    #[error(
+        "rows that another machine read cannot be used: {reason}; both have to be the same build of reel"
+    )]
     Wire {
         /// What is wrong.
         reason: String,
@@ -201,12 +221,17 @@ impl From<ArrowError> for Refused {
 }
 
 impl Store {
-    /// Opens the newest version of a store: a folder, or `s3://bucket/folder` ([`Location::parse`]).
+    /// Opens the newest version of a store: a folder, or `s3://bucket/folder`
+    /// ([`Location::parse`]).
     ///
     /// # Errors
     /// When there is none, or it is damaged or of another version of Reel.
     pub fn open(location: impl AsRef<OsStr>) -> Result<Self, StoreError> {
-        Self::load(Location::parse(&location.as_ref().to_string_lossy())?, runtime()?, None)
+        Self::load(
+            Location::parse(&location.as_ref().to_string_lossy())?,
+            runtime()?,
+            None,
+        )
     }
 
     /// Opens an earlier version.
@@ -214,7 +239,11 @@ impl Store {
     /// # Errors
     /// As [`Store::open`], and when there is no such version, or its files were vacuumed.
     pub fn open_at(location: impl AsRef<OsStr>, version: u64) -> Result<Self, StoreError> {
-        Self::load(Location::parse(&location.as_ref().to_string_lossy())?, runtime()?, Some(version))
+        Self::load(
+            Location::parse(&location.as_ref().to_string_lossy())?,
+            runtime()?,
+            Some(version),
+        )
     }
 
     /// Opens a store, or makes an empty one where there is none.
@@ -225,7 +254,8 @@ impl Store {
         Self::at(Location::parse(&location.as_ref().to_string_lossy())?, None)
     }
 
-    /// Opens or makes the store at a location: [`Store::open_or_create`], or [`Store::open_at`] with a version.
+    /// Opens or makes the store at a location: [`Store::open_or_create`], or [`Store::open_at`]
+    /// with a version.
     ///
     /// # Errors
     /// As those.
@@ -243,16 +273,21 @@ impl Store {
         self.tables[&Table::Episodes].version().unwrap_or_default()
     }
 
-    /// The same version once more, with threads of its own: what hangs in one is not waited for in the other.
+    /// The same version once more, with threads of its own: what hangs in one is not waited for in
+    /// the other.
     ///
     /// # Errors
     /// When the system refuses threads.
     pub fn again(&self) -> Result<Self, StoreError> {
-        Ok(Self { location: self.location.clone(), runtime: runtime()?, tables: self.tables.clone() })
+        Ok(Self {
+            location: self.location.clone(),
+            runtime: runtime()?,
+            tables: self.tables.clone(),
+        })
     }
 
-    /// By which commits the store sees what it sees; none where somebody has committed since. While it stays the same, there is
-    /// nothing new to open.
+    /// By which commits the store sees what it sees; none where somebody has committed since. While
+    /// it stays the same, there is nothing new to open.
     ///
     /// # Errors
     /// When the place cannot be reached.
@@ -261,7 +296,10 @@ impl Store {
         // The other tables go by a commit of `episodes`.
         for table in [Table::Episodes, Table::Verdicts] {
             let version = self.tables[&table].version().unwrap_or_default();
-            let commit = |version| self.runtime.block_on(self.location.commit(table.name(), version));
+            let commit = |version| {
+                self.runtime
+                    .block_on(self.location.commit(table.name(), version))
+            };
             match (commit(version)?, commit(version + 1)?) {
                 (Some(commit), None) => commits.push(commit),
                 _ => return Ok(None),
@@ -291,10 +329,14 @@ impl Store {
     /// URLs of the Parquet files of a table. [`Store::objects`] reads them.
     pub fn files(&self, table: Table) -> Vec<Url> {
         let root = self.location.table_url(table.name());
-        self.parts(table).into_iter().map(|part| root.join(&part.path).unwrap_or_else(|_| root.clone())).collect()
+        self.parts(table)
+            .into_iter()
+            .map(|part| root.join(&part.path).unwrap_or_else(|_| root.clone()))
+            .collect()
     }
 
-    /// Looks whether the files of this version are there: a vacuum may have deleted what an earlier version needs.
+    /// Looks whether the files of this version are there: a vacuum may have deleted what an earlier
+    /// version needs.
     ///
     /// # Errors
     /// The first file that is missing.
@@ -302,11 +344,18 @@ impl Store {
         for (table, opened) in &self.tables {
             let objects = opened.log_store().object_store(None);
             for part in self.parts(*table) {
-                match self.runtime.block_on(objects.head(&part.path.as_str().into())) {
+                match self
+                    .runtime
+                    .block_on(objects.head(&part.path.as_str().into()))
+                {
                     Ok(_) => {}
                     Err(object_store::Error::NotFound { .. }) => {
                         let file = format!("{}/{}", table.name(), part.path);
-                        return Err(StoreError::Missing { version: self.version(), file, location: self.location.to_string() });
+                        return Err(StoreError::Missing {
+                            version: self.version(),
+                            file,
+                            location: self.location.to_string(),
+                        });
                     }
                     Err(error) => return Err(self.delta(error.into())),
                 }
@@ -331,24 +380,41 @@ impl Store {
     }
 
     /// Adds rows that were made up, in one commit, to a store that has no episodes of the same ids.
-    pub(crate) fn append(&mut self, table: Table, batches: Vec<arrow::array::RecordBatch>) -> Result<(), StoreError> {
+    pub(crate) fn append(
+        &mut self,
+        table: Table,
+        batches: Vec<arrow::array::RecordBatch>,
+    ) -> Result<(), StoreError> {
         let actions = self.write_parts(&self.tables[&table], batches)?;
         let written = match table {
             Table::Episodes => self.commit_episodes(actions, &BTreeMap::new()),
             _ => self
                 .commit_side(&self.tables[&table], actions)
-                .and_then(|version| self.commit_episodes(Vec::new(), &BTreeMap::from([(table, version)]))),
+                .and_then(|version| {
+                    self.commit_episodes(Vec::new(), &BTreeMap::from([(table, version)]))
+                }),
         };
         match written {
             Ok(_) => self.reload(),
             Err(Refused::Failed(error)) => Err(error),
-            Err(Refused::Conflict) => Err(StoreError::Busy { tries: 1, location: self.location.to_string() }),
+            Err(Refused::Conflict) => Err(StoreError::Busy {
+                tries: 1,
+                location: self.location.to_string(),
+            }),
         }
     }
 
-    fn load(location: Location, runtime: Arc<Runtime>, version: Option<u64>) -> Result<Self, StoreError> {
+    fn load(
+        location: Location,
+        runtime: Arc<Runtime>,
+        version: Option<u64>,
+    ) -> Result<Self, StoreError> {
         let tables = runtime.block_on(load(&location, version))?;
-        Ok(Self { location, runtime, tables })
+        Ok(Self {
+            location,
+            runtime,
+            tables,
+        })
     }
 
     /// Looks what is there now.
@@ -368,20 +434,43 @@ impl Store {
         self.commit(table, actions, vec![Transaction::new(WRITER, version)])
     }
 
-    /// Commits to `episodes` with the versions of the side tables that belong to it: those that are named here, else as
-    /// they were. What was committed is not loaded.
-    fn commit_episodes(&self, actions: Vec<Action>, moved: &BTreeMap<Table, u64>) -> Result<u64, Refused> {
-        let version =
-            |table: Table| moved.get(&table).copied().unwrap_or_else(|| self.tables[&table].version().unwrap_or_default());
-        let names = SIDE.map(|table| Transaction::new(table.name(), version(table) as i64)).to_vec();
+    /// Commits to `episodes` with the versions of the side tables that belong to it: those that are
+    /// named here, else as they were. What was committed is not loaded.
+    fn commit_episodes(
+        &self,
+        actions: Vec<Action>,
+        moved: &BTreeMap<Table, u64>,
+    ) -> Result<u64, Refused> {
+        let version = |table: Table| {
+            moved
+                .get(&table)
+                .copied()
+                .unwrap_or_else(|| self.tables[&table].version().unwrap_or_default())
+        };
+        let names = SIDE
+            .map(|table| Transaction::new(table.name(), version(table) as i64))
+            .to_vec();
         self.commit(&self.tables[&Table::Episodes], actions, names)
     }
 
-    fn commit(&self, table: &DeltaTable, actions: Vec<Action>, names: Vec<Transaction>) -> Result<u64, Refused> {
+    fn commit(
+        &self,
+        table: &DeltaTable,
+        actions: Vec<Action>,
+        names: Vec<Transaction>,
+    ) -> Result<u64, Refused> {
         let state = table.snapshot().map_err(|error| self.delta(error))?;
         let properties = CommitProperties::default().with_application_transactions(names);
-        let operation = DeltaOperation::Write { mode: SaveMode::Append, partition_by: None, predicate: None };
-        let commit = CommitBuilder::from(properties).with_actions(actions).build(Some(state), table.log_store(), operation);
+        let operation = DeltaOperation::Write {
+            mode: SaveMode::Append,
+            partition_by: None,
+            predicate: None,
+        };
+        let commit = CommitBuilder::from(properties).with_actions(actions).build(
+            Some(state),
+            table.log_store(),
+            operation,
+        );
         match self.runtime.block_on(commit.into_future()) {
             Ok(done) => Ok(done.version()),
             Err(error) if is_conflict(&error) => Err(Refused::Conflict),
@@ -390,18 +479,29 @@ impl Store {
     }
 
     /// Waits for Delta Lake.
-    fn wait<T>(&self, future: impl Future<Output = Result<T, DeltaTableError>>) -> Result<T, StoreError> {
-        self.runtime.block_on(future).map_err(|error| self.delta(error))
+    fn wait<T>(
+        &self,
+        future: impl Future<Output = Result<T, DeltaTableError>>,
+    ) -> Result<T, StoreError> {
+        self.runtime
+            .block_on(future)
+            .map_err(|error| self.delta(error))
     }
 
     fn delta(&self, source: DeltaTableError) -> StoreError {
-        StoreError::Delta { source: Box::new(source), location: self.location.to_string() }
+        StoreError::Delta {
+            source: Box::new(source),
+            location: self.location.to_string(),
+        }
     }
 }
 
 impl std::fmt::Debug for Store {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Store").field("location", &self.location).field("version", &self.version()).finish_non_exhaustive()
+        f.debug_struct("Store")
+            .field("location", &self.location)
+            .field("version", &self.version())
+            .finish_non_exhaustive()
     }
 }
 
@@ -409,8 +509,18 @@ impl std::fmt::Debug for Store {
 const WRITER: &str = "reel";
 
 fn runtime() -> Result<Arc<Runtime>, StoreError> {
-    let io_error = |source| StoreError::Io { action: "start threads", source, path: PathBuf::new() };
-    Ok(Arc::new(Builder::new_multi_thread().enable_all().thread_stack_size(STACK_BYTES).build().map_err(io_error)?))
+    let io_error = |source| StoreError::Io {
+        action: "start threads",
+        source,
+        path: PathBuf::new(),
+    };
+    Ok(Arc::new(
+        Builder::new_multi_thread()
+            .enable_all()
+            .thread_stack_size(STACK_BYTES)
+            .build()
+            .map_err(io_error)?,
+    ))
 }
 
 async fn create(location: &Location) -> Result<(), StoreError> {
@@ -418,14 +528,20 @@ async fn create(location: &Location) -> Result<(), StoreError> {
         if location.commit(table.name(), 0).await?.is_some() {
             continue;
         }
-        let delta = |source| StoreError::Delta { source: Box::new(source), location: location.to_string() };
+        let delta = |source| StoreError::Delta {
+            source: Box::new(source),
+            location: location.to_string(),
+        };
         let schema: StructType = table.schema().as_ref().try_into_kernel()?;
         let made = CreateBuilder::new()
             .with_log_store(location.log(table.name())?)
             .with_table_name(table.name())
             .with_comment(table.meaning())
             .with_columns(schema.fields().cloned())
-            .with_configuration_property(deltalake::TableProperty::DataSkippingNumIndexedCols, Some("12"))
+            .with_configuration_property(
+                deltalake::TableProperty::DataSkippingNumIndexedCols,
+                Some("12"),
+            )
             .await;
         match made {
             Ok(_) => {}
@@ -437,17 +553,29 @@ async fn create(location: &Location) -> Result<(), StoreError> {
     Ok(())
 }
 
-async fn load(location: &Location, version: Option<u64>) -> Result<BTreeMap<Table, DeltaTable>, StoreError> {
+async fn load(
+    location: &Location,
+    version: Option<u64>,
+) -> Result<BTreeMap<Table, DeltaTable>, StoreError> {
     if location.commit(Table::Episodes.name(), 0).await?.is_none() {
-        return Err(StoreError::NoStore { location: location.to_string() });
+        return Err(StoreError::NoStore {
+            location: location.to_string(),
+        });
     }
-    let delta = |source| StoreError::Delta { source: Box::new(source), location: location.to_string() };
+    let delta = |source| StoreError::Delta {
+        source: Box::new(source),
+        location: location.to_string(),
+    };
     let episodes = open(location, Table::Episodes, None).await?;
     let newest = episodes.version().unwrap_or_default();
     let episodes = match version {
         // Looking for one that is not there takes the longer the larger its number is.
         Some(version) if version > newest => {
-            return Err(StoreError::NoVersion { version, newest, location: location.to_string() });
+            return Err(StoreError::NoVersion {
+                version,
+                newest,
+                location: location.to_string(),
+            });
         }
         Some(version) if version < newest => open(location, Table::Episodes, Some(version)).await?,
         _ => episodes,
@@ -455,17 +583,32 @@ async fn load(location: &Location, version: Option<u64>) -> Result<BTreeMap<Tabl
     let state = episodes.snapshot().map_err(delta)?.snapshot().clone();
     let mut tables = BTreeMap::new();
     for table in SIDE {
-        let named = state.transaction_version(episodes.log_store().as_ref(), table.name()).await.map_err(delta)?;
-        let version = named.and_then(|version| u64::try_from(version).ok()).unwrap_or(0);
+        let named = state
+            .transaction_version(episodes.log_store().as_ref(), table.name())
+            .await
+            .map_err(delta)?;
+        let version = named
+            .and_then(|version| u64::try_from(version).ok())
+            .unwrap_or(0);
         tables.insert(table, open(location, table, Some(version)).await?);
     }
-    tables.insert(Table::Verdicts, open(location, Table::Verdicts, None).await?);
+    tables.insert(
+        Table::Verdicts,
+        open(location, Table::Verdicts, None).await?,
+    );
     tables.insert(Table::Episodes, episodes);
     Ok(tables)
 }
 
-async fn open(location: &Location, table: Table, version: Option<u64>) -> Result<DeltaTable, StoreError> {
-    let delta = |source| StoreError::Delta { source: Box::new(source), location: location.to_string() };
+async fn open(
+    location: &Location,
+    table: Table,
+    version: Option<u64>,
+) -> Result<DeltaTable, StoreError> {
+    let delta = |source| StoreError::Delta {
+        source: Box::new(source),
+        location: location.to_string(),
+    };
     let mut opened = DeltaTable::new(location.log(table.name())?);
     match version {
         Some(version) => opened.load_version(version as _).await.map_err(delta)?,
@@ -473,7 +616,10 @@ async fn open(location: &Location, table: Table, version: Option<u64>) -> Result
     }
     let ours: StructType = table.schema().as_ref().try_into_kernel()?;
     if *opened.snapshot().map_err(delta)?.schema() != ours {
-        return Err(StoreError::OtherColumns { table: table.name(), location: location.to_string() });
+        return Err(StoreError::OtherColumns {
+            table: table.name(),
+            location: location.to_string(),
+        });
     }
     Ok(opened)
 }

@@ -1,5 +1,5 @@
-//! Why episodes failed: the classes that the rules give, what was measured, and the labels of people, judges and injected
-//! faults. Never judges anything itself.
+//! Why episodes failed: the classes that the rules give, what was measured, and the labels of
+//! people, judges and injected faults. Never judges anything itself.
 
 use std::collections::BTreeMap;
 
@@ -51,7 +51,8 @@ pub struct Finding<'a> {
     pub last_step: i32,
 }
 
-/// A failed episode with the step that decided, measured: a row of `blame`. See the columns of that table.
+/// A failed episode with the step that decided, measured: a row of `blame`. See the columns of that
+/// table.
 #[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the schema of the table says what each is")]
 pub struct Blamed {
@@ -109,12 +110,15 @@ pub struct Label {
 const ROWS_PER_BATCH: usize = 50_000;
 
 impl Store {
-    /// Puts these classes in the place of those that are there; earlier ones are in the store's earlier versions. `classes` is
-    /// asked again where somebody else was quicker.
+    /// Puts these classes in the place of those that are there; earlier ones are in the store's
+    /// earlier versions. `classes` is asked again where somebody else was quicker.
     ///
     /// # Errors
     /// When the store cannot be written.
-    pub fn replace_classes<'a, I: Iterator<Item = Class<'a>>>(&mut self, classes: impl Fn() -> I) -> Result<(), StoreError> {
+    pub fn replace_classes<'a, I: Iterator<Item = Class<'a>>>(
+        &mut self,
+        classes: impl Fn() -> I,
+    ) -> Result<(), StoreError> {
         self.replace(Table::Classes, |_| Ok(Some(classes())))
     }
 
@@ -139,7 +143,11 @@ impl Store {
         let mut traces = Vec::new();
         self.read(Table::Episodes, &["trace", "success"], |batch| {
             let rows: Vec<Row> = crate::rows_from(&batch)?;
-            traces.extend(rows.into_iter().filter(|row| row.success == Some(false)).map(|row| row.trace));
+            traces.extend(
+                rows.into_iter()
+                    .filter(|row| row.success == Some(false))
+                    .map(|row| row.trace),
+            );
             Ok(())
         })?;
         Ok(traces)
@@ -153,11 +161,15 @@ impl Store {
         self.rows_of(&self.tables[&Table::Labels])
     }
 
-    /// Changes the labels: `change` gets those that are there now, and is asked again where somebody else was quicker.
+    /// Changes the labels: `change` gets those that are there now, and is asked again where
+    /// somebody else was quicker.
     ///
     /// # Errors
     /// When the store cannot be read or written.
-    pub fn change_labels(&mut self, change: impl Fn(Vec<Label>) -> Vec<Label>) -> Result<(), StoreError> {
+    pub fn change_labels(
+        &mut self,
+        change: impl Fn(Vec<Label>) -> Vec<Label>,
+    ) -> Result<(), StoreError> {
         self.replace(Table::Labels, |store| {
             let before = store.labels()?;
             let after = change(before.clone());
@@ -173,20 +185,33 @@ impl Store {
     ) -> Result<(), StoreError> {
         for _ in 0..TRIES_MAX {
             self.reload()?;
-            let Some(rows) = rows(self)? else { return Ok(()) };
+            let Some(rows) = rows(self)? else {
+                return Ok(());
+            };
             match self.try_replace(table, rows) {
                 Ok(()) => return self.reload(),
                 Err(Refused::Conflict) => {}
                 Err(Refused::Failed(error)) => return Err(error),
             }
         }
-        Err(StoreError::Busy { tries: TRIES_MAX, location: self.location.to_string() })
+        Err(StoreError::Busy {
+            tries: TRIES_MAX,
+            location: self.location.to_string(),
+        })
     }
 
-    /// What a commit of `episodes` does not name yet goes too: whoever wrote it will be refused there, and try again.
-    fn try_replace<R: Serialize>(&self, table: Table, rows: impl IntoIterator<Item = R>) -> Result<(), Refused> {
+    /// What a commit of `episodes` does not name yet goes too: whoever wrote it will be refused
+    /// there, and try again.
+    fn try_replace<R: Serialize>(
+        &self,
+        table: Table,
+        rows: impl IntoIterator<Item = R>,
+    ) -> Result<(), Refused> {
         let newest = self.newest(table)?;
-        let mut actions: Vec<Action> = parts(&newest).into_iter().map(|part| Action::Remove(part.remove)).collect();
+        let mut actions: Vec<Action> = parts(&newest)
+            .into_iter()
+            .map(|part| Action::Remove(part.remove))
+            .collect();
         let (mut batches, mut rows) = (Vec::new(), rows.into_iter());
         loop {
             let some: Vec<R> = rows.by_ref().take(ROWS_PER_BATCH).collect();
@@ -202,13 +227,19 @@ impl Store {
             return Ok(());
         }
         let version = self.commit_side(&newest, actions)?;
-        self.commit_episodes(Vec::new(), &BTreeMap::from([(table, version)])).map(drop)
+        self.commit_episodes(Vec::new(), &BTreeMap::from([(table, version)]))
+            .map(drop)
     }
 
-    pub(super) fn rows_of<R: for<'a> Deserialize<'a>>(&self, table: &DeltaTable) -> Result<Vec<R>, StoreError> {
+    pub(super) fn rows_of<R: for<'a> Deserialize<'a>>(
+        &self,
+        table: &DeltaTable,
+    ) -> Result<Vec<R>, StoreError> {
         let mut rows: Vec<R> = Vec::new();
         self.read_parts(table, &parts(table), None, |_, batch| {
-            rows.extend(serde_arrow::from_record_batch::<Vec<R>>(&batch).map_err(crate::RowsError::from)?);
+            rows.extend(
+                serde_arrow::from_record_batch::<Vec<R>>(&batch).map_err(crate::RowsError::from)?,
+            );
             Ok(())
         })?;
         Ok(rows)

@@ -1,4 +1,5 @@
-//! Traces as rows, before anybody decides what becomes of them. Knows no store: another machine may do this.
+//! Traces as rows, before anybody decides what becomes of them. Knows no store: another machine may
+//! do this.
 
 use std::{
     collections::HashSet,
@@ -49,7 +50,10 @@ impl Seen {
     }
 
     fn is_new(&self, key: Key) -> bool {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(key)
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .insert(key)
     }
 }
 
@@ -63,17 +67,29 @@ struct Head {
 }
 
 impl TraceRows {
-    /// Reads some traces; a file that is no sound trace is told of, and keeps the others from nothing.
+    /// Reads some traces; a file that is no sound trace is told of, and keeps the others from
+    /// nothing.
     ///
     /// # Errors
     /// When Arrow refuses what the tables were made for.
-    pub fn read(reader: &RecordsReader, paths: &[PathBuf], seen: &Seen) -> Result<Self, StoreError> {
+    pub fn read(
+        reader: &RecordsReader,
+        paths: &[PathBuf],
+        seen: &Seen,
+    ) -> Result<Self, StoreError> {
         let mut episodes = Rows::new(Table::Episodes)?;
         let empty = RecordBatch::new_empty(Table::Episodes.schema());
-        let mut rows = Self { episodes: empty, read: vec![], bad: vec![], tasks: vec![], scenes: vec![] };
+        let mut rows = Self {
+            episodes: empty,
+            read: vec![],
+            bad: vec![],
+            tasks: vec![],
+            scenes: vec![],
+        };
         for path in paths {
             if path.to_str().is_none() {
-                rows.bad.push((path.clone(), "its name is no UTF-8: rename it".to_owned()));
+                rows.bad
+                    .push((path.clone(), "its name is no UTF-8: rename it".to_owned()));
                 continue;
             }
             let trace = match reader.read(path) {
@@ -86,11 +102,18 @@ impl TraceRows {
             // after it was read: then a bucket has told it already
             let modified_ns = file_facts(path).map_or(0, |facts| facts.modified_ns);
             if let Err(error) = episodes.push_episode(&trace, modified_ns) {
-                // a row that fails may have filled some of its columns: the rows before it are read again without it
-                rows.bad.push((path.clone(), format!("does not fit the tables: {error}")));
-                let sound: Vec<PathBuf> = paths.iter().filter(|other| *other != path).cloned().collect();
+                // a row that fails may have filled some of its columns: the rows before it are read
+                // again without it
+                rows.bad
+                    .push((path.clone(), format!("does not fit the tables: {error}")));
+                let sound: Vec<PathBuf> = paths
+                    .iter()
+                    .filter(|other| *other != path)
+                    .cloned()
+                    .collect();
                 let mut rest = Self::read(reader, &sound, seen)?;
-                rest.bad.extend(rows.bad.drain(..).filter(|(bad, _)| bad == path));
+                rest.bad
+                    .extend(rows.bad.drain(..).filter(|(bad, _)| bad == path));
                 rest.tasks.append(&mut rows.tasks);
                 rest.scenes.append(&mut rows.scenes);
                 return Ok(rest);
@@ -100,7 +123,10 @@ impl TraceRows {
                 episode_id: trace.header.episode_id.clone(),
                 digest: trace.chain().to_string(),
             });
-            let (task, scene) = (key(&trace.header.task_digest.to_string()), key(&trace.header.scene_digest.to_string()));
+            let (task, scene) = (
+                key(&trace.header.task_digest.to_string()),
+                key(&trace.header.scene_digest.to_string()),
+            );
             if seen.is_new(task) {
                 rows.tasks.push((task, Rows::task(&trace.task)?));
             }
@@ -112,19 +138,31 @@ impl TraceRows {
         Ok(rows)
     }
 
-    /// For another machine: a length (4 bytes) and JSON, then the batches of episodes, tasks and scenes as Arrow IPC streams.
+    /// For another machine: a length (4 bytes) and JSON, then the batches of episodes, tasks and
+    /// scenes as Arrow IPC streams.
     ///
     /// # Errors
     /// When Arrow refuses.
     pub fn to_bytes(&self) -> Result<Vec<u8>, StoreError> {
         let keys = |rows: &[(Key, RecordBatch)]| rows.iter().map(|(key, _)| *key).collect();
         let (read, bad) = (self.read.clone(), self.bad.clone());
-        let head = Head { read, bad, tasks: keys(&self.tasks), scenes: keys(&self.scenes) };
+        let head = Head {
+            read,
+            bad,
+            tasks: keys(&self.tasks),
+            scenes: keys(&self.scenes),
+        };
         let head = serde_json::to_vec(&head).map_err(|error| damaged(&error.to_string()))?;
         let mut bytes = (head.len() as u32).to_le_bytes().to_vec();
         bytes.extend(head);
-        let joined = |table: Table, rows: &[(Key, RecordBatch)]| concat_batches(&table.schema(), rows.iter().map(|(_, row)| row));
-        for batch in [&self.episodes, &joined(Table::Tasks, &self.tasks)?, &joined(Table::Scenes, &self.scenes)?] {
+        let joined = |table: Table, rows: &[(Key, RecordBatch)]| {
+            concat_batches(&table.schema(), rows.iter().map(|(_, row)| row))
+        };
+        for batch in [
+            &self.episodes,
+            &joined(Table::Tasks, &self.tasks)?,
+            &joined(Table::Scenes, &self.scenes)?,
+        ] {
             let mut writer = StreamWriter::try_new(&mut bytes, batch.schema_ref())?;
             writer.write(batch)?;
             writer.finish()?;
@@ -139,8 +177,11 @@ impl TraceRows {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, StoreError> {
         let cut = || damaged("they end early");
         let (length, rest) = bytes.split_first_chunk::<4>().ok_or_else(cut)?;
-        let (head, mut rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize).ok_or_else(cut)?;
-        let head: Head = serde_json::from_slice(head).map_err(|error| damaged(&error.to_string()))?;
+        let (head, mut rest) = rest
+            .split_at_checked(u32::from_le_bytes(*length) as usize)
+            .ok_or_else(cut)?;
+        let head: Head =
+            serde_json::from_slice(head).map_err(|error| damaged(&error.to_string()))?;
         let mut next = |table: Table| -> Result<RecordBatch, StoreError> {
             let mut reader = StreamReader::try_new(&mut rest, None)?;
             let batch = reader.next().ok_or_else(cut)??;
@@ -151,7 +192,11 @@ impl TraceRows {
             }
             Ok(batch)
         };
-        let (episodes, tasks, scenes) = (next(Table::Episodes)?, next(Table::Tasks)?, next(Table::Scenes)?);
+        let (episodes, tasks, scenes) = (
+            next(Table::Episodes)?,
+            next(Table::Tasks)?,
+            next(Table::Scenes)?,
+        );
         let counts = [
             (episodes.num_rows(), head.read.len()),
             (tasks.num_rows(), head.tasks.len()),
@@ -161,10 +206,19 @@ impl TraceRows {
             return Err(damaged("some rows are missing"));
         }
         let split = |keys: Vec<Key>, rows: &RecordBatch| {
-            keys.into_iter().enumerate().map(|(row, key)| (key, rows.slice(row, 1))).collect()
+            keys.into_iter()
+                .enumerate()
+                .map(|(row, key)| (key, rows.slice(row, 1)))
+                .collect()
         };
         let (tasks, scenes) = (split(head.tasks, &tasks), split(head.scenes, &scenes));
-        Ok(Self { episodes, read: head.read, bad: head.bad, tasks, scenes })
+        Ok(Self {
+            episodes,
+            read: head.read,
+            bad: head.bad,
+            tasks,
+            scenes,
+        })
     }
 }
 
@@ -174,5 +228,7 @@ pub(super) fn key(text: &str) -> Key {
 }
 
 fn damaged(reason: &str) -> StoreError {
-    StoreError::Wire { reason: reason.to_owned() }
+    StoreError::Wire {
+        reason: reason.to_owned(),
+    }
 }

@@ -1,4 +1,5 @@
-//! Recomputed rewards into the store, one row an episode and version of a preset, side by side with the recorded ones.
+//! Recomputed rewards into the store, one row an episode and version of a preset, side by side with
+//! the recorded ones.
 
 use std::{
     collections::{BTreeMap, HashSet},
@@ -7,8 +8,8 @@ use std::{
 
 use arrow::{
     array::{
-        ArrayBuilder as _, ArrayRef, AsArray, Float64Builder, Int32Builder, ListBuilder, RecordBatch, StringBuilder,
-        StructBuilder,
+        ArrayBuilder as _, ArrayRef, AsArray, Float64Builder, Int32Builder, ListBuilder,
+        RecordBatch, StringBuilder, StructBuilder,
     },
     datatypes::{DataType, Float64Type},
     ipc::{reader::StreamReader, writer::StreamWriter},
@@ -57,7 +58,9 @@ impl Rescored {
     pub fn to_bytes(&self) -> Result<Vec<u8>, StoreError> {
         let mut bytes = (self.unchanged as u64).to_le_bytes().to_vec();
         let mut writer = StreamWriter::try_new(&mut bytes, &Table::Rescored.schema())?;
-        self.portions.iter().try_for_each(|batch| writer.write(batch))?;
+        self.portions
+            .iter()
+            .try_for_each(|batch| writer.write(batch))?;
         writer.finish()?;
         drop(writer);
         Ok(bytes)
@@ -68,25 +71,36 @@ impl Rescored {
     /// # Errors
     /// When it is something else.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, StoreError> {
-        let wrong = |reason: &str| StoreError::Wire { reason: reason.to_owned() };
-        let (unchanged, rest) = bytes.split_first_chunk::<8>().ok_or_else(|| wrong("they end early"))?;
+        let wrong = |reason: &str| StoreError::Wire {
+            reason: reason.to_owned(),
+        };
+        let (unchanged, rest) = bytes
+            .split_first_chunk::<8>()
+            .ok_or_else(|| wrong("they end early"))?;
         let reader = StreamReader::try_new(rest, None)?;
         if reader.schema().fields() != Table::Rescored.schema().fields() {
             return Err(wrong("the columns are other ones"));
         }
         let portions = reader.collect::<Result<Vec<RecordBatch>, _>>()?;
-        Ok(Self { portions, unchanged: u64::from_le_bytes(*unchanged) as usize })
+        Ok(Self {
+            portions,
+            unchanged: u64::from_le_bytes(*unchanged) as usize,
+        })
     }
 }
 
 impl Store {
-    /// Scores all episodes under a preset and keeps the result under the preset's version; what is there already stays, and
-    /// what was recorded under the preset with the same terms is not kept a second time.
-    /// `progress` gets the number of episodes scored.
+    /// Scores all episodes under a preset and keeps the result under the preset's version; what is
+    /// there already stays, and what was recorded under the preset with the same terms is not kept
+    /// a second time. `progress` gets the number of episodes scored.
     ///
     /// # Errors
     /// When the store cannot be read or written.
-    pub fn rescore(&mut self, preset: &Preset, progress: impl FnMut(usize)) -> Result<RescoreReport, StoreError> {
+    pub fn rescore(
+        &mut self,
+        preset: &Preset,
+        progress: impl FnMut(usize),
+    ) -> Result<RescoreReport, StoreError> {
         self.reload()?;
         let scored = self.rescore_in(&self.file_names(Table::Episodes), preset, progress)?;
         self.keep_rescored(scored, preset)
@@ -96,7 +110,12 @@ impl Store {
     ///
     /// # Errors
     /// When the store cannot be read.
-    pub fn rescore_in(&self, files: &[String], preset: &Preset, mut progress: impl FnMut(usize)) -> Result<Rescored, StoreError> {
+    pub fn rescore_in(
+        &self,
+        files: &[String],
+        preset: &Preset,
+        mut progress: impl FnMut(usize),
+    ) -> Result<Rescored, StoreError> {
         let version = preset.version().to_string();
         let known = self.versions_in(&self.tables[&Table::Rescored], &version)?;
         let mut scored = Rescored::default();
@@ -128,15 +147,29 @@ impl Store {
     ///
     /// # Errors
     /// When the store cannot be written.
-    pub fn keep_rescored(&mut self, scored: Rescored, preset: &Preset) -> Result<RescoreReport, StoreError> {
-        let Rescored { portions, unchanged } = scored;
+    pub fn keep_rescored(
+        &mut self,
+        scored: Rescored,
+        preset: &Preset,
+    ) -> Result<RescoreReport, StoreError> {
+        let Rescored {
+            portions,
+            unchanged,
+        } = scored;
         let count = portions.iter().map(RecordBatch::num_rows).sum();
-        let totals = portions.iter().flat_map(|batch| batch["total_reward"].as_primitive::<Float64Type>().values());
+        let totals = portions
+            .iter()
+            .flat_map(|batch| batch["total_reward"].as_primitive::<Float64Type>().values());
         let mean_total = (count > 0).then(|| totals.sum::<f64>() / count as f64);
         if !portions.is_empty() {
             self.keep(&portions, &preset.version().to_string())?;
         }
-        Ok(RescoreReport { scored: count, unchanged, mean_total, version: self.version() })
+        Ok(RescoreReport {
+            scored: count,
+            unchanged,
+            mean_total,
+            version: self.version(),
+        })
     }
 
     fn keep(&mut self, portions: &[RecordBatch], version: &str) -> Result<(), StoreError> {
@@ -147,17 +180,24 @@ impl Store {
                 Err(Refused::Failed(error)) => return Err(error),
             }
         }
-        Err(StoreError::Busy { tries: TRIES_MAX, location: self.location.to_string() })
+        Err(StoreError::Busy {
+            tries: TRIES_MAX,
+            location: self.location.to_string(),
+        })
     }
 
     fn try_keep(&self, portions: &[RecordBatch], version: &str) -> Result<(), Refused> {
         let newest = self.newest(Table::Rescored)?;
-        // what another rescoring, or one that was killed before its last commit, has written meanwhile
+        // what another rescoring, or one that was killed before its last commit, has written
+        // meanwhile
         let there = self.versions_in(&newest, version)?;
         let mut missing = Vec::new();
         for batch in portions {
             let digests = batch["trace_digest"].as_string::<i32>();
-            let keep = digests.iter().map(|digest| Some(digest.is_some_and(|digest| !there.contains(digest)))).collect();
+            let keep = digests
+                .iter()
+                .map(|digest| Some(digest.is_some_and(|digest| !there.contains(digest))))
+                .collect();
             missing.push(arrow::compute::filter_record_batch(batch, &keep)?);
         }
         missing.retain(|batch| batch.num_rows() > 0);
@@ -167,18 +207,34 @@ impl Store {
             let actions = self.write_parts(&newest, missing)?;
             self.commit_side(&newest, actions)?
         };
-        self.commit_episodes(Vec::new(), &BTreeMap::from([(Table::Rescored, side)])).map(drop)
+        self.commit_episodes(Vec::new(), &BTreeMap::from([(Table::Rescored, side)]))
+            .map(drop)
     }
 
     /// Digests of the traces that were scored under a version.
-    fn versions_in(&self, table: &deltalake::DeltaTable, version: &str) -> Result<HashSet<String>, StoreError> {
+    fn versions_in(
+        &self,
+        table: &deltalake::DeltaTable,
+        version: &str,
+    ) -> Result<HashSet<String>, StoreError> {
         let mut known = HashSet::new();
-        self.read_parts(table, &super::parts::parts(table), Some(&["trace_digest", "version"]), |_, batch| {
-            let (digests, versions) = (batch["trace_digest"].as_string::<i32>(), batch["version"].as_string::<i32>());
-            let rows = digests.iter().zip(versions).filter(|(_, found)| *found == Some(version));
-            known.extend(rows.filter_map(|(digest, _)| digest.map(str::to_owned)));
-            Ok(())
-        })?;
+        self.read_parts(
+            table,
+            &super::parts::parts(table),
+            Some(&["trace_digest", "version"]),
+            |_, batch| {
+                let (digests, versions) = (
+                    batch["trace_digest"].as_string::<i32>(),
+                    batch["version"].as_string::<i32>(),
+                );
+                let rows = digests
+                    .iter()
+                    .zip(versions)
+                    .filter(|(_, found)| *found == Some(version));
+                known.extend(rows.filter_map(|(digest, _)| digest.map(str::to_owned)));
+                Ok(())
+            },
+        )?;
         Ok(known)
     }
 }
@@ -197,9 +253,17 @@ struct Rows<'a> {
 impl<'a> Rows<'a> {
     fn new(preset: &'a str, version: &'a str) -> Self {
         let schema = Table::Rescored.schema();
-        let terms = schema.field_with_name("terms").expect("a column of ours").data_type().clone();
-        let DataType::List(item) = terms else { unreachable!("terms are a list") };
-        let DataType::Struct(fields) = item.data_type() else { unreachable!("of structs") };
+        let terms = schema
+            .field_with_name("terms")
+            .expect("a column of ours")
+            .data_type()
+            .clone();
+        let DataType::List(item) = terms else {
+            unreachable!("terms are a list")
+        };
+        let DataType::Struct(fields) = item.data_type() else {
+            unreachable!("of structs")
+        };
         let builder = StructBuilder::from_fields(fields.clone(), 0);
         Self {
             preset,
@@ -220,9 +284,15 @@ impl<'a> Rows<'a> {
         for step in 0..reward.steps().len() {
             for fired in reward.terms(step) {
                 let term = self.terms.values();
-                term.field_builder::<Int32Builder>(0).expect("step").append_value(step as i32);
-                term.field_builder::<StringBuilder>(1).expect("component").append_value(fired.term.component());
-                term.field_builder::<Float64Builder>(2).expect("value").append_value(fired.value);
+                term.field_builder::<Int32Builder>(0)
+                    .expect("step")
+                    .append_value(step as i32);
+                term.field_builder::<StringBuilder>(1)
+                    .expect("component")
+                    .append_value(fired.term.component());
+                term.field_builder::<Float64Builder>(2)
+                    .expect("value")
+                    .append_value(fired.value);
                 term.append(true);
             }
         }
@@ -231,8 +301,11 @@ impl<'a> Rows<'a> {
 
     fn take(&mut self) -> RecordBatch {
         let rows = self.episode_id.len();
-        let constant =
-            |text: &str| -> ArrayRef { Arc::new(arrow::array::StringArray::from_iter_values(std::iter::repeat_n(text, rows))) };
+        let constant = |text: &str| -> ArrayRef {
+            Arc::new(arrow::array::StringArray::from_iter_values(
+                std::iter::repeat_n(text, rows),
+            ))
+        };
         let columns: Vec<ArrayRef> = vec![
             Arc::new(self.episode_id.finish()),
             Arc::new(self.trace_digest.finish()),
@@ -242,6 +315,7 @@ impl<'a> Rows<'a> {
             Arc::new(self.discounted.finish()),
             Arc::new(self.terms.finish()),
         ];
-        RecordBatch::try_new(Table::Rescored.schema(), columns).expect("the columns are those of the schema")
+        RecordBatch::try_new(Table::Rescored.schema(), columns)
+            .expect("the columns are those of the schema")
     }
 }

@@ -1,5 +1,6 @@
-//! What replaying trace files found. A verdict is about the bytes of a file, whatever version of the store names it: so these
-//! rows are bound to no version, are only ever added to, and are always read at their newest.
+//! What replaying trace files found. A verdict is about the bytes of a file, whatever version of
+//! the store names it: so these rows are bound to no version, are only ever added to, and are
+//! always read at their newest.
 
 use serde::{Deserialize, Serialize};
 
@@ -50,6 +51,9 @@ impl Store {
                 Err(Refused::Failed(error)) => return Err(error),
             }
         }
-        Err(StoreError::Busy { tries: TRIES_MAX, location: self.location.to_string() })
+        Err(StoreError::Busy {
+            tries: TRIES_MAX,
+            location: self.location.to_string(),
+        })
     }
 }

@@ -1,5 +1,5 @@
-//! Other people's tools on the store: PyPI readers of Delta Lake, and an S3-compatible server. Skipped where the packages are
-//! absent.
+//! Other people's tools on the store: PyPI readers of Delta Lake, and an S3-compatible server.
+//! Skipped where the packages are absent.
 
 use std::{
     io::{BufRead as _, BufReader},
@@ -19,12 +19,17 @@ fn python() -> String {
 }
 
 fn script(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("tests")
+        .join(name)
 }
 
 /// Whether the modules are there; says so where they are not.
 fn has(modules: &str) -> bool {
-    let found = Command::new(python()).args(["-c", &format!("import {modules}")]).stderr(Stdio::null()).status();
+    let found = Command::new(python())
+        .args(["-c", &format!("import {modules}")])
+        .stderr(Stdio::null())
+        .status();
     let found = found.is_ok_and(|status| status.success());
     if !found {
         eprintln!("skipped: {} has no {modules}", python());
@@ -34,15 +39,29 @@ fn has(modules: &str) -> bool {
 
 /// What each reader sees: its name and a JSON text.
 fn readers(store: &str, environment: &[(&str, &str)]) -> Vec<(String, String)> {
-    let output =
-        Command::new(python()).arg(script("check_readers.py")).arg(store).envs(environment.iter().copied()).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = Command::new(python())
+        .arg(script("check_readers.py"))
+        .arg(store)
+        .envs(environment.iter().copied())
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let text = String::from_utf8(output.stdout).unwrap();
-    text.lines().map(|line| line.split_once(' ').unwrap()).map(|(name, seen)| (name.to_owned(), seen.to_owned())).collect()
+    text.lines()
+        .map(|line| line.split_once(' ').unwrap())
+        .map(|(name, seen)| (name.to_owned(), seen.to_owned()))
+        .collect()
 }
 
 fn record(dir: &Path, seeds: std::ops::Range<u64>) -> Vec<PathBuf> {
-    let record = |seed| success("oracle", Family::FDP, seed).record_as(&dir.join(format!("{seed}.mcap")), Images::None);
+    let record = |seed| {
+        success("oracle", Family::FDP, seed)
+            .record_as(&dir.join(format!("{seed}.mcap")), Images::None)
+    };
     seeds.map(record).collect()
 }
 
@@ -57,8 +76,16 @@ fn deltalake_polars_and_duckdb_read_the_store() {
     ingest(&mut store, &record(dir.path(), 0..3));
     ingest(&mut store, &record(dir.path(), 3..5));
     let seen = readers(folder.to_str().unwrap(), &[]);
-    assert_eq!(seen.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["deltalake", "polars", "duckdb", "tasks"]);
-    let ids = (0..5).map(|seed| format!("\"oracle-FDP-{seed}\"")).collect::<Vec<_>>().join(", ");
+    assert_eq!(
+        seen.iter()
+            .map(|(name, _)| name.as_str())
+            .collect::<Vec<_>>(),
+        ["deltalake", "polars", "duckdb", "tasks"]
+    );
+    let ids = (0..5)
+        .map(|seed| format!("\"oracle-FDP-{seed}\""))
+        .collect::<Vec<_>>()
+        .join(", ");
     let steps = 6 * 5;
     for (reader, seen) in &seen[..3] {
         assert_eq!(*seen, format!("[[{ids}], {steps}]"), "{reader}");
@@ -90,7 +117,9 @@ fn a_store_may_lie_in_a_bucket() {
         .unwrap();
     let mut server = Server(server);
     let mut port = String::new();
-    BufReader::new(server.0.stdout.take().unwrap()).read_line(&mut port).unwrap();
+    BufReader::new(server.0.stdout.take().unwrap())
+        .read_line(&mut port)
+        .unwrap();
     let endpoint = format!("http://127.0.0.1:{}", port.trim());
     let environment = [
         ("AWS_ENDPOINT_URL", endpoint.as_str()),
@@ -110,7 +139,11 @@ fn a_store_may_lie_in_a_bucket() {
     let version = store.version();
     assert_eq!(ingest(&mut store, &record(dir.path(), 0..5)), (2, 3, 0, 0));
     let seen = readers("s3://reel/some/store", &environment);
-    assert!(seen.iter().all(|(_, seen)| seen.contains("oracle-FDP-4") || seen == "[1, true]"), "{seen:?}");
+    assert!(
+        seen.iter()
+            .all(|(_, seen)| seen.contains("oracle-FDP-4") || seen == "[1, true]"),
+        "{seen:?}"
+    );
     store.compact().unwrap();
     assert_eq!(store.files(Table::Episodes).len(), 1);
     assert_eq!(open(Some(version)).unwrap().files(Table::Episodes).len(), 1);
@@ -126,6 +159,9 @@ fn a_store_may_lie_in_a_bucket() {
         }
     });
     let seen = readers("s3://reel/some/store", &environment);
-    let all = (0..10).map(|seed| format!("\"oracle-FDP-{seed}\"")).collect::<Vec<_>>().join(", ");
+    let all = (0..10)
+        .map(|seed| format!("\"oracle-FDP-{seed}\""))
+        .collect::<Vec<_>>()
+        .join(", ");
     assert!(seen[0].1.contains(&all), "{}", seen[0].1);
 }

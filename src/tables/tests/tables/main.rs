@@ -12,13 +12,21 @@ use arrow::{
 };
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use play::{DISTRACTOR, Play, TARGET, success};
-use reel_tables::{Label, Rescored, Seen, Store, StoreError, Table, TraceRows, TraceVerdict, episode_batch};
+use reel_tables::{
+    Label, Rescored, Seen, Store, StoreError, Table, TraceRows, TraceVerdict, episode_batch,
+};
 use reel_trace::Images;
 use reel_world::{ErrorCode, Family, record::EndReason};
 use tempfile::TempDir;
 
 fn texts(batch: &RecordBatch, column: &str) -> Vec<Option<String>> {
-    batch.column_by_name(column).unwrap().as_string::<i32>().iter().map(|text| text.map(str::to_owned)).collect()
+    batch
+        .column_by_name(column)
+        .unwrap()
+        .as_string::<i32>()
+        .iter()
+        .map(|text| text.map(str::to_owned))
+        .collect()
 }
 
 /// What a list column holds in a row, as columns.
@@ -30,42 +38,87 @@ fn nested(batch: &RecordBatch, column: &str, row: usize) -> RecordBatch {
 fn batches(store: &Store, table: Table) -> Vec<RecordBatch> {
     let read = |url: url::Url| {
         let file = fs::File::open(url.to_file_path().unwrap()).unwrap();
-        ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap().map(Result::unwrap).collect::<Vec<_>>()
+        ParquetRecordBatchReaderBuilder::try_new(file)
+            .unwrap()
+            .build()
+            .unwrap()
+            .map(Result::unwrap)
+            .collect::<Vec<_>>()
     };
     store.files(table).into_iter().flat_map(read).collect()
 }
 
 fn rows(store: &Store, table: Table) -> usize {
-    batches(store, table).iter().map(RecordBatch::num_rows).sum()
+    batches(store, table)
+        .iter()
+        .map(RecordBatch::num_rows)
+        .sum()
 }
 
 /// The traces behind the episodes.
 fn traces(store: &Store) -> BTreeSet<String> {
-    batches(store, Table::Episodes).iter().flat_map(|batch| texts(batch, "trace")).flatten().collect()
+    batches(store, Table::Episodes)
+        .iter()
+        .flat_map(|batch| texts(batch, "trace"))
+        .flatten()
+        .collect()
 }
 
 fn ingest(store: &mut Store, paths: &[PathBuf]) -> (usize, usize, usize, usize) {
     let report = store.ingest(paths, &|_, _| ()).unwrap();
-    (report.added, report.unchanged, report.superseded, report.quarantined.len())
+    (
+        report.added,
+        report.unchanged,
+        report.superseded,
+        report.quarantined.len(),
+    )
 }
 
 #[test]
 fn a_trace_becomes_a_row_with_all_that_belongs_to_it() {
     let dir = TempDir::new().unwrap();
     let one = success("oracle", Family::SUL, u64::MAX).record(dir.path(), Images::None);
-    let two = Play::new("lost", Family::SUL, 2).nav("table_1").fails("pick", ErrorCode::DoorClosed).ended(EndReason::Horizon);
+    let two = Play::new("lost", Family::SUL, 2)
+        .nav("table_1")
+        .fails("pick", ErrorCode::DoorClosed)
+        .ended(EndReason::Horizon);
     let two = two.record(dir.path(), Images::None);
     let episodes = episode_batch(&[one, two]).unwrap();
-    assert_eq!(texts(&episodes, "policy"), [Some("oracle".into()), Some("lost".into())]);
-    assert_eq!(texts(&episodes, "end_reason"), [Some("finished".into()), Some("horizon".into())]);
-    assert_eq!(episodes["seed"].as_primitive::<Decimal128Type>().value(0), i128::from(u64::MAX));
-    assert!(episodes["success"].as_boolean().value(0) && !episodes["success"].as_boolean().value(1));
-    assert_eq!(nested(&episodes, "start_objects", 0).num_rows(), 1, "the start shows one clock");
+    assert_eq!(
+        texts(&episodes, "policy"),
+        [Some("oracle".into()), Some("lost".into())]
+    );
+    assert_eq!(
+        texts(&episodes, "end_reason"),
+        [Some("finished".into()), Some("horizon".into())]
+    );
+    assert_eq!(
+        episodes["seed"].as_primitive::<Decimal128Type>().value(0),
+        i128::from(u64::MAX)
+    );
+    assert!(
+        episodes["success"].as_boolean().value(0) && !episodes["success"].as_boolean().value(1)
+    );
+    assert_eq!(
+        nested(&episodes, "start_objects", 0).num_rows(),
+        1,
+        "the start shows one clock"
+    );
     assert_eq!(nested(&episodes, "start_changes", 0).num_rows(), 0);
     let steps = nested(&episodes, "steps", 0);
     assert_eq!(steps.num_rows(), 7);
-    assert_eq!(texts(&steps, "argument")[..3], [Some("table_1".into()), Some("alarm clock".into()), Some("Which one?".into())]);
-    assert_eq!(texts(&steps, "reply")[2].as_deref(), Some("The white one, please."));
+    assert_eq!(
+        texts(&steps, "argument")[..3],
+        [
+            Some("table_1".into()),
+            Some("alarm clock".into()),
+            Some("Which one?".into())
+        ]
+    );
+    assert_eq!(
+        texts(&steps, "reply")[2].as_deref(),
+        Some("The white one, please.")
+    );
     assert_eq!(
         steps["candidates"].as_primitive::<Int32Type>().values()[..2],
         [2, 2],
@@ -73,18 +126,40 @@ fn a_trace_becomes_a_row_with_all_that_belongs_to_it() {
     );
     let pick = 3;
     assert_eq!(texts(&steps, "object")[pick].as_deref(), Some(TARGET));
-    assert!(steps["goal_object"].as_boolean().value(pick) && !steps["goal_receptacle"].as_boolean().value(pick));
+    assert!(
+        steps["goal_object"].as_boolean().value(pick)
+            && !steps["goal_receptacle"].as_boolean().value(pick)
+    );
     assert!(steps["goal_receptacle"].as_boolean().value(5));
     let events = |step: usize| texts(&nested(&steps, "changes", step), "event");
-    assert_eq!(events(pick), [Some("remove".into()), Some("remove".into())], "by both authorities");
+    assert_eq!(
+        events(pick),
+        [Some("remove".into()), Some("remove".into())],
+        "by both authorities"
+    );
     assert_eq!(events(5), [Some("add".into()), Some("add".into())]);
-    let marked: Vec<_> = (0..7).flat_map(|step| texts(&nested(&steps, "marker_map", step), "id")).collect();
+    let marked: Vec<_> = (0..7)
+        .flat_map(|step| texts(&nested(&steps, "marker_map", step), "id"))
+        .collect();
     assert_eq!(marked, [Some(TARGET.into()), Some(DISTRACTOR.into())]);
     let failed = nested(&episodes, "steps", 1);
-    assert_eq!(texts(&failed, "error_code"), [None, Some("door_closed".into())]);
-    assert_eq!(texts(&failed, "error_class"), [None, Some("moderate".into())]);
-    let term = |steps: &RecordBatch, step| nested(steps, "terms", step)["value"].as_primitive::<Float64Type>().values().to_vec();
-    let terms = (0..7).flat_map(|step| term(&steps, step)).chain((0..2).flat_map(|step| term(&failed, step)));
+    assert_eq!(
+        texts(&failed, "error_code"),
+        [None, Some("door_closed".into())]
+    );
+    assert_eq!(
+        texts(&failed, "error_class"),
+        [None, Some("moderate".into())]
+    );
+    let term = |steps: &RecordBatch, step| {
+        nested(steps, "terms", step)["value"]
+            .as_primitive::<Float64Type>()
+            .values()
+            .to_vec()
+    };
+    let terms = (0..7)
+        .flat_map(|step| term(&steps, step))
+        .chain((0..2).flat_map(|step| term(&failed, step)));
     assert!((terms.sum::<f64>() - (3.0 - 9.0 * 0.03)).abs() < 1e-9);
 }
 
@@ -100,28 +175,55 @@ fn a_task_and_a_scene_stand_there_once() {
     let mut store = Store::open_or_create(path("store")).unwrap();
     assert_eq!(ingest(&mut store, &paths[..1]), (1, 0, 0, 0));
     assert_eq!(ingest(&mut store, &paths), (2, 1, 0, 0));
-    assert_eq!((rows(&store, Table::Episodes), rows(&store, Table::Tasks), rows(&store, Table::Scenes)), (3, 2, 1));
+    assert_eq!(
+        (
+            rows(&store, Table::Episodes),
+            rows(&store, Table::Tasks),
+            rows(&store, Table::Scenes)
+        ),
+        (3, 2, 1)
+    );
     let tasks = batches(&store, Table::Tasks);
     let objects = nested(&tasks[0], "objects", 0);
-    assert_eq!(texts(&objects, "role"), [Some("distractor".into()), Some("target".into()), Some("other".into())]);
-    let task: reel_world::Task = serde_json::from_str(texts(&tasks[0], "task")[0].as_deref().unwrap()).unwrap();
-    assert_eq!(Some(reel_world::Digest::of_json(&task).to_string()), texts(&tasks[0], "task_digest")[0], "the whole task");
+    assert_eq!(
+        texts(&objects, "role"),
+        [
+            Some("distractor".into()),
+            Some("target".into()),
+            Some("other".into())
+        ]
+    );
+    let task: reel_world::Task =
+        serde_json::from_str(texts(&tasks[0], "task")[0].as_deref().unwrap()).unwrap();
+    assert_eq!(
+        Some(reel_world::Digest::of_json(&task).to_string()),
+        texts(&tasks[0], "task_digest")[0],
+        "the whole task"
+    );
 }
 
 #[test]
 fn ingesting_twice_adds_nothing_and_a_changed_trace_supersedes() {
     let dir = TempDir::new().unwrap();
     let path = dir.path().join("a.mcap");
-    let paths = [success("oracle", Family::FDP, 1).record_as(&path, Images::None), dir.path().join("b.mcap")];
+    let paths = [
+        success("oracle", Family::FDP, 1).record_as(&path, Images::None),
+        dir.path().join("b.mcap"),
+    ];
     success("oracle", Family::FODP, 1).record_as(&paths[1], Images::None);
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
     assert_eq!(ingest(&mut store, &paths), (2, 0, 0, 0));
     assert_eq!(ingest(&mut store, &paths), (0, 2, 0, 0));
     fs::remove_file(&path).unwrap();
-    success("oracle", Family::FDP, 1).thinking(Default::default()).record_as(&path, Images::None);
+    success("oracle", Family::FDP, 1)
+        .thinking(Default::default())
+        .record_as(&path, Images::None);
     assert_eq!(ingest(&mut store, &paths), (0, 1, 1, 0));
     assert_eq!(ingest(&mut store, &paths), (0, 2, 0, 0));
-    assert_eq!((rows(&store, Table::Episodes), rows(&store, Table::Tasks)), (2, 2));
+    assert_eq!(
+        (rows(&store, Table::Episodes), rows(&store, Table::Tasks)),
+        (2, 2)
+    );
     let reopened = Store::open(dir.path().join("store")).unwrap();
     assert_eq!(rows(&reopened, Table::Episodes), 2);
 }
@@ -131,11 +233,16 @@ fn of_two_traces_with_one_id_the_later_path_wins_and_stays() {
     let dir = TempDir::new().unwrap();
     let paths = ["a.mcap", "b.mcap", "c.mcap"].map(|name| dir.path().join(name));
     success("oracle", Family::FDP, 1).record_as(&paths[0], Images::None);
-    success("oracle", Family::FDP, 1).thinking(Default::default()).record_as(&paths[1], Images::None);
+    success("oracle", Family::FDP, 1)
+        .thinking(Default::default())
+        .record_as(&paths[1], Images::None);
     fs::copy(&paths[1], &paths[2]).unwrap();
     let mut store = Store::open_or_create(dir.path().join("store")).unwrap();
     assert_eq!(ingest(&mut store, &paths), (1, 1, 1, 0));
-    assert_eq!(traces(&store), BTreeSet::from([paths[1].display().to_string()]));
+    assert_eq!(
+        traces(&store),
+        BTreeSet::from([paths[1].display().to_string()])
+    );
     assert_eq!(ingest(&mut store, &paths), (0, 3, 0, 0));
     assert_eq!(rows(&store, Table::Episodes), 1);
 }
@@ -146,17 +253,31 @@ fn a_moved_trace_is_found_and_an_overwritten_one_is_no_more() {
     let path = |name: &str| dir.path().join(name);
     let first = success("oracle", Family::FDP, 1).record_as(&path("a.mcap"), Images::None);
     let mut store = Store::open_or_create(path("store")).unwrap();
-    assert_eq!(ingest(&mut store, std::slice::from_ref(&first)), (1, 0, 0, 0));
+    assert_eq!(
+        ingest(&mut store, std::slice::from_ref(&first)),
+        (1, 0, 0, 0)
+    );
     fs::rename(&first, path("b.mcap")).unwrap();
     assert_eq!(ingest(&mut store, &[path("b.mcap")]), (0, 0, 1, 0));
-    assert_eq!(traces(&store), BTreeSet::from([path("b.mcap").display().to_string()]));
+    assert_eq!(
+        traces(&store),
+        BTreeSet::from([path("b.mcap").display().to_string()])
+    );
     fs::copy(path("b.mcap"), path("c.mcap")).unwrap();
-    assert_eq!(ingest(&mut store, &[path("c.mcap")]), (0, 1, 0, 0), "a copy changes nothing");
+    assert_eq!(
+        ingest(&mut store, &[path("c.mcap")]),
+        (0, 1, 0, 0),
+        "a copy changes nothing"
+    );
     fs::remove_file(path("b.mcap")).unwrap();
     fs::remove_file(path("c.mcap")).unwrap();
     success("planner", Family::FDP, 2).record_as(&path("b.mcap"), Images::None);
     assert_eq!(ingest(&mut store, &[path("b.mcap")]), (1, 0, 0, 0));
-    let ids: Vec<_> = batches(&store, Table::Episodes).iter().flat_map(|batch| texts(batch, "episode_id")).flatten().collect();
+    let ids: Vec<_> = batches(&store, Table::Episodes)
+        .iter()
+        .flat_map(|batch| texts(batch, "episode_id"))
+        .flatten()
+        .collect();
     assert_eq!(ids, ["planner-FDP-2"], "the file holds another episode now");
 }
 
@@ -175,17 +296,27 @@ fn two_files_that_change_places_keep_both_episodes() {
     assert_eq!(ingest(&mut store, &paths), (0, 0, 2, 0));
     let rows: BTreeSet<_> = batches(&store, Table::Episodes)
         .iter()
-        .flat_map(|batch| texts(batch, "policy").into_iter().zip(texts(batch, "trace")))
+        .flat_map(|batch| {
+            texts(batch, "policy")
+                .into_iter()
+                .zip(texts(batch, "trace"))
+        })
         .map(|(policy, trace)| (policy.unwrap(), trace.unwrap()))
         .collect();
     let expected = [("oracle", &paths[1]), ("planner", &paths[0])];
-    assert_eq!(rows, expected.map(|(policy, path)| (policy.to_owned(), path.display().to_string())).into());
+    assert_eq!(
+        rows,
+        expected
+            .map(|(policy, path)| (policy.to_owned(), path.display().to_string()))
+            .into()
+    );
 }
 
 #[test]
 fn a_bad_file_is_quarantined_and_the_rest_goes_on() {
     let dir = TempDir::new().unwrap();
-    let good = success("oracle", Family::FDP, 1).record_as(&dir.path().join("a.mcap"), Images::None);
+    let good =
+        success("oracle", Family::FDP, 1).record_as(&dir.path().join("a.mcap"), Images::None);
     let bad = dir.path().join("b.mcap");
     let mut bytes = fs::read(&good).unwrap();
     let middle = bytes.len() / 2;
@@ -197,13 +328,19 @@ fn a_bad_file_is_quarantined_and_the_rest_goes_on() {
     assert_eq!(store.quarantine().unwrap().len(), 2);
     fs::copy(&good, &bad).unwrap();
     assert_eq!(ingest(&mut store, &[bad]), (0, 1, 0, 0));
-    assert_eq!(store.quarantine().unwrap().len(), 1, "a sound file leaves the quarantine");
+    assert_eq!(
+        store.quarantine().unwrap().len(),
+        1,
+        "a sound file leaves the quarantine"
+    );
 }
 
 #[test]
 fn a_broken_off_recording_is_an_episode_without_an_end() {
     let dir = TempDir::new().unwrap();
-    let path = Play::new("killed", Family::FDP, 1).nav("table_1").record_as(&dir.path().join("a.mcap"), Images::None);
+    let path = Play::new("killed", Family::FDP, 1)
+        .nav("table_1")
+        .record_as(&dir.path().join("a.mcap"), Images::None);
     let trace = reel_trace::Trace::read(&path).unwrap();
     let episodes = episode_batch(&[trace]).unwrap();
     assert!(episodes["end_reason"].is_null(0) && episodes["success"].is_null(0));
@@ -213,27 +350,50 @@ fn a_broken_off_recording_is_an_episode_without_an_end() {
 fn what_no_commit_of_the_episodes_names_is_not_there() {
     let dir = TempDir::new().unwrap();
     let folder = dir.path().join("store");
-    assert!(matches!(Store::open(&folder), Err(StoreError::NoStore { .. })));
+    assert!(matches!(
+        Store::open(&folder),
+        Err(StoreError::NoStore { .. })
+    ));
     let path = |name: &str| dir.path().join(name);
     let first = success("oracle", Family::FDP, 1).record_as(&path("a.mcap"), Images::None);
     let second = success("oracle", Family::FODP, 1).record_as(&path("b.mcap"), Images::None);
     let mut store = Store::open_or_create(&folder).unwrap();
     ingest(&mut store, &[first, second.clone()]);
-    assert_eq!((rows(&store, Table::Episodes), rows(&store, Table::Tasks)), (2, 2));
+    assert_eq!(
+        (rows(&store, Table::Episodes), rows(&store, Table::Tasks)),
+        (2, 2)
+    );
     // as an ingest leaves it that was killed before its last commit
     let newest = format!("episodes/_delta_log/{:020}.json", store.version());
     fs::remove_file(folder.join(newest)).unwrap();
     let mut reopened = Store::open(&folder).unwrap();
-    assert_eq!((rows(&reopened, Table::Episodes), rows(&reopened, Table::Tasks), rows(&reopened, Table::Scenes)), (0, 0, 0));
+    assert_eq!(
+        (
+            rows(&reopened, Table::Episodes),
+            rows(&reopened, Table::Tasks),
+            rows(&reopened, Table::Scenes)
+        ),
+        (0, 0, 0)
+    );
     assert_eq!(ingest(&mut reopened, &[second]), (1, 0, 0, 0));
-    assert_eq!((rows(&reopened, Table::Episodes), rows(&reopened, Table::Tasks), rows(&reopened, Table::Scenes)), (1, 2, 1));
+    assert_eq!(
+        (
+            rows(&reopened, Table::Episodes),
+            rows(&reopened, Table::Tasks),
+            rows(&reopened, Table::Scenes)
+        ),
+        (1, 2, 1)
+    );
 }
 
 #[test]
 fn earlier_versions_stay_readable() {
     let dir = TempDir::new().unwrap();
     let folder = dir.path().join("store");
-    let record = |seed| success("oracle", Family::FDP, seed).record_as(&dir.path().join(format!("{seed}.mcap")), Images::None);
+    let record = |seed| {
+        success("oracle", Family::FDP, seed)
+            .record_as(&dir.path().join(format!("{seed}.mcap")), Images::None)
+    };
     let mut store = Store::open_or_create(&folder).unwrap();
     ingest(&mut store, &[record(0)]);
     let version = store.version();
@@ -243,28 +403,74 @@ fn earlier_versions_stay_readable() {
     }
     let then = Store::open_at(&folder, version).unwrap();
     assert_eq!(batches(&then, Table::Episodes), before);
-    assert_eq!((rows(&store, Table::Episodes), store.history().unwrap().len() as u64), (51, store.version() + 1));
-    assert!(store.files(Table::Episodes).len() < 10, "small files are merged: {}", store.files(Table::Episodes).len());
-    assert!(matches!(Store::open_at(&folder, 9999), Err(StoreError::NoVersion { version: 9999, .. })));
+    assert_eq!(
+        (
+            rows(&store, Table::Episodes),
+            store.history().unwrap().len() as u64
+        ),
+        (51, store.version() + 1)
+    );
+    assert!(
+        store.files(Table::Episodes).len() < 10,
+        "small files are merged: {}",
+        store.files(Table::Episodes).len()
+    );
+    assert!(matches!(
+        Store::open_at(&folder, 9999),
+        Err(StoreError::NoVersion { version: 9999, .. })
+    ));
     store.compact().unwrap();
-    assert_eq!((store.files(Table::Episodes).len(), rows(&store, Table::Episodes)), (1, 51));
+    assert_eq!(
+        (
+            store.files(Table::Episodes).len(),
+            rows(&store, Table::Episodes)
+        ),
+        (1, 51)
+    );
     let looked = store.vacuum(0, true).unwrap();
-    assert!(looked.dry_run && looked.deleted.len() > 40, "{} files", looked.deleted.len());
-    assert_eq!(batches(&Store::open_at(&folder, version).unwrap(), Table::Episodes), before, "a dry run deletes nothing");
-    assert_eq!(store.vacuum(0, false).unwrap().deleted.len(), looked.deleted.len());
+    assert!(
+        looked.dry_run && looked.deleted.len() > 40,
+        "{} files",
+        looked.deleted.len()
+    );
+    assert_eq!(
+        batches(&Store::open_at(&folder, version).unwrap(), Table::Episodes),
+        before,
+        "a dry run deletes nothing"
+    );
+    assert_eq!(
+        store.vacuum(0, false).unwrap().deleted.len(),
+        looked.deleted.len()
+    );
     assert_eq!(rows(&Store::open(&folder).unwrap(), Table::Episodes), 51);
     assert!(Store::open(&folder).unwrap().check_files().is_ok());
-    assert!(matches!(Store::open_at(&folder, version).unwrap().check_files(), Err(StoreError::Missing { .. })));
+    assert!(matches!(
+        Store::open_at(&folder, version).unwrap().check_files(),
+        Err(StoreError::Missing { .. })
+    ));
 }
 
 #[test]
 fn two_ingests_at_a_time_lose_nothing_and_double_nothing() {
     let dir = TempDir::new().unwrap();
     let folder = dir.path().join("store");
-    let record = |seed| success("oracle", Family::FDP, seed).record_as(&dir.path().join(format!("{seed}.mcap")), Images::None);
+    let record = |seed| {
+        success("oracle", Family::FDP, seed)
+            .record_as(&dir.path().join(format!("{seed}.mcap")), Images::None)
+    };
     let paths: Vec<PathBuf> = (0..24).map(record).collect();
     // every pair overlaps: each episode is ingested by two
-    let parts: Vec<Vec<PathBuf>> = (0..4).map(|part| paths.iter().cycle().skip(part * 6).take(12).cloned().collect()).collect();
+    let parts: Vec<Vec<PathBuf>> = (0..4)
+        .map(|part| {
+            paths
+                .iter()
+                .cycle()
+                .skip(part * 6)
+                .take(12)
+                .cloned()
+                .collect()
+        })
+        .collect();
     let folder = &folder;
     std::thread::scope(|scope| {
         for part in &parts {
@@ -277,8 +483,14 @@ fn two_ingests_at_a_time_lose_nothing_and_double_nothing() {
         }
     });
     let store = Store::open(folder).unwrap();
-    assert_eq!((rows(&store, Table::Episodes), traces(&store).len()), (24, 24));
-    assert_eq!((rows(&store, Table::Tasks), rows(&store, Table::Scenes)), (1, 1));
+    assert_eq!(
+        (rows(&store, Table::Episodes), traces(&store).len()),
+        (24, 24)
+    );
+    assert_eq!(
+        (rows(&store, Table::Tasks), rows(&store, Table::Scenes)),
+        (1, 1)
+    );
 }
 
 #[test]
@@ -312,8 +524,12 @@ fn labels_of_two_at_a_time_stay() {
         }
     });
     let store = Store::open(folder).unwrap();
-    let mut said: Vec<(String, String)> =
-        store.labels().unwrap().into_iter().map(|label| (label.author, label.episode_id)).collect();
+    let mut said: Vec<(String, String)> = store
+        .labels()
+        .unwrap()
+        .into_iter()
+        .map(|label| (label.author, label.episode_id))
+        .collect();
     assert_eq!(said.len(), 12);
     said.sort();
     said.dedup();
@@ -339,17 +555,25 @@ fn verdicts_belong_to_no_version() {
     std::thread::scope(|scope| {
         for writer in 0..3 {
             let store = &store;
-            scope.spawn(move || (0..4).for_each(|file| store.keep_verdicts(&[verdict(4 * writer + file)]).unwrap()));
+            scope.spawn(move || {
+                (0..4).for_each(|file| store.keep_verdicts(&[verdict(4 * writer + file)]).unwrap())
+            });
         }
     });
-    let mut kept = Store::open_at(folder, store.version()).unwrap().verdicts().unwrap();
+    let mut kept = Store::open_at(folder, store.version())
+        .unwrap()
+        .verdicts()
+        .unwrap();
     kept.sort_by_key(|verdict| verdict.file_digest[5..].parse::<usize>().unwrap());
     assert_eq!(kept, (0..12).map(verdict).collect::<Vec<_>>());
     // merging their files keeps them, and moves no version either
     let mut store = Store::open(folder).unwrap();
     let version = store.version();
     let report = store.compact().unwrap();
-    assert_eq!((report.files_before, report.files_after, report.version), (12, 1, version));
+    assert_eq!(
+        (report.files_before, report.files_after, report.version),
+        (12, 1, version)
+    );
     assert_eq!(store.verdicts().unwrap().len(), 12);
 }
 
@@ -365,7 +589,10 @@ fn rows_survive_the_way_from_another_machine() {
     paths.push(dir.path().join("bad.mcap"));
     fs::write(&paths[5], "no trace").unwrap();
     let (here, there) = (dir.path().join("here"), dir.path().join("there"));
-    let report = Store::open_or_create(&here).unwrap().ingest(&paths, &|_, _| ()).unwrap();
+    let report = Store::open_or_create(&here)
+        .unwrap()
+        .ingest(&paths, &|_, _| ())
+        .unwrap();
     let reader = reel_trace::RecordsReader::default();
     let away = |groups: &[Vec<PathBuf>],
                 _: Seen,
@@ -374,7 +601,10 @@ fn rows_survive_the_way_from_another_machine() {
         for group in groups {
             let bytes = TraceRows::read(&reader, group, &Seen::default())?.to_bytes()?;
             for cut in (0..bytes.len()).step_by(bytes.len() / 97 + 1) {
-                assert!(TraceRows::from_bytes(&bytes[..cut]).is_err(), "cut after {cut} bytes");
+                assert!(
+                    TraceRows::from_bytes(&bytes[..cut]).is_err(),
+                    "cut after {cut} bytes"
+                );
             }
             take(TraceRows::from_bytes(&bytes)?)?;
             done(group.len());
@@ -382,10 +612,20 @@ fn rows_survive_the_way_from_another_machine() {
         Ok(())
     };
     let mut store = Store::open_or_create(&there).unwrap();
-    assert_eq!(store.ingest_by(&paths, 2, &|_, _| (), away).unwrap(), report);
+    assert_eq!(
+        store.ingest_by(&paths, 2, &|_, _| (), away).unwrap(),
+        report
+    );
     let here = Store::open(&here).unwrap();
-    for table in [Table::Episodes, Table::Tasks, Table::Scenes, Table::Quarantine] {
-        let of = |store: &Store| arrow::compute::concat_batches(&table.schema(), &batches(store, table)).unwrap();
+    for table in [
+        Table::Episodes,
+        Table::Tasks,
+        Table::Scenes,
+        Table::Quarantine,
+    ] {
+        let of = |store: &Store| {
+            arrow::compute::concat_batches(&table.schema(), &batches(store, table)).unwrap()
+        };
         assert_eq!(of(&store), of(&here), "{table:?}");
     }
 
@@ -393,7 +633,11 @@ fn rows_survive_the_way_from_another_machine() {
     let files = store.file_names(Table::Episodes);
     let mut scored = Rescored::default();
     for file in files {
-        let bytes = store.rescore_in(&[file], &preset, |_| ()).unwrap().to_bytes().unwrap();
+        let bytes = store
+            .rescore_in(&[file], &preset, |_| ())
+            .unwrap()
+            .to_bytes()
+            .unwrap();
         assert!(Rescored::from_bytes(&bytes[..bytes.len() / 2]).is_err());
         scored.append(Rescored::from_bytes(&bytes).unwrap());
     }

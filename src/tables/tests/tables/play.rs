@@ -1,4 +1,5 @@
-//! Hand-made episodes, move by move, recorded as real traces. No physics. The tests of the crates that read traces share it.
+//! Hand-made episodes, move by move, recorded as real traces. No physics. The tests of the crates
+//! that read traces share it.
 
 use std::{
     collections::BTreeMap,
@@ -33,8 +34,8 @@ pub struct Play {
 }
 
 impl Play {
-    /// A new episode of a policy in a family; `FDO` has the cabinet with the closed door as destination, `SUL` a fuzzy
-    /// instruction.
+    /// A new episode of a policy in a family; `FDO` has the cabinet with the closed door as
+    /// destination, `SUL` a fuzzy instruction.
     pub fn new(policy: &str, family: Family, seed: u64) -> Self {
         let (scene, task) = (scene(), task(family));
         let header = EpisodeHeader {
@@ -52,7 +53,10 @@ impl Play {
             build: "0.1.0".into(),
             profile: Profile::Paper,
             reward_preset: "paper".into(),
-            policy: PolicyInfo { name: policy.into(), ..PolicyInfo::default() },
+            policy: PolicyInfo {
+                name: policy.into(),
+                ..PolicyInfo::default()
+            },
             backend: Backend::Sim,
             skills: Skills::Perfect,
             meshes: std::collections::BTreeMap::new(),
@@ -102,17 +106,34 @@ impl Play {
             tool: Some(tool.into()),
             reply: None,
             markers: Vec::new(),
-            visible: vec![VisibleObject { object: TARGET.into(), pixels: 420, bbox: [10, 20, 40, 60] }],
+            visible: vec![VisibleObject {
+                object: TARGET.into(),
+                pixels: 420,
+                bbox: [10, 20, 40, 60],
+            }],
             listed: Vec::new(),
             object: None,
             receptacle: None,
             held: self.held.clone(),
             changes: GraphChanges::default(),
             bodies: self.bodies(),
-            robot: RobotState { base: [after, 1.0], yaw: 0.3, camera: [after, 1.0, 1.2], pitch: -0.3, path_length_m: after },
+            robot: RobotState {
+                base: [after, 1.0],
+                yaw: 0.3,
+                camera: [after, 1.0, 1.2],
+                pitch: -0.3,
+                path_length_m: after,
+            },
             sim_step: u64::from(step + 1) * 20,
-            reward: vec![RewardTerm { component: "time".into(), value: -0.03, reason: "one more decision".into() }],
-            digests: StateDigests { state: Digest::of(&step.to_le_bytes()), ..StateDigests::default() },
+            reward: vec![RewardTerm {
+                component: "time".into(),
+                value: -0.03,
+                reason: "one more decision".into(),
+            }],
+            digests: StateDigests {
+                state: Digest::of(&step.to_le_bytes()),
+                ..StateDigests::default()
+            },
         });
         self
     }
@@ -122,33 +143,61 @@ impl Play {
     }
 
     pub fn nav(self, receptacle: &str) -> Self {
-        let mut play =
-            self.call("nav_to", json!({ "receptacle_name": receptacle }), Outcome::ok(format!("You are at {receptacle}.")));
+        let mut play = self.call(
+            "nav_to",
+            json!({ "receptacle_name": receptacle }),
+            Outcome::ok(format!("You are at {receptacle}.")),
+        );
         play.last().receptacle = Some(receptacle.into());
         play
     }
 
     pub fn find(self, category: &str) -> Self {
-        let mut play =
-            self.call("show_object_by_category", json!({ "target_category": category }), Outcome::ok("Marked 2 objects."));
+        let mut play = self.call(
+            "show_object_by_category",
+            json!({ "target_category": category }),
+            Outcome::ok("Marked 2 objects."),
+        );
         let seen = [TARGET, DISTRACTOR].map(InstanceId::from);
         let record = play.last();
-        record.visible =
-            seen.iter().map(|object| VisibleObject { object: object.clone(), pixels: 300, bbox: [0, 0, 9, 9] }).collect();
-        record.markers = (1..).zip(seen).map(|(id, object)| Marker { id, target: MarkerTarget::Object(object) }).collect();
+        record.visible = seen
+            .iter()
+            .map(|object| VisibleObject {
+                object: object.clone(),
+                pixels: 300,
+                bbox: [0, 0, 9, 9],
+            })
+            .collect();
+        record.markers = (1..)
+            .zip(seen)
+            .map(|(id, object)| Marker {
+                id,
+                target: MarkerTarget::Object(object),
+            })
+            .collect();
         play
     }
 
     pub fn ask(self, question: &str, reply: &str) -> Self {
         let mut play = self.call("ask", json!({ "question": question }), Outcome::ok(reply));
-        play.last().reply = Some(UserReply { text: reply.into(), source: UserSource::RuleBased });
+        play.last().reply = Some(UserReply {
+            text: reply.into(),
+            source: UserSource::RuleBased,
+        });
         play
     }
 
     pub fn pick(mut self, object: &str) -> Self {
         let object = InstanceId::from(object);
-        let from = self.graph.place_of(&object).expect("the object is somewhere").clone();
-        let event = GraphEvent::Remove { object: object.clone(), receptacle: from.clone() };
+        let from = self
+            .graph
+            .place_of(&object)
+            .expect("the object is somewhere")
+            .clone();
+        let event = GraphEvent::Remove {
+            object: object.clone(),
+            receptacle: from.clone(),
+        };
         self.graph.apply(std::slice::from_ref(&event));
         self.held = Some(object.clone());
         self.moved("pick", object, from, event)
@@ -156,23 +205,41 @@ impl Play {
 
     pub fn place(mut self, receptacle: &str) -> Self {
         let object = self.held.take().expect("something is held");
-        let event = GraphEvent::Add { object: object.clone(), receptacle: receptacle.into() };
+        let event = GraphEvent::Add {
+            object: object.clone(),
+            receptacle: receptacle.into(),
+        };
         self.graph.apply(std::slice::from_ref(&event));
         self.moved("place", object, receptacle.into(), event)
     }
 
     pub fn open(mut self, receptacle: &str) -> Self {
-        let event = GraphEvent::Door { receptacle: receptacle.into(), from: DoorState::Closed, to: DoorState::Open };
+        let event = GraphEvent::Door {
+            receptacle: receptacle.into(),
+            from: DoorState::Closed,
+            to: DoorState::Open,
+        };
         self.graph.apply(std::slice::from_ref(&event));
-        let mut play = self.call("open", json!({ "marker_id": 1 }), Outcome::ok("The door is open."));
+        let mut play = self.call(
+            "open",
+            json!({ "marker_id": 1 }),
+            Outcome::ok("The door is open."),
+        );
         let record = play.last();
         record.receptacle = Some(receptacle.into());
-        record.changes = GraphChanges { physics: vec![event.clone()], registry: vec![event] };
+        record.changes = GraphChanges {
+            physics: vec![event.clone()],
+            registry: vec![event],
+        };
         play
     }
 
     pub fn fails(self, tool: &str, code: ErrorCode) -> Self {
-        self.call(tool, json!({ "marker_id": 1 }), Outcome::error(code, format!("It does not work: {code}.")))
+        self.call(
+            tool,
+            json!({ "marker_id": 1 }),
+            Outcome::error(code, format!("It does not work: {code}.")),
+        )
     }
 
     pub fn finish(self) -> Self {
@@ -184,7 +251,10 @@ impl Play {
     /// What is held falls to the floor with the last call.
     pub fn drops(mut self) -> Self {
         let object = self.held.take().expect("something is held");
-        let event = GraphEvent::Add { object, receptacle: FLOOR.into() };
+        let event = GraphEvent::Add {
+            object,
+            receptacle: FLOOR.into(),
+        };
         self.graph.apply(std::slice::from_ref(&event));
         let record = self.last();
         record.held = None;
@@ -194,7 +264,10 @@ impl Play {
 
     /// What the policy wrote down about its past with the last call.
     pub fn remembering(self, history: &str) -> Self {
-        self.thinking(PolicyOutput { history: history.into(), ..PolicyOutput::default() })
+        self.thinking(PolicyOutput {
+            history: history.into(),
+            ..PolicyOutput::default()
+        })
     }
 
     /// Ends at the horizon, or by whatever else.
@@ -209,15 +282,31 @@ impl Play {
         self
     }
 
-    fn moved(self, tool: &str, object: InstanceId, receptacle: ReceptacleId, event: GraphEvent) -> Self {
+    fn moved(
+        self,
+        tool: &str,
+        object: InstanceId,
+        receptacle: ReceptacleId,
+        event: GraphEvent,
+    ) -> Self {
         let goal = self.task.goal_changes().contains(&event);
         let mut play = self.call(tool, json!({ "marker_id": 1 }), Outcome::ok("Done."));
         let record = play.last();
         record.object = Some(object);
         record.receptacle = Some(receptacle);
-        record.changes = GraphChanges { physics: vec![event.clone()], registry: vec![event.clone()] };
+        record.changes = GraphChanges {
+            physics: vec![event.clone()],
+            registry: vec![event.clone()],
+        };
         if goal {
-            record.reward.insert(0, RewardTerm { component: "task".into(), value: 1.5, reason: event.to_string() });
+            record.reward.insert(
+                0,
+                RewardTerm {
+                    component: "task".into(),
+                    value: 1.5,
+                    reason: event.to_string(),
+                },
+            );
         }
         play
     }
@@ -232,21 +321,45 @@ impl Play {
             angular_velocity: [0.0; 3],
             asleep: true,
         };
-        self.task.objects.iter().filter(|object| self.held.as_ref() != Some(&object.instance)).map(still).collect()
+        self.task
+            .objects
+            .iter()
+            .filter(|object| self.held.as_ref() != Some(&object.instance))
+            .map(still)
+            .collect()
     }
 
     /// Records the trace as `<episode id>.mcap`, with pictures or without, and reads it back.
     pub fn record(&self, dir: &Path, images: Images) -> Trace {
-        Trace::read(&self.record_as(&dir.join(format!("{}.mcap", self.header.episode_id)), images)).unwrap()
+        Trace::read(&self.record_as(
+            &dir.join(format!("{}.mcap", self.header.episode_id)),
+            images,
+        ))
+        .unwrap()
     }
 
-    /// Records the trace under a path; without an end it stays the `.part` of a broken-off recording.
+    /// Records the trace under a path; without an end it stays the `.part` of a broken-off
+    /// recording.
     pub fn record_as(&self, path: &Path, images: Images) -> PathBuf {
         let mut start = StartRecord {
-            graphs: Graphs { physics: self.task.initial.clone(), registry: self.task.initial.clone() },
-            bodies: Play { held: None, ..self.clone() }.bodies(),
-            robot: RobotState { camera: [0.0, 1.0, 1.2], ..RobotState::default() },
-            visible: vec![VisibleObject { object: DISTRACTOR.into(), pixels: 99, bbox: [1, 2, 3, 4] }],
+            graphs: Graphs {
+                physics: self.task.initial.clone(),
+                registry: self.task.initial.clone(),
+            },
+            bodies: Play {
+                held: None,
+                ..self.clone()
+            }
+            .bodies(),
+            robot: RobotState {
+                camera: [0.0, 1.0, 1.2],
+                ..RobotState::default()
+            },
+            visible: vec![VisibleObject {
+                object: DISTRACTOR.into(),
+                pixels: 99,
+                bbox: [1, 2, 3, 4],
+            }],
             shortest_path_m: Some(1.5),
             digests: StateDigests::default(),
         };
@@ -255,7 +368,8 @@ impl Play {
         start.digests.frame = first.as_ref().map(Frame::digests);
         let mut link = chain::start_link(&self.header, &start);
         start.digests.chain = link;
-        let mut recorder = Recorder::create(path, &self.header, &self.task, &self.scene, images).unwrap();
+        let mut recorder =
+            Recorder::create(path, &self.header, &self.task, &self.scene, images).unwrap();
         recorder.start(&start, first.as_ref()).unwrap();
         for record in &self.steps {
             let mut record = record.clone();
@@ -280,11 +394,26 @@ impl Play {
             total_reward: self.steps.iter().map(StepRecord::reward_total).sum(),
             discounted_return: self.discounted_return,
             length: self.steps.len() as u32,
-            asks: self.steps.iter().filter(|record| record.tool_name() == "ask").count() as u32,
+            asks: self
+                .steps
+                .iter()
+                .filter(|record| record.tool_name() == "ask")
+                .count() as u32,
             spl: Some(if success { 0.8 } else { 0.0 }),
         };
-        let graphs = Graphs { physics: self.graph.clone(), registry: self.graph.clone() };
-        recorder.end(&EndRecord { reason, graphs, metrics, chain: link, steps: self.steps.len() as u32 }).unwrap();
+        let graphs = Graphs {
+            physics: self.graph.clone(),
+            registry: self.graph.clone(),
+        };
+        recorder
+            .end(&EndRecord {
+                reason,
+                graphs,
+                metrics,
+                chain: link,
+                steps: self.steps.len() as u32,
+            })
+            .unwrap();
         path.to_path_buf()
     }
 }
@@ -325,7 +454,11 @@ fn task(family: Family) -> Task {
         object("mug_1", "mug", "red", 0.9),
     ];
     let initial = Task::initial_graph(&scene(), &objects);
-    let dest = if family == Family::FDO { "cabinet_1" } else { "desk_1" };
+    let dest = if family == Family::FDO {
+        "cabinet_1"
+    } else {
+        "desk_1"
+    };
     let mut goal = initial.clone();
     goal.remove(&"table_1".into(), &TARGET.into());
     goal.add(&dest.into(), &TARGET.into());
@@ -333,14 +466,21 @@ fn task(family: Family) -> Task {
         goal.receptacles.get_mut(dest).unwrap().door = Some(DoorState::Open);
     }
     let fuzzy = family == Family::SUL;
-    let precise = format!("Move the white alarm clock from the small table to the {}.", dest.split('_').next().unwrap());
+    let precise = format!(
+        "Move the white alarm clock from the small table to the {}.",
+        dest.split('_').next().unwrap()
+    );
     Task {
         placement_order: Vec::new(),
         task_id: format!("{family}/t"),
         family,
         task_type: Some("basic".into()),
         scene_id: "flat".into(),
-        instruction: if fuzzy { "Move a timekeeping device to the desk.".into() } else { precise.clone() },
+        instruction: if fuzzy {
+            "Move a timekeeping device to the desk.".into()
+        } else {
+            precise.clone()
+        },
         precise_instruction: precise,
         fuzzy,
         purpose: fuzzy.then(|| "timekeeping device".into()),
@@ -364,16 +504,34 @@ fn frame(index: usize) -> Frame {
     let mut frame = Frame::new();
     for (pixel, rgb) in frame.rgb.chunks_exact_mut(3).enumerate() {
         let (x, y) = (pixel % FRAME_WIDTH, pixel / FRAME_WIDTH);
-        rgb.copy_from_slice(&[(y / 2) as u8, if (x / 40 + y / 40 + index).is_multiple_of(3) { 190 } else { 90 }, (x / 3) as u8]);
+        rgb.copy_from_slice(&[
+            (y / 2) as u8,
+            if (x / 40 + y / 40 + index).is_multiple_of(3) {
+                190
+            } else {
+                90
+            },
+            (x / 3) as u8,
+        ]);
     }
     frame
 }
 
 /// An episode that does everything right.
 pub fn success(policy: &str, family: Family, seed: u64) -> Play {
-    let play = Play::new(policy, family, seed).nav("table_1").find("alarm clock");
-    let play = if family == Family::SUL { play.ask("Which one?", "The white one, please.") } else { play };
-    let play = if family == Family::FDO { play.nav("cabinet_1").open("cabinet_1").nav("table_1") } else { play };
+    let play = Play::new(policy, family, seed)
+        .nav("table_1")
+        .find("alarm clock");
+    let play = if family == Family::SUL {
+        play.ask("Which one?", "The white one, please.")
+    } else {
+        play
+    };
+    let play = if family == Family::FDO {
+        play.nav("cabinet_1").open("cabinet_1").nav("table_1")
+    } else {
+        play
+    };
     let dest = play.task.dest.as_str().to_owned();
     play.pick(TARGET).nav(&dest).place(&dest).finish()
 }

@@ -10,7 +10,11 @@ use crate::{error::Problem, field::Field};
 const PATHS: [(&str, &str, &str); 3] = [
     ("scene_usd", "assets/scenes/", "_usd/scene.usd"),
     ("occ_map_dir", "assets/metadata/", ""),
-    ("furniture_lib", "assets/metadata/", "/scene_furniture_library.json"),
+    (
+        "furniture_lib",
+        "assets/metadata/",
+        "/scene_furniture_library.json",
+    ),
 ];
 /// Prefix of the mesh paths of objects.
 const USD_ROOT: &str = "${MESATASK_USD_ROOT}/";
@@ -49,14 +53,28 @@ pub(super) fn runtime(root: &Field<'_>) -> Result<(), Problem> {
         return Err(episodes.problem("holds no episode"));
     }
     for episode in items {
-        for key in ["task_id", "task_description", "src", "dest", "target_object_id"] {
+        for key in [
+            "task_id",
+            "task_description",
+            "src",
+            "dest",
+            "target_object_id",
+        ] {
             episode.get(key)?.text()?;
         }
-        let (target, src) = (episode.get("target_object_id")?, episode.get("src")?.text()?);
+        let (target, src) = (
+            episode.get("target_object_id")?,
+            episode.get("src")?.text()?,
+        );
         let mut target_is_placed = false;
         for (key, placement) in filled(&episode.get("placements")?)? {
-            let Some(object) = objects.find(key)? else { return Err(placement.problem("is not among the objects")) };
-            let (asset, furniture) = (placement.get("original_id")?, placement.get("furniture")?.text()?);
+            let Some(object) = objects.find(key)? else {
+                return Err(placement.problem("is not among the objects"));
+            };
+            let (asset, furniture) = (
+                placement.get("original_id")?,
+                placement.get("furniture")?.text()?,
+            );
             same_text(&asset, &object.get("original_id")?)?;
             target_is_placed |= asset.text()? == target.text()? && furniture == src;
         }
@@ -67,8 +85,13 @@ pub(super) fn runtime(root: &Field<'_>) -> Result<(), Problem> {
     Ok(())
 }
 
-/// What the published benchmark loader demands beyond [`runtime`] of the file `tasks/<family>/<task>.yaml`.
-pub(super) fn benchmark(root: &Field<'_>, (family, task): (&str, &str), families: Option<&[String]>) -> Result<Facts, Problem> {
+/// What the published benchmark loader demands beyond [`runtime`] of the file
+/// `tasks/<family>/<task>.yaml`.
+pub(super) fn benchmark(
+    root: &Field<'_>,
+    (family, task): (&str, &str),
+    families: Option<&[String]>,
+) -> Result<Facts, Problem> {
     let episodes = root.get("episodes")?;
     let items = episodes.items()?;
     let [episode] = items.as_slice() else {
@@ -84,14 +107,20 @@ pub(super) fn benchmark(root: &Field<'_>, (family, task): (&str, &str), families
         placement.get("furniture")?.text()?;
         let asset = placement.get("original_id")?;
         let Some(meta) = metadata.get(asset.text()?) else {
-            return Err(asset.problem(format!("obj_meta and obj_distractor_meta have no entry for {}", asset.text()?)));
+            return Err(asset.problem(format!(
+                "obj_meta and obj_distractor_meta have no entry for {}",
+                asset.text()?
+            )));
         };
         object_view(&objects.get(key)?, &placement, meta)?;
     }
     if let Some(rests) = episode.find("final_positions")? {
         same_keys(&rests, &placements)?;
         for (key, rest) in rests.entries()? {
-            same_text(&rest.get("original_id")?, &placements.get(key)?.get("original_id")?)?;
+            same_text(
+                &rest.get("original_id")?,
+                &placements.get(key)?.get("original_id")?,
+            )?;
         }
     }
     graphs(episode, &placements)?;
@@ -103,8 +132,14 @@ pub(super) fn benchmark(root: &Field<'_>, (family, task): (&str, &str), families
         step.get("action")?.any_text()?;
         step.get("args")?.entries()?;
     }
-    let meshes = metadata.values().filter_map(|meta| meta.find("usd_path").ok().flatten()).filter_map(|path| path.text().ok());
-    Ok(Facts { meshes: meshes.map(str::to_owned).collect(), ..facts })
+    let meshes = metadata
+        .values()
+        .filter_map(|meta| meta.find("usd_path").ok().flatten())
+        .filter_map(|path| path.text().ok());
+    Ok(Facts {
+        meshes: meshes.map(str::to_owned).collect(),
+        ..facts
+    })
 }
 
 /// Who the task is: the same in its path, its ids and its scene.
@@ -124,9 +159,14 @@ fn identity(
     };
     let family_field = episode.get("family")?;
     if let Some(known) = families
-        && !known.iter().any(|name| Ok(name.as_str()) == family_field.text())
+        && !known
+            .iter()
+            .any(|name| Ok(name.as_str()) == family_field.text())
     {
-        return Err(family_field.problem(format!("expected a family of the manifest: {}", known.join(", "))));
+        return Err(family_field.problem(format!(
+            "expected a family of the manifest: {}",
+            known.join(", ")
+        )));
     }
     let scene_id = root.get("scene_id")?.text()?;
     let paths = root.get("paths")?;
@@ -151,19 +191,33 @@ fn identity(
 fn metadata<'a>(episode: &Field<'a>) -> Result<BTreeMap<&'a str, Field<'a>>, Problem> {
     let targets = episode.get("obj_meta")?;
     let mut metadata: BTreeMap<&str, Field<'_>> = targets.entries()?.into_iter().collect();
-    let Some((target, 1)) = metadata.keys().next().map(|target| (*target, metadata.len())) else {
+    let Some((target, 1)) = metadata
+        .keys()
+        .next()
+        .map(|target| (*target, metadata.len()))
+    else {
         return Err(targets.problem(format!("expected 1 target, found {}", metadata.len())));
     };
     let named = episode.get("target_object_id")?;
     if named.text()? != target {
-        return Err(named.problem(format!("expected the asset of obj_meta, {target}, found {}", named.text()?)));
+        return Err(named.problem(format!(
+            "expected the asset of obj_meta, {target}, found {}",
+            named.text()?
+        )));
     }
-    metadata.extend(episode.find_or_null("obj_distractor_meta")?.map_or(Ok(Vec::new()), |metas| metas.entries())?);
+    metadata.extend(
+        episode
+            .find_or_null("obj_distractor_meta")?
+            .map_or(Ok(Vec::new()), |metas| metas.entries())?,
+    );
     for meta in metadata.values() {
         if let Some(path) = meta.find("usd_path")?
             && (path.text()?.contains('/') || !path.text()?.ends_with(".usd"))
         {
-            return Err(path.problem(format!("expected the file name of a mesh, like mug.usd, found {}", path.text()?)));
+            return Err(path.problem(format!(
+                "expected the file name of a mesh, like mug.usd, found {}",
+                path.text()?
+            )));
         }
     }
     Ok(metadata)
@@ -175,7 +229,11 @@ fn object_view(object: &Field<'_>, placement: &Field<'_>, meta: &Field<'_>) -> R
     same_value(&object.get("category")?, &meta.get("category")?)?;
     let (path, mesh) = (object.get("usd_path")?, meta.get("usd_path")?);
     if path.text()?.strip_prefix(USD_ROOT) != Some(mesh.text()?) {
-        return Err(path.problem(format!("expected {USD_ROOT}{}, found {}", mesh.text()?, path.text()?)));
+        return Err(path.problem(format!(
+            "expected {USD_ROOT}{}, found {}",
+            mesh.text()?,
+            path.text()?
+        )));
     }
     for key in ["size", "detailed_caption"] {
         if let Some(said) = meta.find(key)? {
@@ -185,13 +243,20 @@ fn object_view(object: &Field<'_>, placement: &Field<'_>, meta: &Field<'_>) -> R
     Ok(())
 }
 
-/// The graphs hold what is placed, and the goal brings the target from the source to the destination.
+/// The graphs hold what is placed, and the goal brings the target from the source to the
+/// destination.
 fn graphs(episode: &Field<'_>, placements: &Field<'_>) -> Result<(), Problem> {
-    let (initial, goal) = (episode.get("initial_world_graph")?, episode.get("goal_world_graph")?);
+    let (initial, goal) = (
+        episode.get("initial_world_graph")?,
+        episode.get("goal_world_graph")?,
+    );
     let (before, after) = (contents(&initial)?, contents(&goal)?);
     let mut placed: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (_, placement) in placements.entries()? {
-        placed.entry(placement.get("furniture")?.text()?).or_default().push(placement.get("original_id")?.text()?);
+        placed
+            .entry(placement.get("furniture")?.text()?)
+            .or_default()
+            .push(placement.get("original_id")?.text()?);
     }
     for (receptacle, content) in &before {
         let sorted = |list: &[&str]| {
@@ -202,7 +267,9 @@ fn graphs(episode: &Field<'_>, placements: &Field<'_>) -> Result<(), Problem> {
         let here = placed.remove(receptacle).unwrap_or_default();
         if sorted(content) != sorted(&here) {
             let (said, here) = (content.join(", "), here.join(", "));
-            return Err(initial.get(receptacle)?.problem(format!("holds [{said}], but placed there are [{here}]")));
+            return Err(initial
+                .get(receptacle)?
+                .problem(format!("holds [{said}], but placed there are [{here}]")));
         }
     }
     if let Some((receptacle, _)) = placed.first_key_value() {
@@ -213,14 +280,27 @@ fn graphs(episode: &Field<'_>, placements: &Field<'_>) -> Result<(), Problem> {
         let field = episode.get(key)?;
         let content = graph.get(field.text()?);
         Ok(content
-            .ok_or_else(|| field.problem(format!("{} is missing in a world graph", field.text().unwrap_or_default())))?
+            .ok_or_else(|| {
+                field.problem(format!(
+                    "{} is missing in a world graph",
+                    field.text().unwrap_or_default()
+                ))
+            })?
             .contains(&target))
     };
     holds(&before, "dest")?;
-    match (holds(&before, "src")?, holds(&after, "src")?, holds(&after, "dest")?) {
-        (false, ..) => Err(initial.problem(format!("the source does not hold the target, {target}"))),
+    match (
+        holds(&before, "src")?,
+        holds(&after, "src")?,
+        holds(&after, "dest")?,
+    ) {
+        (false, ..) => {
+            Err(initial.problem(format!("the source does not hold the target, {target}")))
+        }
         (_, true, _) => Err(goal.problem(format!("the source still holds the target, {target}"))),
-        (.., false) => Err(goal.problem(format!("the destination does not hold the target, {target}"))),
+        (.., false) => Err(goal.problem(format!(
+            "the destination does not hold the target, {target}"
+        ))),
         (true, false, true) => Ok(()),
     }
 }
@@ -228,8 +308,15 @@ fn graphs(episode: &Field<'_>, placements: &Field<'_>) -> Result<(), Problem> {
 fn contents<'a>(graph: &Field<'a>) -> Result<BTreeMap<&'a str, Vec<&'a str>>, Problem> {
     let content = |(receptacle, state): (&'a str, Field<'a>)| {
         state.entries()?;
-        let list = state.find_or_null("content")?.map_or(Ok(Vec::new()), |list| list.items())?;
-        Ok((receptacle, list.iter().map(Field::any_text).collect::<Result<_, Problem>>()?))
+        let list = state
+            .find_or_null("content")?
+            .map_or(Ok(Vec::new()), |list| list.items())?;
+        Ok((
+            receptacle,
+            list.iter()
+                .map(Field::any_text)
+                .collect::<Result<_, Problem>>()?,
+        ))
     };
     graph.entries()?.into_iter().map(content).collect()
 }
@@ -237,13 +324,21 @@ fn contents<'a>(graph: &Field<'a>) -> Result<BTreeMap<&'a str, Vec<&'a str>>, Pr
 /// The entries of a mapping that must have some.
 fn filled<'a>(field: &Field<'a>) -> Result<Vec<(&'a str, Field<'a>)>, Problem> {
     let entries = field.entries()?;
-    if entries.is_empty() { Err(field.problem("empty")) } else { Ok(entries) }
+    if entries.is_empty() {
+        Err(field.problem("empty"))
+    } else {
+        Ok(entries)
+    }
 }
 
 fn same_keys(one: &Field<'_>, other: &Field<'_>) -> Result<(), Problem> {
     for (a, b) in [(one, other), (other, one)] {
         let known: BTreeSet<&str> = b.entries()?.into_iter().map(|(key, _)| key).collect();
-        if let Some((_, field)) = a.entries()?.into_iter().find(|(key, _)| !known.contains(key)) {
+        if let Some((_, field)) = a
+            .entries()?
+            .into_iter()
+            .find(|(key, _)| !known.contains(key))
+        {
             return Err(field.problem(format!("is not in {}", b.path())));
         }
     }
@@ -260,13 +355,20 @@ fn same_value(one: &Field<'_>, other: &Field<'_>) -> Result<(), Problem> {
     if equal(&one.json(), &other.json()) {
         return Ok(());
     }
-    Err(one.problem(format!("expected {} as in {}, found {}", other.json(), other.path(), one.json())))
+    Err(one.problem(format!(
+        "expected {} as in {}, found {}",
+        other.json(),
+        other.path(),
+        one.json()
+    )))
 }
 
 fn equal(one: &Value, other: &Value) -> bool {
     match (one, other) {
         (Value::Number(a), Value::Number(b)) => a.as_f64() == b.as_f64(),
-        (Value::Array(a), Value::Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| equal(a, b)),
+        (Value::Array(a), Value::Array(b)) => {
+            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| equal(a, b))
+        }
         _ => one == other,
     }
 }

@@ -1,8 +1,8 @@
-//! REAL-Bench as it is published: the `benchmark` folder of a checkout, checked as its own loader checks it, and the scenes that its
-//! placements prove.
+//! REAL-Bench as it is published: the `benchmark` folder of a checkout, checked as its own loader
+//! checks it, and the scenes that its placements prove.
 //!
-//! A file that fails a check is named and left out, the others load. The published loader accepts a bundle if and only if
-//! [`Checkout::broken`] and [`Checkout::complaints`] are empty.
+//! A file that fails a check is named and left out, the others load. The published loader accepts a
+//! bundle if and only if [`Checkout::broken`] and [`Checkout::complaints`] are empty.
 
 mod captions;
 mod checks;
@@ -72,20 +72,41 @@ impl Checkout {
     /// Fails if there is no folder of tasks in it.
     pub fn read(path: &Path) -> Result<Self, TaskError> {
         let below = path.join("benchmark");
-        let root = if below.join("tasks").is_dir() { below } else { path.to_owned() };
+        let root = if below.join("tasks").is_dir() {
+            below
+        } else {
+            path.to_owned()
+        };
         let tasks = root.join("tasks");
         if !tasks.is_dir() {
-            return Err(TaskError::NoBenchmark { folder: path.display().to_string() });
+            return Err(TaskError::NoBenchmark {
+                folder: path.display().to_string(),
+            });
         }
-        let mut checkout = Self { root, files: Vec::new(), broken: Vec::new(), complaints: Vec::new() };
+        let mut checkout = Self {
+            root,
+            files: Vec::new(),
+            broken: Vec::new(),
+            complaints: Vec::new(),
+        };
         let manifest = checkout.manifest();
-        let families = manifest.as_ref().map(|manifest| manifest.family_order.as_slice());
+        let families = manifest
+            .as_ref()
+            .map(|manifest| manifest.family_order.as_slice());
         let mut paths = Vec::new();
-        files_below(&tasks, &mut paths).map_err(|source| TaskError::Read { file: tasks.display().to_string(), source })?;
+        files_below(&tasks, &mut paths).map_err(|source| TaskError::Read {
+            file: tasks.display().to_string(),
+            source,
+        })?;
         for path in paths {
             if path.extension().is_none_or(|extension| extension != "yaml") {
-                let problem = "is no task: the folder may hold only files tasks/<family>/<task>.yaml".to_owned();
-                checkout.complaints.push(TaskError::Bundle { file: path.display().to_string(), problem });
+                let problem =
+                    "is no task: the folder may hold only files tasks/<family>/<task>.yaml"
+                        .to_owned();
+                checkout.complaints.push(TaskError::Bundle {
+                    file: path.display().to_string(),
+                    problem,
+                });
                 continue;
             }
             match TaskFile::read(&tasks, path, families) {
@@ -111,7 +132,10 @@ impl Checkout {
     /// # Errors
     /// Fails if the files contradict each other, or no scene can be made of them.
     pub fn rebuild(&self, scene_id: &str) -> Result<Rebuilt, TaskError> {
-        let files: Vec<(&Path, Field<'_>)> = self.of(scene_id).map(|file| (&*file.path, Field::root(&file.root))).collect();
+        let files: Vec<(&Path, Field<'_>)> = self
+            .of(scene_id)
+            .map(|file| (&*file.path, Field::root(&file.root)))
+            .collect();
         rebuild::rebuild(scene_id, &files)
     }
 
@@ -124,21 +148,25 @@ impl Checkout {
                     report.tasks.push(task);
                     report.oddities.extend(oddities);
                 }
-                Err(problem) => report.broken.push(problem.in_file(&file.path.display().to_string())),
+                Err(problem) => report
+                    .broken
+                    .push(problem.in_file(&file.path.display().to_string())),
             }
         }
         report
     }
 
     fn of(&self, scene_id: &str) -> impl Iterator<Item = &TaskFile> {
-        self.files.iter().filter(move |file| file.scene_id() == scene_id)
+        self.files
+            .iter()
+            .filter(move |file| file.scene_id() == scene_id)
     }
 
     /// The manifest, if there is a good one; else a complaint.
     fn manifest(&mut self) -> Option<Manifest> {
         let file = self.root.join("manifest.yaml").display().to_string();
-        let read =
-            read_file(Path::new(&file), &file).and_then(|text| Manifest::parse(&text).map_err(|problem| problem.in_file(&file)));
+        let read = read_file(Path::new(&file), &file)
+            .and_then(|text| Manifest::parse(&text).map_err(|problem| problem.in_file(&file)));
         read.map_err(|error| self.complaints.push(error)).ok()
     }
 
@@ -149,32 +177,58 @@ impl Checkout {
         for file in &self.files {
             let index = file.facts.global_index;
             if let Some(other) = first.insert(index, file) {
-                let problem = format!("its global_index {index} is that of {}, too", other.path.display());
-                complaints.push(TaskError::Bundle { file: file.path.display().to_string(), problem });
+                let problem = format!(
+                    "its global_index {index} is that of {}, too",
+                    other.path.display()
+                );
+                complaints.push(TaskError::Bundle {
+                    file: file.path.display().to_string(),
+                    problem,
+                });
             }
         }
         let numbers = 0..i64::try_from(self.files.len()).unwrap_or(i64::MAX);
-        if let (true, Some((index, file))) = (self.broken.is_empty(), first.iter().find(|(index, _)| !numbers.contains(index))) {
+        if let (true, Some((index, file))) = (
+            self.broken.is_empty(),
+            first.iter().find(|(index, _)| !numbers.contains(index)),
+        ) {
             let problem = format!(
                 "its global_index is {index}: the {} tasks that are there are not numbered from 0 without a gap",
                 self.files.len()
             );
-            complaints.push(TaskError::Bundle { file: file.path.display().to_string(), problem });
+            complaints.push(TaskError::Bundle {
+                file: file.path.display().to_string(),
+                problem,
+            });
         }
         self.complaints.extend(complaints);
     }
 
     fn check_counts(&mut self, manifest: &Manifest) {
         let file = self.root.join("manifest.yaml").display().to_string();
-        let mut complain = |problem: String| self.complaints.push(TaskError::Bundle { file: file.clone(), problem });
+        let mut complain = |problem: String| {
+            self.complaints.push(TaskError::Bundle {
+                file: file.clone(),
+                problem,
+            })
+        };
         let found = self.files.len() + self.broken.len();
         if found != manifest.total_tasks {
-            complain(format!("total_tasks is {}, but {found} task files are there", manifest.total_tasks));
+            complain(format!(
+                "total_tasks is {}, but {found} task files are there",
+                manifest.total_tasks
+            ));
         }
         for (family, count) in &manifest.family_counts {
-            let found = self.files.iter().filter(|task| task.facts.family == *family).count();
+            let found = self
+                .files
+                .iter()
+                .filter(|task| task.facts.family == *family)
+                .count();
             if found != *count {
-                complain(format!("family_counts.{family} is {count}, but {found} good task files are there"));
+                complain(format!(
+                    "family_counts.{family} is {count}, but {found} good task files are there"
+                ));
             }
         }
     }
@@ -186,13 +240,29 @@ impl Checkout {
             Ok(text) => text,
             Err(error) => return self.complaints.push(error),
         };
-        let listed: Vec<(usize, &str)> =
-            text.lines().enumerate().map(|(at, line)| (at + 1, line.trim())).filter(|(_, name)| !name.is_empty()).collect();
+        let listed: Vec<(usize, &str)> = text
+            .lines()
+            .enumerate()
+            .map(|(at, line)| (at + 1, line.trim()))
+            .filter(|(_, name)| !name.is_empty())
+            .collect();
         if let Some(pair) = listed.windows(2).find(|pair| pair[0].1 >= pair[1].1) {
-            let problem = format!("{} does not come after {}: the names are sorted, each once", pair[1].1, pair[0].1);
-            self.complaints.push(TaskError::Syntax { file: file.clone(), line: pair[1].0, problem });
+            let problem = format!(
+                "{} does not come after {}: the names are sorted, each once",
+                pair[1].1, pair[0].1
+            );
+            self.complaints.push(TaskError::Syntax {
+                file: file.clone(),
+                line: pair[1].0,
+                problem,
+            });
         }
-        let mut complain = |problem: String| self.complaints.push(TaskError::Bundle { file: file.clone(), problem });
+        let mut complain = |problem: String| {
+            self.complaints.push(TaskError::Bundle {
+                file: file.clone(),
+                problem,
+            })
+        };
         if listed.len() != manifest.mesa_required_count {
             complain(format!(
                 "lists {} meshes, the manifest's mesa_required_count is {}",
@@ -201,10 +271,16 @@ impl Checkout {
             ));
         }
         let listed: BTreeSet<&str> = listed.into_iter().map(|(_, name)| name).collect();
-        let named: BTreeSet<&str> = self.files.iter().flat_map(|file| &file.facts.meshes).map(String::as_str).collect();
+        let named: BTreeSet<&str> = self
+            .files
+            .iter()
+            .flat_map(|file| &file.facts.meshes)
+            .map(String::as_str)
+            .collect();
         let example = |one: &BTreeSet<&str>, other: &BTreeSet<&str>| {
             let rest: Vec<&str> = one.difference(other).copied().collect();
-            rest.first().map(|first| format!("{}, the first is {first}", rest.len()))
+            rest.first()
+                .map(|first| format!("{}, the first is {first}", rest.len()))
         };
         if let Some(rest) = example(&named, &listed) {
             complain(format!("lacks meshes that tasks name: {rest}"));
@@ -223,14 +299,20 @@ impl TaskFile {
             let root = document::parse(&text)?;
             let field = Field::root(&root);
             checks::runtime(&field)?;
-            let name = |path: Option<&Path>| path.and_then(|path| path.file_name()?.to_str()).unwrap_or_default().to_owned();
+            let name = |path: Option<&Path>| {
+                path.and_then(|path| path.file_name()?.to_str())
+                    .unwrap_or_default()
+                    .to_owned()
+            };
             let (family, task) = (name(path.parent()), name(Some(&path.with_extension(""))));
             if path.parent().and_then(Path::parent) != Some(tasks) {
                 return Err(field.problem("does not lie at tasks/<family>/<task>.yaml"));
             }
             let facts = checks::benchmark(&field, (&family, &task), families)?;
             if !is_file_name(&facts.scene_id) {
-                return Err(field.get("scene_id")?.problem("expected letters, digits, '-', '_' and '.' only: it names a file"));
+                return Err(field
+                    .get("scene_id")?
+                    .problem("expected letters, digits, '-', '_' and '.' only: it names a file"));
             }
             Ok((root, facts))
         };
@@ -239,8 +321,8 @@ impl TaskFile {
     }
 }
 
-/// Checks the text of a task file as the published server does before it plays it; `file` is its name in errors. Benchmark files must
-/// pass more than that: [`Checkout::read`].
+/// Checks the text of a task file as the published server does before it plays it; `file` is its
+/// name in errors. Benchmark files must pass more than that: [`Checkout::read`].
 ///
 /// # Errors
 /// Fails at the first field that the server would refuse.
@@ -267,7 +349,9 @@ impl Manifest {
             return Err(name.problem(format!("expected {NAME}, found {}", name.any_text()?)));
         }
         let positive = |field: Field<'_>| {
-            let count = usize::try_from(field.integer()?).ok().filter(|count| *count > 0);
+            let count = usize::try_from(field.integer()?)
+                .ok()
+                .filter(|count| *count > 0);
             count.ok_or_else(|| field.problem("expected a number above 0"))
         };
         let counts = root.get("family_counts")?;
@@ -276,18 +360,37 @@ impl Manifest {
             family_counts.insert(family.to_owned(), positive(count)?);
         }
         let order = root.get("family_order")?;
-        let family_order =
-            order.items()?.iter().map(|name| Ok(name.any_text()?.to_owned())).collect::<Result<Vec<_>, Problem>>()?;
-        if family_order.is_empty() || !family_order.iter().collect::<BTreeSet<_>>().into_iter().eq(family_counts.keys()) {
+        let family_order = order
+            .items()?
+            .iter()
+            .map(|name| Ok(name.any_text()?.to_owned()))
+            .collect::<Result<Vec<_>, Problem>>()?;
+        if family_order.is_empty()
+            || !family_order
+                .iter()
+                .collect::<BTreeSet<_>>()
+                .into_iter()
+                .eq(family_counts.keys())
+        {
             return Err(order.problem("does not list the families of family_counts"));
         }
         let total = root.get("total_tasks")?;
-        let (total_tasks, sum) = (positive(total.clone())?, family_counts.values().sum::<usize>());
+        let (total_tasks, sum) = (
+            positive(total.clone())?,
+            family_counts.values().sum::<usize>(),
+        );
         if total_tasks != sum {
-            return Err(total.problem(format!("is {total_tasks}, but family_counts add up to {sum}")));
+            return Err(total.problem(format!(
+                "is {total_tasks}, but family_counts add up to {sum}"
+            )));
         }
         let mesa_required_count = positive(root.get("mesa_required_count")?)?;
-        Ok(Self { total_tasks, family_counts, family_order, mesa_required_count })
+        Ok(Self {
+            total_tasks,
+            family_counts,
+            family_order,
+            mesa_required_count,
+        })
     }
 }
 
@@ -306,5 +409,7 @@ fn files_below(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
 }
 
 fn is_file_name(name: &str) -> bool {
-    name.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c)) && name.starts_with(|c: char| c.is_ascii_alphanumeric())
+    name.chars()
+        .all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c))
+        && name.starts_with(|c: char| c.is_ascii_alphanumeric())
 }

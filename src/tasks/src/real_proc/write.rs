@@ -137,10 +137,15 @@ impl ProcFile {
     }
 }
 
-/// Tasks as files, one for each scene and type, in the order of their paths; episodes keep the order of the tasks. `scenes` are those
-/// of the tasks, one each.
+/// Tasks as files, one for each scene and type, in the order of their paths; episodes keep the
+/// order of the tasks. `scenes` are those of the tasks, one each.
 pub fn export<'a>(tasks: impl IntoIterator<Item = (&'a Task, &'a Scene)>) -> Vec<ProcFile> {
-    group(tasks.into_iter().map(|(task, scene)| ProcEpisode::of(task, scene)).collect())
+    group(
+        tasks
+            .into_iter()
+            .map(|(task, scene)| ProcEpisode::of(task, scene))
+            .collect(),
+    )
 }
 
 /// Episodes as files, one for each scene and type, in the order of their paths.
@@ -150,7 +155,13 @@ pub fn group(episodes: Vec<ProcEpisode>) -> Vec<ProcFile> {
         let path = format!("{}/{}.yaml", episode.scene_id, episode.kind.as_str());
         files.entry(path).or_default().push(episode);
     }
-    files.into_iter().map(|(path, episodes)| ProcFile { document: document(&episodes), path }).collect()
+    files
+        .into_iter()
+        .map(|(path, episodes)| ProcFile {
+            document: document(&episodes),
+            path,
+        })
+        .collect()
 }
 
 /// What published code finds of a scene, by its id.
@@ -169,14 +180,19 @@ pub fn purpose_group(purpose: &str) -> String {
 }
 
 fn document(episodes: &[ProcEpisode]) -> Value {
-    let first = episodes.first().expect("a file is made for its first episode");
+    let first = episodes
+        .first()
+        .expect("a file is made for its first episode");
     let mut objects = Map::new();
     let mut written = Vec::new();
     for (index, episode) in episodes.iter().enumerate() {
         let mut placements = Map::new();
         for object in &episode.objects {
             let key = format!("obj_{}", objects.len());
-            placements.insert(key.clone(), json!({ "original_id": bare(&object.asset), "furniture": object.furniture }));
+            placements.insert(
+                key.clone(),
+                json!({ "original_id": bare(&object.asset), "furniture": object.furniture }),
+            );
             objects.insert(key, object_entry(object));
         }
         written.push(episode_entry(episode, index, placements));
@@ -214,7 +230,16 @@ fn episode_entry(episode: &ProcEpisode, index: usize, placements: Map<String, Va
         put("target_object_id", json!(targets.first()));
         put("src_distractors", json!(episode.src_distractors));
         put("dest_distractors", json!(episode.dest_distractors));
-        put("obj_distractors", json!(episode.distractors.iter().map(|(asset, _)| bare(asset)).collect::<Vec<_>>()));
+        put(
+            "obj_distractors",
+            json!(
+                episode
+                    .distractors
+                    .iter()
+                    .map(|(asset, _)| bare(asset))
+                    .collect::<Vec<_>>()
+            ),
+        );
     };
     match &episode.kind {
         ProcKind::Basic | ProcKind::Distractor => route(&mut put),
@@ -222,60 +247,118 @@ fn episode_entry(episode: &ProcEpisode, index: usize, placements: Map<String, Va
             put("articulation_subtype", json!(subtype));
             route(&mut put);
         }
-        ProcKind::Interactive { detailed, purpose, purpose_group } => {
+        ProcKind::Interactive {
+            detailed,
+            purpose,
+            purpose_group,
+        } => {
             put("detailed_task_description", json!(detailed));
             put("purpose", json!(purpose));
             put("purpose_group", json!(purpose_group));
             route(&mut put);
         }
-        ProcKind::Gather { mode, fuzzy, purpose, purpose_group, sources, dest_room, dest_caption, src_distractors } => {
+        ProcKind::Gather {
+            mode,
+            fuzzy,
+            purpose,
+            purpose_group,
+            sources,
+            dest_room,
+            dest_caption,
+            src_distractors,
+        } => {
             let source = |source: &Source| json!({ "name": source.name, "room": source.room, "ref": source.reference, "object_uid": source.object });
             put("fuzzy_task_description", json!(fuzzy));
             put("mode", json!(mode));
             put("purpose", json!(purpose));
             put("purpose_group", json!(purpose_group));
-            put("sources", json!(sources.iter().map(source).collect::<Vec<_>>()));
+            put(
+                "sources",
+                json!(sources.iter().map(source).collect::<Vec<_>>()),
+            );
             put("dest", json!(episode.dest));
             put("dest_room", json!(dest_room));
             put("dest_caption", json!(dest_caption));
             put("target_object_ids", json!(targets));
-            put("src_furniture_distractors", Value::Object(src_distractors.clone()));
-            put("dest_furniture_distractors", json!(episode.dest_distractors));
-            // The generator groups a gathering's distractors by source and its exporter writes the groups' names.
-            put("obj_distractors", json!(sources.iter().map(|source| &source.name).collect::<Vec<_>>()));
+            put(
+                "src_furniture_distractors",
+                Value::Object(src_distractors.clone()),
+            );
+            put(
+                "dest_furniture_distractors",
+                json!(episode.dest_distractors),
+            );
+            // The generator groups a gathering's distractors by source and its exporter writes the
+            // groups' names.
+            put(
+                "obj_distractors",
+                json!(
+                    sources
+                        .iter()
+                        .map(|source| &source.name)
+                        .collect::<Vec<_>>()
+                ),
+            );
         }
     }
-    let meta = |(asset, category): &(String, String)| (bare(asset).to_owned(), json!({ "category": category }));
-    put("obj_distractor_meta", Value::Object(episode.distractors.iter().map(meta).collect()));
-    put("execution_plan", json!(episode.plan.iter().map(|(step, asset)| step.to_text(bare(asset))).collect::<Vec<_>>()));
+    let meta = |(asset, category): &(String, String)| {
+        (bare(asset).to_owned(), json!({ "category": category }))
+    };
+    put(
+        "obj_distractor_meta",
+        Value::Object(episode.distractors.iter().map(meta).collect()),
+    );
+    put(
+        "execution_plan",
+        json!(
+            episode
+                .plan
+                .iter()
+                .map(|(step, asset)| step.to_text(bare(asset)))
+                .collect::<Vec<_>>()
+        ),
+    );
     put("placements", Value::Object(placements));
     Value::Object(entry)
 }
 
 impl ProcEpisode {
-    /// A task as the generator has it. Objects of tasks that were read from published files keep their USD files; others get the
-    /// name that published code would look for, `<asset>.usd`.
+    /// A task as the generator has it. Objects of tasks that were read from published files keep
+    /// their USD files; others get the name that published code would look for, `<asset>.usd`.
     pub fn of(task: &Task, scene: &Scene) -> Self {
-        let asset = |instance: &InstanceId| task.object(instance).map_or(instance.asset(), |object| object.asset.clone());
+        let asset = |instance: &InstanceId| {
+            task.object(instance)
+                .map_or(instance.asset(), |object| object.asset.clone())
+        };
         let names = |ids: &[ReceptacleId]| ids.iter().map(ToString::to_string).collect::<Vec<_>>();
-        let extra = |object: &InstanceId, key: &str| task.extra.get(&format!("objects.{object}.{key}")).cloned();
+        let extra = |object: &InstanceId, key: &str| {
+            task.extra.get(&format!("objects.{object}.{key}")).cloned()
+        };
         let objects = task.objects.iter().map(|object| ProcObject {
             asset: object.asset.to_string(),
             category: object.category.clone(),
             usd_path: extra(&object.instance, "usd_path")
                 .and_then(|path| path.as_str().map(str::to_owned))
                 .unwrap_or_else(|| format!("{}.usd", object.asset)),
-            usd_scale: extra(&object.instance, "usd_scale").unwrap_or_else(|| json!([1.0, 1.0, 1.0])),
+            usd_scale: extra(&object.instance, "usd_scale")
+                .unwrap_or_else(|| json!([1.0, 1.0, 1.0])),
             position: object.position,
             size: object.size,
             furniture: object.receptacle.to_string(),
         });
         let category = |asset: &str| {
-            let placed = task.objects.iter().find(|object| object.asset.as_str() == asset);
+            let placed = task
+                .objects
+                .iter()
+                .find(|object| object.asset.as_str() == asset);
             placed.map(|object| object.category.clone())
         };
-        let distractors = task.object_distractors.iter().filter_map(|asset| Some((asset.to_string(), category(asset.as_str())?)));
-        let mut moved: Vec<InstanceId> = task.moved().map(|object| object.instance.clone()).collect();
+        let distractors = task
+            .object_distractors
+            .iter()
+            .filter_map(|asset| Some((asset.to_string(), category(asset.as_str())?)));
+        let mut moved: Vec<InstanceId> =
+            task.moved().map(|object| object.instance.clone()).collect();
         // The target comes first.
         moved.sort_by_key(|instance| *instance != task.target);
         let picked = |step: &PlanStep| match step.text_argument("instance") {
@@ -286,10 +369,14 @@ impl ProcEpisode {
             // Which of several objects is meant, the texts say by its id.
             let mut told = step.clone();
             told.args.remove("instance");
-            if let (Some(category), Some(caption)) =
-                (step.text_argument("target_category"), step.text_argument("target_description"))
-            {
-                told.args.insert("target_description".to_owned(), json!(wording::naming_category(caption, category)));
+            if let (Some(category), Some(caption)) = (
+                step.text_argument("target_category"),
+                step.text_argument("target_description"),
+            ) {
+                told.args.insert(
+                    "target_description".to_owned(),
+                    json!(wording::naming_category(caption, category)),
+                );
             }
             (told, picked(step))
         });
@@ -301,7 +388,10 @@ impl ProcEpisode {
             src_distractors: names(&task.src_distractors),
             dest: task.dest.to_string(),
             dest_distractors: names(&task.dest_distractors),
-            targets: moved.iter().map(|instance| asset(instance).to_string()).collect(),
+            targets: moved
+                .iter()
+                .map(|instance| asset(instance).to_string())
+                .collect(),
             distractors: distractors.collect(),
             plan: plan.collect(),
             objects: objects.collect(),
@@ -310,10 +400,23 @@ impl ProcEpisode {
 }
 
 fn kind(task: &Task, scene: &Scene, moved: &[InstanceId]) -> ProcKind {
-    let purpose = task.purpose.clone().unwrap_or_else(|| task.target_object().category.clone());
+    let purpose = task
+        .purpose
+        .clone()
+        .unwrap_or_else(|| task.target_object().category.clone());
     let purpose_group = purpose_group(&purpose);
-    let room = |id: &ReceptacleId| scene.receptacle(id).map(|receptacle| receptacle.room.clone()).unwrap_or_default();
-    let phrase = |id: &ReceptacleId| format!("the {}", wording::furniture_name(wording::furniture(id.as_str()).0));
+    let room = |id: &ReceptacleId| {
+        scene
+            .receptacle(id)
+            .map(|receptacle| receptacle.room.clone())
+            .unwrap_or_default()
+    };
+    let phrase = |id: &ReceptacleId| {
+        format!(
+            "the {}",
+            wording::furniture_name(wording::furniture(id.as_str()).0)
+        )
+    };
     if moved.len() > 1 {
         let sources: Vec<Source> = moved
             .iter()
@@ -329,8 +432,13 @@ fn kind(task: &Task, scene: &Scene, moved: &[InstanceId]) -> ProcKind {
         let same = sources.iter().all(|source| source.room == dest_room);
         let alike = |name: &str| {
             let own = wording::furniture(name).0;
-            let others = scene.receptacles.iter().map(|receptacle| receptacle.id.as_str());
-            let mut others: Vec<&str> = others.filter(|id| *id != name && wording::furniture(id).0 == own).collect();
+            let others = scene
+                .receptacles
+                .iter()
+                .map(|receptacle| receptacle.id.as_str());
+            let mut others: Vec<&str> = others
+                .filter(|id| *id != name && wording::furniture(id).0 == own)
+                .collect();
             others.sort_by_key(|id| wording::furniture(id));
             json!(others)
         };
@@ -339,17 +447,26 @@ fn kind(task: &Task, scene: &Scene, moved: &[InstanceId]) -> ProcKind {
             fuzzy: task.instruction.clone(),
             purpose,
             purpose_group,
-            src_distractors: sources.iter().map(|source| (source.name.clone(), alike(&source.name))).collect(),
+            src_distractors: sources
+                .iter()
+                .map(|source| (source.name.clone(), alike(&source.name)))
+                .collect(),
             sources,
             dest_room,
             dest_caption: phrase(&task.dest),
         };
     }
     if task.fuzzy {
-        return ProcKind::Interactive { detailed: task.precise_instruction.clone(), purpose, purpose_group };
+        return ProcKind::Interactive {
+            detailed: task.precise_instruction.clone(),
+            purpose,
+            purpose_group,
+        };
     }
     match task.task_type.as_deref() {
-        Some(subtype @ ("store" | "retrieve")) => ProcKind::Articulation { subtype: subtype.to_owned() },
+        Some(subtype @ ("store" | "retrieve")) => ProcKind::Articulation {
+            subtype: subtype.to_owned(),
+        },
         _ if task.objects.len() > 1 => ProcKind::Distractor,
         _ => ProcKind::Basic,
     }

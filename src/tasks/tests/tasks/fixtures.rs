@@ -1,4 +1,5 @@
-//! Our own files in the published schema: oddities are taken, broken files are named, gibberish never panics.
+//! Our own files in the published schema: oddities are taken, broken files are named, gibberish
+//! never panics.
 
 use std::{collections::BTreeMap, fs};
 
@@ -15,14 +16,23 @@ fn load(path: &str) -> LoadReport {
 /// Messages without the folder of this checkout.
 fn messages(broken: &[TaskError]) -> Vec<String> {
     let folder = format!("{}/", data("broken").display());
-    broken.iter().map(|error| error.to_string().replace(&folder, "")).collect()
+    broken
+        .iter()
+        .map(|error| error.to_string().replace(&folder, ""))
+        .collect()
 }
 
 #[test]
 fn every_oddity_is_taken_and_listed() {
     let report = load("real_schema");
     assert_eq!(messages(&report.broken), Vec::<String>::new());
-    let families = Family::ALL.map(|family| report.tasks.iter().filter(|task| task.family == family).count());
+    let families = Family::ALL.map(|family| {
+        report
+            .tasks
+            .iter()
+            .filter(|task| task.family == family)
+            .count()
+    });
     assert_eq!(families, [5, 5, 5, 5]);
     let expected = [
         (SameAssetInSeveralPlaces, 6),
@@ -38,7 +48,11 @@ fn every_oddity_is_taken_and_listed() {
         (ObjectsAndPlacementsDiffer, 4),
     ];
     let listed: Vec<String> = report.oddities.iter().map(ToString::to_string).collect();
-    assert_eq!(count_by_kind(&report.oddities), expected.into(), "{listed:#?}");
+    assert_eq!(
+        count_by_kind(&report.oddities),
+        expected.into(),
+        "{listed:#?}"
+    );
 }
 
 #[test]
@@ -52,20 +66,40 @@ fn fields_mean_what_the_files_say() {
         sample.instruction,
         "Bring a writing tool from the white desk with orange drawer pulls to the oak shelf in the study."
     );
-    assert!(sample.precise_instruction.starts_with("Bring the yellow hexagonal pencil"), "{}", sample.precise_instruction);
+    assert!(
+        sample
+            .precise_instruction
+            .starts_with("Bring the yellow hexagonal pencil"),
+        "{}",
+        sample.precise_instruction
+    );
     assert_eq!(sample.purpose.as_deref(), Some("writing tool"));
 
     let sample = task("FDO/sample_5");
-    assert_eq!(sample.initial.door(&"refrigerator_1".into()), Some(DoorState::Open));
-    assert_eq!(sample.initial.door(&"microwave_1".into()), Some(DoorState::Closed));
+    assert_eq!(
+        sample.initial.door(&"refrigerator_1".into()),
+        Some(DoorState::Open)
+    );
+    assert_eq!(
+        sample.initial.door(&"microwave_1".into()),
+        Some(DoorState::Closed)
+    );
     assert_eq!(sample.initial.door(&"table_1".into()), None);
 
     let sample = task("FDP/sample_1");
     let object = sample.target_object();
     assert_eq!(object.attributes["colour"], ["red"]);
-    assert!(object.reference_rest.is_some_and(|rest| rest[2] < object.position[2]));
+    assert!(
+        object
+            .reference_rest
+            .is_some_and(|rest| rest[2] < object.position[2])
+    );
     assert_eq!(
-        sample.plan.iter().map(|step| step.action.as_str()).collect::<Vec<_>>(),
+        sample
+            .plan
+            .iter()
+            .map(|step| step.action.as_str())
+            .collect::<Vec<_>>(),
         ["nav_to", "find", "gaze_at", "pick", "nav_to", "place"]
     );
 }
@@ -73,16 +107,36 @@ fn fields_mean_what_the_files_say() {
 #[test]
 fn unknown_fields_are_kept_under_their_path() {
     let tasks = load("real_schema").tasks;
-    let sample = tasks.iter().find(|task| task.task_id == "SUL/sample_4").unwrap();
-    let kept: BTreeMap<&str, String> = sample.extra.iter().map(|(path, value)| (path.as_str(), value.to_string())).collect();
+    let sample = tasks
+        .iter()
+        .find(|task| task.task_id == "SUL/sample_4")
+        .unwrap();
+    let kept: BTreeMap<&str, String> = sample
+        .extra
+        .iter()
+        .map(|(path, value)| (path.as_str(), value.to_string()))
+        .collect();
     for (path, value) in [
         ("generator", "\"by hand\""),
         ("objects.clock_01_on_desk_2_at_sample_4.weight_kg", "0.4"),
-        ("episodes[0].difficulty", "{\"level\":3,\"why\":[\"ambiguous\",\"far\"]}"),
-        ("episodes[0].execution_plan[0].comment", "\"go there first\""),
-        ("episodes[0].placements.clock_01_on_desk_2_at_sample_4.tries", "12"),
+        (
+            "episodes[0].difficulty",
+            "{\"level\":3,\"why\":[\"ambiguous\",\"far\"]}",
+        ),
+        (
+            "episodes[0].execution_plan[0].comment",
+            "\"go there first\"",
+        ),
+        (
+            "episodes[0].placements.clock_01_on_desk_2_at_sample_4.tries",
+            "12",
+        ),
     ] {
-        assert_eq!(kept.get(path).map(String::as_str), Some(value), "{path} in {kept:#?}");
+        assert_eq!(
+            kept.get(path).map(String::as_str),
+            Some(value),
+            "{path} in {kept:#?}"
+        );
     }
 }
 
@@ -143,7 +197,11 @@ fn one_broken_file_does_not_keep_the_rest_from_loading() {
     write("notes.txt", b"not a task");
     let report = reel_tasks::load(folder.path(), &fixture_scene());
     let here = format!("{}/", folder.path().display());
-    let messages: Vec<String> = report.broken.iter().map(|error| error.to_string().replace(&here, "")).collect();
+    let messages: Vec<String> = report
+        .broken
+        .iter()
+        .map(|error| error.to_string().replace(&here, ""))
+        .collect();
     assert_eq!(
         messages,
         [
@@ -160,7 +218,12 @@ fn a_place_without_tasks_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let problem = |path| {
         let report = reel_tasks::load(path, &fixture_scene());
-        report.broken.iter().map(ToString::to_string).collect::<Vec<_>>().concat()
+        report
+            .broken
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+            .concat()
     };
     assert!(problem(folder.path()).ends_with("no file in it ends with .yaml or .yml"));
     assert!(problem(&folder.path().join("nowhere.yaml")).contains("cannot be read"));

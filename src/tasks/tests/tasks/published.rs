@@ -12,7 +12,13 @@ fn every_published_task_loads_and_its_oddities_are_listed() {
     assert_eq!(loaded.warnings, Vec::<String>::new());
     let report = reel_tasks::load(&data.join("tasks"), &loaded.scene);
     assert!(report.broken.is_empty(), "{:#?}", report.broken);
-    let families = Family::ALL.map(|family| report.tasks.iter().filter(|task| task.family == family).count());
+    let families = Family::ALL.map(|family| {
+        report
+            .tasks
+            .iter()
+            .filter(|task| task.family == family)
+            .count()
+    });
     assert_eq!(families, [54, 42, 36, 48]);
     let expected = [
         (SameAssetInSeveralPlaces, 118),
@@ -31,10 +37,19 @@ fn every_published_task_loads_and_its_oddities_are_listed() {
 #[test]
 fn goals_move_one_instance_and_nothing_else() {
     let Some(data) = real_bench() else { return };
-    let scene = reel_tasks::scene::load(&data.join("s7_scene.json")).unwrap().scene;
+    let scene = reel_tasks::scene::load(&data.join("s7_scene.json"))
+        .unwrap()
+        .scene;
     for task in reel_tasks::load(&data.join("tasks"), &scene).tasks {
-        let changes: Vec<String> = task.goal_changes().iter().map(ToString::to_string).collect();
-        let mut expected = [format!("-{}@{}", task.target, task.src), format!("+{}@{}", task.target, task.dest)];
+        let changes: Vec<String> = task
+            .goal_changes()
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        let mut expected = [
+            format!("-{}@{}", task.target, task.src),
+            format!("+{}@{}", task.target, task.dest),
+        ];
         expected.sort_by_key(|text| text.starts_with('+'));
         assert_eq!(changes, expected, "{}", task.task_id);
         assert_eq!(task.initial.receptacles.len(), 18, "{}", task.task_id);
@@ -44,7 +59,9 @@ fn goals_move_one_instance_and_nothing_else() {
 #[test]
 fn published_tasks_survive_writing() {
     let Some(data) = real_bench() else { return };
-    let scene = reel_tasks::scene::load(&data.join("s7_scene.json")).unwrap().scene;
+    let scene = reel_tasks::scene::load(&data.join("s7_scene.json"))
+        .unwrap()
+        .scene;
     for task in reel_tasks::load(&data.join("tasks"), &scene).tasks {
         let text = reel_tasks::yaml::write(&task, &scene);
         let (again, _) = reel_tasks::parse(&text, "written.yaml", &scene).unwrap();

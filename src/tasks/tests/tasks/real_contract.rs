@@ -1,4 +1,5 @@
-//! What the published loaders accept, case by case of `datagen.json`: ours accept and refuse the same.
+//! What the published loaders accept, case by case of `datagen.json`: ours accept and refuse the
+//! same.
 
 use std::{fs, path::Path};
 
@@ -11,20 +12,28 @@ const DELETE: &str = "\u{27e6}delete\u{27e7}";
 
 #[test]
 fn task_files_are_accepted_as_published() {
-    let Some(vectors) = load("datagen.json") else { return };
+    let Some(vectors) = load("datagen.json") else {
+        return;
+    };
     let mut report = Report::new("datagen.json", "config");
     for case in items(&vectors["config"]) {
         let mut config = vectors["config_base"].clone();
         change(&mut config, items(&case["path"]), &case["value"]);
         let found = check_runtime(&config.to_string(), "task.yaml").is_ok();
-        report.compare(&format!("{} = {}", case["path"], case["value"]), &case["accepted"], &json!(found));
+        report.compare(
+            &format!("{} = {}", case["path"], case["value"]),
+            &case["accepted"],
+            &json!(found),
+        );
     }
     report.finish();
 }
 
 /// Puts a value where a path says; without a path nothing changes.
 fn change(document: &mut Value, path: &[Value], value: &Value) {
-    let Some((last, before)) = path.split_last() else { return };
+    let Some((last, before)) = path.split_last() else {
+        return;
+    };
     let at = before.iter().fold(document, |at, key| match key {
         Value::String(key) => &mut at[key.as_str()],
         key => &mut at[usize::try_from(key.as_u64().unwrap()).unwrap()],
@@ -38,7 +47,9 @@ fn change(document: &mut Value, path: &[Value], value: &Value) {
 
 #[test]
 fn benchmarks_are_accepted_as_published() {
-    let Some(vectors) = load("datagen.json") else { return };
+    let Some(vectors) = load("datagen.json") else {
+        return;
+    };
     let mut report = Report::new("datagen.json", "bench");
     for case in items(&vectors["bench"]) {
         let id = text(&case["id"]);
@@ -55,11 +66,20 @@ fn benchmarks_are_accepted_as_published() {
         bundle.write(folder.path());
         let checkout = Checkout::read(folder.path()).unwrap();
         let accepted = checkout.broken.is_empty() && checkout.complaints.is_empty();
-        let found = if accepted { json!(checkout.files.len()) } else { json!("rejected") };
+        let found = if accepted {
+            json!(checkout.files.len())
+        } else {
+            json!("rejected")
+        };
         report.compare(id, &case["result"], &found);
         // One that is refused says by which file.
         for error in checkout.broken.iter().chain(&checkout.complaints) {
-            assert!(error.to_string().starts_with(&*folder.path().to_string_lossy()), "{error}");
+            assert!(
+                error
+                    .to_string()
+                    .starts_with(&*folder.path().to_string_lossy()),
+                "{error}"
+            );
         }
     }
     report.finish();
@@ -105,18 +125,33 @@ impl Bundle {
             "stray-file" => self.stray = true,
             "index" => episode["global_index"] = json!(7),
             "benchmark-id" => episode["benchmark_task_id"] = json!("FDP/other"),
-            "two-targets" => episode["obj_meta"]["u2"] = episode["obj_distractor_meta"]["u2"].clone(),
+            "two-targets" => {
+                episode["obj_meta"]["u2"] = episode["obj_distractor_meta"]["u2"].clone()
+            }
             "target-id" => episode["target_object_id"] = json!("u2"),
-            "graph-placement" => episode["initial_world_graph"]["table_1"]["content"] = json!(["u1"]),
-            "goal-keeps-source" => episode["goal_world_graph"]["table_1"]["content"] = json!(["u1", "u2"]),
-            "goal-not-conserving" => episode["goal_world_graph"]["desk_1"]["content"] = json!(["u1", "u2", "u2"]),
-            "dest-missing" => drop(episode["goal_world_graph"].as_object_mut().unwrap().remove("desk_1")),
+            "graph-placement" => {
+                episode["initial_world_graph"]["table_1"]["content"] = json!(["u1"])
+            }
+            "goal-keeps-source" => {
+                episode["goal_world_graph"]["table_1"]["content"] = json!(["u1", "u2"])
+            }
+            "goal-not-conserving" => {
+                episode["goal_world_graph"]["desk_1"]["content"] = json!(["u1", "u2", "u2"])
+            }
+            "dest-missing" => drop(
+                episode["goal_world_graph"]
+                    .as_object_mut()
+                    .unwrap()
+                    .remove("desk_1"),
+            ),
             "plan-text" => episode["execution_plan"] = json!(["go to the table"]),
             "plan-empty" => episode["execution_plan"] = json!([]),
             "usd-path" => episode["obj_meta"]["u1"]["usd_path"] = json!("meshes/u1.usd"),
             "size" => task["objects"]["u1_on_table_1_at_x"]["size"] = json!([0.1, 0.1, 0.2]),
             "paths" => task["paths"]["occ_map_dir"] = json!("assets/metadata/T"),
-            "final-positions" => episode["final_positions"] = json!({"u1_on_table_1_at_x": {"original_id": "u1"}}),
+            "final-positions" => {
+                episode["final_positions"] = json!({"u1_on_table_1_at_x": {"original_id": "u1"}})
+            }
             "family" => episode["family"] = json!("FDO"),
             "two-episodes" => task["episodes"].as_array_mut().unwrap().push(second),
             other => panic!("no change is known for the case {other}"),

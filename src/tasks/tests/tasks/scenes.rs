@@ -1,4 +1,5 @@
-//! Scene files: the committed one, the published one, broken ones; and the JSON Schema agrees with the loader.
+//! Scene files: the committed one, the published one, broken ones; and the JSON Schema agrees with
+//! the loader.
 
 use reel_world::{Door, Rect};
 use serde_json::{Value, json};
@@ -6,7 +7,8 @@ use serde_json::{Value, json};
 use crate::{data, real_bench};
 
 pub(crate) fn schema() -> jsonschema::Validator {
-    let schema: Value = serde_json::from_str(include_str!("../../../../schemas/scene.schema.json")).unwrap();
+    let schema: Value =
+        serde_json::from_str(include_str!("../../../../schemas/scene.schema.json")).unwrap();
     jsonschema::validator_for(&schema).unwrap()
 }
 
@@ -23,7 +25,9 @@ fn small() -> Value {
 
 fn problem(scene: &Value) -> String {
     let text = serde_json::to_string_pretty(scene).unwrap();
-    reel_tasks::scene::parse(&text, "scene.json").unwrap_err().to_string()
+    reel_tasks::scene::parse(&text, "scene.json")
+        .unwrap_err()
+        .to_string()
 }
 
 fn changed(pointer: &str, value: Value) -> Value {
@@ -41,9 +45,18 @@ fn the_home_is_as_promised() {
     let home = loaded.scene;
     assert_eq!(home, reel_tasks::home());
     assert_eq!((home.receptacles.len(), home.rooms.len()), (18, 6));
-    let doors: Vec<&str> = home.receptacles.iter().filter(|r| r.door.exists()).map(|r| r.category.as_str()).collect();
+    let doors: Vec<&str> = home
+        .receptacles
+        .iter()
+        .filter(|r| r.door.exists())
+        .map(|r| r.category.as_str())
+        .collect();
     assert_eq!(doors, ["refrigerator", "microwave", "washingmachine"]);
-    let mut captions: Vec<&String> = home.receptacles.iter().flat_map(|receptacle| receptacle.captions.keys()).collect();
+    let mut captions: Vec<&String> = home
+        .receptacles
+        .iter()
+        .flat_map(|receptacle| receptacle.captions.keys())
+        .collect();
     let all = captions.len();
     captions.sort();
     captions.dedup();
@@ -52,10 +65,20 @@ fn the_home_is_as_promised() {
         let Rect { min, max } = receptacle.surface_rect();
         let mut sides = [max[0] - min[0], max[1] - min[1]];
         sides.sort_by(f64::total_cmp);
-        assert!(sides[0] >= 0.4 && sides[1] >= 0.5, "{}: {sides:?}", receptacle.id);
-        let alike = |other: &&reel_world::Receptacle| other.category == receptacle.category && other.id != receptacle.id;
+        assert!(
+            sides[0] >= 0.4 && sides[1] >= 0.5,
+            "{}: {sides:?}",
+            receptacle.id
+        );
+        let alike = |other: &&reel_world::Receptacle| {
+            other.category == receptacle.category && other.id != receptacle.id
+        };
         for other in home.receptacles.iter().filter(alike) {
-            assert_ne!(other.attributes, receptacle.attributes, "{} and {}", other.id, receptacle.id);
+            assert_ne!(
+                other.attributes, receptacle.attributes,
+                "{} and {}",
+                other.id, receptacle.id
+            );
         }
     }
 }
@@ -70,31 +93,72 @@ fn every_piece_of_the_home_has_free_floor_before_it_and_doorways_are_free() {
             let to = [0, 1].map(|axis| a.max[axis].min(b.max[axis]));
             if (0..2).all(|axis| from[axis] <= to[axis]) && from != to {
                 let middle = [0, 1].map(|axis| (from[axis] + to[axis]) / 2.0);
-                doorways.push(Rect { min: middle.map(|value| value - 0.7), max: middle.map(|value| value + 0.7) });
+                doorways.push(Rect {
+                    min: middle.map(|value| value - 0.7),
+                    max: middle.map(|value| value + 0.7),
+                });
             }
         }
     }
     assert_eq!(doorways.len(), 7);
-    let overlap = |a: &Rect, b: &Rect| (0..2).all(|axis| a.min[axis] < b.max[axis] - 1e-9 && b.min[axis] < a.max[axis] - 1e-9);
+    let overlap = |a: &Rect, b: &Rect| {
+        (0..2).all(|axis| a.min[axis] < b.max[axis] - 1e-9 && b.min[axis] < a.max[axis] - 1e-9)
+    };
     for receptacle in &home.receptacles {
         let Rect { min, max } = receptacle.surface_rect();
         let front = match receptacle.facing_deg.map(|degrees| degrees as i32) {
-            Some(0) => Rect { min: [max[0], min[1]], max: [max[0] + 0.9, max[1]] },
-            Some(90) => Rect { min: [min[0], max[1]], max: [max[0], max[1] + 0.9] },
-            Some(180) => Rect { min: [min[0] - 0.9, min[1]], max: [min[0], max[1]] },
-            Some(270) => Rect { min: [min[0], min[1] - 0.9], max: [max[0], min[1]] },
+            Some(0) => Rect {
+                min: [max[0], min[1]],
+                max: [max[0] + 0.9, max[1]],
+            },
+            Some(90) => Rect {
+                min: [min[0], max[1]],
+                max: [max[0], max[1] + 0.9],
+            },
+            Some(180) => Rect {
+                min: [min[0] - 0.9, min[1]],
+                max: [min[0], max[1]],
+            },
+            Some(270) => Rect {
+                min: [min[0], min[1] - 0.9],
+                max: [max[0], min[1]],
+            },
             other => panic!("{}: facing {other:?}", receptacle.id),
         };
         assert!(
-            !doorways.iter().any(|doorway| overlap(doorway, &receptacle.surface_rect())),
+            !doorways
+                .iter()
+                .any(|doorway| overlap(doorway, &receptacle.surface_rect())),
             "{} stands in a doorway",
             receptacle.id
         );
-        let room = home.rooms.iter().find(|room| room.name == receptacle.room).unwrap();
-        assert!(room.footprint()[0].contains(front.min) && room.footprint()[0].contains(front.max), "{}", receptacle.id);
-        for other in home.receptacles.iter().filter(|other| other.id != receptacle.id) {
-            assert!(!overlap(&front, &other.surface_rect()), "{} stands before {}", other.id, receptacle.id);
-            assert!(!overlap(&receptacle.surface_rect(), &other.surface_rect()), "{} stands in {}", other.id, receptacle.id);
+        let room = home
+            .rooms
+            .iter()
+            .find(|room| room.name == receptacle.room)
+            .unwrap();
+        assert!(
+            room.footprint()[0].contains(front.min) && room.footprint()[0].contains(front.max),
+            "{}",
+            receptacle.id
+        );
+        for other in home
+            .receptacles
+            .iter()
+            .filter(|other| other.id != receptacle.id)
+        {
+            assert!(
+                !overlap(&front, &other.surface_rect()),
+                "{} stands before {}",
+                other.id,
+                receptacle.id
+            );
+            assert!(
+                !overlap(&receptacle.surface_rect(), &other.surface_rect()),
+                "{} stands in {}",
+                other.id,
+                receptacle.id
+            );
         }
     }
 }
@@ -104,12 +168,20 @@ fn the_published_scene_loads() {
     let Some(real) = real_bench() else { return };
     let text = std::fs::read_to_string(real.join("s7_scene.json")).unwrap();
     assert!(schema().is_valid(&serde_json::from_str(&text).unwrap()));
-    let scene = reel_tasks::scene::parse(&text, "s7_scene.json").unwrap().scene;
+    let scene = reel_tasks::scene::parse(&text, "s7_scene.json")
+        .unwrap()
+        .scene;
     let lid = scene.receptacle(&"potlid_0".into()).unwrap();
-    assert_eq!((lid.placeable, lid.covers.as_ref().map(|id| id.as_str())), (false, Some("pot_0")));
+    assert_eq!(
+        (lid.placeable, lid.covers.as_ref().map(|id| id.as_str())),
+        (false, Some("pot_0"))
+    );
     let desk = scene.receptacle(&"desk_1".into()).unwrap();
     assert_eq!(
-        (desk.attributes["colour"].join(" "), desk.attributes["handles"].join(" ")),
+        (
+            desk.attributes["colour"].join(" "),
+            desk.attributes["handles"].join(" ")
+        ),
         ("white".into(), "wooden wood orange".into())
     );
 }
@@ -118,20 +190,43 @@ fn the_published_scene_loads() {
 fn a_fixture_lid_covers_its_pot() {
     let scene = reel_tasks::scene::load(&data("scene.json")).unwrap().scene;
     let lid = scene.receptacle(&"potlid_0".into()).unwrap();
-    assert_eq!((lid.placeable, lid.covers.as_ref().map(|id| id.as_str())), (false, Some("pot_0")));
+    assert_eq!(
+        (lid.placeable, lid.covers.as_ref().map(|id| id.as_str())),
+        (false, Some("pot_0"))
+    );
 }
 
 #[test]
 fn what_the_schema_refuses_the_loader_refuses() {
     let schema = schema();
     assert!(schema.is_valid(&small()));
-    assert_eq!(reel_tasks::scene::parse(&small().to_string(), "small.json").unwrap().warnings, Vec::<String>::new());
+    assert_eq!(
+        reel_tasks::scene::parse(&small().to_string(), "small.json")
+            .unwrap()
+            .warnings,
+        Vec::<String>::new()
+    );
     for (scene, expected) in [
-        (changed("/rooms", json!([])), "scene.json: rooms: none; a scene needs at least one room"),
-        (changed("/receptacles", json!([])), "scene.json: receptacles: none; a scene needs furniture"),
-        (changed("/scene_id", json!(7)), "scene.json:2: invalid type: integer `7`, expected a string"),
-        (changed("/receptacles/0/id", json!("floor")), "scene.json: receptacles[0] (floor): this id is reserved"),
-        (changed("/receptacles/0/surface_max", json!([2, 2])), "scene.json:32: invalid length 2, expected an array of length 3"),
+        (
+            changed("/rooms", json!([])),
+            "scene.json: rooms: none; a scene needs at least one room",
+        ),
+        (
+            changed("/receptacles", json!([])),
+            "scene.json: receptacles: none; a scene needs furniture",
+        ),
+        (
+            changed("/scene_id", json!(7)),
+            "scene.json:2: invalid type: integer `7`, expected a string",
+        ),
+        (
+            changed("/receptacles/0/id", json!("floor")),
+            "scene.json: receptacles[0] (floor): this id is reserved",
+        ),
+        (
+            changed("/receptacles/0/surface_max", json!([2, 2])),
+            "scene.json:32: invalid length 2, expected an array of length 3",
+        ),
     ] {
         assert!(!schema.is_valid(&scene), "{expected}");
         assert_eq!(problem(&scene), expected);
@@ -154,18 +249,32 @@ fn what_no_schema_can_say_the_loader_says() {
         (twice, "receptacles[1] (table_1): this id stands twice"),
         (rooms, "rooms[1] (hall): this name stands twice"),
         (wall, "walls[0]: is not a straight line along x or y"),
-        (lid, "receptacles[0] (table_1): covers pot_7, which is no other receptacle of the scene"),
-        (changed("/receptacles/0/room", json!("attic")), "receptacles[0] (table_1): its room \"attic\" is no room of the scene"),
+        (
+            lid,
+            "receptacles[0] (table_1): covers pot_7, which is no other receptacle of the scene",
+        ),
+        (
+            changed("/receptacles/0/room", json!("attic")),
+            "receptacles[0] (table_1): its room \"attic\" is no room of the scene",
+        ),
         (
             changed("/receptacles/0/surface_max", json!([0.5, 2, 0.75])),
             "receptacles[0] (table_1): its minimum [1.0, 1.0, 0.7] is not below its maximum [0.5, 2.0, 0.75]",
         ),
-        (changed("/rooms/0/max", json!([3, -1])), "rooms[0] (hall): its minimum [0.0, 0.0] is not below its maximum [3.0, -1.0]"),
+        (
+            changed("/rooms/0/max", json!([3, -1])),
+            "rooms[0] (hall): its minimum [0.0, 0.0] is not below its maximum [3.0, -1.0]",
+        ),
     ] {
         assert_eq!(problem(&scene), format!("scene.json: {expected}"));
     }
     let infinite = small().to_string().replace("0.75", "1e999");
-    assert_eq!(reel_tasks::scene::parse(&infinite, "scene.json").unwrap_err().to_string(), "scene.json:1: number out of range");
+    assert_eq!(
+        reel_tasks::scene::parse(&infinite, "scene.json")
+            .unwrap_err()
+            .to_string(),
+        "scene.json:1: number out of range"
+    );
 }
 
 #[test]

@@ -1,5 +1,6 @@
-//! What a model wrote as an opinion: lenient about the form (fences, thoughts before, trailing commas, capitals), strict about
-//! the content. What is wrong comes back in words that the model can be told.
+//! What a model wrote as an opinion: lenient about the form (fences, thoughts before, trailing
+//! commas, capitals), strict about the content. What is wrong comes back in words that the model
+//! can be told.
 
 use serde_json::{Deserializer, Map, Value};
 
@@ -15,17 +16,31 @@ const NAME_CHARACTERS: usize = 100;
 
 /// Reads an opinion on a case.
 pub(super) fn parse(text: &str, case: &Case) -> Result<Opinion, String> {
-    let answer = text.rsplit_once("</think>").map_or(text, |(_, answer)| answer);
+    let answer = text
+        .rsplit_once("</think>")
+        .map_or(text, |(_, answer)| answer);
     let fields = object(answer).or_else(|| object(&without_trailing_commas(answer)));
     let fields = fields.ok_or("it holds no complete JSON object with a field `class`")?;
-    let field = |name: &str| fields.iter().find(|(key, _)| vocabulary::letters(key) == name).map(|(_, value)| value);
+    let field = |name: &str| {
+        fields
+            .iter()
+            .find(|(key, _)| vocabulary::letters(key) == name)
+            .map(|(_, value)| value)
+    };
 
     let named = words(field("class")).unwrap_or_default();
     let class = vocabulary::class(&named).ok_or_else(|| {
-        format!("`class` is {:?}, and has to be one of {}", one_line(&named, NAME_CHARACTERS), CLASSES.join(", "))
+        format!(
+            "`class` is {:?}, and has to be one of {}",
+            one_line(&named, NAME_CHARACTERS),
+            CLASSES.join(", ")
+        )
     })?;
     let (mut sub_class, mut proposed_sub_class) = (None, None);
-    for name in [words(field("proposedsubclass")), words(field("subclass"))].into_iter().flatten() {
+    for name in [words(field("proposedsubclass")), words(field("subclass"))]
+        .into_iter()
+        .flatten()
+    {
         match vocabulary::sub_class(&name) {
             Some((of, known)) if of == class => sub_class = Some(known.to_owned()),
             Some((of, known)) => {
@@ -42,7 +57,10 @@ pub(super) fn parse(text: &str, case: &Case) -> Result<Opinion, String> {
         sub_class,
         proposed_sub_class,
         step: step(field("step"), case)?,
-        comment: one_line(&words(field("comment")).unwrap_or_default(), COMMENT_CHARACTERS),
+        comment: one_line(
+            &words(field("comment")).unwrap_or_default(),
+            COMMENT_CHARACTERS,
+        ),
         confidence: confidence(field("confidence"))?,
         overruled: false,
     })
@@ -50,7 +68,12 @@ pub(super) fn parse(text: &str, case: &Case) -> Result<Opinion, String> {
 
 /// A text as one line of at most so many characters, without what a terminal would obey.
 pub(super) fn one_line(text: &str, characters: usize) -> String {
-    let line: String = text.trim().chars().take(characters).map(|c| if c.is_control() { ' ' } else { c }).collect();
+    let line: String = text
+        .trim()
+        .chars()
+        .take(characters)
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect();
     line.trim_end().to_owned()
 }
 
@@ -72,7 +95,8 @@ fn object(text: &str) -> Option<Map<String, Value>> {
     last
 }
 
-/// Commas before a closing bracket go. Tried only where nothing parses, so that no good string is touched.
+/// Commas before a closing bracket go. Tried only where nothing parses, so that no good string is
+/// touched.
 fn without_trailing_commas(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for (at, c) in text.char_indices() {
@@ -86,25 +110,40 @@ fn without_trailing_commas(text: &str) -> String {
 /// A text that says something.
 fn words(value: Option<&Value>) -> Option<String> {
     let text = value?.as_str()?.trim();
-    let nothing = text.is_empty() || ["null", "none", "n/a"].contains(&text.to_lowercase().as_str());
+    let nothing =
+        text.is_empty() || ["null", "none", "n/a"].contains(&text.to_lowercase().as_str());
     (!nothing).then(|| text.to_owned())
 }
 
 /// A number, also one in words like `step 7`, that the transcript has.
 fn step(value: Option<&Value>, case: &Case) -> Result<u32, String> {
     let number = match value {
-        Some(Value::String(text)) => {
-            text.trim().trim_start_matches(|c: char| c.is_alphabetic() || c == '#' || c == ' ').parse().ok()
-        }
+        Some(Value::String(text)) => text
+            .trim()
+            .trim_start_matches(|c: char| c.is_alphabetic() || c == '#' || c == ' ')
+            .parse()
+            .ok(),
         Some(value) => value.as_f64().filter(|number| number.fract() == 0.0),
         None => None,
     };
     let range = || match (case.transcript.first(), case.transcript.last()) {
-        (Some(first), Some(last)) => format!("a step of the record, {} to {}", first.step, last.step),
+        (Some(first), Some(last)) => {
+            format!("a step of the record, {} to {}", first.step, last.step)
+        }
         _ => "a step of the record".to_owned(),
     };
-    let said = || value.map_or_else(|| "missing".to_owned(), |value| one_line(&value.to_string(), NAME_CHARACTERS));
-    let known = number.and_then(|number| case.transcript.iter().map(|turn| turn.step).find(|step| f64::from(*step) == number));
+    let said = || {
+        value.map_or_else(
+            || "missing".to_owned(),
+            |value| one_line(&value.to_string(), NAME_CHARACTERS),
+        )
+    };
+    let known = number.and_then(|number| {
+        case.transcript
+            .iter()
+            .map(|turn| turn.step)
+            .find(|step| f64::from(*step) == number)
+    });
     known.ok_or_else(|| format!("`step` is {}, and has to be {}", said(), range()))
 }
 
@@ -112,13 +151,19 @@ fn step(value: Option<&Value>, case: &Case) -> Result<u32, String> {
 fn confidence(value: Option<&Value>) -> Result<f64, String> {
     let number = match value {
         Some(Value::String(text)) => match text.trim().strip_suffix('%') {
-            Some(percent) => percent.trim().parse().ok().map(|percent: f64| percent / 100.0),
+            Some(percent) => percent
+                .trim()
+                .parse()
+                .ok()
+                .map(|percent: f64| percent / 100.0),
             None => text.trim().parse().ok(),
         },
         Some(value) => value.as_f64(),
         None => None,
     };
-    number.filter(|number| (0.0..=1.0).contains(number)).ok_or_else(|| "`confidence` has to be a number from 0 to 1".to_owned())
+    number
+        .filter(|number| (0.0..=1.0).contains(number))
+        .ok_or_else(|| "`confidence` has to be a number from 0 to 1".to_owned())
 }
 
 #[cfg(test)]
@@ -126,8 +171,19 @@ mod tests {
     use super::{super::Turn, *};
 
     fn parsed(text: &str) -> Result<Opinion, String> {
-        let transcript = (0..10).map(|step| Turn { step, ..Turn::default() }).collect();
-        parse(text, &Case { transcript, ..Case::default() })
+        let transcript = (0..10)
+            .map(|step| Turn {
+                step,
+                ..Turn::default()
+            })
+            .collect();
+        parse(
+            text,
+            &Case {
+                transcript,
+                ..Case::default()
+            },
+        )
     }
 
     const GOOD: &str = r#"{"class": "Lost Memory", "sub_class": "oscillation", "step": 4, "comment": "to and fro, {again},]", "confidence": 0.9}"#;
@@ -136,19 +192,32 @@ mod tests {
     fn forms_of_the_same_answer() {
         let expected = parsed(GOOD).unwrap();
         assert_eq!(
-            (expected.class.as_str(), expected.sub_class.as_deref(), expected.step),
+            (
+                expected.class.as_str(),
+                expected.sub_class.as_deref(),
+                expected.step
+            ),
             ("Lost Memory", Some("oscillation"), 4)
         );
-        assert_eq!((expected.comment.as_str(), expected.confidence), ("to and fro, {again},]", 0.9));
+        assert_eq!(
+            (expected.comment.as_str(), expected.confidence),
+            ("to and fro, {again},]", 0.9)
+        );
         for form in [
             format!("```json\n{GOOD}\n```"),
             format!("<think>perhaps {{\"class\": \"Other\"}}</think>\n{GOOD}"),
-            format!("First {{not this}}, then {{\"class\": \"Other\", \"step\": 1}}; no: {GOOD} I am sure."),
+            format!(
+                "First {{not this}}, then {{\"class\": \"Other\", \"step\": 1}}; no: {GOOD} I am sure."
+            ),
             format!("{{\"answer\": {GOOD}}}"),
             GOOD.replace(", \"step", ", \"else\": {\"class\": \"Other\"}, \"step"),
-            GOOD.replace("sub_class", "Sub-Class").replace("Lost Memory", "lost_memory").replace("oscillation", "Oscillation"),
-            GOOD.replace(": 4", ": \"step 4\"").replace("0.9", "\"90%\""),
-            GOOD.replace(": 4", ": 4.0").replace(", \"step", ", \"proposed_sub_class\": \"none\", \"step"),
+            GOOD.replace("sub_class", "Sub-Class")
+                .replace("Lost Memory", "lost_memory")
+                .replace("oscillation", "Oscillation"),
+            GOOD.replace(": 4", ": \"step 4\"")
+                .replace("0.9", "\"90%\""),
+            GOOD.replace(": 4", ": 4.0")
+                .replace(", \"step", ", \"proposed_sub_class\": \"none\", \"step"),
         ] {
             assert_eq!(parsed(&form), Ok(expected.clone()), "{form}");
         }
@@ -159,9 +228,15 @@ mod tests {
     #[test]
     fn a_name_of_its_own_is_a_proposal() {
         let mine = parsed(&GOOD.replace("oscillation", "Circled the\\u001b[31m table")).unwrap();
-        assert_eq!((mine.sub_class, mine.proposed_sub_class.as_deref()), (None, Some("Circled the [31m table")));
+        assert_eq!(
+            (mine.sub_class, mine.proposed_sub_class.as_deref()),
+            (None, Some("Circled the [31m table"))
+        );
         let known = parsed(&GOOD.replace("sub_class", "proposed_sub_class")).unwrap();
-        assert_eq!((known.sub_class.as_deref(), known.proposed_sub_class), (Some("oscillation"), None));
+        assert_eq!(
+            (known.sub_class.as_deref(), known.proposed_sub_class),
+            (Some("oscillation"), None)
+        );
     }
 
     #[test]
@@ -174,9 +249,18 @@ mod tests {
             (&GOOD[..60], "no complete JSON object"),
             (&long, "no complete JSON object"),
             (&numbers, "no complete JSON object"),
-            (&GOOD.replace("Lost Memory", "Bad Luck"), "one of Object Confusion, Key Action Missing"),
-            (&GOOD.replace("\"Lost Memory\"", "7"), "one of Object Confusion, Key Action Missing"),
-            (&GOOD.replace("oscillation", "missing_ask"), "belongs to Key Action Missing"),
+            (
+                &GOOD.replace("Lost Memory", "Bad Luck"),
+                "one of Object Confusion, Key Action Missing",
+            ),
+            (
+                &GOOD.replace("\"Lost Memory\"", "7"),
+                "one of Object Confusion, Key Action Missing",
+            ),
+            (
+                &GOOD.replace("oscillation", "missing_ask"),
+                "belongs to Key Action Missing",
+            ),
             (&GOOD.replace(": 4", ": 10"), "0 to 9"),
             (&GOOD.replace(": 4", ": -1"), "0 to 9"),
             (&GOOD.replace(": 4", ": 4.5"), "0 to 9"),
@@ -187,7 +271,11 @@ mod tests {
             (&GOOD.replace("0.9", "\"NaN\""), "from 0 to 1"),
         ] {
             let what = parsed(text).unwrap_err();
-            assert!(what.contains(word), "{}: {what}", &text[..text.len().min(80)]);
+            assert!(
+                what.contains(word),
+                "{}: {what}",
+                &text[..text.len().min(80)]
+            );
         }
     }
 }

@@ -33,7 +33,9 @@ pub enum JudgeError {
         excerpt: String,
     },
     /// Not tried, because nobody is there.
-    #[error("not judged: {refused} calls in a row could not connect; start the endpoint and judge again (episode {episode_id})")]
+    #[error(
+        "not judged: {refused} calls in a row could not connect; start the endpoint and judge again (episode {episode_id})"
+    )]
     Stopped {
         /// The episode.
         episode_id: String,

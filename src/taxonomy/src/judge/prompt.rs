@@ -25,7 +25,10 @@ pub fn version() -> Digest {
 
 /// What the model is asked about a case.
 pub(super) fn request(case: &Case, options: &Options) -> Request {
-    let record = record(case, options.transcript_bytes.max(Options::TRANSCRIPT_BYTES_MIN));
+    let record = record(
+        case,
+        options.transcript_bytes.max(Options::TRANSCRIPT_BYTES_MIN),
+    );
     // Nobody who writes into the record knows the digest of all of it.
     let code = Digest::of(record.as_bytes()).short();
     let record = format!("BEGIN RECORD {code}\n{record}END RECORD {code}");
@@ -33,31 +36,49 @@ pub(super) fn request(case: &Case, options: &Options) -> Request {
     let system = Message::text(Role::System, PROMPT);
     if case.frames.is_empty() || options.frames == 0 {
         return Request {
-            messages: vec![system, Message::text(Role::User, format!("{record}\n\n{question}"))],
+            messages: vec![
+                system,
+                Message::text(Role::User, format!("{record}\n\n{question}")),
+            ],
             ..Request::default()
         };
     }
     let mut parts = vec![Part::Text(record)];
     for picture in spread(&case.frames, options.frames) {
-        parts.push(Part::Text(format!("What the robot saw after step {}:", picture.step)));
-        parts.push(Part::Image { media_type: picture.media_type.clone(), bytes: picture.bytes.clone() });
+        parts.push(Part::Text(format!(
+            "What the robot saw after step {}:",
+            picture.step
+        )));
+        parts.push(Part::Image {
+            media_type: picture.media_type.clone(),
+            bytes: picture.bytes.clone(),
+        });
     }
     parts.push(Part::Text(question.to_owned()));
-    Request { messages: vec![system, Message::new(Role::User, parts)], ..Request::default() }
+    Request {
+        messages: vec![system, Message::new(Role::User, parts)],
+        ..Request::default()
+    }
 }
 
 /// What the model is told about an answer that cannot be read.
 pub(super) fn again(what: &str) -> String {
-    format!("Your answer cannot be used: {what}. Answer again, with the one JSON object and nothing else.")
+    format!(
+        "Your answer cannot be used: {what}. Answer again, with the one JSON object and nothing else."
+    )
 }
 
-/// The record, at most so many bytes: a JSON object a line, so that no text of it can begin a line of its own. What is too
-/// long loses the middle of its texts first, then steps in the middle.
+/// The record, at most so many bytes: a JSON object a line, so that no text of it can begin a line
+/// of its own. What is too long loses the middle of its texts first, then steps in the middle.
 fn record(case: &Case, bytes_max: usize) -> String {
     let mut text_max = TEXT_BYTES_MAX;
     loop {
         let first = first_line(case, text_max);
-        let lines: Vec<String> = case.transcript.iter().map(|turn| line(turn, text_max)).collect();
+        let lines: Vec<String> = case
+            .transcript
+            .iter()
+            .map(|turn| line(turn, text_max))
+            .collect();
         if first.len() + lines.iter().map(String::len).sum::<usize>() <= bytes_max {
             return first + &lines.concat();
         }
@@ -78,9 +99,18 @@ fn first_line(case: &Case, text_max: usize) -> String {
 
 fn without_middle(case: &Case, first: String, lines: &[String], bytes_max: usize) -> String {
     let left_out = middle(lines, bytes_max.saturating_sub(first.len() + NOTE_BYTES));
-    let (from, to) = (case.transcript[left_out.start].step, case.transcript[left_out.end - 1].step);
-    let note = format!("the record is too long: {} steps, {from} to {to}, are left out here", left_out.len());
-    let (before, after) = (lines[..left_out.start].concat(), lines[left_out.end..].concat());
+    let (from, to) = (
+        case.transcript[left_out.start].step,
+        case.transcript[left_out.end - 1].step,
+    );
+    let note = format!(
+        "the record is too long: {} steps, {from} to {to}, are left out here",
+        left_out.len()
+    );
+    let (before, after) = (
+        lines[..left_out.start].concat(),
+        lines[left_out.end..].concat(),
+    );
     format!("{first}{before}{}\n{after}", json!({"note": note}))
 }
 
@@ -99,13 +129,18 @@ fn line(turn: &Turn, text_max: usize) -> String {
     serde_json::to_string(&turn).expect("a turn is always JSON") + "\n"
 }
 
-/// Which lines have to go so that the others fit: about as many bytes stay before as after. Never none.
+/// Which lines have to go so that the others fit: about as many bytes stay before as after. Never
+/// none.
 fn middle(lines: &[String], room: usize) -> Range<usize> {
     let (mut start, mut end) = (0, lines.len());
     let (mut before, mut after) = (0, 0);
     while start + 1 < end {
         let at_start = before <= after;
-        let bytes = if at_start { lines[start].len() } else { lines[end - 1].len() };
+        let bytes = if at_start {
+            lines[start].len()
+        } else {
+            lines[end - 1].len()
+        };
         if before + after + bytes > room {
             break;
         }
@@ -124,7 +159,12 @@ fn shortened(text: &str, bytes_max: usize) -> String {
     }
     let head = text.floor_char_boundary(bytes_max / 2);
     let tail = text.ceil_char_boundary(text.len() - bytes_max / 2);
-    format!("{} [... {} bytes left out ...] {}", &text[..head], tail - head, &text[tail..])
+    format!(
+        "{} [... {} bytes left out ...] {}",
+        &text[..head],
+        tail - head,
+        &text[tail..]
+    )
 }
 
 /// So many pictures with even gaps, the last one always.
@@ -138,8 +178,17 @@ mod tests {
     use super::*;
 
     fn case(steps: u32, words: &str) -> Case {
-        let turn = |step| Turn { step, call: "finish()".to_owned(), reasoning: words.to_owned(), ..Turn::default() };
-        Case { instruction: format!("bring me the mug {words}"), transcript: (0..steps).map(turn).collect(), ..Case::default() }
+        let turn = |step| Turn {
+            step,
+            call: "finish()".to_owned(),
+            reasoning: words.to_owned(),
+            ..Turn::default()
+        };
+        Case {
+            instruction: format!("bring me the mug {words}"),
+            transcript: (0..steps).map(turn).collect(),
+            ..Case::default()
+        }
     }
 
     #[test]
@@ -154,10 +203,25 @@ mod tests {
         ] {
             for bytes_max in [2_000, 5_000, 60_000] {
                 let text = record(&case(steps, words), bytes_max);
-                assert!(text.len() <= bytes_max, "{steps} steps of {}: {} of {bytes_max}", words.len(), text.len());
-                let lines: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-                let whole = lines.iter().filter(|line| line.get("step").is_some()).count() == steps as usize;
-                assert!(whole != lines.iter().any(|line| line.get("note").is_some()), "{text}");
+                assert!(
+                    text.len() <= bytes_max,
+                    "{steps} steps of {}: {} of {bytes_max}",
+                    words.len(),
+                    text.len()
+                );
+                let lines: Vec<serde_json::Value> = text
+                    .lines()
+                    .map(|line| serde_json::from_str(line).unwrap())
+                    .collect();
+                let whole = lines
+                    .iter()
+                    .filter(|line| line.get("step").is_some())
+                    .count()
+                    == steps as usize;
+                assert!(
+                    whole != lines.iter().any(|line| line.get("note").is_some()),
+                    "{text}"
+                );
             }
         }
     }
@@ -165,20 +229,43 @@ mod tests {
     #[test]
     fn the_middle_goes_first() {
         let text = record(&case(100, &"x".repeat(100)), 2_000);
-        let steps: Vec<u64> =
-            text.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok()?["step"].as_u64()).collect();
-        let gap = steps.windows(2).position(|pair| pair[1] != pair[0] + 1).unwrap();
+        let steps: Vec<u64> = text
+            .lines()
+            .filter_map(|line| {
+                serde_json::from_str::<serde_json::Value>(line).ok()?["step"].as_u64()
+            })
+            .collect();
+        let gap = steps
+            .windows(2)
+            .position(|pair| pair[1] != pair[0] + 1)
+            .unwrap();
         assert_eq!((steps[0], *steps.last().unwrap()), (0, 99));
-        assert!(steps.len() > 10 && gap.abs_diff(steps.len() / 2) <= 1, "{steps:?}");
-        let note = format!("{} steps, {} to {}, are left out", 100 - steps.len(), steps[gap] + 1, steps[gap + 1] - 1);
+        assert!(
+            steps.len() > 10 && gap.abs_diff(steps.len() / 2) <= 1,
+            "{steps:?}"
+        );
+        let note = format!(
+            "{} steps, {} to {}, are left out",
+            100 - steps.len(),
+            steps[gap] + 1,
+            steps[gap + 1] - 1
+        );
         assert!(text.contains(&note), "{text}");
     }
 
     #[test]
     fn pictures_are_spread_to_the_last() {
-        let picture = |step| Picture { step, media_type: "image/png".to_owned(), bytes: vec![0] };
+        let picture = |step| Picture {
+            step,
+            media_type: "image/png".to_owned(),
+            bytes: vec![0],
+        };
         let pictures: Vec<Picture> = (0..10).map(picture).collect();
-        let steps = |count| spread(&pictures, count).map(|picture| picture.step).collect::<Vec<_>>();
+        let steps = |count| {
+            spread(&pictures, count)
+                .map(|picture| picture.step)
+                .collect::<Vec<_>>()
+        };
         assert_eq!(steps(0), [] as [u32; 0]);
         assert_eq!(steps(1), [9]);
         assert_eq!(steps(3), [3, 6, 9]);

@@ -1,5 +1,5 @@
-//! Owns the colours of the diagram: four hues of Okabe and Ito's colour-blind-safe set for the classes, their tints for
-//! sub-classes, greys for the rest.
+//! Owns the colours of the diagram: four hues of Okabe and Ito's colour-blind-safe set for the
+//! classes, their tints for sub-classes, greys for the rest.
 
 use reel_world::FailureClass;
 
@@ -30,11 +30,17 @@ pub const CLASSES: [(&str, Color); 4] = [
 
 /// The hue of a class.
 pub fn class_color(class: &str) -> Color {
-    CLASSES.iter().find(|(name, _)| *name == class).map_or(UNKNOWN, |&(_, color)| color)
+    CLASSES
+        .iter()
+        .find(|(name, _)| *name == class)
+        .map_or(UNKNOWN, |&(_, color)| color)
 }
 
-/// The tint of the `rank`-th largest sub-class: the class's hue, ever lighter, never so light that it is lost on white.
+/// The tint of the `rank`-th largest sub-class: the class's hue, ever lighter, never so light that
+/// it is lost on white.
 pub fn tint(hue: Color, rank: usize) -> Color {
     let white_percent = (rank * 12).min(48) as u32;
-    hue.map(|channel| ((u32::from(channel) * (100 - white_percent) + 255 * white_percent) / 100) as u8)
+    hue.map(|channel| {
+        ((u32::from(channel) * (100 - white_percent) + 255 * white_percent) / 100) as u8
+    })
 }

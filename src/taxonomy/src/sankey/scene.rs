@@ -1,5 +1,5 @@
-//! Owns what is drawn where: shapes and texts of the whole picture, in units that are pixels at scale 1. Knows neither
-//! SVG nor PNG, so that both show the same.
+//! Owns what is drawn where: shapes and texts of the whole picture, in units that are pixels at
+//! scale 1. Knows neither SVG nor PNG, so that both show the same.
 
 use super::layout::{Layout, Node, Ribbon};
 use super::palette::{Color, GOOD, INK, MUTED, PALE, UNKNOWN};
@@ -86,9 +86,19 @@ const RIBBON_THIN_OPACITY: f64 = 0.75;
 
 impl Scene {
     /// Draws a layout with its title and all labels.
-    pub fn of(title: &str, subtitle: &str, layout: &Layout, episodes_total: u64, successes: u64) -> Self {
+    pub fn of(
+        title: &str,
+        subtitle: &str,
+        layout: &Layout,
+        episodes_total: u64,
+        successes: u64,
+    ) -> Self {
         let outcome = Outcome::of(layout, episodes_total, successes);
-        let chart_height = if layout.classes.is_empty() { EMPTY_HEIGHT } else { layout.height };
+        let chart_height = if layout.classes.is_empty() {
+            EMPTY_HEIGHT
+        } else {
+            layout.height
+        };
         let mut scene = Self {
             title: clean(title),
             description: describe(layout, &outcome),
@@ -113,18 +123,41 @@ impl Scene {
     /// Title, subtitle, the outcome in words and as a bar of all episodes.
     fn head(&mut self, subtitle: &str, layout: &Layout, outcome: &Outcome) {
         let room = RIGHT - MARGIN;
-        self.text(MARGIN, 42.0, Style::Title, INK, elide(&self.title, Style::Title, room));
+        self.text(
+            MARGIN,
+            42.0,
+            Style::Title,
+            INK,
+            elide(&self.title, Style::Title, room),
+        );
         if !subtitle.trim().is_empty() {
-            self.text(MARGIN, 68.0, Style::Plain, MUTED, elide(&clean(subtitle), Style::Plain, room));
+            self.text(
+                MARGIN,
+                68.0,
+                Style::Plain,
+                MUTED,
+                elide(&clean(subtitle), Style::Plain, room),
+            );
         }
-        self.text(MARGIN, 98.0, Style::Strong, INK, elide(&outcome.words(), Style::Strong, room));
+        self.text(
+            MARGIN,
+            98.0,
+            Style::Strong,
+            INK,
+            elide(&outcome.words(), Style::Strong, room),
+        );
 
         let of_all = |episodes: u64| room * episodes as f64 / outcome.total as f64;
         let tooltip = counted(outcome.successes, "success", "successes");
         self.rect([MARGIN, 114.0, room, 6.0], PALE, Some(tooltip));
         let mut x = MARGIN;
-        let unclassified = (outcome.unclassified > 0).then_some((UNKNOWN, outcome.unclassified, "not classified"));
-        let parts = layout.classes.iter().map(|class| (class.color, class.episodes, class.name.as_str())).chain(unclassified);
+        let unclassified =
+            (outcome.unclassified > 0).then_some((UNKNOWN, outcome.unclassified, "not classified"));
+        let parts = layout
+            .classes
+            .iter()
+            .map(|class| (class.color, class.episodes, class.name.as_str()))
+            .chain(unclassified);
         for (color, episodes, name) in parts {
             let end = (x + of_all(episodes)).min(RIGHT);
             let tooltip = format!("{name}: {} of all episodes", share(episodes, outcome.total));
@@ -135,17 +168,34 @@ impl Scene {
 
     fn ribbons(&mut self, layout: &Layout) {
         for ribbon in &layout.into_classes {
-            let names = [&layout.families[ribbon.ends[0]], &layout.classes[ribbon.ends[1]]];
-            self.ribbon(COLUMNS[0], COLUMNS[1], ribbon, tooltip(names, ribbon, layout));
+            let names = [
+                &layout.families[ribbon.ends[0]],
+                &layout.classes[ribbon.ends[1]],
+            ];
+            self.ribbon(
+                COLUMNS[0],
+                COLUMNS[1],
+                ribbon,
+                tooltip(names, ribbon, layout),
+            );
         }
         for ribbon in &layout.into_sub_classes {
-            let names = [&layout.classes[ribbon.ends[0]], &layout.sub_classes[ribbon.ends[1]]];
+            let names = [
+                &layout.classes[ribbon.ends[0]],
+                &layout.sub_classes[ribbon.ends[1]],
+            ];
             let of_family: Vec<String> = ribbon
                 .of_family
                 .iter()
-                .map(|(family, episodes)| format!("{} {}", layout.families[*family].name, count(*episodes)))
+                .map(|(family, episodes)| {
+                    format!("{} {}", layout.families[*family].name, count(*episodes))
+                })
                 .collect();
-            let tooltip = format!("{}: {}", tooltip(names, ribbon, layout), of_family.join(", "));
+            let tooltip = format!(
+                "{}: {}",
+                tooltip(names, ribbon, layout),
+                of_family.join(", ")
+            );
             self.ribbon(COLUMNS[1], COLUMNS[2], ribbon, tooltip);
         }
     }
@@ -153,7 +203,9 @@ impl Scene {
     fn ribbon(&mut self, left: f64, right: f64, ribbon: &Ribbon, tooltip: String) {
         let left = left + NODE_WIDTH;
         let bend = (left + right) / 2.0;
-        let [from, to] = ribbon.spans.map(|span| [CHART_Y + span.y, CHART_Y + span.y + span.height]);
+        let [from, to] = ribbon
+            .spans
+            .map(|span| [CHART_Y + span.y, CHART_Y + span.y + span.height]);
         let path = vec![
             Segment::Move([left, from[0]]),
             Segment::Cubic([[bend, from[0]], [bend, to[0]], [right, to[0]]]),
@@ -162,23 +214,48 @@ impl Scene {
             Segment::Close,
         ];
         let thin = ribbon.spans.iter().any(|span| span.height < RIBBON_THIN);
-        let opacity = if thin { RIBBON_THIN_OPACITY } else { RIBBON_OPACITY };
-        let shape = Shape { path, color: ribbon.color, opacity, stroke: None, tooltip: Some(tooltip) };
+        let opacity = if thin {
+            RIBBON_THIN_OPACITY
+        } else {
+            RIBBON_OPACITY
+        };
+        let shape = Shape {
+            path,
+            color: ribbon.color,
+            opacity,
+            stroke: None,
+            tooltip: Some(tooltip),
+        };
         self.items.push(Item::Shape(shape));
     }
 
     fn nodes(&mut self, layout: &Layout) {
-        for (x, nodes) in COLUMNS.into_iter().zip([&layout.families, &layout.classes, &layout.sub_classes]) {
+        for (x, nodes) in
+            COLUMNS
+                .into_iter()
+                .zip([&layout.families, &layout.classes, &layout.sub_classes])
+        {
             for node in nodes {
                 let tooltip = format!("{}: {}", node.name, numbers(node.episodes, layout.episodes));
-                self.rect([x, CHART_Y + node.y, NODE_WIDTH, node.height], node.color, Some(tooltip));
+                self.rect(
+                    [x, CHART_Y + node.y, NODE_WIDTH, node.height],
+                    node.color,
+                    Some(tooltip),
+                );
             }
         }
     }
 
     fn family_labels(&mut self, layout: &Layout) {
         let x = COLUMNS[0] - LABEL_GAP;
-        self.aligned(COLUMNS[0] + NODE_WIDTH, HEADINGS_Y, Anchor::End, Style::Small, MUTED, "FAMILY".to_owned());
+        self.aligned(
+            COLUMNS[0] + NODE_WIDTH,
+            HEADINGS_Y,
+            Anchor::End,
+            Style::Small,
+            MUTED,
+            "FAMILY".to_owned(),
+        );
         for family in &layout.families {
             self.two_lines(x, Anchor::End, family, layout.episodes, x - 12.0);
         }
@@ -186,25 +263,70 @@ impl Scene {
 
     fn class_labels(&mut self, layout: &Layout) {
         let x = COLUMNS[1] + NODE_WIDTH + LABEL_GAP;
-        self.text(COLUMNS[1], HEADINGS_Y, Style::Small, MUTED, "CLASS".to_owned());
+        self.text(
+            COLUMNS[1],
+            HEADINGS_Y,
+            Style::Small,
+            MUTED,
+            "CLASS".to_owned(),
+        );
         for class in &layout.classes {
-            self.two_lines(x, Anchor::Start, class, layout.episodes, COLUMNS[2] - LABEL_GAP - x);
+            self.two_lines(
+                x,
+                Anchor::Start,
+                class,
+                layout.episodes,
+                COLUMNS[2] - LABEL_GAP - x,
+            );
         }
     }
 
     /// A table: names at the left, numbers under each other at the right.
     fn sub_class_labels(&mut self, layout: &Layout) {
         let x = COLUMNS[2] + NODE_WIDTH + LABEL_GAP;
-        self.text(COLUMNS[2], HEADINGS_Y, Style::Small, MUTED, "SUB-CLASS".to_owned());
-        self.aligned(COUNTS, HEADINGS_Y, Anchor::End, Style::Small, MUTED, "EPISODES".to_owned());
-        self.aligned(RIGHT, HEADINGS_Y, Anchor::End, Style::Small, MUTED, "SHARE".to_owned());
+        self.text(
+            COLUMNS[2],
+            HEADINGS_Y,
+            Style::Small,
+            MUTED,
+            "SUB-CLASS".to_owned(),
+        );
+        self.aligned(
+            COUNTS,
+            HEADINGS_Y,
+            Anchor::End,
+            Style::Small,
+            MUTED,
+            "EPISODES".to_owned(),
+        );
+        self.aligned(
+            RIGHT,
+            HEADINGS_Y,
+            Anchor::End,
+            Style::Small,
+            MUTED,
+            "SHARE".to_owned(),
+        );
         for sub_class in &layout.sub_classes {
             let y = CHART_Y + sub_class.middle();
             let number = count(sub_class.episodes);
             let room = COUNTS - width(&number, Style::Plain) - NUMBER_GAP - x;
-            self.text(x, y, Style::Plain, INK, elide(&spaced(&sub_class.name), Style::Plain, room));
+            self.text(
+                x,
+                y,
+                Style::Plain,
+                INK,
+                elide(&spaced(&sub_class.name), Style::Plain, room),
+            );
             self.aligned(COUNTS, y, Anchor::End, Style::Plain, INK, number);
-            self.aligned(RIGHT, y, Anchor::End, Style::Plain, MUTED, share(sub_class.episodes, layout.episodes));
+            self.aligned(
+                RIGHT,
+                y,
+                Anchor::End,
+                Style::Plain,
+                MUTED,
+                share(sub_class.episodes, layout.episodes),
+            );
         }
     }
 
@@ -214,7 +336,13 @@ impl Scene {
             "Shares are of the {}; widths are in proportion, but for what would be too thin to see.",
             counted(layout.episodes, "classified failure", "classified failures")
         );
-        self.text(MARGIN, y, Style::Small, MUTED, elide(&note, Style::Small, RIGHT - MARGIN));
+        self.text(
+            MARGIN,
+            y,
+            Style::Small,
+            MUTED,
+            elide(&note, Style::Small, RIGHT - MARGIN),
+        );
     }
 
     /// What is drawn where there is nothing to draw: a mark, and in words why.
@@ -228,27 +356,85 @@ impl Scene {
                 [[-12.0, 0.0], [0.0, 0.0], [12.0, 0.0]],
             )
         } else if outcome.successes > 0 {
-            (GOOD, "No failures", "Every episode reached its goal.", [[-12.0, 1.0], [-3.0, 10.0], [13.0, -9.0]])
+            (
+                GOOD,
+                "No failures",
+                "Every episode reached its goal.",
+                [[-12.0, 1.0], [-3.0, 10.0], [13.0, -9.0]],
+            )
         } else {
-            (UNKNOWN, "No failures", "There are no episodes here.", [[-12.0, 0.0], [0.0, 0.0], [12.0, 0.0]])
+            (
+                UNKNOWN,
+                "No failures",
+                "There are no episodes here.",
+                [[-12.0, 0.0], [0.0, 0.0], [12.0, 0.0]],
+            )
         };
-        self.items.push(Item::Shape(Shape { path: circle(x, y, 30.0), color, opacity: 0.14, stroke: None, tooltip: None }));
+        self.items.push(Item::Shape(Shape {
+            path: circle(x, y, 30.0),
+            color,
+            opacity: 0.14,
+            stroke: None,
+            tooltip: None,
+        }));
         let [first, second, third] = mark.map(|[dx, dy]| [x + dx, y + dy]);
-        let path = vec![Segment::Move(first), Segment::Line(second), Segment::Line(third)];
-        self.items.push(Item::Shape(Shape { path, color, opacity: 1.0, stroke: Some(4.0), tooltip: None }));
-        self.aligned(x, y + 62.0, Anchor::Middle, Style::Title, INK, headline.to_owned());
-        self.aligned(x, y + 88.0, Anchor::Middle, Style::Plain, MUTED, note.to_owned());
+        let path = vec![
+            Segment::Move(first),
+            Segment::Line(second),
+            Segment::Line(third),
+        ];
+        self.items.push(Item::Shape(Shape {
+            path,
+            color,
+            opacity: 1.0,
+            stroke: Some(4.0),
+            tooltip: None,
+        }));
+        self.aligned(
+            x,
+            y + 62.0,
+            Anchor::Middle,
+            Style::Title,
+            INK,
+            headline.to_owned(),
+        );
+        self.aligned(
+            x,
+            y + 88.0,
+            Anchor::Middle,
+            Style::Plain,
+            MUTED,
+            note.to_owned(),
+        );
     }
 
     /// A name and under it its count and share.
     fn two_lines(&mut self, x: f64, anchor: Anchor, node: &Node, episodes: u64, room: f64) {
         let y = CHART_Y + node.middle();
-        let numbers = format!("{} ({})", count(node.episodes), share(node.episodes, episodes));
+        let numbers = format!(
+            "{} ({})",
+            count(node.episodes),
+            share(node.episodes, episodes)
+        );
         let halo = anchor == Anchor::Start;
-        for (y, style, color, content) in
-            [(y - 9.0, Style::Strong, INK, spaced(&node.name)), (y + 9.0, Style::Plain, if halo { INK } else { MUTED }, numbers)]
-        {
-            self.items.push(Item::Text(Text { x, y, anchor, style, color, halo, content: elide(&content, style, room) }));
+        for (y, style, color, content) in [
+            (y - 9.0, Style::Strong, INK, spaced(&node.name)),
+            (
+                y + 9.0,
+                Style::Plain,
+                if halo { INK } else { MUTED },
+                numbers,
+            ),
+        ] {
+            self.items.push(Item::Text(Text {
+                x,
+                y,
+                anchor,
+                style,
+                color,
+                halo,
+                content: elide(&content, style, room),
+            }));
         }
     }
 
@@ -256,8 +442,24 @@ impl Scene {
         self.aligned(x, y, Anchor::Start, style, color, content);
     }
 
-    fn aligned(&mut self, x: f64, y: f64, anchor: Anchor, style: Style, color: Color, content: String) {
-        self.items.push(Item::Text(Text { x, y, anchor, style, color, halo: false, content }));
+    fn aligned(
+        &mut self,
+        x: f64,
+        y: f64,
+        anchor: Anchor,
+        style: Style,
+        color: Color,
+        content: String,
+    ) {
+        self.items.push(Item::Text(Text {
+            x,
+            y,
+            anchor,
+            style,
+            color,
+            halo: false,
+            content,
+        }));
     }
 
     fn rect(&mut self, [x, y, width, height]: [f64; 4], color: Color, tooltip: Option<String>) {
@@ -268,7 +470,13 @@ impl Scene {
             Segment::Line([x, y + height]),
             Segment::Close,
         ];
-        self.items.push(Item::Shape(Shape { path, color, opacity: 1.0, stroke: None, tooltip }));
+        self.items.push(Item::Shape(Shape {
+            path,
+            color,
+            opacity: 1.0,
+            stroke: None,
+            tooltip,
+        }));
     }
 }
 
@@ -299,19 +507,40 @@ struct Outcome {
 impl Outcome {
     /// Where the numbers contradict each other, there are as many episodes as are named.
     fn of(layout: &Layout, episodes_total: u64, successes: u64) -> Self {
-        let failures = episodes_total.saturating_sub(successes).max(layout.episodes);
+        let failures = episodes_total
+            .saturating_sub(successes)
+            .max(layout.episodes);
         let total = failures.saturating_add(successes).max(1);
-        Self { total, failures, unclassified: failures - layout.episodes, successes }
+        Self {
+            total,
+            failures,
+            unclassified: failures - layout.episodes,
+            successes,
+        }
     }
 
     fn words(&self) -> String {
-        let episodes = counted(self.failures.saturating_add(self.successes), "episode", "episodes");
-        let mut words = format!("{} in {episodes}", counted(self.failures, "failure", "failures"));
+        let episodes = counted(
+            self.failures.saturating_add(self.successes),
+            "episode",
+            "episodes",
+        );
+        let mut words = format!(
+            "{} in {episodes}",
+            counted(self.failures, "failure", "failures")
+        );
         if self.failures > 0 {
-            words += &format!(" ({}), {}", share(self.failures, self.total), counted(self.successes, "success", "successes"));
+            words += &format!(
+                " ({}), {}",
+                share(self.failures, self.total),
+                counted(self.successes, "success", "successes")
+            );
         }
         if self.unclassified > 0 {
-            words += &format!("; {} not classified", counted(self.unclassified, "failure", "failures"));
+            words += &format!(
+                "; {} not classified",
+                counted(self.unclassified, "failure", "failures")
+            );
         }
         words
     }
@@ -319,21 +548,44 @@ impl Outcome {
 
 fn describe(layout: &Layout, outcome: &Outcome) -> String {
     let list = |nodes: &[Node]| -> String {
-        nodes.iter().map(|node| format!("{} {}", node.name, count(node.episodes))).collect::<Vec<_>>().join(", ")
+        nodes
+            .iter()
+            .map(|node| format!("{} {}", node.name, count(node.episodes)))
+            .collect::<Vec<_>>()
+            .join(", ")
     };
     if layout.classes.is_empty() {
         return format!("{}.", outcome.words());
     }
-    let columns = [list(&layout.families), list(&layout.classes), list(&layout.sub_classes)];
-    format!("{}. Families: {}. Classes: {}. Sub-classes: {}.", outcome.words(), columns[0], columns[1], columns[2])
+    let columns = [
+        list(&layout.families),
+        list(&layout.classes),
+        list(&layout.sub_classes),
+    ];
+    format!(
+        "{}. Families: {}. Classes: {}. Sub-classes: {}.",
+        outcome.words(),
+        columns[0],
+        columns[1],
+        columns[2]
+    )
 }
 
 fn tooltip([from, to]: [&Node; 2], ribbon: &Ribbon, layout: &Layout) -> String {
-    format!("{} → {}: {}", from.name, to.name, numbers(ribbon.episodes, layout.episodes))
+    format!(
+        "{} → {}: {}",
+        from.name,
+        to.name,
+        numbers(ribbon.episodes, layout.episodes)
+    )
 }
 
 fn numbers(episodes: u64, of: u64) -> String {
-    format!("{} ({})", counted(episodes, "episode", "episodes"), share(episodes, of))
+    format!(
+        "{} ({})",
+        counted(episodes, "episode", "episodes"),
+        share(episodes, of)
+    )
 }
 
 /// Identifiers as people write them; tooltips keep them as they are.

@@ -1,4 +1,5 @@
-//! Owns the SVG of a scene: escaped, numbers with two decimals at most, no ids, so that several fit on one page.
+//! Owns the SVG of a scene: escaped, numbers with two decimals at most, no ids, so that several fit
+//! on one page.
 
 use std::fmt::Write;
 
@@ -46,12 +47,18 @@ fn push_shape(svg: &mut String, shape: &Shape) {
                 number(width)
             )
         }
-        None if shape.opacity < 1.0 => format!("fill=\"{color}\" fill-opacity=\"{}\"", number(shape.opacity)),
+        None if shape.opacity < 1.0 => format!(
+            "fill=\"{color}\" fill-opacity=\"{}\"",
+            number(shape.opacity)
+        ),
         None => format!("fill=\"{color}\""),
     };
     push(svg, format_args!("<path d=\"{path}\" {paint}"));
     match &shape.tooltip {
-        Some(tooltip) => push(svg, format_args!("><title>{}</title></path>\n", escaped(tooltip))),
+        Some(tooltip) => push(
+            svg,
+            format_args!("><title>{}</title></path>\n", escaped(tooltip)),
+        ),
         None => svg.push_str("/>\n"),
     }
 }
@@ -59,8 +66,16 @@ fn push_shape(svg: &mut String, shape: &Shape) {
 fn push_text(svg: &mut String, text: &Text) {
     // The capitals of the usual fonts are 0.72 em tall.
     let baseline = text.y + 0.36 * text.style.font_size();
-    let (x, y, size, color) = (number(text.x), number(baseline), number(text.style.font_size()), hex(text.color));
-    push(svg, format_args!("<text x=\"{x}\" y=\"{y}\" font-size=\"{size}\" fill=\"{color}\""));
+    let (x, y, size, color) = (
+        number(text.x),
+        number(baseline),
+        number(text.style.font_size()),
+        hex(text.color),
+    );
+    push(
+        svg,
+        format_args!("<text x=\"{x}\" y=\"{y}\" font-size=\"{size}\" fill=\"{color}\""),
+    );
     match text.anchor {
         Anchor::Start => {}
         Anchor::Middle => svg.push_str(" text-anchor=\"middle\""),
@@ -89,7 +104,11 @@ fn point([x, y]: [f64; 2]) -> String {
 fn number(value: f64) -> String {
     let text = format!("{value:.2}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+    if text == "-0" {
+        "0".to_owned()
+    } else {
+        text.to_owned()
+    }
 }
 
 fn hex([red, green, blue]: Color) -> String {
@@ -117,7 +136,13 @@ mod tests {
 
     #[test]
     fn numbers_are_short_and_markup_is_none() {
-        assert_eq!([10.0, 1.5, 0.333, -0.001, 1200.0].map(number), ["10", "1.5", "0.33", "0", "1200"]);
-        assert_eq!(escaped("<a b=\"'\">&"), "&lt;a b=&quot;&#39;&quot;&gt;&amp;");
+        assert_eq!(
+            [10.0, 1.5, 0.333, -0.001, 1200.0].map(number),
+            ["10", "1.5", "0.33", "0", "1200"]
+        );
+        assert_eq!(
+            escaped("<a b=\"'\">&"),
+            "&lt;a b=&quot;&#39;&quot;&gt;&amp;"
+        );
     }
 }

@@ -8,7 +8,10 @@ mod judge;
 mod paper;
 mod rules;
 #[path = "../../../model/tests/model/scripted.rs"]
-#[expect(dead_code, reason = "the judge needs not all that the client's tests do")]
+#[expect(
+    dead_code,
+    reason = "the judge needs not all that the client's tests do"
+)]
 mod scripted;
 
 use std::path::Path;
@@ -34,8 +37,15 @@ pub(crate) struct Found {
 
 /// Ingests episodes and classifies them by the rules that come with Reel, sorted by their ids.
 pub(crate) fn classified(dir: &Path, plays: &[Play]) -> Vec<Found> {
-    let paths: Vec<_> =
-        plays.iter().map(|play| play.record_as(&dir.join(format!("{}.mcap", play.header.episode_id)), Images::None)).collect();
+    let paths: Vec<_> = plays
+        .iter()
+        .map(|play| {
+            play.record_as(
+                &dir.join(format!("{}.mcap", play.header.episode_id)),
+                Images::None,
+            )
+        })
+        .collect();
     let mut store = Store::open_or_create(dir.join("store")).unwrap();
     let report = store.ingest(&paths, &|_, _| ()).unwrap();
     assert_eq!((report.added, report.quarantined), (plays.len(), vec![]));
@@ -55,7 +65,11 @@ pub(crate) fn found(session: &Session, rules: &RuleSet) -> Vec<Found> {
             last_step: class.last_step,
             evidence: class.evidence.to_owned(),
             fields: class.fields.to_vec(),
-            secondary: class.secondary.iter().map(|other| (other.sub_class.to_owned(), other.step)).collect(),
+            secondary: class
+                .secondary
+                .iter()
+                .map(|other| (other.sub_class.to_owned(), other.step))
+                .collect(),
         })
         .collect();
     found.sort_by(|one, other| one.episode_id.cmp(&other.episode_id));

@@ -1,5 +1,5 @@
-//! What keeps equal inputs giving equal bits: the ban lists of the crates that compute, and the features that
-//! replace the platform's mathematics.
+//! What keeps equal inputs giving equal bits: the ban lists of the crates that compute, and the
+//! features that replace the platform's mathematics.
 
 use std::collections::BTreeSet;
 
@@ -7,8 +7,8 @@ use reel_tidy::{banned, read};
 
 use super::layers::workspace;
 
-/// The crates whose results are recorded and compared. Clippy reads one `clippy.toml` a crate and does not merge
-/// files, so each has a copy.
+/// The crates whose results are recorded and compared. Clippy reads one `clippy.toml` a crate and
+/// does not merge files, so each has a copy.
 const COMPUTING: &[&str] = &["world", "reward", "plan", "sim", "episode"];
 
 const TYPES: &[&str] = &[
@@ -31,20 +31,32 @@ const FUNCTIONS: &[&str] = &[
     "std::fs::write",
 ];
 
-/// What the standard library leaves to the platform, for `f32` and `f64`. Square roots are exact everywhere.
+/// What the standard library leaves to the platform, for `f32` and `f64`. Square roots are exact
+/// everywhere.
 const MATHEMATICS: &[&str] = &[
-    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sin_cos", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp",
-    "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10", "powf", "powi", "cbrt", "hypot", "mul_add",
+    "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sin_cos", "sinh", "cosh", "tanh",
+    "asinh", "acosh", "atanh", "exp", "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10",
+    "powf", "powi", "cbrt", "hypot", "mul_add",
 ];
 
 #[test]
 fn the_ban_list_is_complete() {
     let text = read("src/sim/clippy.toml");
     let banned: BTreeSet<&str> = banned(&text).into_iter().collect();
-    let methods = ["f32", "f64"].into_iter().flat_map(|float| MATHEMATICS.iter().map(move |name| format!("{float}::{name}")));
-    let wanted = TYPES.iter().chain(FUNCTIONS).map(ToString::to_string).chain(methods);
+    let methods = ["f32", "f64"].into_iter().flat_map(|float| {
+        MATHEMATICS
+            .iter()
+            .map(move |name| format!("{float}::{name}"))
+    });
+    let wanted = TYPES
+        .iter()
+        .chain(FUNCTIONS)
+        .map(ToString::to_string)
+        .chain(methods);
     super::none(
-        wanted.filter(|path| !banned.contains(path.as_str())).map(|path| format!("src/sim/clippy.toml does not ban {path}")),
+        wanted
+            .filter(|path| !banned.contains(path.as_str()))
+            .map(|path| format!("src/sim/clippy.toml does not ban {path}")),
     );
 }
 
@@ -53,11 +65,15 @@ fn every_computing_crate_has_the_same_ban_list() {
     let list = read("src/sim/clippy.toml");
     for name in COMPUTING {
         let path = format!("src/{name}/clippy.toml");
-        assert!(read(&path) == list, "{path} differs from src/sim/clippy.toml: copy it");
+        assert!(
+            read(&path) == list,
+            "{path} differs from src/sim/clippy.toml: copy it"
+        );
     }
 }
 
-/// Cargo unifies features: a crate built alone must get what it gets inside `reel`, so who computes names them itself.
+/// Cargo unifies features: a crate built alone must get what it gets inside `reel`, so who computes
+/// names them itself.
 #[test]
 fn who_uses_physics_names_its_mathematics() {
     const FEATURES: &[(&str, &[&str])] = &[
@@ -67,18 +83,32 @@ fn who_uses_physics_names_its_mathematics() {
         ("libm", &[]),
     ];
     let packages = workspace();
-    let users: Vec<_> = packages.iter().filter(|package| package.dependencies.iter().any(|d| d.name == "rapier3d")).collect();
+    let users: Vec<_> = packages
+        .iter()
+        .filter(|package| package.dependencies.iter().any(|d| d.name == "rapier3d"))
+        .collect();
     assert!(
-        users.iter().any(|package| package.name.as_str() == "reel-sim"),
+        users
+            .iter()
+            .any(|package| package.name.as_str() == "reel-sim"),
         "reel-sim without rapier3d: does this test still look right?"
     );
     for package in users {
         for (name, features) in FEATURES {
-            let dependency = package.dependencies.iter().find(|dependency| dependency.name == *name);
-            let dependency = dependency.unwrap_or_else(|| panic!("{} uses rapier3d and does not name {name}", package.name));
+            let dependency = package
+                .dependencies
+                .iter()
+                .find(|dependency| dependency.name == *name);
+            let dependency = dependency.unwrap_or_else(|| {
+                panic!("{} uses rapier3d and does not name {name}", package.name)
+            });
             for feature in *features {
                 let named = dependency.features.iter().any(|have| have == feature);
-                assert!(named, "{}: {name} without the feature {feature}", package.name);
+                assert!(
+                    named,
+                    "{}: {name} without the feature {feature}",
+                    package.name
+                );
             }
         }
     }

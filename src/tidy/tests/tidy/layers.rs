@@ -1,4 +1,5 @@
-//! Which crate may use which, over `cargo metadata`. The table is the architecture: a line added here is a decision.
+//! Which crate may use which, over `cargo metadata`. The table is the architecture: a line added
+//! here is a decision.
 
 use cargo_metadata::{DependencyKind, MetadataCommand, Package};
 use reel_tidy::{crates, root};
@@ -13,28 +14,66 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("tasks", &["world"]),
     ("assets", &["world"]),
     ("episode", &["world", "sim", "reward"]),
-    // sim: the physics filter. episode: whether a question has to be asked, the simulated user's answer decides.
+    // sim: the physics filter. episode: whether a question has to be asked, the simulated user's
+    // answer decides.
     ("generate", &["world", "sim", "tasks", "episode"]),
     ("agents", &["world", "plan", "episode", "trace"]),
     // sim and reward: docs/decisions/007-replay-names-sim-and-reward.md
-    ("replay", &["world", "sim", "reward", "plan", "episode", "trace"]),
-    ("branch", &["world", "sim", "episode", "trace", "agents", "replay"]),
-    ("blame", &["world", "plan", "trace", "agents", "replay", "branch"]),
+    (
+        "replay",
+        &["world", "sim", "reward", "plan", "episode", "trace"],
+    ),
+    (
+        "branch",
+        &["world", "sim", "episode", "trace", "agents", "replay"],
+    ),
+    (
+        "blame",
+        &["world", "plan", "trace", "agents", "replay", "branch"],
+    ),
     ("history", &["world"]),
     ("buckets", &["world", "trace"]),
-    ("tables", &["world", "reward", "trace", "history", "buckets"]),
+    (
+        "tables",
+        &["world", "reward", "trace", "history", "buckets"],
+    ),
     ("pattern", &[]),
     ("statistics", &[]),
-    ("query", &["world", "reward", "trace", "tables", "replay", "blame", "pattern", "statistics"]),
+    (
+        "query",
+        &[
+            "world",
+            "reward",
+            "trace",
+            "tables",
+            "replay",
+            "blame",
+            "pattern",
+            "statistics",
+        ],
+    ),
     ("cluster", &["buckets", "query"]),
     ("model", &["world"]),
-    // reward: what the published trainer reads in a result's texts has one owner, `reel_reward::trainer`.
+    // reward: what the published trainer reads in a result's texts has one owner,
+    // `reel_reward::trainer`.
     ("prompt", &["world", "reward"]),
-    ("pilot", &["world", "agents", "episode", "trace", "model", "prompt"]),
-    ("annotate", &["world", "trace", "history", "model", "prompt"]),
+    (
+        "pilot",
+        &["world", "agents", "episode", "trace", "model", "prompt"],
+    ),
+    (
+        "annotate",
+        &["world", "trace", "history", "model", "prompt"],
+    ),
     ("dataset", &["world", "prompt"]),
     ("lint", &["world", "history", "prompt", "dataset"]),
-    ("export", &["world", "reward", "trace", "tables", "replay", "history", "annotate", "prompt", "dataset"]),
+    (
+        "export",
+        &[
+            "world", "reward", "trace", "tables", "replay", "history", "annotate", "prompt",
+            "dataset",
+        ],
+    ),
     ("view", &["world", "trace", "replay"]),
     ("import", &["world", "reward", "trace"]),
     ("proxy", &["world", "reward", "trace", "import"]),
@@ -44,8 +83,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     (
         "server",
         &[
-            "world", "reward", "tasks", "generate", "agents", "trace", "replay", "branch", "blame", "tables", "query", "lint",
-            "view", "live", "mcp", "pilot",
+            "world", "reward", "tasks", "generate", "agents", "trace", "replay", "branch", "blame",
+            "tables", "query", "lint", "view", "live", "mcp", "pilot",
         ],
     ),
     ("tidy", &[]),
@@ -53,7 +92,8 @@ const LAYERS: &[(&str, &[&str])] = &[
     ("vectors", &[]),
 ];
 
-/// Outside packages that only some crates of ours may use, tests included. A name ending in `*` is a prefix.
+/// Outside packages that only some crates of ours may use, tests included. A name ending in `*` is
+/// a prefix.
 const ONLY_IN: &[(&str, &[&str])] = &[
     ("axum*", &["mcp", "proxy", "server"]),
     ("rmcp", &["mcp", "server"]),
@@ -66,7 +106,10 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("anyhow", &["cli"]),
     ("ballista*", &["cluster"]),
     ("datafusion*", &["cluster", "query", "tables"]),
-    ("arrow*", &["export", "lint", "query", "server", "tables", "taxonomy"]),
+    (
+        "arrow*",
+        &["export", "lint", "query", "server", "tables", "taxonomy"],
+    ),
     ("parquet", &["export", "lint", "query", "tables"]),
     ("polars*", &["export"]),
     ("rapier3d*", &["sim"]),
@@ -78,12 +121,23 @@ const ONLY_IN: &[(&str, &[&str])] = &[
     ("rerun*", &["view"]),
     ("re_web_viewer_server", &["server"]),
     ("object_store", &["buckets", "cluster", "tables"]),
-    ("tokio*", &["buckets", "cluster", "tables", "query", "live", "mcp", "proxy", "server"]),
+    (
+        "tokio*",
+        &[
+            "buckets", "cluster", "tables", "query", "live", "mcp", "proxy", "server",
+        ],
+    ),
     (
         "rayon",
-        &["agents", "blame", "branch", "cluster", "generate", "replay", "tables", "query", "export", "taxonomy", "cli", "server"],
+        &[
+            "agents", "blame", "branch", "cluster", "generate", "replay", "tables", "query",
+            "export", "taxonomy", "cli", "server",
+        ],
     ),
-    ("rand_chacha", &["sim", "tasks", "agents", "annotate", "statistics"]),
+    (
+        "rand_chacha",
+        &["sim", "tasks", "agents", "annotate", "statistics"],
+    ),
     ("rand_core", &["sim", "tasks", "agents", "annotate"]),
     ("strsim", &["pattern", "reward"]),
     ("toml", &["cli", "import", "proxy", "reward", "server"]),
@@ -100,11 +154,21 @@ fn every_crate_keeps_to_its_layer() {
         if name == "cli" {
             continue;
         }
-        let (_, allowed) =
-            LAYERS.iter().find(|(layer, _)| *layer == name).unwrap_or_else(|| panic!("src/{name} has no layer in this table"));
-        let uses = package.dependencies.iter().filter(|dependency| dependency.kind != DependencyKind::Development);
-        for used in uses.filter_map(|dependency| dependency.name.strip_prefix("reel-").map(str::to_owned)) {
-            assert!(allowed.contains(&used.as_str()), "src/{name} may not use src/{used}");
+        let (_, allowed) = LAYERS
+            .iter()
+            .find(|(layer, _)| *layer == name)
+            .unwrap_or_else(|| panic!("src/{name} has no layer in this table"));
+        let uses = package
+            .dependencies
+            .iter()
+            .filter(|dependency| dependency.kind != DependencyKind::Development);
+        for used in
+            uses.filter_map(|dependency| dependency.name.strip_prefix("reel-").map(str::to_owned))
+        {
+            assert!(
+                allowed.contains(&used.as_str()),
+                "src/{name} may not use src/{used}"
+            );
         }
     }
 }
@@ -130,7 +194,11 @@ fn outside_packages_stay_where_they_belong() {
                     Some(prefix) => dependency.name.starts_with(prefix),
                     None => dependency.name == *pattern,
                 };
-                assert!(!matches || allowed.contains(&name.as_str()), "src/{name} may not use {}", dependency.name);
+                assert!(
+                    !matches || allowed.contains(&name.as_str()),
+                    "src/{name} may not use {}",
+                    dependency.name
+                );
             }
         }
     }
@@ -145,8 +213,13 @@ fn every_folder_is_a_crate_of_its_name() {
 
 /// The packages of the workspace, as Cargo sees them.
 pub fn workspace() -> Vec<Package> {
-    let metadata = MetadataCommand::new().manifest_path(root().join("Cargo.toml")).no_deps().exec();
-    metadata.unwrap_or_else(|error| panic!("cargo metadata: {error}")).packages
+    let metadata = MetadataCommand::new()
+        .manifest_path(root().join("Cargo.toml"))
+        .no_deps()
+        .exec();
+    metadata
+        .unwrap_or_else(|error| panic!("cargo metadata: {error}"))
+        .packages
 }
 
 fn short(package: &Package) -> String {

@@ -1,40 +1,56 @@
-//! The repository checks itself: what every file holds, which crate may use which, and what keeps the simulator
-//! deterministic. Never builds anything.
+//! The repository checks itself: what every file holds, which crate may use which, and what keeps
+//! the simulator deterministic. Never builds anything.
 
 mod determinism;
 mod layers;
 
-use reel_tidy::{LINES_MAX, crates, files, inherits_lints, leftovers, machine_paths, opens_with_doc, read, root, rust_files};
+use reel_tidy::{
+    LINES_MAX, crates, files, inherits_lints, leftovers, machine_paths, opens_with_doc, read, root,
+    rust_files,
+};
 
 #[test]
 fn every_file_says_what_it_owns() {
     let rust = rust_files();
-    assert!(rust.len() > 50, "only {} Rust files found: is the root right?", rust.len());
-    none(rust.iter().filter(|(_, text)| !opens_with_doc(text)).map(|(path, _)| format!("{path}: the first line is no `//!`")));
+    assert!(
+        rust.len() > 50,
+        "only {} Rust files found: is the root right?",
+        rust.len()
+    );
+    none(
+        rust.iter()
+            .filter(|(_, text)| !opens_with_doc(text))
+            .map(|(path, _)| format!("{path}: the first line is no `//!`")),
+    );
 }
 
 #[test]
 fn no_file_is_too_long() {
-    let long = rust_files().into_iter().map(|(path, text)| (path, text.lines().count())).filter(|(_, lines)| *lines > LINES_MAX);
-    none(long.map(|(path, lines)| format!("{path}: {lines} lines, {LINES_MAX} at most; split it by noun")));
+    let long = rust_files()
+        .into_iter()
+        .map(|(path, text)| (path, text.lines().count()))
+        .filter(|(_, lines)| *lines > LINES_MAX);
+    none(long.map(|(path, lines)| {
+        format!("{path}: {lines} lines, {LINES_MAX} at most; split it by noun")
+    }));
 }
 
 #[test]
 fn nothing_is_left_over() {
-    none(
-        rust_files()
-            .iter()
-            .flat_map(|(path, text)| leftovers(text).into_iter().map(move |(line, word)| format!("{path}:{line}: `{word}`"))),
-    );
+    none(rust_files().iter().flat_map(|(path, text)| {
+        leftovers(text)
+            .into_iter()
+            .map(move |(line, word)| format!("{path}:{line}: `{word}`"))
+    }));
 }
 
 #[test]
 fn no_path_of_one_machine() {
-    none(
-        files()
-            .iter()
-            .flat_map(|(path, text)| machine_paths(text).into_iter().map(move |(line, word)| format!("{path}:{line}: `{word}`"))),
-    );
+    none(files().iter().flat_map(|(path, text)| {
+        machine_paths(text)
+            .into_iter()
+            .map(move |(line, word)| format!("{path}:{line}: `{word}`"))
+    }));
 }
 
 #[test]
@@ -50,20 +66,39 @@ fn every_crate_is_in_the_architecture() {
 
 #[test]
 fn every_crate_inherits_the_lints() {
-    let manifests = crates().into_iter().map(|name| format!("src/{name}/Cargo.toml"));
-    none(manifests.filter(|path| !inherits_lints(&read(path))).map(|path| format!("{path}: no `[lints] workspace = true`")));
+    let manifests = crates()
+        .into_iter()
+        .map(|name| format!("src/{name}/Cargo.toml"));
+    none(
+        manifests
+            .filter(|path| !inherits_lints(&read(path)))
+            .map(|path| format!("{path}: no `[lints] workspace = true`")),
+    );
 }
 
 #[test]
 fn the_pages_a_reader_expects_exist() {
-    for page in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md", "LICENSE", "Makefile", ".ci/run"] {
+    for page in [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CHANGELOG.md",
+        "LICENSE",
+        "Makefile",
+        ".ci/run",
+    ] {
         assert!(root().join(page).is_file(), "{page} is missing");
     }
     let readme = read("README.md");
     let makefile = read("Makefile");
     for verb in ["demo", "test"] {
-        assert!(readme.contains(&format!("make {verb}")), "README.md does not name `make {verb}`");
-        assert!(makefile.contains(&format!("\n{verb}:")), "Makefile has no `{verb}`");
+        assert!(
+            readme.contains(&format!("make {verb}")),
+            "README.md does not name `make {verb}`"
+        );
+        assert!(
+            makefile.contains(&format!("\n{verb}:")),
+            "Makefile has no `{verb}`"
+        );
     }
 }
 

@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 
 use prost::Message;
 use reel_world::{
-    Digest, ErrorCode, FrameDigests, GraphEvent, Outcome, ReceptacleState, Skills, TokenLogprobs, ToolCall, WorldGraph,
+    Digest, ErrorCode, FrameDigests, GraphEvent, Outcome, ReceptacleState, Skills, TokenLogprobs,
+    ToolCall, WorldGraph,
     record::{
-        BodyState, EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, Marker, MarkerTarget, Metrics, Parent, PolicyInfo,
-        PolicyOutput, RewardTerm, RobotState, StateDigests, UserReply, VisibleObject,
+        BodyState, EndRecord, EpisodeHeader, GraphChanges, Graphs, Lookup, Marker, MarkerTarget,
+        Metrics, Parent, PolicyInfo, PolicyOutput, RewardTerm, RobotState, StateDigests, UserReply,
+        VisibleObject,
     },
 };
 use serde::de::DeserializeOwned;
@@ -33,8 +35,10 @@ pub(crate) struct Moment {
 
 /// Decodes protobuf.
 pub(crate) fn decode_message<M: Message + Default>(bytes: &[u8]) -> Read<M> {
-    let message = M::decode(bytes).map_err(|error| format!("it is not the protobuf message it should be ({error})"))?;
-    // One record has one encoding: what would be dropped in silence is not covered by the hash chain.
+    let message = M::decode(bytes)
+        .map_err(|error| format!("it is not the protobuf message it should be ({error})"))?;
+    // One record has one encoding: what would be dropped in silence is not covered by the hash
+    // chain.
     if message.encode_to_vec() == bytes {
         Ok(message)
     } else {
@@ -44,9 +48,17 @@ pub(crate) fn decode_message<M: Message + Default>(bytes: &[u8]) -> Read<M> {
 
 pub(crate) fn read_header(start: reel::EpisodeStart) -> Read<EpisodeHeader> {
     let policy = start.policy.ok_or("policy is missing")?;
-    let parameters: Read<BTreeMap<String, Value>> =
-        policy.parameters_json.into_iter().map(|(key, text)| Ok((key, json(&text)?))).collect();
-    let parent = |parent: reel::Parent| Read::Ok(Parent { trace: digest(&parent.trace)?, call: parent.call });
+    let parameters: Read<BTreeMap<String, Value>> = policy
+        .parameters_json
+        .into_iter()
+        .map(|(key, text)| Ok((key, json(&text)?)))
+        .collect();
+    let parent = |parent: reel::Parent| {
+        Read::Ok(Parent {
+            trace: digest(&parent.trace)?,
+            call: parent.call,
+        })
+    };
     Ok(EpisodeHeader {
         episode_id: start.episode_id,
         run_id: start.run_id,
@@ -62,19 +74,41 @@ pub(crate) fn read_header(start: reel::EpisodeStart) -> Read<EpisodeHeader> {
         build: start.build,
         profile: parse_word(&start.profile)?,
         reward_preset: start.reward_preset,
-        policy: PolicyInfo { name: policy.name, checkpoint: policy.checkpoint, parameters: parameters? },
+        policy: PolicyInfo {
+            name: policy.name,
+            checkpoint: policy.checkpoint,
+            parameters: parameters?,
+        },
         backend: parse_word(&start.backend)?,
-        skills: start.skills.map_or(Ok(Skills::Perfect), |skills| parse_word(&skills))?,
-        meshes: start.meshes.into_iter().map(|(asset, mesh)| Ok((asset.into(), digest(&mesh)?))).collect::<Read<_>>()?,
+        skills: start
+            .skills
+            .map_or(Ok(Skills::Perfect), |skills| parse_word(&skills))?,
+        meshes: start
+            .meshes
+            .into_iter()
+            .map(|(asset, mesh)| Ok((asset.into(), digest(&mesh)?)))
+            .collect::<Read<_>>()?,
         parent: start.parent.map(parent).transpose()?,
     })
 }
 
 pub(crate) fn read_visible(objects: Vec<reel::VisibleObject>) -> Read<Vec<VisibleObject>> {
-    let side = |pixel: u32| u16::try_from(pixel).map_err(|_| format!("pixel {pixel} of a bounding box is above {}", u16::MAX));
+    let side = |pixel: u32| {
+        u16::try_from(pixel)
+            .map_err(|_| format!("pixel {pixel} of a bounding box is above {}", u16::MAX))
+    };
     let object = |seen: reel::VisibleObject| {
-        let bbox = [side(seen.x_min)?, side(seen.y_min)?, side(seen.x_max)?, side(seen.y_max)?];
-        Ok(VisibleObject { object: seen.object.into(), pixels: seen.pixels, bbox })
+        let bbox = [
+            side(seen.x_min)?,
+            side(seen.y_min)?,
+            side(seen.x_max)?,
+            side(seen.y_max)?,
+        ];
+        Ok(VisibleObject {
+            object: seen.object.into(),
+            pixels: seen.pixels,
+            bbox,
+        })
     };
     objects.into_iter().map(object).collect()
 }
@@ -85,22 +119,42 @@ pub(crate) fn read_end(end: reel::EpisodeEnd, graphs: Graphs) -> Read<EndRecord>
         success: metrics.success,
         completion: metrics.completion.ok_or("completion is missing")?,
         total_reward: metrics.total_reward.ok_or("total_reward is missing")?,
-        discounted_return: metrics.discounted_return.ok_or("discounted_return is missing")?,
+        discounted_return: metrics
+            .discounted_return
+            .ok_or("discounted_return is missing")?,
         length: metrics.length,
         asks: metrics.asks,
         spl: metrics.spl,
     };
-    Ok(EndRecord { reason: parse_word(&end.reason)?, graphs, metrics, chain: digest(&end.chain)?, steps: end.steps })
+    Ok(EndRecord {
+        reason: parse_word(&end.reason)?,
+        graphs,
+        metrics,
+        chain: digest(&end.chain)?,
+        steps: end.steps,
+    })
 }
 
 pub(crate) fn read_graphs(message: reel::WorldGraphs) -> Read<Graphs> {
     let graph = |graph: Option<reel::WorldGraph>| world_graph(graph.ok_or("a graph is missing")?);
-    Ok(Graphs { physics: graph(message.physics)?, registry: graph(message.registry)? })
+    Ok(Graphs {
+        physics: graph(message.physics)?,
+        registry: graph(message.registry)?,
+    })
 }
 
 pub(crate) fn read_tool_call(message: reel::ToolCall) -> Read<(ToolCall, Option<Lookup>)> {
-    let lookup = message.lookup.map(|it| Lookup { categories: it.categories, source: it.source });
-    Ok((ToolCall { name: message.name, arguments: json(&message.arguments_json)? }, lookup))
+    let lookup = message.lookup.map(|it| Lookup {
+        categories: it.categories,
+        source: it.source,
+    });
+    Ok((
+        ToolCall {
+            name: message.name,
+            arguments: json(&message.arguments_json)?,
+        },
+        lookup,
+    ))
 }
 
 pub(crate) fn read_policy_output(message: reel::PolicyOutput) -> PolicyOutput {
@@ -126,17 +180,27 @@ pub(crate) fn read_logprobs(message: reel::TokenLogprobs) -> Read<TokenLogprobs>
 }
 
 pub(crate) fn read_reply(message: reel::UserDialogue) -> Read<UserReply> {
-    Ok(UserReply { text: message.text, source: parse_word(&message.source)? })
+    Ok(UserReply {
+        text: message.text,
+        source: parse_word(&message.source)?,
+    })
 }
 
 pub(crate) fn read_outcome(message: &reel::ToolResult) -> Read<Outcome> {
-    let code = |text: &String| ErrorCode::parse(text).ok_or_else(|| format!("{text:?} is no error code"));
+    let code =
+        |text: &String| ErrorCode::parse(text).ok_or_else(|| format!("{text:?} is no error code"));
     let error = message.error.as_ref().map(code).transpose()?;
     let class = error.map(|code| class_word(code.class()));
     if class != message.error_class.as_deref() {
-        return Err(format!("error_class is {:?}, but the error code has {class:?}", message.error_class));
+        return Err(format!(
+            "error_class is {:?}, but the error code has {class:?}",
+            message.error_class
+        ));
     }
-    Ok(Outcome { text: message.text.clone(), error })
+    Ok(Outcome {
+        text: message.text.clone(),
+        error,
+    })
 }
 
 pub(crate) fn read_markers(markers: Vec<reel::Marker>) -> Read<Vec<Marker>> {
@@ -145,20 +209,33 @@ pub(crate) fn read_markers(markers: Vec<reel::Marker>) -> Read<Vec<Marker>> {
             Target::Object(id) => MarkerTarget::Object(id.into()),
             Target::Receptacle(id) => MarkerTarget::Receptacle(id.into()),
         };
-        Ok(Marker { id: marker.id, target })
+        Ok(Marker {
+            id: marker.id,
+            target,
+        })
     };
     markers.into_iter().map(marker).collect()
 }
 
 pub(crate) fn read_changes(message: reel::WorldDiff) -> Read<GraphChanges> {
-    let events = |events: Vec<reel::GraphEvent>| events.into_iter().map(graph_event).collect::<Read<_>>();
-    Ok(GraphChanges { physics: events(message.physics)?, registry: events(message.registry)? })
+    let events =
+        |events: Vec<reel::GraphEvent>| events.into_iter().map(graph_event).collect::<Read<_>>();
+    Ok(GraphChanges {
+        physics: events(message.physics)?,
+        registry: events(message.registry)?,
+    })
 }
 
 pub(crate) fn read_reward(terms: Vec<reel::RewardTerm>) -> Read<Vec<RewardTerm>> {
     let term = |term: reel::RewardTerm| {
-        let value = term.value.ok_or_else(|| format!("the value of term {:?} is missing", term.component))?;
-        Ok(RewardTerm { component: term.component, value, reason: term.reason })
+        let value = term
+            .value
+            .ok_or_else(|| format!("the value of term {:?} is missing", term.component))?;
+        Ok(RewardTerm {
+            component: term.component,
+            value,
+            reason: term.reason,
+        })
     };
     terms.into_iter().map(term).collect()
 }
@@ -173,7 +250,11 @@ pub(crate) fn read_sim_digest(message: reel::SimDigest) -> Read<Moment> {
         path_length_m: robot.path_length_m.ok_or("path_length_m is missing")?,
     };
     let frame = |frame: reel::FrameDigests| {
-        Read::Ok(FrameDigests { rgb: digest(&frame.rgb)?, ids: digest(&frame.ids)?, depth: digest(&frame.depth)? })
+        Read::Ok(FrameDigests {
+            rgb: digest(&frame.rgb)?,
+            ids: digest(&frame.ids)?,
+            depth: digest(&frame.depth)?,
+        })
     };
     let digests = StateDigests {
         state: digest(&message.state)?,
@@ -182,28 +263,92 @@ pub(crate) fn read_sim_digest(message: reel::SimDigest) -> Read<Moment> {
         chain: digest(&message.chain)?,
     };
     let bodies: Read<Vec<BodyState>> = message.bodies.into_iter().map(body).collect();
-    Ok(Moment { step: message.step, sim_step: message.sim_step, bodies: bodies?, robot, digests })
+    Ok(Moment {
+        step: message.step,
+        sim_step: message.sim_step,
+        bodies: bodies?,
+        robot,
+        digests,
+    })
 }
 
 pub(crate) fn read_odometry(message: reel::Odometry) -> Read<Odometry> {
-    let reel::Odometry { step, unix_ns, x, y, yaw } = message;
-    let (x, y, yaw) = (x.ok_or("x is missing")?, y.ok_or("y is missing")?, yaw.ok_or("yaw is missing")?);
-    Ok(Odometry { step, unix_ns, x, y, yaw })
+    let reel::Odometry {
+        step,
+        unix_ns,
+        x,
+        y,
+        yaw,
+    } = message;
+    let (x, y, yaw) = (
+        x.ok_or("x is missing")?,
+        y.ok_or("y is missing")?,
+        yaw.ok_or("yaw is missing")?,
+    );
+    Ok(Odometry {
+        step,
+        unix_ns,
+        x,
+        y,
+        yaw,
+    })
 }
 
 pub(crate) fn read_primitive(message: reel::PrimitiveOutcome) -> PrimitiveOutcome {
-    let reel::PrimitiveOutcome { step, unix_ns, skill, target, success, duration_ns, control_steps, error } = message;
-    PrimitiveOutcome { step, unix_ns, skill, target, success, duration_ns, control_steps, error }
+    let reel::PrimitiveOutcome {
+        step,
+        unix_ns,
+        skill,
+        target,
+        success,
+        duration_ns,
+        control_steps,
+        error,
+    } = message;
+    PrimitiveOutcome {
+        step,
+        unix_ns,
+        skill,
+        target,
+        success,
+        duration_ns,
+        control_steps,
+        error,
+    }
 }
 
 pub(crate) fn read_vla(message: reel::VlaLatency) -> VlaLatency {
-    let reel::VlaLatency { step, unix_ns, latency_ns } = message;
-    VlaLatency { step, unix_ns, latency_ns }
+    let reel::VlaLatency {
+        step,
+        unix_ns,
+        latency_ns,
+    } = message;
+    VlaLatency {
+        step,
+        unix_ns,
+        latency_ns,
+    }
 }
 
 pub(crate) fn read_alignment(message: reel::Alignment) -> Alignment {
-    let reel::Alignment { step, unix_ns, target, odometry_error_m, yaw_error_rad, image_shift_px, image_rmse_px } = message;
-    Alignment { step, unix_ns, target, odometry_error_m, yaw_error_rad, image_shift_px, image_rmse_px }
+    let reel::Alignment {
+        step,
+        unix_ns,
+        target,
+        odometry_error_m,
+        yaw_error_rad,
+        image_shift_px,
+        image_rmse_px,
+    } = message;
+    Alignment {
+        step,
+        unix_ns,
+        target,
+        odometry_error_m,
+        yaw_error_rad,
+        image_shift_px,
+        image_rmse_px,
+    }
 }
 
 fn body(body: reel::BodyState) -> Read<BodyState> {
@@ -220,14 +365,27 @@ fn body(body: reel::BodyState) -> Read<BodyState> {
 fn world_graph(message: reel::WorldGraph) -> Read<WorldGraph> {
     let mut graph = WorldGraph::default();
     for receptacle in message.receptacles {
-        let mut state = ReceptacleState { door: receptacle.door.as_deref().map(parse_word).transpose()?, ..Default::default() };
+        let mut state = ReceptacleState {
+            door: receptacle.door.as_deref().map(parse_word).transpose()?,
+            ..Default::default()
+        };
         for content in receptacle.content {
             if let Some(count) = state.content.insert(content.object.into(), content.count) {
-                return Err(format!("an object of {} stands there twice, first with count {count}", receptacle.receptacle));
+                return Err(format!(
+                    "an object of {} stands there twice, first with count {count}",
+                    receptacle.receptacle
+                ));
             }
         }
-        if graph.receptacles.insert(receptacle.receptacle.as_str().into(), state).is_some() {
-            return Err(format!("receptacle {} stands there twice", receptacle.receptacle));
+        if graph
+            .receptacles
+            .insert(receptacle.receptacle.as_str().into(), state)
+            .is_some()
+        {
+            return Err(format!(
+                "receptacle {} stands there twice",
+                receptacle.receptacle
+            ));
         }
     }
     Ok(graph)
@@ -235,23 +393,42 @@ fn world_graph(message: reel::WorldGraph) -> Read<WorldGraph> {
 
 fn graph_event(message: reel::GraphEvent) -> Read<GraphEvent> {
     let receptacle = message.receptacle.into();
-    match (message.event.as_str(), message.object, message.from, message.to) {
-        ("remove", Some(object), None, None) => Ok(GraphEvent::Remove { object: object.into(), receptacle }),
-        ("add", Some(object), None, None) => Ok(GraphEvent::Add { object: object.into(), receptacle }),
-        ("door", None, Some(from), Some(to)) => {
-            Ok(GraphEvent::Door { receptacle, from: parse_word(&from)?, to: parse_word(&to)? })
-        }
-        (event, ..) => Err(format!("graph event {event:?} is unknown or has the wrong fields")),
+    match (
+        message.event.as_str(),
+        message.object,
+        message.from,
+        message.to,
+    ) {
+        ("remove", Some(object), None, None) => Ok(GraphEvent::Remove {
+            object: object.into(),
+            receptacle,
+        }),
+        ("add", Some(object), None, None) => Ok(GraphEvent::Add {
+            object: object.into(),
+            receptacle,
+        }),
+        ("door", None, Some(from), Some(to)) => Ok(GraphEvent::Door {
+            receptacle,
+            from: parse_word(&from)?,
+            to: parse_word(&to)?,
+        }),
+        (event, ..) => Err(format!(
+            "graph event {event:?} is unknown or has the wrong fields"
+        )),
     }
 }
 
 fn array<const N: usize>(values: Vec<f32>) -> Read<[f32; N]> {
     let found = values.len();
-    values.try_into().map_err(|_| format!("a list holds {found} numbers instead of {N}"))
+    values
+        .try_into()
+        .map_err(|_| format!("a list holds {found} numbers instead of {N}"))
 }
 
 fn digest(bytes: &[u8]) -> Read<Digest> {
-    let bytes = bytes.try_into().map_err(|_| format!("a digest has {} bytes instead of 32", bytes.len()))?;
+    let bytes = bytes
+        .try_into()
+        .map_err(|_| format!("a digest has {} bytes instead of 32", bytes.len()))?;
     Ok(Digest(bytes))
 }
 
@@ -260,5 +437,6 @@ fn json(text: &str) -> Read<Value> {
 }
 
 fn parse_word<T: DeserializeOwned>(word: &str) -> Read<T> {
-    serde_json::from_value(Value::String(word.to_owned())).map_err(|error| format!("{word:?} is not understood ({error})"))
+    serde_json::from_value(Value::String(word.to_owned()))
+        .map_err(|error| format!("{word:?} is not understood ({error})"))
 }

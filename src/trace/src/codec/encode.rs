@@ -3,8 +3,8 @@
 use reel_world::{
     Digest, ErrorClass, FrameDigests, GraphEvent, TokenLogprobs, ToolCall, WorldGraph,
     record::{
-        BodyState, EndRecord, EpisodeHeader, Graphs, Lookup, MarkerTarget, PolicyOutput, RobotState, StartRecord, StateDigests,
-        StepRecord, UserReply, VisibleObject,
+        BodyState, EndRecord, EpisodeHeader, Graphs, Lookup, MarkerTarget, PolicyOutput,
+        RobotState, StartRecord, StateDigests, StepRecord, UserReply, VisibleObject,
     },
 };
 use serde::Serialize;
@@ -21,7 +21,12 @@ pub(crate) fn episode_start(header: &EpisodeHeader) -> reel::EpisodeEvent {
     let policy = reel::Policy {
         name: header.policy.name.clone(),
         checkpoint: header.policy.checkpoint.clone(),
-        parameters_json: header.policy.parameters.iter().map(|(key, value)| (key.clone(), value.to_string())).collect(),
+        parameters_json: header
+            .policy
+            .parameters
+            .iter()
+            .map(|(key, value)| (key.clone(), value.to_string()))
+            .collect(),
     };
     event(Event::Start(reel::EpisodeStart {
         episode_id: header.episode_id.clone(),
@@ -41,14 +46,24 @@ pub(crate) fn episode_start(header: &EpisodeHeader) -> reel::EpisodeEvent {
         policy: Some(policy),
         backend: word(&header.backend),
         skills: (!header.skills.are_perfect()).then(|| word(&header.skills)),
-        meshes: header.meshes.iter().map(|(asset, mesh)| (asset.to_string(), bytes(mesh))).collect(),
-        parent: header.parent.as_ref().map(|parent| reel::Parent { trace: bytes(&parent.trace), call: parent.call }),
+        meshes: header
+            .meshes
+            .iter()
+            .map(|(asset, mesh)| (asset.to_string(), bytes(mesh)))
+            .collect(),
+        parent: header.parent.as_ref().map(|parent| reel::Parent {
+            trace: bytes(&parent.trace),
+            call: parent.call,
+        }),
     }))
 }
 
 /// What `/episode` says once everything rests.
 pub(crate) fn episode_settled(start: &StartRecord) -> reel::EpisodeEvent {
-    event(Event::Settled(reel::EpisodeSettled { visible: visible(&start.visible), shortest_path_m: start.shortest_path_m }))
+    event(Event::Settled(reel::EpisodeSettled {
+        visible: visible(&start.visible),
+        shortest_path_m: start.shortest_path_m,
+    }))
 }
 
 /// The end, as the last message of `/episode`.
@@ -82,8 +97,16 @@ pub(crate) fn world_graphs(moment: &str, graphs: &Graphs) -> reel::WorldGraphs {
 
 /// The call of a step.
 pub(crate) fn tool_call(step: u32, call: &ToolCall, lookup: Option<&Lookup>) -> reel::ToolCall {
-    let lookup = lookup.map(|it| reel::Lookup { categories: it.categories.clone(), source: it.source.clone() });
-    reel::ToolCall { step, name: call.name.clone(), arguments_json: call.arguments.to_string(), lookup }
+    let lookup = lookup.map(|it| reel::Lookup {
+        categories: it.categories.clone(),
+        source: it.source.clone(),
+    });
+    reel::ToolCall {
+        step,
+        name: call.name.clone(),
+        arguments_json: call.arguments.to_string(),
+        lookup,
+    }
 }
 
 /// What came with the call.
@@ -94,7 +117,9 @@ pub(crate) fn policy_output(step: u32, policy: &PolicyOutput) -> reel::PolicyOut
         reasoning: policy.reasoning.clone(),
         history: policy.history.clone(),
         plan: policy.plan.clone(),
-        tokens: policy.tokens.map(|[input, output]| reel::TokenCount { input, output }),
+        tokens: policy
+            .tokens
+            .map(|[input, output]| reel::TokenCount { input, output }),
         latency_ns: policy.latency_ns,
     }
 }
@@ -102,43 +127,112 @@ pub(crate) fn policy_output(step: u32, policy: &PolicyOutput) -> reel::PolicyOut
 /// What policies give the tokens of a decision.
 pub(crate) fn logprobs(step: u32, logprobs: &TokenLogprobs) -> reel::TokenLogprobs {
     let policies = logprobs.policies();
-    let policies =
-        policies.map(|(policy, logprobs)| reel::PolicyLogprobs { policy: policy.to_owned(), logprobs: logprobs.to_vec() });
-    reel::TokenLogprobs { step, tokens: logprobs.tokens().to_vec(), policies: policies.collect() }
+    let policies = policies.map(|(policy, logprobs)| reel::PolicyLogprobs {
+        policy: policy.to_owned(),
+        logprobs: logprobs.to_vec(),
+    });
+    reel::TokenLogprobs {
+        step,
+        tokens: logprobs.tokens().to_vec(),
+        policies: policies.collect(),
+    }
 }
 
 /// When a call was made, and how long it took.
 pub(crate) fn timing(step: u32, timing: &Timing) -> reel::Timing {
-    reel::Timing { step, called_unix_ns: timing.called_unix_ns, took_ns: timing.took_ns }
+    reel::Timing {
+        step,
+        called_unix_ns: timing.called_unix_ns,
+        took_ns: timing.took_ns,
+    }
 }
 
 /// Where the robot was.
 pub(crate) fn odometry(measured: &Odometry) -> reel::Odometry {
-    let Odometry { step, unix_ns, x, y, yaw } = *measured;
-    reel::Odometry { step, unix_ns, x: Some(x), y: Some(y), yaw: Some(yaw) }
+    let Odometry {
+        step,
+        unix_ns,
+        x,
+        y,
+        yaw,
+    } = *measured;
+    reel::Odometry {
+        step,
+        unix_ns,
+        x: Some(x),
+        y: Some(y),
+        yaw: Some(yaw),
+    }
 }
 
 /// What a skill came to.
 pub(crate) fn primitive(outcome: &PrimitiveOutcome) -> reel::PrimitiveOutcome {
-    let PrimitiveOutcome { step, unix_ns, skill, target, success, duration_ns, control_steps, error } = outcome.clone();
-    reel::PrimitiveOutcome { step, unix_ns, skill, target, success, duration_ns, control_steps, error }
+    let PrimitiveOutcome {
+        step,
+        unix_ns,
+        skill,
+        target,
+        success,
+        duration_ns,
+        control_steps,
+        error,
+    } = outcome.clone();
+    reel::PrimitiveOutcome {
+        step,
+        unix_ns,
+        skill,
+        target,
+        success,
+        duration_ns,
+        control_steps,
+        error,
+    }
 }
 
 /// How long an inference took.
 pub(crate) fn vla(measured: &VlaLatency) -> reel::VlaLatency {
-    let VlaLatency { step, unix_ns, latency_ns } = *measured;
-    reel::VlaLatency { step, unix_ns, latency_ns }
+    let VlaLatency {
+        step,
+        unix_ns,
+        latency_ns,
+    } = *measured;
+    reel::VlaLatency {
+        step,
+        unix_ns,
+        latency_ns,
+    }
 }
 
 /// How far the robot was off.
 pub(crate) fn alignment(measured: &Alignment) -> reel::Alignment {
-    let Alignment { step, unix_ns, target, odometry_error_m, yaw_error_rad, image_shift_px, image_rmse_px } = measured.clone();
-    reel::Alignment { step, unix_ns, target, odometry_error_m, yaw_error_rad, image_shift_px, image_rmse_px }
+    let Alignment {
+        step,
+        unix_ns,
+        target,
+        odometry_error_m,
+        yaw_error_rad,
+        image_shift_px,
+        image_rmse_px,
+    } = measured.clone();
+    reel::Alignment {
+        step,
+        unix_ns,
+        target,
+        odometry_error_m,
+        yaw_error_rad,
+        image_shift_px,
+        image_rmse_px,
+    }
 }
 
 /// A reply: `outside` or `answer`.
 pub(crate) fn user_dialogue(step: u32, kind: &str, reply: &UserReply) -> reel::UserDialogue {
-    reel::UserDialogue { step, kind: kind.to_owned(), text: reply.text.clone(), source: word(&reply.source) }
+    reel::UserDialogue {
+        step,
+        kind: kind.to_owned(),
+        text: reply.text.clone(),
+        source: word(&reply.source),
+    }
 }
 
 /// What the call came to.
@@ -148,13 +242,19 @@ pub(crate) fn tool_result(record: &StepRecord) -> reel::ToolResult {
             MarkerTarget::Object(id) => Target::Object(id.to_string()),
             MarkerTarget::Receptacle(id) => Target::Receptacle(id.to_string()),
         };
-        reel::Marker { id: marker.id, target: Some(target) }
+        reel::Marker {
+            id: marker.id,
+            target: Some(target),
+        }
     });
     reel::ToolResult {
         step: record.step,
         text: record.outcome.text.clone(),
         error: record.outcome.error.map(|code| code.as_str().to_owned()),
-        error_class: record.outcome.error.map(|code| class_word(code.class()).to_owned()),
+        error_class: record
+            .outcome
+            .error
+            .map(|code| class_word(code.class()).to_owned()),
         tool: record.tool.clone(),
         markers: markers.collect(),
         visible: visible(&record.visible),
@@ -168,7 +268,11 @@ pub(crate) fn tool_result(record: &StepRecord) -> reel::ToolResult {
 /// What a step changed.
 pub(crate) fn world_diff(record: &StepRecord) -> reel::WorldDiff {
     let events = |events: &[GraphEvent]| events.iter().map(graph_event).collect();
-    reel::WorldDiff { step: record.step, physics: events(&record.changes.physics), registry: events(&record.changes.registry) }
+    reel::WorldDiff {
+        step: record.step,
+        physics: events(&record.changes.physics),
+        registry: events(&record.changes.registry),
+    }
 }
 
 /// The reward of a step under the header's preset.
@@ -178,7 +282,11 @@ pub(crate) fn reward(preset: &str, record: &StepRecord) -> reel::Reward {
         value: Some(term.value),
         reason: term.reason.clone(),
     });
-    reel::Reward { step: record.step, preset: preset.to_owned(), terms: terms.collect() }
+    reel::Reward {
+        step: record.step,
+        preset: preset.to_owned(),
+        terms: terms.collect(),
+    }
 }
 
 /// Motion states and digests of a moment.
@@ -189,8 +297,11 @@ pub(crate) fn sim_digest(
     robot: &RobotState,
     digests: &StateDigests,
 ) -> reel::SimDigest {
-    let frame =
-        |frame: &FrameDigests| reel::FrameDigests { rgb: bytes(&frame.rgb), ids: bytes(&frame.ids), depth: bytes(&frame.depth) };
+    let frame = |frame: &FrameDigests| reel::FrameDigests {
+        rgb: bytes(&frame.rgb),
+        ids: bytes(&frame.ids),
+        depth: bytes(&frame.depth),
+    };
     let body = |body: &BodyState| reel::BodyState {
         body: body.body.clone(),
         position: body.position.into(),
@@ -243,18 +354,37 @@ fn bytes(digest: &Digest) -> Vec<u8> {
 fn visible(objects: &[VisibleObject]) -> Vec<reel::VisibleObject> {
     let object = |seen: &VisibleObject| {
         let [x_min, y_min, x_max, y_max] = seen.bbox.map(u32::from);
-        reel::VisibleObject { object: seen.object.to_string(), pixels: seen.pixels, x_min, y_min, x_max, y_max }
+        reel::VisibleObject {
+            object: seen.object.to_string(),
+            pixels: seen.pixels,
+            x_min,
+            y_min,
+            x_max,
+            y_max,
+        }
     };
     objects.iter().map(object).collect()
 }
 
 fn world_graph(graph: &WorldGraph) -> reel::WorldGraph {
-    let receptacles = graph.receptacles.iter().map(|(id, state)| reel::ReceptacleState {
-        receptacle: id.to_string(),
-        door: state.door.as_ref().map(word),
-        content: state.content.iter().map(|(id, count)| reel::Content { object: id.to_string(), count: *count }).collect(),
-    });
-    reel::WorldGraph { receptacles: receptacles.collect() }
+    let receptacles = graph
+        .receptacles
+        .iter()
+        .map(|(id, state)| reel::ReceptacleState {
+            receptacle: id.to_string(),
+            door: state.door.as_ref().map(word),
+            content: state
+                .content
+                .iter()
+                .map(|(id, count)| reel::Content {
+                    object: id.to_string(),
+                    count: *count,
+                })
+                .collect(),
+        });
+    reel::WorldGraph {
+        receptacles: receptacles.collect(),
+    }
 }
 
 fn graph_event(event: &GraphEvent) -> reel::GraphEvent {
@@ -264,5 +394,11 @@ fn graph_event(event: &GraphEvent) -> reel::GraphEvent {
         GraphEvent::Door { from, to, .. } => ("door", Some(word(from)), Some(word(to))),
     };
     let object = event.object().map(ToString::to_string);
-    reel::GraphEvent { event: name.to_owned(), receptacle: event.receptacle().to_string(), object, from, to }
+    reel::GraphEvent {
+        event: name.to_owned(),
+        receptacle: event.receptacle().to_string(),
+        object,
+        from,
+        to,
+    }
 }

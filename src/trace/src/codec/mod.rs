@@ -16,8 +16,18 @@ mod tests {
 
     #[test]
     fn minus_zero_and_not_a_number_keep_their_bits() {
-        let odd = [f32::from_bits(0x8000_0000), f32::from_bits(0x7fc0_1234), f32::MIN_POSITIVE / 2.0];
-        let robot = RobotState { base: [odd[0], odd[1]], yaw: odd[0], camera: odd, pitch: -0.0, path_length_m: odd[2] };
+        let odd = [
+            f32::from_bits(0x8000_0000),
+            f32::from_bits(0x7fc0_1234),
+            f32::MIN_POSITIVE / 2.0,
+        ];
+        let robot = RobotState {
+            base: [odd[0], odd[1]],
+            yaw: odd[0],
+            camera: odd,
+            pitch: -0.0,
+            path_length_m: odd[2],
+        };
         let body = BodyState {
             body: "door:fridge_1".into(),
             position: odd,
@@ -31,7 +41,12 @@ mod tests {
         let message = decode_message::<crate::schema::reel::SimDigest>(&bytes).unwrap();
         let moment = read_sim_digest(message).unwrap();
         assert_eq!(moment.step, Some(0));
-        let bits = |values: &[f32]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        let bits = |values: &[f32]| {
+            values
+                .iter()
+                .map(|value| value.to_bits())
+                .collect::<Vec<_>>()
+        };
         assert_eq!(bits(&moment.bodies[0].position), bits(&odd));
         assert_eq!(bits(&moment.robot.camera), bits(&odd));
         assert_eq!(moment.robot.yaw.to_bits(), odd[0].to_bits());
@@ -49,7 +64,13 @@ mod tests {
         assert_eq!((&read, lookup), (&call, None));
         assert_eq!(read.arguments.to_string(), arguments.to_string());
         let bare = reel_world::ToolCall::new("", Value::String("not an object".into()));
-        let lookup = Some(Lookup { categories: vec!["mug".into(), "cup".into()], source: "e5".into() });
-        assert_eq!(read_tool_call(tool_call(3, &bare, lookup.as_ref())).unwrap(), (bare, lookup));
+        let lookup = Some(Lookup {
+            categories: vec!["mug".into(), "cup".into()],
+            source: "e5".into(),
+        });
+        assert_eq!(
+            read_tool_call(tool_call(3, &bare, lookup.as_ref())).unwrap(),
+            (bare, lookup)
+        );
     }
 }

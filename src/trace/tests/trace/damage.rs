@@ -19,7 +19,11 @@ pub(crate) fn recorded(sample: &Sample) -> (Vec<u8>, Vec<u8>) {
     let recorder = sample.record_open(&path, &[], Images::None).unwrap();
     let part = fs::read(folder.path().join("x.mcap.part")).unwrap();
     recorder.end(&sample.end).unwrap();
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing but the trace stays");
+    assert_eq!(
+        fs::read_dir(folder.path()).unwrap().count(),
+        1,
+        "nothing but the trace stays"
+    );
     (fs::read(&path).unwrap(), part)
 }
 
@@ -37,14 +41,22 @@ fn a_recording_cut_at_any_byte_gives_its_whole_steps() {
                 whole.insert(trace.steps.len());
                 continue;
             }
-            Err(TraceError::Torn { offset, steps_readable, .. }) => {
+            Err(TraceError::Torn {
+                offset,
+                steps_readable,
+                ..
+            }) => {
                 assert!(offset <= length as u64);
                 steps_readable as usize
             }
             Err(TraceError::NotMcap { .. }) if length < 8 => continue,
             Err(other) => panic!("cut at {length} of {}: {other}", part.len()),
         };
-        assert_eq!(steps_readable, whole.last().copied().unwrap_or(0), "cut at {length}");
+        assert_eq!(
+            steps_readable,
+            whole.last().copied().unwrap_or(0),
+            "cut at {length}"
+        );
         if length % 64 == 0 && !whole.is_empty() {
             fs::write(&path, &part[..length]).unwrap();
             let (trace, lost) = Trace::read_partial(&path).unwrap();
@@ -59,7 +71,9 @@ fn a_recording_cut_at_any_byte_gives_its_whole_steps() {
 fn a_call_whose_result_was_never_written_is_named() {
     let sample = Source::seeded(3).sample(2);
     let folder = tempfile::tempdir().unwrap();
-    let mut recorder = sample.record_open(&folder.path().join("x.mcap"), &[], Images::None).unwrap();
+    let mut recorder = sample
+        .record_open(&folder.path().join("x.mcap"), &[], Images::None)
+        .unwrap();
     recorder.input(2, &sample.steps[0].input).unwrap();
     drop(recorder);
     let (trace, lost) = Trace::read_partial(&folder.path().join("x.mcap.part")).unwrap();
@@ -78,7 +92,11 @@ fn no_flipped_byte_of_a_finished_trace_is_accepted() {
             read(&bytes).is_ok()
         })
         .collect();
-    assert!(accepted.is_empty(), "accepted flips at {accepted:?} of {} bytes", trace.len());
+    assert!(
+        accepted.is_empty(),
+        "accepted flips at {accepted:?} of {} bytes",
+        trace.len()
+    );
 }
 
 #[test]
@@ -87,7 +105,8 @@ fn zeroed_checksums_do_not_switch_verification_off() {
     let mut position = 8;
     let mut zeroed = 0;
     while position < trace.len() - 8 {
-        let length = u64::from_le_bytes(trace[position + 1..position + 9].try_into().unwrap()) as usize;
+        let length =
+            u64::from_le_bytes(trace[position + 1..position + 9].try_into().unwrap()) as usize;
         let body = position + 9;
         let crc = match trace[position] {
             0x02 => Some(body + 16),         // footer
@@ -112,7 +131,10 @@ fn a_finished_trace_cut_anywhere_is_torn() {
     let (trace, _) = recorded(&Source::seeded(3).sample(2));
     for length in 8..trace.len() {
         let error = read(&trace[..length]).unwrap_err();
-        assert!(matches!(error, TraceError::Torn { .. }), "cut at {length}: {error}");
+        assert!(
+            matches!(error, TraceError::Torn { .. }),
+            "cut at {length}: {error}"
+        );
     }
     let mut longer = trace.clone();
     longer.extend_from_slice(b"more");
@@ -123,7 +145,10 @@ fn a_finished_trace_cut_anywhere_is_torn() {
 
 /// Writes a trace again with correct checksums: each message as `change` returns it, or not at all.
 pub(crate) fn rewritten(trace: &[u8], change: impl Fn(&str, &[u8]) -> Option<Vec<u8>>) -> Vec<u8> {
-    let mut writer = WriteOptions::new().library("reel").create(Cursor::new(Vec::new())).unwrap();
+    let mut writer = WriteOptions::new()
+        .library("reel")
+        .create(Cursor::new(Vec::new()))
+        .unwrap();
     for record in LinearReader::new(trace).unwrap() {
         match record.unwrap() {
             Record::Metadata(metadata) => writer.write_metadata(&metadata).unwrap(),
@@ -131,7 +156,15 @@ pub(crate) fn rewritten(trace: &[u8], change: impl Fn(&str, &[u8]) -> Option<Vec
                 let data = change(&header.name, &data).unwrap();
                 let (log_time, create_time) = (header.log_time, header.create_time);
                 let (name, media_type) = (header.name, header.media_type);
-                writer.attach(&mcap::Attachment { log_time, create_time, name, media_type, data: data.into() }).unwrap();
+                writer
+                    .attach(&mcap::Attachment {
+                        log_time,
+                        create_time,
+                        name,
+                        media_type,
+                        data: data.into(),
+                    })
+                    .unwrap();
             }
             _ => {}
         }
@@ -158,22 +191,43 @@ fn replace(data: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
 #[test]
 fn a_forger_with_correct_checksums_is_found_by_the_chain() {
     let mut sample = Source::seeded(3).sample(3);
-    sample.steps[1].input.call = reel_world::ToolCall::new("pick", serde_json::json!({"marker_id": 3}));
+    sample.steps[1].input.call =
+        reel_world::ToolCall::new("pick", serde_json::json!({"marker_id": 3}));
     sample.seal();
     let (trace, _) = recorded(&sample);
     sample.assert_is(&read(&rewritten(&trace, |_, data| Some(data.to_vec()))).unwrap());
 
     let argument = rewritten(&trace, |topic, data| {
-        Some(if topic == "/tool/call" { replace(data, br#"{"marker_id":3}"#, br#"{"marker_id":4}"#) } else { data.to_vec() })
+        Some(if topic == "/tool/call" {
+            replace(data, br#"{"marker_id":3}"#, br#"{"marker_id":4}"#)
+        } else {
+            data.to_vec()
+        })
     });
     let error = read(&argument).unwrap_err();
-    assert!(matches!(error, TraceError::ChainBroken { step: Some(1), .. }), "{error}");
+    assert!(
+        matches!(error, TraceError::ChainBroken { step: Some(1), .. }),
+        "{error}"
+    );
 
     let task = rewritten(&trace, |topic, data| {
-        Some(if topic == "task.json" { replace(data, b"other table", b"wrong table") } else { data.to_vec() })
+        Some(if topic == "task.json" {
+            replace(data, b"other table", b"wrong table")
+        } else {
+            data.to_vec()
+        })
     });
     let error = read(&task).unwrap_err();
-    assert!(matches!(error, TraceError::Attachment { attachment: "task.json", .. }), "{error}");
+    assert!(
+        matches!(
+            error,
+            TraceError::Attachment {
+                attachment: "task.json",
+                ..
+            }
+        ),
+        "{error}"
+    );
 
     // a reader that has seen the task under this digest is not taken in either
     let folder = tempfile::tempdir().unwrap();
@@ -187,7 +241,16 @@ fn a_forger_with_correct_checksums_is_found_by_the_chain() {
     for _ in 0..2 {
         sample.assert_is(&reader.read(&sound).unwrap());
         let error = reader.read(&forged).unwrap_err();
-        assert!(matches!(error, TraceError::Attachment { attachment: "task.json", .. }), "{error}");
+        assert!(
+            matches!(
+                error,
+                TraceError::Attachment {
+                    attachment: "task.json",
+                    ..
+                }
+            ),
+            "{error}"
+        );
     }
 }
 
@@ -195,7 +258,10 @@ fn a_forger_with_correct_checksums_is_found_by_the_chain() {
 fn every_message_is_missed() {
     let sample = Source::seeded(3).sample(3);
     let (trace, _) = recorded(&sample);
-    let topics: Vec<String> = MessageStream::new(&trace).unwrap().map(|message| message.unwrap().channel.topic.clone()).collect();
+    let topics: Vec<String> = MessageStream::new(&trace)
+        .unwrap()
+        .map(|message| message.unwrap().channel.topic.clone())
+        .collect();
     for (index, topic) in topics.iter().enumerate() {
         let counter = std::cell::Cell::new(0);
         let without = rewritten(&trace, |name, data| {
@@ -207,7 +273,11 @@ fn every_message_is_missed() {
         });
         // what viewers draw, and what stands beside the records
         let may_be_missing = ["/tf", "/scene", "/log", "/logprobs"].contains(&topic.as_str());
-        assert_eq!(read(&without).is_ok(), may_be_missing, "without message {index} on {topic}");
+        assert_eq!(
+            read(&without).is_ok(),
+            may_be_missing,
+            "without message {index} on {topic}"
+        );
     }
 }
 
@@ -217,17 +287,38 @@ fn errors_say_what_where_and_what_to_do() {
     let mut flipped = trace.clone();
     flipped[trace.len() / 2] ^= 1;
     let text = read(&flipped).unwrap_err().to_string();
-    assert!(text.contains("damaged at byte") && text.ends_with("x.mcap"), "{text}");
+    assert!(
+        text.contains("damaged at byte") && text.ends_with("x.mcap"),
+        "{text}"
+    );
     let text = read(&part[..part.len() - 1]).unwrap_err().to_string();
-    assert!(text.contains("torn at byte") && text.contains("1 steps are readable, recover them"), "{text}");
-    let small = Limits { file_bytes: 100, ..Limits::default() };
+    assert!(
+        text.contains("torn at byte") && text.contains("1 steps are readable, recover them"),
+        "{text}"
+    );
+    let small = Limits {
+        file_bytes: 100,
+        ..Limits::default()
+    };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     fs::write(&path, &trace).unwrap();
-    assert!(matches!(Trace::read_within(&path, &small), Err(TraceError::TooLarge { limit: 100, .. })));
-    let small = Limits { chunk_bytes: 100, ..Limits::default() };
-    assert!(matches!(Trace::read_within(&path, &small), Err(TraceError::Damaged { .. })));
-    assert!(matches!(Trace::read(folder.path()), Err(TraceError::Io { .. })));
+    assert!(matches!(
+        Trace::read_within(&path, &small),
+        Err(TraceError::TooLarge { limit: 100, .. })
+    ));
+    let small = Limits {
+        chunk_bytes: 100,
+        ..Limits::default()
+    };
+    assert!(matches!(
+        Trace::read_within(&path, &small),
+        Err(TraceError::Damaged { .. })
+    ));
+    assert!(matches!(
+        Trace::read(folder.path()),
+        Err(TraceError::Io { .. })
+    ));
 }
 
 proptest! {

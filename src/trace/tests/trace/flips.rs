@@ -1,5 +1,5 @@
-//! Single bits of messages and attachments flipped by someone who corrects every checksum: each is refused, or lies in a
-//! field that is said to mean nothing.
+//! Single bits of messages and attachments flipped by someone who corrects every checksum: each is
+//! refused, or lies in a field that is said to mean nothing.
 
 use std::{cell::Cell, collections::BTreeMap, env};
 
@@ -11,11 +11,20 @@ use crate::{
 };
 
 /// What viewers draw; made of the records, read by nothing of ours.
-const DERIVED: &[&str] = &["/tf", "/scene", "/log", "/camera/head/annotations", "/camera/head/calibration"];
+const DERIVED: &[&str] = &[
+    "/tf",
+    "/scene",
+    "/log",
+    "/camera/head/annotations",
+    "/camera/head/calibration",
+];
 
 #[test]
 fn every_flipped_bit_is_refused_or_means_nothing() {
-    let flips: u64 = env::var("REEL_FLIPS").ok().and_then(|count| count.parse().ok()).unwrap_or(2_000);
+    let flips: u64 = env::var("REEL_FLIPS")
+        .ok()
+        .and_then(|count| count.parse().ok())
+        .unwrap_or(2_000);
     let (trace, _) = recorded(&Source::seeded(5).sample(4));
     let original = read(&trace).unwrap();
     let count = payloads(&trace, &mut |_, _| {});
@@ -44,7 +53,10 @@ fn every_flipped_bit_is_refused_or_means_nothing() {
             Ok(changed) => {
                 counts[1] += 1;
                 let reason = meaningless(&topic, &original, &changed);
-                assert!(reason.is_some(), "a flipped bit in {topic} was believed (flip {flip})");
+                assert!(
+                    reason.is_some(),
+                    "a flipped bit in {topic} was believed (flip {flip})"
+                );
             }
         }
     }
@@ -72,10 +84,20 @@ fn meaningless(topic: &str, original: &Trace, changed: &Trace) -> Option<&'stati
     let plain = |trace: &Trace| {
         let mut trace = trace.clone();
         trace.header.build = String::new();
-        for policy in trace.steps.iter_mut().filter_map(|step| step.input.policy.as_mut()) {
+        for policy in trace
+            .steps
+            .iter_mut()
+            .filter_map(|step| step.input.policy.as_mut())
+        {
             policy.latency_ns = None;
         }
-        (trace.header, trace.task, trace.scene, trace.start, trace.steps)
+        (
+            trace.header,
+            trace.task,
+            trace.scene,
+            trace.start,
+            trace.steps,
+        )
     };
     if plain(original) != plain(changed) {
         return None;

@@ -1,5 +1,8 @@
-//! Recordings that broke off: killed writers, cuts at every byte, flipped bytes, a full disk. Whatever happened, what
-//! was acknowledged is there afterwards, in a file that reopens and that other programs read.
+//! Recordings that broke off: killed writers, cuts at every byte, flipped bytes, a full disk.
+//! Whatever happened, what was acknowledged is there afterwards, in a file that reopens and that
+//! other programs read.
+
+mod damage;
 
 use std::{
     collections::BTreeMap,
@@ -12,8 +15,8 @@ use std::{
 };
 
 use reel_trace::{
-    Durability, Images, RecordOptions, Recorder, Recovery, Restored, Scoring, Timing, Trace, TraceError, encode_png, examine,
-    recover,
+    Durability, Images, RecordOptions, Recorder, Recovery, Restored, Scoring, Timing, Trace,
+    TraceError, encode_png, examine, recover,
 };
 use reel_world::{
     ErrorCode, FRAME_HEIGHT, FRAME_WIDTH, Frame,
@@ -47,7 +50,10 @@ fn healthy(path: &Path) {
 /// Asserts that a trace holds exactly the first steps of a sample, and an end that fits.
 fn assert_first_steps(trace: &Trace, sample: &Sample, steps: usize) {
     assert_eq!(trace.header, sample.header);
-    assert_eq!((&*trace.task, &*trace.scene, &trace.start), (&sample.task, &sample.scene, &sample.start));
+    assert_eq!(
+        (&*trace.task, &*trace.scene, &trace.start),
+        (&sample.task, &sample.scene, &sample.start)
+    );
     assert_eq!(trace.steps, sample.steps[..steps]);
     let end = trace.end.as_ref().expect("a recovered trace has an end");
     if *end != sample.end {
@@ -64,8 +70,12 @@ fn assert_first_steps(trace: &Trace, sample: &Sample, steps: usize) {
 
 /// A seed that changes from run to run, but can be given.
 fn seed() -> u64 {
-    let seed = env::var("REEL_SEED").ok().and_then(|seed| seed.parse().ok());
-    seed.unwrap_or_else(|| u64::from(std::process::id()) ^ env::temp_dir().metadata().map_or(0, |m| m.len()))
+    let seed = env::var("REEL_SEED")
+        .ok()
+        .and_then(|seed| seed.parse().ok());
+    seed.unwrap_or_else(|| {
+        u64::from(std::process::id()) ^ env::temp_dir().metadata().map_or(0, |m| m.len())
+    })
 }
 
 fn random(state: &mut u64) -> u64 {
@@ -80,21 +90,39 @@ const CHILD: &str = "REEL_RECORD_INTO";
 /// The sample of an episode that the child records: short ones, so that kills hit the end, too.
 fn episode(index: u64) -> (Sample, Vec<Frame>) {
     let sample = Source::seeded(index + 1).sample(4 + (index % 3) as u32 * 8);
-    if index % 4 == 3 { sample.with_frames() } else { (sample, Vec::new()) }
+    if index % 4 == 3 {
+        sample.with_frames()
+    } else {
+        (sample, Vec::new())
+    }
 }
 
 fn options(index: u64) -> RecordOptions {
-    let durability = if index.is_multiple_of(2) { Durability::Write } else { Durability::Fsync };
-    RecordOptions { images: Images::Full, durability }
+    let durability = if index.is_multiple_of(2) {
+        Durability::Write
+    } else {
+        Durability::Fsync
+    };
+    RecordOptions {
+        images: Images::Full,
+        durability,
+    }
 }
 
-/// Not a test of its own: the process that the others kill or starve. Says `ack` after each call that returned.
+/// Not a test of its own: the process that the others kill or starve. Says `ack` after each call
+/// that returned.
 #[test]
 fn child() {
-    let Some(folder) = env::var_os(CHILD) else { return };
+    let Some(folder) = env::var_os(CHILD) else {
+        return;
+    };
     let mut out = std::io::stdout();
     // The test harness leaves its own line open.
-    let mut say = |text: String| writeln!(out, "\n{text}").and_then(|()| out.flush()).unwrap();
+    let mut say = |text: String| {
+        writeln!(out, "\n{text}")
+            .and_then(|()| out.flush())
+            .unwrap()
+    };
     for index in 0.. {
         let (sample, frames) = episode(index);
         let path = Path::new(&folder).join(format!("{index:04}.mcap"));
@@ -102,16 +130,30 @@ fn child() {
             println!("\nfailed {index} {error}");
             std::process::exit(7);
         };
-        let mut recorder = Recorder::create(&path, &sample.header, &sample.task, &sample.scene, options(index))
+        let mut recorder = Recorder::create(
+            &path,
+            &sample.header,
+            &sample.task,
+            &sample.scene,
+            options(index),
+        )
+        .unwrap_or_else(|error| failed(error));
+        recorder
+            .start(&sample.start, frames.first())
             .unwrap_or_else(|error| failed(error));
-        recorder.start(&sample.start, frames.first()).unwrap_or_else(|error| failed(error));
         say(format!("ack {index} 0"));
         for (step, record) in sample.steps.iter().enumerate() {
-            recorder.input(record.step, &record.input).unwrap_or_else(|error| failed(error));
-            recorder.step(record, frames.get(step + 1)).unwrap_or_else(|error| failed(error));
+            recorder
+                .input(record.step, &record.input)
+                .unwrap_or_else(|error| failed(error));
+            recorder
+                .step(record, frames.get(step + 1))
+                .unwrap_or_else(|error| failed(error));
             say(format!("ack {index} {}", step + 1));
         }
-        recorder.end(&sample.end).unwrap_or_else(|error| failed(error));
+        recorder
+            .end(&sample.end)
+            .unwrap_or_else(|error| failed(error));
         say(format!("done {index}"));
     }
 }
@@ -126,10 +168,16 @@ struct Heard {
 impl Heard {
     fn line(&mut self, line: &str) -> bool {
         let mut words = line.split(' ');
-        let (kind, index) = (words.next(), words.next().and_then(|word| word.parse().ok()));
+        let (kind, index) = (
+            words.next(),
+            words.next().and_then(|word| word.parse().ok()),
+        );
         match (kind, index) {
             (Some("ack"), Some(index)) => {
-                let steps = words.next().and_then(|word| word.parse().ok()).expect("an ack names its steps");
+                let steps = words
+                    .next()
+                    .and_then(|word| word.parse().ok())
+                    .expect("an ack names its steps");
                 self.acks.entry(index).or_default().0 = steps;
             }
             (Some("done"), Some(index)) => self.acks.entry(index).or_default().1 = true,
@@ -142,7 +190,14 @@ impl Heard {
 
 fn child_command(folder: &Path) -> Command {
     let mut command = Command::new(env::current_exe().unwrap());
-    command.args(["--exact", "recovery::child", "--nocapture", "--test-threads=1"]).env(CHILD, folder);
+    command
+        .args([
+            "--exact",
+            "recovery::child",
+            "--nocapture",
+            "--test-threads=1",
+        ])
+        .env(CHILD, folder);
     command.stdout(Stdio::piped()).stderr(Stdio::null());
     command
 }
@@ -160,18 +215,36 @@ fn check_folder(folder: &Path, heard: &Heard) -> (usize, usize) {
         let path = folder.join(format!("{index:04}.mcap"));
         let trace = Trace::read(&path).unwrap_or_else(|error| panic!("episode {index}: {error}"));
         let (sample, frames) = episode(*index);
-        assert!(trace.steps.len() >= *acknowledged, "{} of {acknowledged} acknowledged calls", trace.steps.len());
+        assert!(
+            trace.steps.len() >= *acknowledged,
+            "{} of {acknowledged} acknowledged calls",
+            trace.steps.len()
+        );
         assert_first_steps(&trace, &sample, trace.steps.len());
-        assert_eq!(trace.image_count(), if frames.is_empty() { 0 } else { trace.steps.len() + 1 });
-        assert!(!done || trace.end.as_ref() == Some(&sample.end), "episode {index} was done");
+        assert_eq!(
+            trace.image_count(),
+            if frames.is_empty() {
+                0
+            } else {
+                trace.steps.len() + 1
+            }
+        );
+        assert!(
+            !done || trace.end.as_ref() == Some(&sample.end),
+            "episode {index} was done"
+        );
         healthy(&path);
     }
     (parts, lost)
 }
 
 fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
-    let paths = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-    let mut paths: Vec<PathBuf> = paths.filter(|path| path.extension().is_some_and(|e| e == extension)).collect();
+    let paths = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    let mut paths: Vec<PathBuf> = paths
+        .filter(|path| path.extension().is_some_and(|e| e == extension))
+        .collect();
     paths.sort();
     paths
 }
@@ -180,7 +253,10 @@ fn files(folder: &Path, extension: &str) -> Vec<PathBuf> {
 #[cfg(unix)]
 #[test]
 fn a_killed_recorder_loses_nothing_acknowledged() {
-    let kills: u64 = env::var("REEL_KILLS").ok().and_then(|kills| kills.parse().ok()).unwrap_or(20);
+    let kills: u64 = env::var("REEL_KILLS")
+        .ok()
+        .and_then(|kills| kills.parse().ok())
+        .unwrap_or(20);
     let seed = seed();
     eprintln!("{kills} kills, REEL_SEED={seed}");
     let mut state = seed | 1;
@@ -201,14 +277,24 @@ fn a_killed_recorder_loses_nothing_acknowledged() {
         let mut rest = String::new();
         lines.read_to_string(&mut rest).unwrap();
         // A last line that was cut says nothing.
-        for line in rest.split_inclusive('\n').filter_map(|line| line.strip_suffix('\n')) {
+        for line in rest
+            .split_inclusive('\n')
+            .filter_map(|line| line.strip_suffix('\n'))
+        {
             heard.line(line);
         }
         assert_eq!(heard.failure, None);
         let (more, torn) = check_folder(folder.path(), &heard);
         for trace in files(folder.path(), "mcap") {
             if Trace::read(&trace).is_ok_and(|trace| !trace.recoveries.is_empty()) {
-                fs::copy(&trace, recovered.path().join(format!("{parts:04}-{}", trace.file_name().unwrap().display()))).unwrap();
+                fs::copy(
+                    &trace,
+                    recovered.path().join(format!(
+                        "{parts:04}-{}",
+                        trace.file_name().unwrap().display()
+                    )),
+                )
+                .unwrap();
             }
         }
         parts += more;
@@ -219,7 +305,8 @@ fn a_killed_recorder_loses_nothing_acknowledged() {
     python_reads(recovered.path(), 1);
 }
 
-/// A limit on the size of files stands for the full disk: the write fails in the middle of a record in the same way.
+/// A limit on the size of files stands for the full disk: the write fails in the middle of a record
+/// in the same way.
 #[cfg(unix)]
 #[test]
 fn a_full_disk_loses_nothing_acknowledged() {
@@ -229,9 +316,17 @@ fn a_full_disk_loses_nothing_acknowledged() {
         let folder = tempfile::tempdir().unwrap();
         let child = child_command(folder.path());
         let mut bash = Command::new("bash");
-        // Files of the shell count in blocks of 1024 bytes; ignored, the signal turns into an error.
-        bash.args(["-c", &format!("trap '' XFSZ; ulimit -f {kib}; exec \"$@\""), "bash"]);
-        bash.arg(child.get_program()).args(child.get_args()).env(CHILD, folder.path()).stderr(Stdio::null());
+        // Files of the shell count in blocks of 1024 bytes; ignored, the signal turns into an
+        // error.
+        bash.args([
+            "-c",
+            &format!("trap '' XFSZ; ulimit -f {kib}; exec \"$@\""),
+            "bash",
+        ]);
+        bash.arg(child.get_program())
+            .args(child.get_args())
+            .env(CHILD, folder.path())
+            .stderr(Stdio::null());
         let Ok(output) = bash.output() else {
             eprintln!("skipped: there is no bash to limit the size of files");
             return;
@@ -244,8 +339,14 @@ fn a_full_disk_loses_nothing_acknowledged() {
         assert!(failure.contains("File too large"), "{failure}");
         if heard.acks.values().any(|(_, done)| !done) {
             begun += 1;
-            assert!(failure.contains("what was acknowledged before (the start and"), "{failure}");
-            assert!(failure.contains("then `reel recover` it") && failure.ends_with(".mcap.part"), "{failure}");
+            assert!(
+                failure.contains("what was acknowledged before (the start and"),
+                "{failure}"
+            );
+            assert!(
+                failure.contains("then `reel recover` it") && failure.ends_with(".mcap.part"),
+                "{failure}"
+            );
         }
         check_folder(folder.path(), &heard);
         assert!(files(folder.path(), "tmp").is_empty());
@@ -268,9 +369,19 @@ fn small() -> (Sample, Vec<u8>, Vec<u8>) {
 fn whole_steps(sample: &Sample, part: &[u8]) -> Vec<(usize, usize)> {
     let folder = tempfile::tempdir().unwrap();
     let mut marks = Vec::new();
-    let mut recorder =
-        Recorder::create(&folder.path().join("x.mcap"), &sample.header, &sample.task, &sample.scene, Images::None).unwrap();
-    let size = || fs::metadata(folder.path().join("x.mcap.part")).unwrap().len() as usize;
+    let mut recorder = Recorder::create(
+        &folder.path().join("x.mcap"),
+        &sample.header,
+        &sample.task,
+        &sample.scene,
+        Images::None,
+    )
+    .unwrap();
+    let size = || {
+        fs::metadata(folder.path().join("x.mcap.part"))
+            .unwrap()
+            .len() as usize
+    };
     recorder.start(&sample.start, None).unwrap();
     marks.push((size(), 0));
     for (index, step) in sample.steps.iter().enumerate() {
@@ -285,21 +396,30 @@ fn whole_steps(sample: &Sample, part: &[u8]) -> Vec<(usize, usize)> {
 /// Whether there are only whole schemas and channels, which announce a message that did not come.
 fn only_announcements(mut tail: &[u8]) -> bool {
     while let [3 | 4, ..] = tail {
-        let Some(size) = tail.get(1..9).and_then(|size| size.first_chunk()) else { return false };
-        let Some(rest) = tail.get(9 + u64::from_le_bytes(*size) as usize..) else { return false };
+        let Some(size) = tail.get(1..9).and_then(|size| size.first_chunk()) else {
+            return false;
+        };
+        let Some(rest) = tail.get(9 + u64::from_le_bytes(*size) as usize..) else {
+            return false;
+        };
         tail = rest;
     }
     tail.is_empty()
 }
 
-/// In memory, where there is such a folder: syncing tens of thousands of files takes minutes on a disk.
-/// Every so manieth byte is cut at; `REEL_CUT_STRIDE=1` for the long form.
+/// In memory, where there is such a folder: syncing tens of thousands of files takes minutes on a
+/// disk. Every so manieth byte is cut at; `REEL_CUT_STRIDE=1` for the long form.
 fn stride() -> usize {
-    env::var("REEL_CUT_STRIDE").ok().and_then(|stride| stride.parse().ok()).unwrap_or(11)
+    env::var("REEL_CUT_STRIDE")
+        .ok()
+        .and_then(|stride| stride.parse().ok())
+        .unwrap_or(11)
 }
 
 fn quick_folder() -> tempfile::TempDir {
-    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
+    tempfile::tempdir_in("/dev/shm")
+        .or_else(|_| tempfile::tempdir())
+        .unwrap()
 }
 
 const PYTHON: &str = r"
@@ -329,10 +449,22 @@ fn python_reads(folder: &Path, stride: usize) {
         eprintln!("skipped: {python} with the module mcap is not installed");
         return;
     }
-    let output = Command::new(&python).args(["-c", PYTHON]).arg(folder).arg(stride.to_string()).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = Command::new(&python)
+        .args(["-c", PYTHON])
+        .arg(folder)
+        .arg(stride.to_string())
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let count = files(folder, "mcap").len().div_ceil(stride);
-    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), count.to_string());
+    assert_eq!(
+        String::from_utf8_lossy(&output.stdout).trim(),
+        count.to_string()
+    );
 }
 
 #[test]
@@ -350,14 +482,22 @@ fn a_part_cut_anywhere_gives_exactly_its_whole_steps() {
                 assert_eq!(recovery.restored, Restored::Written);
                 assert_first_steps(&trace, &sample, *steps);
                 let nothing_lost = only_announcements(&part[*size..length]);
-                assert_eq!(recovery.lost.is_empty(), nothing_lost, "cut at {length}: {:?}", recovery.lost);
+                assert_eq!(
+                    recovery.lost.is_empty(),
+                    nothing_lost,
+                    "cut at {length}: {:?}",
+                    recovery.lost
+                );
                 assert_eq!(trace.recoveries.len(), 1);
             }
             (None, Err(TraceError::NothingRestored { .. })) => {
                 assert_eq!(recovery.restored, Restored::Nothing);
                 assert!(!recovery.lost.is_empty());
             }
-            (_, result) => panic!("cut at {length}: {:?}", result.map(|trace| trace.steps.len())),
+            (_, result) => panic!(
+                "cut at {length}: {:?}",
+                result.map(|trace| trace.steps.len())
+            ),
         }
         // What is lost stays to be looked at; what is in the trace need not be kept twice.
         assert_eq!(source.exists(), !recovery.lost.is_empty());
@@ -369,8 +509,11 @@ fn a_part_cut_anywhere_gives_exactly_its_whole_steps() {
 #[test]
 fn a_trace_cut_anywhere_gives_the_steps_of_its_whole_chunks() {
     let (sample, trace, _) = small();
-    let chunk = Trace::from_bytes(Path::new("x"), &trace, &Default::default()).unwrap().offset(0) as usize;
-    let chunk_end = chunk + 9 + u64::from_le_bytes(*trace[chunk + 1..].first_chunk().unwrap()) as usize;
+    let chunk = Trace::from_bytes(Path::new("x"), &trace, &Default::default())
+        .unwrap()
+        .offset(0) as usize;
+    let chunk_end =
+        chunk + 9 + u64::from_le_bytes(*trace[chunk + 1..].first_chunk().unwrap()) as usize;
     let (folder, out) = (quick_folder(), quick_folder());
     for length in (0..trace.len()).step_by(stride()) {
         let source = folder.path().join(format!("{length:06}.mcap"));
@@ -385,7 +528,11 @@ fn a_trace_cut_anywhere_gives_the_steps_of_its_whole_chunks() {
         } else {
             assert!(!recovery.lost.is_empty());
         }
-        assert_eq!(fs::read(&source).unwrap(), trace[..length], "the torn file stays as it is");
+        assert_eq!(
+            fs::read(&source).unwrap(),
+            trace[..length],
+            "the torn file stays as it is"
+        );
         healthy(&recovery.trace);
     }
     python_reads(out.path(), if stride() == 1 { 1 } else { 7 });
@@ -395,8 +542,16 @@ fn a_trace_cut_anywhere_gives_the_steps_of_its_whole_chunks() {
 fn a_torn_chunk_gives_what_decompresses() {
     // Compression works in blocks of 128 KiB: a torn chunk gives its whole blocks.
     let mut state = 7;
-    let mut text = || (0..100).map(|_| format!("{:016x}", random(&mut state))).collect();
-    let sample = Source { texts: (0..40).map(|_| text()).collect(), ..Source::seeded(5) }.sample(12);
+    let mut text = || {
+        (0..100)
+            .map(|_| format!("{:016x}", random(&mut state)))
+            .collect()
+    };
+    let sample = Source {
+        texts: (0..40).map(|_| text()).collect(),
+        ..Source::seeded(5)
+    }
+    .sample(12);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap");
     sample.record(&path);
@@ -414,10 +569,18 @@ fn a_torn_chunk_gives_what_decompresses() {
             Err(other) => panic!("{other}"),
         }
         restored.push(recovery.steps);
-        assert!(recovery.lost.iter().any(|lost| lost.contains("how many calls came after that is not known")));
+        assert!(
+            recovery
+                .lost
+                .iter()
+                .any(|lost| lost.contains("how many calls came after that is not known"))
+        );
         healthy(&recovery.trace);
     }
-    assert!(restored.is_sorted() && restored[8] > 3, "steps from so many tenths of a chunk: {restored:?}");
+    assert!(
+        restored.is_sorted() && restored[8] > 3,
+        "steps from so many tenths of a chunk: {restored:?}"
+    );
 }
 
 #[test]
@@ -434,16 +597,29 @@ fn a_call_under_way_is_named_and_kept_as_evidence() {
     assert!(matches!(busy, TraceError::InUse { .. }), "{busy}");
     drop(recorder);
     let recovery = restore(&part);
-    assert_eq!(recovery.lost, ["call 2 `pick(marker_id=2)` was under way and is lost"]);
+    assert_eq!(
+        recovery.lost,
+        ["call 2 `pick(marker_id=2)` was under way and is lost"]
+    );
     assert!(!recovery.source_deleted && part.exists());
     let trace = Trace::read(&path).unwrap();
     assert_first_steps(&trace, &sample, 2);
     let said = &trace.recoveries[0];
-    assert_eq!((said["source"].as_str(), said["steps_restored"].as_str(), said["end"].as_str()), ("x.mcap.part", "2", "aborted"));
+    assert_eq!(
+        (
+            said["source"].as_str(),
+            said["steps_restored"].as_str(),
+            said["end"].as_str()
+        ),
+        ("x.mcap.part", "2", "aborted")
+    );
     assert_eq!(said["lost"], recovery.lost[0]);
     // A second time it finds its work done, and tells the same.
     let again = restore(&part);
-    assert_eq!((again.restored, again.lost, again.trace), (Restored::Before, recovery.lost, path));
+    assert_eq!(
+        (again.restored, again.lost, again.trace),
+        (Restored::Before, recovery.lost, path)
+    );
 }
 
 /// Stands for a preset, which gives terms too.
@@ -455,42 +631,76 @@ impl Scoring for Scored {
     }
 
     fn terms(&self, _: &Trace, _: &StepRecord) -> Option<Vec<RewardTerm>> {
-        Some(vec![RewardTerm { component: "safe".into(), value: -0.5, reason: String::new() }])
+        Some(vec![RewardTerm {
+            component: "safe".into(),
+            value: -0.5,
+            reason: String::new(),
+        }])
     }
 }
 
-/// A call that was passed on to a robot happened, whether its result was written or not. Its pictures came in Base64.
+/// A call that was passed on to a robot happened, whether its result was written or not. Its
+/// pictures came in Base64.
 #[test]
 fn a_call_under_way_in_another_world_is_restored() {
     let mut sample = Source::seeded(3).sample(2);
     sample.header.backend = Backend::Robot;
     sample.start.digests.frame = None;
-    sample.steps.iter_mut().for_each(|step| step.digests.frame = None);
+    sample
+        .steps
+        .iter_mut()
+        .for_each(|step| step.digests.frame = None);
     sample.seal();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap");
-    let rgb: Vec<u8> = (0..FRAME_WIDTH * FRAME_HEIGHT * 3).map(|index| (index * index / 7 % 251) as u8).collect();
+    let rgb: Vec<u8> = (0..FRAME_WIDTH * FRAME_HEIGHT * 3)
+        .map(|index| (index * index / 7 % 251) as u8)
+        .collect();
     let png = encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32);
     let base64 = base64::Engine::encode(&base64::engine::general_purpose::STANDARD, png);
-    let timing = Timing { called_unix_ns: 7, took_ns: 9 };
+    let timing = Timing {
+        called_unix_ns: 7,
+        took_ns: 9,
+    };
     let record = |path: &Path| {
-        let mut recorder = Recorder::create(path, &sample.header, &sample.task, &sample.scene, Images::Full).unwrap();
+        let mut recorder = Recorder::create(
+            path,
+            &sample.header,
+            &sample.task,
+            &sample.scene,
+            Images::Full,
+        )
+        .unwrap();
         recorder.start_with_base64(&sample.start, &base64).unwrap();
         recorder.input(0, &sample.steps[0].input).unwrap();
         recorder.timing(0, &timing).unwrap();
-        recorder.step_with_base64(&sample.steps[0], "bm8gcGljdHVyZQ==").unwrap();
+        recorder
+            .step_with_base64(&sample.steps[0], "bm8gcGljdHVyZQ==")
+            .unwrap();
         recorder.input(1, &sample.steps[1].input).unwrap();
         recorder
     };
     drop(record(&path));
     let recovery = recover(&folder.path().join("x.mcap.part"), None, Scored).unwrap();
-    assert_eq!((recovery.steps, recovery.lost.len(), recovery.source_deleted), (2, 0, true));
+    assert_eq!(
+        (recovery.steps, recovery.lost.len(), recovery.source_deleted),
+        (2, 0, true)
+    );
     let trace = Trace::read(&path).unwrap();
     healthy(&path);
     assert_eq!(trace.steps[0], sample.steps[0]);
-    assert_eq!((&trace.steps[1].input, trace.steps[1].reward_total()), (&sample.steps[1].input, -0.5));
+    assert_eq!(
+        (&trace.steps[1].input, trace.steps[1].reward_total()),
+        (&sample.steps[1].input, -0.5)
+    );
     assert_eq!(trace.steps[1].outcome.error, Some(ErrorCode::BackendError));
-    assert_eq!((trace.frame_rgb(None).unwrap(), trace.frame_rgb(Some(0)).unwrap()), (Some(rgb.clone()), None));
+    assert_eq!(
+        (
+            trace.frame_rgb(None).unwrap(),
+            trace.frame_rgb(Some(0)).unwrap()
+        ),
+        (Some(rgb.clone()), None)
+    );
     assert_eq!(trace.timings.get(&0), Some(&timing));
 
     let whole = folder.path().join("whole.mcap");
@@ -499,189 +709,16 @@ fn a_call_under_way_in_another_world_is_restored() {
     recorder.end(&sample.end).unwrap();
     let trace = Trace::read(&whole).unwrap();
     sample.assert_is(&trace);
-    assert_eq!((trace.frame_rgb(None).unwrap(), trace.image_count(), trace.timings.len()), (Some(rgb), 1, 1));
+    assert_eq!(
+        (
+            trace.frame_rgb(None).unwrap(),
+            trace.image_count(),
+            trace.timings.len()
+        ),
+        (Some(rgb), 1, 1)
+    );
     // Written again it keeps its clock.
     let again = folder.path().join("again.mcap");
     trace.rewrite(&again, Images::None, |_| None).unwrap();
     assert_eq!(Trace::read(&again).unwrap().timings, trace.timings);
-}
-
-/// A crash in `end` may leave a whole part beside the finished trace, or beside half a temporary file.
-#[test]
-fn a_crash_while_finishing_leaves_everything() {
-    let (sample, trace, _) = small();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.mcap");
-    let part = folder.path().join("x.mcap.part");
-    // The part as it is when its end was written: the trace's own messages, without chunks.
-    let recorder = sample.record_open(&path, &[], Images::None).unwrap();
-    fs::create_dir(&path).unwrap();
-    fs::write(path.join("keep"), "a folder in the way keeps the trace from its name").unwrap();
-    assert!(matches!(recorder.end(&sample.end), Err(TraceError::Write { steps: Some(3), .. })));
-    fs::remove_dir_all(&path).unwrap();
-    let ended = fs::read(&part).unwrap();
-
-    // Before the rename: the part alone, and rubbish under the temporary name.
-    fs::write(folder.path().join("x.mcap.tmp"), &trace[..trace.len() / 2]).unwrap();
-    let recovery = restore(&part);
-    assert_eq!((recovery.restored, recovery.source_deleted, recovery.lost.len()), (Restored::Written, true, 0));
-    sample.assert_is(&Trace::read(&path).unwrap());
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-
-    // After it: both, and the finished one wins.
-    fs::write(&path, &trace).unwrap();
-    fs::write(&part, &ended).unwrap();
-    let recovery = restore(&part);
-    assert_eq!((recovery.restored, recovery.source_deleted, recovery.lost.len()), (Restored::Before, true, 0));
-    assert_eq!(fs::read(&path).unwrap(), trace);
-
-    // A finished file that is torn does not win, and is not replaced.
-    fs::write(&path, &trace[..trace.len() / 2]).unwrap();
-    fs::write(&part, &ended).unwrap();
-    let recovery = restore(&part);
-    assert_eq!(recovery.trace, folder.path().join("x.recovered.mcap"));
-    sample.assert_is(&Trace::read(&recovery.trace).unwrap());
-    assert_eq!(fs::read(&path).unwrap(), trace[..trace.len() / 2]);
-    // Nor is a file of another episode, under either name.
-    Source::seeded(8).sample(1).record(&path);
-    fs::copy(&path, folder.path().join("x.recovered.mcap")).unwrap();
-    fs::write(&part, &ended).unwrap();
-    assert!(matches!(recover(&part, None, score), Err(TraceError::InTheWay { .. })));
-    assert!(part.exists());
-}
-
-#[test]
-fn damage_in_the_middle_is_named_and_what_holds_is_restored() {
-    let (sample, frames) = Source::seeded(4).sample(6).with_frames();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("x.mcap");
-    let recorder = sample.record_open(&path, &frames, Images::Full).unwrap();
-    let part = fs::read(folder.path().join("x.mcap.part")).unwrap();
-    recorder.end(&sample.end).unwrap();
-    let trace = fs::read(&path).unwrap();
-    let out = tempfile::tempdir().unwrap();
-    let recovered = |name: &str, bytes: &[u8]| {
-        let source = out.path().join(name);
-        fs::write(&source, bytes).unwrap();
-        let recovery = restore(&source);
-        healthy(&recovery.trace);
-        let found = examine(&source).unwrap();
-        assert!(!found.findings.is_empty(), "{name} looks healthy");
-        (recovery, found.findings)
-    };
-
-    // Behind the end of a finished file: nothing is lost, but it is said.
-    let (recovery, _) = recovered("longer.mcap", &[&trace[..], b"rubbish"].concat());
-    assert_eq!((recovery.steps, recovery.end_recorded, recovery.lost.len(), recovery.problems.len()), (6, true, 0, 1));
-    // Behind the last step of a part: it may have been the next call.
-    let (recovery, _) = recovered("longer.mcap.part", &[&part[..], b"rubbish"].concat());
-    assert_eq!((recovery.steps, recovery.lost.len()), (6, 1));
-
-    // In a picture: only that is lost.
-    let webp = Trace::from_bytes(&path, &trace, &Default::default()).unwrap().image(Some(3)).unwrap().to_vec();
-    let at = part.windows(webp.len()).position(|window| window == webp).unwrap() + webp.len() / 2;
-    let mut bytes = part.clone();
-    bytes[at] ^= 1;
-    let (recovery, found) = recovered("picture.mcap.part", &bytes);
-    assert_eq!((recovery.steps, recovery.lost.len()), (6, 1));
-    assert!(recovery.lost[0].starts_with("the picture of step 3 is left out"), "{:?}", recovery.lost);
-    assert_eq!(Trace::read(&recovery.trace).unwrap().image_count(), 6);
-    assert!(found.iter().any(|finding| finding.record == "picture" && finding.step == Some(3)), "{found:?}");
-
-    // In a call: up to it.
-    let call = sample.steps[4].input.call.name.clone();
-    let trace_of_part = Trace::from_bytes(&path, &part, &Default::default()).unwrap();
-    let mut bytes = part.clone();
-    let offset = trace_of_part.offset(4) as usize;
-    assert_eq!(bytes[offset], 5, "the message of the call {call}");
-    bytes[offset + 9 + 22 + 1] ^= 0x40;
-    let (recovery, found) = recovered("call.mcap.part", &bytes);
-    assert_eq!(recovery.steps, 4);
-    assert_eq!(recovery.lost.len(), 1);
-    assert!(found.iter().any(|finding| finding.step == Some(3) && finding.offset == Some(offset as u64)), "{found:?}");
-
-    // In a chunk: as far as the chain holds, and both checksums are named.
-    let chunk = Trace::read(&path).unwrap().offset(0) as usize;
-    let mut bytes = trace.clone();
-    bytes[chunk + 200] ^= 1;
-    let (recovery, found) = recovered("chunk.mcap", &bytes);
-    assert!(recovery.trace.ends_with("chunk.recovered.mcap") && !recovery.problems.is_empty());
-    assert!(found.iter().any(|finding| finding.record == "chunk" && finding.offset == Some(chunk as u64)), "{found:?}");
-    assert!(found.iter().any(|finding| finding.what.contains("data section")), "{found:?}");
-
-    // In the task: nothing can be believed, but a file says so.
-    let mut bytes = part.clone();
-    let at = bytes.windows(11).position(|window| window == b"other table").unwrap();
-    bytes[at] ^= 1;
-    let (recovery, found) = recovered("task.mcap.part", &bytes);
-    assert_eq!((recovery.restored, recovery.steps), (Restored::Nothing, 0));
-    assert!(found.iter().any(|finding| finding.record == "attachment"), "{found:?}");
-}
-
-#[test]
-fn what_was_recovered_can_be_recovered_again() {
-    let (sample, _, part) = small();
-    let folder = tempfile::tempdir().unwrap();
-    let source = folder.path().join("x.mcap.part");
-    fs::write(&source, &part[..part.len() - 1]).unwrap();
-    let first = restore(&source);
-    assert_eq!(restore(&first.trace).restored, Restored::NotNeeded);
-    let bytes = fs::read(&first.trace).unwrap();
-    fs::write(&first.trace, &bytes[..bytes.len() - 1]).unwrap();
-    let second = restore(&first.trace);
-    assert_eq!((second.restored, second.lost.len()), (Restored::Written, 0));
-    let trace = Trace::read(&second.trace).unwrap();
-    assert_first_steps(&trace, &sample, 2);
-    let sources: Vec<&str> = trace.recoveries.iter().map(|recovery| recovery["source"].as_str()).collect();
-    assert_eq!(sources, ["x.mcap.part", "x.mcap"]);
-}
-
-#[test]
-fn rewriting_gives_the_bytes_of_the_recording() {
-    let folder = tempfile::tempdir().unwrap();
-    let at = |name: &str| folder.path().join(name);
-    let (sample, frames) = Source::seeded(4).sample(5).with_frames();
-    sample.record_open(&at("full.mcap"), &frames, Images::Full).unwrap().end(&sample.end).unwrap();
-    sample.record_open(&at("lean.mcap"), &frames, Images::None).unwrap().end(&sample.end).unwrap();
-    let bytes = |name: &str| fs::read(at(name)).unwrap();
-
-    let full = Trace::read(&at("full.mcap")).unwrap();
-    let summary = full.rewrite(&at("compact.mcap"), Images::None, |_| unreachable!()).unwrap();
-    assert_eq!((summary.bytes, summary.chain), (bytes("lean.mcap").len() as u64, full.chain()));
-    assert!(bytes("compact.mcap") == bytes("lean.mcap"));
-
-    let lean = Trace::read(&at("compact.mcap")).unwrap();
-    let rgb = |step: Option<u32>| Some(frames[step.map_or(0, |step| step as usize + 1)].rgb.clone());
-    lean.rewrite(&at("compact.mcap"), Images::Full, rgb).unwrap();
-    assert!(bytes("compact.mcap") == bytes("full.mcap"), "in place");
-    full.rewrite(&at("again.mcap"), Images::Full, |step| full.frame_rgb(step).unwrap()).unwrap();
-    assert!(bytes("again.mcap") == bytes("full.mcap"));
-
-    let wrong = lean.rewrite(&at("wrong.mcap"), Images::Full, |_| Some(frames[0].rgb.clone())).unwrap_err();
-    assert!(matches!(wrong, TraceError::Picture { step: Some(0), .. }), "{wrong}");
-    assert!(!at("wrong.mcap").exists());
-
-    // How a trace was recovered stays with it.
-    drop(sample.record_open(&at("part.mcap"), &frames, Images::Full).unwrap());
-    restore(&at("part.mcap.part"));
-    let recovered = Trace::read(&at("part.mcap")).unwrap();
-    recovered.rewrite(&at("small.mcap"), Images::None, |_| None).unwrap();
-    Trace::read(&at("small.mcap")).unwrap().rewrite(&at("large.mcap"), Images::Full, rgb).unwrap();
-    assert!(bytes("large.mcap") == bytes("part.mcap"));
-    assert_eq!(Trace::read(&at("large.mcap")).unwrap().recoveries, recovered.recoveries);
-}
-
-#[test]
-fn both_durabilities_give_the_same_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let sample = Source::seeded(6).sample(4);
-    let bytes = [Durability::Write, Durability::Fsync].map(|durability| {
-        assert_eq!(Durability::parse(durability.name()), Some(durability));
-        let path = folder.path().join(durability.name());
-        let options = RecordOptions { images: Images::None, durability };
-        sample.record_open(&path, &[], options).unwrap().end(&sample.end).unwrap();
-        fs::read(path).unwrap()
-    });
-    assert!(bytes[0] == bytes[1]);
-    assert_eq!(Durability::parse("always"), None);
 }

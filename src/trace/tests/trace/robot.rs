@@ -1,5 +1,5 @@
-//! What a robot measured: it comes back as it was written, in turn, through rewriting and recovery; and traces without it
-//! have none of its channels.
+//! What a robot measured: it comes back as it was written, in turn, through rewriting and recovery;
+//! and traces without it have none of its channels.
 
 use std::{fs, path::Path};
 
@@ -14,7 +14,13 @@ use reel_world::{
 
 use crate::sample::{Sample, Source};
 
-const TOPICS: [&str; 5] = ["/robot/odometry", "/robot/primitive", "/robot/vla", "/robot/alignment", "/camera/original"];
+const TOPICS: [&str; 5] = [
+    "/robot/odometry",
+    "/robot/primitive",
+    "/robot/vla",
+    "/robot/alignment",
+    "/camera/original",
+];
 
 fn sample() -> (Sample, Vec<Frame>) {
     let (mut sample, frames) = Source::seeded(5).sample(2).with_frames();
@@ -27,8 +33,20 @@ fn sample() -> (Sample, Vec<Frame>) {
 fn log() -> RobotLog {
     let mut log = RobotLog::default();
     for (unix_ns, step) in [(0, None), (u64::MAX, Some(0)), (7, Some(1))] {
-        log.odometry.push(Odometry { step, unix_ns, x: -0.0, y: 1e300, yaw: -std::f64::consts::PI });
-        log.odometry.push(Odometry { step, unix_ns, x: 0.1, y: f64::MIN_POSITIVE / 2.0, yaw: 0.0 });
+        log.odometry.push(Odometry {
+            step,
+            unix_ns,
+            x: -0.0,
+            y: 1e300,
+            yaw: -std::f64::consts::PI,
+        });
+        log.odometry.push(Odometry {
+            step,
+            unix_ns,
+            x: 0.1,
+            y: f64::MIN_POSITIVE / 2.0,
+            yaw: 0.0,
+        });
         log.primitives.push(PrimitiveOutcome {
             step,
             unix_ns,
@@ -39,8 +57,16 @@ fn log() -> RobotLog {
             control_steps: Some(1000),
             error: Some(String::new()),
         });
-        log.primitives.push(PrimitiveOutcome { step, unix_ns, ..PrimitiveOutcome::default() });
-        log.vla.push(VlaLatency { step, unix_ns, latency_ns: u64::MAX });
+        log.primitives.push(PrimitiveOutcome {
+            step,
+            unix_ns,
+            ..PrimitiveOutcome::default()
+        });
+        log.vla.push(VlaLatency {
+            step,
+            unix_ns,
+            latency_ns: u64::MAX,
+        });
         log.alignments.push(Alignment {
             step,
             unix_ns,
@@ -55,21 +81,27 @@ fn log() -> RobotLog {
 }
 
 fn original(step: Option<u32>) -> CameraImage {
-    CameraImage { format: "jpeg".into(), data: vec![step.map_or(9, |step| step as u8); 100] }
+    CameraImage {
+        format: "jpeg".into(),
+        data: vec![step.map_or(9, |step| step as u8); 100],
+    }
 }
 
 /// Everything but the end.
 fn record_open(path: &Path, options: impl Into<RecordOptions>) -> Recorder {
     let (sample, frames) = sample();
     let log = log();
-    let mut recorder = Recorder::create(path, &sample.header, &sample.task, &sample.scene, options).unwrap();
+    let mut recorder =
+        Recorder::create(path, &sample.header, &sample.task, &sample.scene, options).unwrap();
     recorder.robot(None, &log).unwrap();
     recorder.original(None, &original(None)).unwrap();
     recorder.start(&sample.start, frames.first()).unwrap();
     for (index, step) in sample.steps.iter().enumerate() {
         recorder.input(step.step, &step.input).unwrap();
         recorder.robot(Some(step.step), &log).unwrap();
-        recorder.original(Some(step.step), &original(Some(step.step))).unwrap();
+        recorder
+            .original(Some(step.step), &original(Some(step.step)))
+            .unwrap();
         recorder.step(step, frames.get(index + 1)).unwrap();
     }
     recorder
@@ -97,19 +129,32 @@ fn what_was_measured_comes_back() {
     }
     assert_eq!(trace.original(Some(2)), None);
     let shares = content(&path).unwrap();
-    assert!(TOPICS.iter().all(|topic| shares.contains_key(*topic)), "{shares:?}");
+    assert!(
+        TOPICS.iter().all(|topic| shares.contains_key(*topic)),
+        "{shares:?}"
+    );
 
     let read = reel_trace::RecordsReader::default().read(&path).unwrap();
-    assert_eq!((&read.robot, read.original(None), read.image_count()), (&trace.robot, None, 0));
+    assert_eq!(
+        (&read.robot, read.original(None), read.image_count()),
+        (&trace.robot, None, 0)
+    );
 
     // Written again it is the same file; without pictures it keeps what was measured.
     let again = folder.path().join("again.mcap");
-    trace.rewrite(&again, Images::Full, |step| Some(frames[step.map_or(0, |step| step as usize + 1)].rgb.clone())).unwrap();
+    trace
+        .rewrite(&again, Images::Full, |step| {
+            Some(frames[step.map_or(0, |step| step as usize + 1)].rgb.clone())
+        })
+        .unwrap();
     assert_eq!(fs::read(&again).unwrap(), fs::read(&path).unwrap());
     let lean = folder.path().join("lean.mcap");
     trace.rewrite(&lean, Images::None, |_| None).unwrap();
     let lean_trace = Trace::read(&lean).unwrap();
-    assert_eq!((&lean_trace.robot, lean_trace.original(None)), (&trace.robot, None));
+    assert_eq!(
+        (&lean_trace.robot, lean_trace.original(None)),
+        (&trace.robot, None)
+    );
     let bare = folder.path().join("bare.mcap");
     record_open(&bare, Images::None).end(&sample.end).unwrap();
     assert_eq!(fs::read(&lean).unwrap(), fs::read(&bare).unwrap());
@@ -120,21 +165,40 @@ fn traces_without_a_robot_have_none_of_its_channels() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mcap");
     let (sample, frames) = sample();
-    sample.record_open(&path, &frames, Images::Full).unwrap().end(&sample.end).unwrap();
+    sample
+        .record_open(&path, &frames, Images::Full)
+        .unwrap()
+        .end(&sample.end)
+        .unwrap();
     let shares = content(&path).unwrap();
-    assert!(TOPICS.iter().all(|topic| !shares.contains_key(*topic)), "{shares:?}");
+    assert!(
+        TOPICS.iter().all(|topic| !shares.contains_key(*topic)),
+        "{shares:?}"
+    );
     assert!(Trace::read(&path).unwrap().robot.is_empty());
 }
 
 #[test]
 fn a_recording_that_broke_off_keeps_what_was_measured() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, part) = (folder.path().join("x.mcap"), folder.path().join("x.mcap.part"));
+    let (path, part) = (
+        folder.path().join("x.mcap"),
+        folder.path().join("x.mcap.part"),
+    );
     let mut recorder = record_open(&path, Images::Full);
     // A third call is under way, with a measurement.
     recorder.input(2, &sample().0.steps[0].input).unwrap();
-    recorder.odometry(&Odometry { step: Some(2), unix_ns: 1, x: 1.0, y: 2.0, yaw: 3.0 }).unwrap();
-    // Acknowledged with what follows; so the operating system has it, as in a recorder that is dropped whole.
+    recorder
+        .odometry(&Odometry {
+            step: Some(2),
+            unix_ns: 1,
+            x: 1.0,
+            y: 2.0,
+            yaw: 3.0,
+        })
+        .unwrap();
+    // Acknowledged with what follows; so the operating system has it, as in a recorder that is
+    // dropped whole.
     drop(recorder);
     let score = |_: &Trace, _: &Graphs| Metrics::default();
     let recovery = recover(&part, None, score).unwrap();
@@ -142,11 +206,17 @@ fn a_recording_that_broke_off_keeps_what_was_measured() {
     healthy(&path);
     let trace = Trace::read(&path).unwrap();
     assert_eq!(trace.robot, log());
-    assert_eq!((trace.original(None), trace.original(Some(1))), (Some(&original(None)), Some(&original(Some(1)))));
+    assert_eq!(
+        (trace.original(None), trace.original(Some(1))),
+        (Some(&original(None)), Some(&original(Some(1))))
+    );
     assert_eq!(trace.image_count(), 3);
     // A second time there is nothing left to do.
     let again = recover(&part, None, score).unwrap();
-    assert_eq!((again.restored, again.trace), (reel_trace::Restored::Before, path));
+    assert_eq!(
+        (again.restored, again.trace),
+        (reel_trace::Restored::Before, path)
+    );
 }
 
 #[test]
@@ -154,18 +224,42 @@ fn what_is_out_of_turn_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (sample, _) = sample();
     let path = folder.path().join("x.mcap");
-    let mut recorder = Recorder::create(&path, &sample.header, &sample.task, &sample.scene, Images::None).unwrap();
-    let at = |step| Odometry { step, ..Odometry::default() };
-    let refused = |written: Result<(), TraceError>| assert!(matches!(written, Err(TraceError::OutOfTurn { .. })), "{written:?}");
+    let mut recorder = Recorder::create(
+        &path,
+        &sample.header,
+        &sample.task,
+        &sample.scene,
+        Images::None,
+    )
+    .unwrap();
+    let at = |step| Odometry {
+        step,
+        ..Odometry::default()
+    };
+    let refused = |written: Result<(), TraceError>| {
+        assert!(
+            matches!(written, Err(TraceError::OutOfTurn { .. })),
+            "{written:?}"
+        )
+    };
     refused(recorder.odometry(&at(Some(0))));
     recorder.start(&sample.start, None).unwrap();
     refused(recorder.odometry(&at(None)));
     refused(recorder.odometry(&at(Some(0))));
     recorder.input(0, &sample.steps[0].input).unwrap();
-    refused(recorder.vla(&VlaLatency { step: Some(1), ..VlaLatency::default() }));
+    refused(recorder.vla(&VlaLatency {
+        step: Some(1),
+        ..VlaLatency::default()
+    }));
     refused(recorder.primitive(&PrimitiveOutcome::default()));
     refused(recorder.alignment(&Alignment::default()));
-    refused(recorder.original(None, &CameraImage { format: "png".into(), data: vec![] }));
+    refused(recorder.original(
+        None,
+        &CameraImage {
+            format: "png".into(),
+            data: vec![],
+        },
+    ));
     recorder.odometry(&at(Some(0))).unwrap();
     recorder.step(&sample.steps[0], None).unwrap();
 }

@@ -28,14 +28,29 @@ pub struct Source {
 impl Source {
     /// Fixed values, other ones for another seed.
     pub fn seeded(seed: u64) -> Self {
-        let texts = ["", "plate", "a \"quoted\"\nline", "größer 🙂", "\u{0}"].map(str::to_owned).to_vec();
-        let values =
-            vec![json!({"marker_id": 3, "why": [1.5, null]}), json!({}), Value::Null, json!("no object"), json!(u64::MAX)];
-        Self { texts, floats: vec![0.0, -0.0, 1.5, -1e-42, 0.1, 1e30], values, state: seed }
+        let texts = ["", "plate", "a \"quoted\"\nline", "größer 🙂", "\u{0}"]
+            .map(str::to_owned)
+            .to_vec();
+        let values = vec![
+            json!({"marker_id": 3, "why": [1.5, null]}),
+            json!({}),
+            Value::Null,
+            json!("no object"),
+            json!(u64::MAX),
+        ];
+        Self {
+            texts,
+            floats: vec![0.0, -0.0, 1.5, -1e-42, 0.1, 1e30],
+            values,
+            state: seed,
+        }
     }
 
     fn next(&mut self) -> u64 {
-        self.state = self.state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.state = self
+            .state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         self.state >> 33
     }
     fn below(&mut self, bound: usize) -> usize {
@@ -67,7 +82,10 @@ impl Source {
     }
     fn reply(&mut self) -> UserReply {
         let source = [UserSource::RuleBased, UserSource::Model, UserSource::Human][self.below(3)];
-        UserReply { text: self.text(), source }
+        UserReply {
+            text: self.text(),
+            source,
+        }
     }
     fn door(&mut self) -> DoorState {
         [DoorState::Open, DoorState::Closed][self.below(2)]
@@ -75,8 +93,13 @@ impl Source {
     fn graph(&mut self) -> WorldGraph {
         let mut graph = WorldGraph::default();
         for index in 0..self.below(4) {
-            let state = ReceptacleState { door: self.maybe(Self::door), ..Default::default() };
-            graph.receptacles.insert(format!("table_{index}").into(), state);
+            let state = ReceptacleState {
+                door: self.maybe(Self::door),
+                ..Default::default()
+            };
+            graph
+                .receptacles
+                .insert(format!("table_{index}").into(), state);
             for _ in 0..self.below(3) {
                 let object = self.text().into();
                 graph.add(&format!("table_{index}").into(), &object);
@@ -85,18 +108,35 @@ impl Source {
         graph
     }
     fn graphs(&mut self) -> Graphs {
-        Graphs { physics: self.graph(), registry: self.graph() }
+        Graphs {
+            physics: self.graph(),
+            registry: self.graph(),
+        }
     }
     fn event(&mut self) -> GraphEvent {
         let receptacle = self.text().into();
         match self.below(3) {
-            0 => GraphEvent::Remove { object: self.text().into(), receptacle },
-            1 => GraphEvent::Add { object: self.text().into(), receptacle },
-            _ => GraphEvent::Door { receptacle, from: self.door(), to: self.door() },
+            0 => GraphEvent::Remove {
+                object: self.text().into(),
+                receptacle,
+            },
+            1 => GraphEvent::Add {
+                object: self.text().into(),
+                receptacle,
+            },
+            _ => GraphEvent::Door {
+                receptacle,
+                from: self.door(),
+                to: self.door(),
+            },
         }
     }
     fn visible(&mut self) -> Vec<VisibleObject> {
-        self.list(|s| VisibleObject { object: s.text().into(), pixels: s.next() as u32, bbox: [(); 4].map(|()| s.next() as u16) })
+        self.list(|s| VisibleObject {
+            object: s.text().into(),
+            pixels: s.next() as u32,
+            bbox: [(); 4].map(|()| s.next() as u16),
+        })
     }
     fn bodies(&mut self) -> Vec<BodyState> {
         self.list(|s| BodyState {
@@ -118,7 +158,11 @@ impl Source {
         }
     }
     fn digests(&mut self) -> StateDigests {
-        let frame = |s: &mut Self| FrameDigests { rgb: s.digest(), ids: s.digest(), depth: s.digest() };
+        let frame = |s: &mut Self| FrameDigests {
+            rgb: s.digest(),
+            ids: s.digest(),
+            depth: s.digest(),
+        };
         StateDigests {
             state: self.digest(),
             frame: self.maybe(frame),
@@ -139,7 +183,12 @@ impl Source {
     }
     fn logprobs(&mut self) -> TokenLogprobs {
         let tokens: Vec<String> = (0..=self.below(3)).map(|_| self.text()).collect();
-        let logprobs = |s: &mut Self| tokens.iter().map(|_| -(s.next() as f64) / 1e9).collect::<Vec<f64>>();
+        let logprobs = |s: &mut Self| {
+            tokens
+                .iter()
+                .map(|_| -(s.next() as f64) / 1e9)
+                .collect::<Vec<f64>>()
+        };
         let mut of = TokenLogprobs::sampled(tokens.clone(), logprobs(self)).unwrap();
         if let Some(new) = self.maybe(logprobs) {
             of.add("new", new, Some(&tokens)).unwrap();
@@ -158,22 +207,38 @@ impl Source {
                 call: ToolCall::new(self.text(), self.value()),
                 policy: self.maybe(Self::policy),
                 user_reply: self.maybe(Self::reply),
-                lookup: self.maybe(|s| Lookup { categories: s.list(Self::text), source: s.text() }),
+                lookup: self.maybe(|s| Lookup {
+                    categories: s.list(Self::text),
+                    source: s.text(),
+                }),
             },
-            outcome: Outcome { text: self.text(), error },
+            outcome: Outcome {
+                text: self.text(),
+                error,
+            },
             tool: self.maybe(Self::text),
             reply: self.maybe(Self::reply),
-            markers: self.list(|s| Marker { id: s.next() as u32, target: target(s) }),
+            markers: self.list(|s| Marker {
+                id: s.next() as u32,
+                target: target(s),
+            }),
             visible: self.visible(),
             listed: self.list(|s| s.text().into()),
             object: self.maybe(|s| s.text().into()),
             receptacle: self.maybe(|s| s.text().into()),
             held: self.maybe(|s| s.text().into()),
-            changes: GraphChanges { physics: self.list(Self::event), registry: self.list(Self::event) },
+            changes: GraphChanges {
+                physics: self.list(Self::event),
+                registry: self.list(Self::event),
+            },
             bodies: self.bodies(),
             robot: self.robot(),
             sim_step: u64::from(step) * 100 + self.next() % 100,
-            reward: self.list(|s| RewardTerm { component: s.text(), value: f64::from(s.float()) / 3.0, reason: s.text() }),
+            reward: self.list(|s| RewardTerm {
+                component: s.text(),
+                value: f64::from(s.float()) / 3.0,
+                reason: s.text(),
+            }),
             digests: self.digests(),
         }
     }
@@ -204,7 +269,10 @@ impl Source {
             backend: [Backend::Sim, Backend::Robot, Backend::Proxy][self.below(3)],
             skills: Skills::ALL[self.below(2)],
             meshes: std::collections::BTreeMap::new(),
-            parent: self.maybe(|s| Parent { trace: s.digest(), call: s.next() as u32 }),
+            parent: self.maybe(|s| Parent {
+                trace: s.digest(),
+                call: s.next() as u32,
+            }),
         };
         let start = StartRecord {
             graphs: self.graphs(),
@@ -223,10 +291,28 @@ impl Source {
             asks: self.next() as u32,
             spl: self.maybe(|s| f64::from(s.float())),
         };
-        let reason = [EndReason::Finished, EndReason::Horizon, EndReason::Fault, EndReason::Aborted][self.below(4)];
-        let end = EndRecord { reason, graphs: self.graphs(), metrics, chain: Digest::default(), steps };
+        let reason = [
+            EndReason::Finished,
+            EndReason::Horizon,
+            EndReason::Fault,
+            EndReason::Aborted,
+        ][self.below(4)];
+        let end = EndRecord {
+            reason,
+            graphs: self.graphs(),
+            metrics,
+            chain: Digest::default(),
+            steps,
+        };
         let steps = (0..steps).map(|step| self.step(step)).collect();
-        let mut sample = Sample { header, task, scene, start, steps, end };
+        let mut sample = Sample {
+            header,
+            task,
+            scene,
+            start,
+            steps,
+            end,
+        };
         sample.seal();
         sample
     }
@@ -256,7 +342,12 @@ impl Sample {
     }
 
     /// Records everything but the end.
-    pub fn record_open(&self, path: &Path, frames: &[Frame], options: impl Into<RecordOptions>) -> Result<Recorder, TraceError> {
+    pub fn record_open(
+        &self,
+        path: &Path,
+        frames: &[Frame],
+        options: impl Into<RecordOptions>,
+    ) -> Result<Recorder, TraceError> {
         let mut recorder = Recorder::create(path, &self.header, &self.task, &self.scene, options)?;
         recorder.start(&self.start, frames.first())?;
         for (index, step) in self.steps.iter().enumerate() {
@@ -268,14 +359,32 @@ impl Sample {
 
     /// Records everything, without pictures.
     pub fn record(&self, path: &Path) -> TraceSummary {
-        self.record_open(path, &[], Images::None).unwrap().end(&self.end).unwrap()
+        self.record_open(path, &[], Images::None)
+            .unwrap()
+            .end(&self.end)
+            .unwrap()
     }
 
     /// Asserts that a trace holds exactly these records.
     pub fn assert_is(&self, trace: &Trace) {
-        let Trace { header, task, scene, start, steps, end, .. } = trace.clone();
+        let Trace {
+            header,
+            task,
+            scene,
+            start,
+            steps,
+            end,
+            ..
+        } = trace.clone();
         let (task, scene) = (Arc::unwrap_or_clone(task), Arc::unwrap_or_clone(scene));
-        let read = Sample { header, task, scene, start, steps, end: end.expect("the trace has an end") };
+        let read = Sample {
+            header,
+            task,
+            scene,
+            start,
+            steps,
+            end: end.expect("the trace has an end"),
+        };
         // Debug tells zero from minus zero, equality does not.
         assert_eq!(format!("{self:?}"), format!("{read:?}"));
         assert_eq!(*self, read);
@@ -341,8 +450,16 @@ fn frame(index: usize) -> Frame {
     for (pixel, rgb) in frame.rgb.chunks_exact_mut(3).enumerate() {
         let (x, y) = (pixel % FRAME_WIDTH, pixel / FRAME_WIDTH);
         rgb[0] = (y / 4) as u8;
-        rgb[1] = if (x / 40 + y / 40 + index).is_multiple_of(3) { 200 } else { 60 };
-        rgb[2] = if (x + index * 7) % 97 < 2 { 255 } else { (x / 8) as u8 };
+        rgb[1] = if (x / 40 + y / 40 + index).is_multiple_of(3) {
+            200
+        } else {
+            60
+        };
+        rgb[2] = if (x + index * 7) % 97 < 2 {
+            255
+        } else {
+            (x / 8) as u8
+        };
     }
     frame
 }

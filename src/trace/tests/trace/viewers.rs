@@ -1,4 +1,5 @@
-//! Other programs read our files: the Python library `mcap`, where it is installed; Foxglove with our layout.
+//! Other programs read our files: the Python library `mcap`, where it is installed; Foxglove with
+//! our layout.
 
 use std::{collections::BTreeSet, fs, path::Path, process::Command};
 
@@ -57,16 +58,28 @@ fn topics(value: &Value, found: &mut BTreeSet<String>) {
 fn the_layout_for_foxglove_names_topics_that_traces_have() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../dashboards/foxglove-layout.json");
     let mut named = BTreeSet::new();
-    topics(&serde_json::from_slice(&fs::read(file).unwrap()).unwrap(), &mut named);
+    topics(
+        &serde_json::from_slice(&fs::read(file).unwrap()).unwrap(),
+        &mut named,
+    );
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let (sample, frames) = Source::seeded(4).sample(3).with_frames();
-    sample.record_open(&path, &frames, Images::Full).unwrap().end(&sample.end).unwrap();
+    sample
+        .record_open(&path, &frames, Images::Full)
+        .unwrap()
+        .end(&sample.end)
+        .unwrap();
     let trace = fs::read(path).unwrap();
-    let written: BTreeSet<String> =
-        MessageStream::new(&trace).unwrap().map(|message| message.unwrap().channel.topic.clone()).collect();
+    let written: BTreeSet<String> = MessageStream::new(&trace)
+        .unwrap()
+        .map(|message| message.unwrap().channel.topic.clone())
+        .collect();
     let unknown: Vec<_> = named.difference(&written).collect();
-    assert!(named.len() >= 6 && unknown.is_empty(), "{unknown:?} of {named:?}");
+    assert!(
+        named.len() >= 6 && unknown.is_empty(),
+        "{unknown:?} of {named:?}"
+    );
 }
 
 #[test]
@@ -74,17 +87,27 @@ fn the_python_library_reads_it_and_validates_the_checksums() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let (sample, frames) = Source::seeded(4).sample(3).with_frames();
-    sample.record_open(&path, &frames, Images::Full).unwrap().end(&sample.end).unwrap();
+    sample
+        .record_open(&path, &frames, Images::Full)
+        .unwrap()
+        .end(&sample.end)
+        .unwrap();
     let name = std::env::var("REEL_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let python = |arguments: &[&str]| Command::new(&name).args(arguments).output();
     match python(&["-c", "import mcap, mcap_protobuf"]) {
         Ok(output) if output.status.success() => {}
         _ => {
-            eprintln!("skipped: {name} has no `mcap` and `mcap_protobuf` (REEL_PYTHON names another one)");
+            eprintln!(
+                "skipped: {name} has no `mcap` and `mcap_protobuf` (REEL_PYTHON names another one)"
+            );
             return;
         }
     }
     let output = python(&["-c", SCRIPT, path.to_str().unwrap()]).unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     assert_eq!(output.stdout, b"read\n");
 }

@@ -15,16 +15,24 @@ use reel_world::{
 use tempfile::TempDir;
 
 fn size(png: &[u8]) -> (u32, u32) {
-    let reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+    let reader = png::Decoder::new(std::io::Cursor::new(png))
+        .read_info()
+        .unwrap();
     (reader.info().width, reader.info().height)
 }
 
 #[test]
 fn a_transcript_tells_everything_once() {
     let dir = TempDir::new().unwrap();
-    let play =
-        Play::new("hasty", Family::SUL, 3).nav("table_1").fails("pick", ErrorCode::NoMarkerMap).find("clock").pick(DISTRACTOR);
-    let play = play.thinking(PolicyOutput { reasoning: "Any clock\ntells the time.".into(), ..PolicyOutput::default() });
+    let play = Play::new("hasty", Family::SUL, 3)
+        .nav("table_1")
+        .fails("pick", ErrorCode::NoMarkerMap)
+        .find("clock")
+        .pick(DISTRACTOR);
+    let play = play.thinking(PolicyOutput {
+        reasoning: "Any clock\ntells the time.".into(),
+        ..PolicyOutput::default()
+    });
     let text = transcript(&play.finish().record(dir.path(), Images::None));
     let expected = "\
 episode      hasty-SUL-3
@@ -77,43 +85,95 @@ fn a_sheet_has_a_card_for_every_moment() {
     }
     let (width, height) = size(&sheet);
     assert_eq!(width, 16 + 4 * (320 + 16), "four cards a row");
-    assert!(height > 2 * 290 && height < 3 * 390, "two rows for the start and seven steps: {height}");
+    assert!(
+        height > 2 * 290 && height < 3 * 390,
+        "two rows for the start and seven steps: {height}"
+    );
     assert_eq!(sheet, contact_sheet(&trace).unwrap());
-    let lean = Play::new("lean", Family::FDP, 1).ended(EndReason::Aborted).record(dir.path(), Images::None);
-    assert_eq!(size(&contact_sheet(&lean).unwrap()).0, 16 + 2 * (320 + 16), "a lean trace without a step is still a sheet");
+    let lean = Play::new("lean", Family::FDP, 1)
+        .ended(EndReason::Aborted)
+        .record(dir.path(), Images::None);
+    assert_eq!(
+        size(&contact_sheet(&lean).unwrap()).0,
+        16 + 2 * (320 + 16),
+        "a lean trace without a step is still a sheet"
+    );
 }
 
 #[test]
 fn a_film_has_a_picture_for_every_moment_and_waits_for_the_longer_one() {
     let dir = TempDir::new().unwrap();
     let long = success("oracle", Family::SUL, 1).record(dir.path(), Images::None);
-    let short = Play::new("lean", Family::SUL, 1).nav("table_1").ended(EndReason::Aborted).record(dir.path(), Images::None);
+    let short = Play::new("lean", Family::SUL, 1)
+        .nav("table_1")
+        .ended(EndReason::Aborted)
+        .record(dir.path(), Images::None);
     let grey = |trace: &Trace| vec![vec![90; 640 * 480 * 3]; trace.steps.len() + 1];
     let (a, b) = (grey(&long), grey(&short));
-    let film = Film::new(&[Part { trace: &long, pictures: &a }, Part { trace: &short, pictures: &b }]);
-    assert_eq!((film.width, film.pictures.len()), (2 * 640 + 8, long.steps.len() + 1));
-    assert!(film.height.is_multiple_of(2) && film.pictures.iter().all(|picture| picture.len() == film.width * film.height * 3));
+    let film = Film::new(&[
+        Part {
+            trace: &long,
+            pictures: &a,
+        },
+        Part {
+            trace: &short,
+            pictures: &b,
+        },
+    ]);
+    assert_eq!(
+        (film.width, film.pictures.len()),
+        (2 * 640 + 8, long.steps.len() + 1)
+    );
+    assert!(
+        film.height.is_multiple_of(2)
+            && film
+                .pictures
+                .iter()
+                .all(|picture| picture.len() == film.width * film.height * 3)
+    );
     let right = |moment: usize| -> Vec<u8> {
-        film.pictures[moment].chunks(film.width * 3).flat_map(|row| row[648 * 3..].to_vec()).collect()
+        film.pictures[moment]
+            .chunks(film.width * 3)
+            .flat_map(|row| row[648 * 3..].to_vec())
+            .collect()
     };
-    assert!(right(0) != right(1) && right(1) == right(2), "the shorter one waits in its last picture");
+    assert!(
+        right(0) != right(1) && right(1) == right(2),
+        "the shorter one waits in its last picture"
+    );
     assert_eq!(film.stream().count(), film.pictures.len() + 2);
 
-    let mut gif = gif::DecodeOptions::new().read_info(std::io::Cursor::new(film.gif(2.0).unwrap())).unwrap();
+    let mut gif = gif::DecodeOptions::new()
+        .read_info(std::io::Cursor::new(film.gif(2.0).unwrap()))
+        .unwrap();
     let mut delays = Vec::new();
     while let Some(frame) = gif.read_next_frame().unwrap() {
-        assert_eq!((usize::from(frame.width), usize::from(frame.height)), (film.width, film.height));
+        assert_eq!(
+            (usize::from(frame.width), usize::from(frame.height)),
+            (film.width, film.height)
+        );
         delays.push(frame.delay);
     }
-    assert_eq!((delays.len(), delays[0], *delays.last().unwrap()), (film.pictures.len(), 50, 150));
+    assert_eq!(
+        (delays.len(), delays[0], *delays.last().unwrap()),
+        (film.pictures.len(), 50, 150)
+    );
 }
 
 #[test]
 fn two_episodes_side_by_side() {
     let dir = TempDir::new().unwrap();
-    let a =
-        Play::new("a", Family::SUL, 3).nav("table_1").find("clock").pick(DISTRACTOR).finish().record(dir.path(), Images::None);
-    let b = Play::new("b", Family::SUL, 3).nav("table_1").fails("pick", ErrorCode::NoMarkerMap).find("clock").pick(DISTRACTOR);
+    let a = Play::new("a", Family::SUL, 3)
+        .nav("table_1")
+        .find("clock")
+        .pick(DISTRACTOR)
+        .finish()
+        .record(dir.path(), Images::None);
+    let b = Play::new("b", Family::SUL, 3)
+        .nav("table_1")
+        .fails("pick", ErrorCode::NoMarkerMap)
+        .find("clock")
+        .pick(DISTRACTOR);
     let b = b.finish().record(dir.path(), Images::None);
     let text = side_by_side(&lay_beside(&a, &b).unwrap());
     if std::env::var_os("REEL_TEST_OUTPUT").is_some() {
@@ -121,12 +181,23 @@ fn two_episodes_side_by_side() {
     }
     assert!(text.contains("call 0 is the same"), "{text}");
     let lines: Vec<&str> = text.lines().collect();
-    let row = |what: &str| *lines.iter().find(|line| line.contains(what)).unwrap_or_else(|| panic!("no {what} in\n{text}"));
+    let row = |what: &str| {
+        *lines
+            .iter()
+            .find(|line| line.contains(what))
+            .unwrap_or_else(|| panic!("no {what} in\n{text}"))
+    };
     // Where a call is more on one side, the rest stands beside its like.
-    assert!(row("no_marker_map").trim_start().starts_with("ERROR"), "{text}");
+    assert!(
+        row("no_marker_map").trim_start().starts_with("ERROR"),
+        "{text}"
+    );
     let find = row("show_object_by_category");
     assert_eq!(find.matches("show_object_by_category").count(), 2, "{text}");
-    assert!(lines.iter().all(|line| line.chars().count() <= 58 * 2 + 3), "{text}");
+    assert!(
+        lines.iter().all(|line| line.chars().count() <= 58 * 2 + 3),
+        "{text}"
+    );
 }
 
 #[cfg(feature = "rerun")]
@@ -141,10 +212,24 @@ fn a_recording_is_what_rerun_accepts() {
     }
     let bytes = std::fs::read(&path).unwrap();
     assert_eq!(&bytes[..4], b"RRF2");
-    assert!(bytes.len() > 50_000, "the pictures are in it: {}", bytes.len());
+    assert!(
+        bytes.len() > 50_000,
+        "the pictures are in it: {}",
+        bytes.len()
+    );
     let rerun = std::env::var("REEL_RERUN").unwrap_or_else(|_| "rerun".into());
-    match std::process::Command::new(&rerun).args(["rrd", "verify"]).arg(&path).output() {
-        Err(error) => eprintln!("skipped: {rerun} cannot be run ({error}); REEL_RERUN names another one"),
-        Ok(output) => assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr)),
+    match std::process::Command::new(&rerun)
+        .args(["rrd", "verify"])
+        .arg(&path)
+        .output()
+    {
+        Err(error) => {
+            eprintln!("skipped: {rerun} cannot be run ({error}); REEL_RERUN names another one")
+        }
+        Ok(output) => assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        ),
     }
 }

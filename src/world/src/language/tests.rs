@@ -27,7 +27,16 @@ fn object(category: &str, caption: &str) -> ObjectInstance {
 #[test]
 fn the_best_kind_of_match_wins() {
     use MatchKind::{Exact, Hypernym, Lemma, None, Synonym};
-    let kitchen = ["apple", "pear", "mug", "alarm clock", "clock", "cell phone", "remote control", "bowl"];
+    let kitchen = [
+        "apple",
+        "pear",
+        "mug",
+        "alarm clock",
+        "clock",
+        "cell phone",
+        "remote control",
+        "bowl",
+    ];
     let cases: &[(&str, MatchKind, &[&str])] = &[
         ("clock", Exact, &["clock"]),
         ("alarm clock", Exact, &["alarm clock"]),
@@ -49,11 +58,26 @@ fn the_best_kind_of_match_wins() {
         let expected = (*kind, expected.iter().map(ToString::to_string).collect());
         assert_eq!(categories(query, &kitchen), expected, "{query}");
     }
-    assert_eq!(categories("alarm clock", &["clock", "apple"]), (Hypernym, vec!["clock".into()]));
-    assert_eq!(categories("washing machine", &["washingmachine"]), (Lemma, vec!["washingmachine".into()]));
-    assert_eq!(categories("fridge", &["refrigerator"]), (Synonym, vec!["refrigerator".into()]));
-    assert_eq!(categories("sofa", &["couch"]), (Synonym, vec!["couch".into()]));
-    assert_eq!(categories("gizmo", &["gizmos"]), (Lemma, vec!["gizmos".into()]));
+    assert_eq!(
+        categories("alarm clock", &["clock", "apple"]),
+        (Hypernym, vec!["clock".into()])
+    );
+    assert_eq!(
+        categories("washing machine", &["washingmachine"]),
+        (Lemma, vec!["washingmachine".into()])
+    );
+    assert_eq!(
+        categories("fridge", &["refrigerator"]),
+        (Synonym, vec!["refrigerator".into()])
+    );
+    assert_eq!(
+        categories("sofa", &["couch"]),
+        (Synonym, vec!["couch".into()])
+    );
+    assert_eq!(
+        categories("gizmo", &["gizmos"]),
+        (Lemma, vec!["gizmos".into()])
+    );
 }
 
 #[test]
@@ -66,14 +90,22 @@ fn every_category_of_the_benchmark_has_a_hypernym() {
         teddy bear, timer, tomato, towel, tray, vegetable, watch";
     for category in categories.split(", ") {
         assert!(vocabulary().known(&normal(category)), "{category}");
-        assert!(vocabulary().lineage(&normal(category)).len() > 1, "{category}");
+        assert!(
+            vocabulary().lineage(&normal(category)).len() > 1,
+            "{category}"
+        );
     }
 }
 
 #[test]
 fn captions_give_their_attribute_words_in_order() {
-    let found = attribute_words("Semi-transparent glass bowl, round and shallow, with a grey, light-blue rim; spiral-bound.");
-    assert_eq!(found["colour"], ["semi-transparent", "grey", "light", "blue"]);
+    let found = attribute_words(
+        "Semi-transparent glass bowl, round and shallow, with a grey, light-blue rim; spiral-bound.",
+    );
+    assert_eq!(
+        found["colour"],
+        ["semi-transparent", "grey", "light", "blue"]
+    );
     assert_eq!(found["material"], ["glass"]);
     assert_eq!(found["shape"], ["round", "shallow", "spiral-bound"]);
     assert_eq!(found["size"], ["shallow"]);
@@ -84,16 +116,29 @@ fn captions_give_their_attribute_words_in_order() {
 fn a_precise_instruction_fits_only_its_object() {
     let text = "Head over to white desk in front of a picture, fetch the slender yellow hexagonal pencil with a sharpened tip and \
         pink eraser at the end, and bring it back to the table where we have dinner.";
-    let target = object("pencil", "Slender yellow hexagonal pencil with a sharpened tip and pink eraser at the end.");
+    let target = object(
+        "pencil",
+        "Slender yellow hexagonal pencil with a sharpened tip and pink eraser at the end.",
+    );
     assert!(fits(text, &target, None));
     assert!(!fits(
         text,
-        &object("pencil", "Cylindrical wooden pencil with a sharp tip, smooth finish, and visible graphite core."),
+        &object(
+            "pencil",
+            "Cylindrical wooden pencil with a sharp tip, smooth finish, and visible graphite core."
+        ),
         None
     ));
-    assert!(!fits(text, &object("pen", "Slender yellow pen with a pink cap."), None));
+    assert!(!fits(
+        text,
+        &object("pen", "Slender yellow pen with a pink cap."),
+        None
+    ));
     let orange = "Take a pen from wide desk with orange drawer pulls and put it on the table.";
-    assert!(!fits(orange, &object("orange", "A ripe orange."), None), "an orange drawer is no orange");
+    assert!(
+        !fits(orange, &object("orange", "A ripe orange."), None),
+        "an orange drawer is no orange"
+    );
 }
 
 #[test]
@@ -104,7 +149,11 @@ fn a_fuzzy_instruction_fits_all_that_serve_the_purpose() {
     assert!(fits(text, &object("banana", "Curved yellow banana."), None));
     assert!(!fits(text, &object("pen", "Blue pen."), Some("fruit")));
     let vague = "I need something to write with.";
-    assert!(fits(vague, &object("pencil", "Yellow pencil."), Some("writing instrument")));
+    assert!(fits(
+        vague,
+        &object("pencil", "Yellow pencil."),
+        Some("writing instrument")
+    ));
 }
 
 #[test]
@@ -117,10 +166,19 @@ fn replies_narrow_down() {
         ("I mean the red one.", [true, false, false, true]),
         ("Yes, the crimson apple.", [true, false, false, true]),
         ("No, not the pear.", [true, true, false, true]),
-        ("Not the red one, the green one.", [false, true, false, false]),
-        ("Please bring it to the table where we have dinner.", [true, true, true, true]),
+        (
+            "Not the red one, the green one.",
+            [false, true, false, false],
+        ),
+        (
+            "Please bring it to the table where we have dinner.",
+            [true, true, true, true],
+        ),
         ("Do you mean the wooden apple?", [true, true, false, true]),
-        ("Is it the apple with small speckles?", [false, true, false, true]),
+        (
+            "Is it the apple with small speckles?",
+            [false, true, false, true],
+        ),
     ];
     for (text, expected) in cases {
         let found = [&red, &green, &pear, &unknown].map(|object| fits(text, object, None));
@@ -130,10 +188,23 @@ fn replies_narrow_down() {
 
 #[test]
 fn a_quoted_caption_settles_it() {
-    let bear = object("teddy bear", "A teddy bear figure with a round body, outstretched arms.");
-    assert!(fits("Transport the a teddy bear figure with a round body, outstretched arms at bed to the table.", &bear, None));
-    assert!(quotes("put it on The Rounded, rectangular table!", "the rounded rectangular table"));
-    assert!(!quotes("the rounded table", "the rounded rectangular table"));
+    let bear = object(
+        "teddy bear",
+        "A teddy bear figure with a round body, outstretched arms.",
+    );
+    assert!(fits(
+        "Transport the a teddy bear figure with a round body, outstretched arms at bed to the table.",
+        &bear,
+        None
+    ));
+    assert!(quotes(
+        "put it on The Rounded, rectangular table!",
+        "the rounded rectangular table"
+    ));
+    assert!(!quotes(
+        "the rounded table",
+        "the rounded rectangular table"
+    ));
 }
 
 proptest! {

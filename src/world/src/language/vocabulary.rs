@@ -1,5 +1,5 @@
-//! The committed vocabulary: synonyms, hypernyms and attribute words, read from the two files of `data/`.
-//! Never matches anything by itself.
+//! The committed vocabulary: synonyms, hypernyms and attribute words, read from the two files of
+//! `data/`. Never matches anything by itself.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -22,8 +22,10 @@ pub(super) struct Vocabulary {
 /// Attribute words (`data/attributes.txt`): kind -> word -> the word it means the same as.
 pub(super) type AttributeTable = BTreeMap<String, BTreeMap<String, String>>;
 
-static VOCABULARY: LazyLock<Vocabulary> = LazyLock::new(|| Vocabulary::parse(include_str!("../../data/vocabulary.txt")));
-static ATTRIBUTES: LazyLock<AttributeTable> = LazyLock::new(|| parse_attributes(include_str!("../../data/attributes.txt")));
+static VOCABULARY: LazyLock<Vocabulary> =
+    LazyLock::new(|| Vocabulary::parse(include_str!("../../data/vocabulary.txt")));
+static ATTRIBUTES: LazyLock<AttributeTable> =
+    LazyLock::new(|| parse_attributes(include_str!("../../data/attributes.txt")));
 
 /// The committed vocabulary.
 pub(super) fn vocabulary() -> &'static Vocabulary {
@@ -42,12 +44,20 @@ impl Vocabulary {
         for [name, synonyms, _] in &rows {
             for word in name.iter().chain(synonyms) {
                 let other = vocabulary.canonical.insert(word.clone(), name[0].clone());
-                assert!(other.is_none_or(|other| other == name[0]), "vocabulary.txt: \"{word}\" means two things");
-                vocabulary.compact.insert(word.replace(' ', ""), name[0].clone());
+                assert!(
+                    other.is_none_or(|other| other == name[0]),
+                    "vocabulary.txt: \"{word}\" means two things"
+                );
+                vocabulary
+                    .compact
+                    .insert(word.replace(' ', ""), name[0].clone());
             }
         }
         for [name, _, hypernyms] in rows {
-            let parents = hypernyms.iter().map(|word| vocabulary.canonical(word)).collect();
+            let parents = hypernyms
+                .iter()
+                .map(|word| vocabulary.canonical(word))
+                .collect();
             vocabulary.parents.insert(name[0].clone(), parents);
         }
         vocabulary
@@ -65,15 +75,23 @@ impl Vocabulary {
 
     /// The canonical name of a name in normal form; the name itself where it is unknown.
     pub(super) fn canonical(&self, name: &str) -> String {
-        let found = self.canonical.get(name).or_else(|| self.compact.get(&name.replace(' ', "")));
+        let found = self
+            .canonical
+            .get(name)
+            .or_else(|| self.compact.get(&name.replace(' ', "")));
         found.cloned().unwrap_or_else(|| name.to_owned())
     }
 
-    /// What a thing is: its canonical name, its head nouns as far as they are known, and all hypernyms of these.
+    /// What a thing is: its canonical name, its head nouns as far as they are known, and all
+    /// hypernyms of these.
     pub(super) fn lineage(&self, name: &str) -> BTreeSet<String> {
         let mut open = vec![self.canonical(name)];
         if !self.known(name) {
-            open.extend(heads(name).filter(|head| self.known(head)).map(|head| self.canonical(head)));
+            open.extend(
+                heads(name)
+                    .filter(|head| self.known(head))
+                    .map(|head| self.canonical(head)),
+            );
         }
         let mut lineage = BTreeSet::new();
         while let Some(next) = open.pop() {
@@ -84,29 +102,47 @@ impl Vocabulary {
     }
 }
 
-/// The name without its first word, its first two words, and so on: `old alarm clock` gives `alarm clock`, `clock`.
+/// The name without its first word, its first two words, and so on: `old alarm clock` gives `alarm
+/// clock`, `clock`.
 pub(super) fn heads(name: &str) -> impl Iterator<Item = &str> {
     name.match_indices(' ').map(|(space, _)| &name[space + 1..])
 }
 
 fn lines(text: &str) -> impl Iterator<Item = &str> {
-    text.lines().map(|line| line.split('#').next().unwrap_or_default().trim()).filter(|line| !line.is_empty())
+    text.lines()
+        .map(|line| line.split('#').next().unwrap_or_default().trim())
+        .filter(|line| !line.is_empty())
 }
 
 fn row(line: &str) -> [Vec<String>; 3] {
-    let mut columns = line.split('|').map(|column| column.split(',').map(normal).filter(|word| !word.is_empty()).collect());
+    let mut columns = line.split('|').map(|column| {
+        column
+            .split(',')
+            .map(normal)
+            .filter(|word| !word.is_empty())
+            .collect()
+    });
     let columns: [Vec<String>; 3] = [(); 3].map(|()| columns.next().unwrap_or_default());
-    assert_eq!(columns[0].len(), 1, "vocabulary.txt: one name a line, in \"{line}\"");
+    assert_eq!(
+        columns[0].len(),
+        1,
+        "vocabulary.txt: one name a line, in \"{line}\""
+    );
     columns
 }
 
 fn parse_attributes(text: &str) -> AttributeTable {
     let mut table = AttributeTable::new();
     for line in lines(text) {
-        let (kind, words) = line.split_once(':').unwrap_or_else(|| panic!("attributes.txt: no kind in \"{line}\""));
+        let (kind, words) = line
+            .split_once(':')
+            .unwrap_or_else(|| panic!("attributes.txt: no kind in \"{line}\""));
         for word in words.split(',').map(str::trim) {
             let (word, same) = word.split_once('=').unwrap_or((word, word));
-            table.entry(kind.to_owned()).or_default().insert(word.to_owned(), same.to_owned());
+            table
+                .entry(kind.to_owned())
+                .or_default()
+                .insert(word.to_owned(), same.to_owned());
         }
     }
     table
@@ -120,8 +156,17 @@ mod tests {
     fn hypernyms_chain() {
         let vocabulary = vocabulary();
         let lineage = vocabulary.lineage("alarm clock");
-        assert!(["alarm clock", "clock", "timekeeping device"].iter().all(|name| lineage.contains(*name)), "{lineage:?}");
-        assert!(vocabulary.lineage("golden delicious apple").contains("food"));
+        assert!(
+            ["alarm clock", "clock", "timekeeping device"]
+                .iter()
+                .all(|name| lineage.contains(*name)),
+            "{lineage:?}"
+        );
+        assert!(
+            vocabulary
+                .lineage("golden delicious apple")
+                .contains("food")
+        );
     }
 
     #[test]
@@ -129,8 +174,14 @@ mod tests {
         let vocabulary = vocabulary();
         for (name, parents) in &vocabulary.parents {
             for parent in parents {
-                assert!(vocabulary.known(parent), "{name}: hypernym {parent} has no line of its own");
-                assert!(!vocabulary.lineage(parent).contains(name), "{name} is its own hypernym through {parent}");
+                assert!(
+                    vocabulary.known(parent),
+                    "{name}: hypernym {parent} has no line of its own"
+                );
+                assert!(
+                    !vocabulary.lineage(parent).contains(name),
+                    "{name} is its own hypernym through {parent}"
+                );
             }
         }
         assert!(vocabulary.parents.len() > 150);
@@ -141,7 +192,10 @@ mod tests {
         for (kind, words) in attributes() {
             for same in words.values() {
                 let known = words.get(same).is_none_or(|again| again == same);
-                assert!(known, "{kind}: {same} is itself only another word for something");
+                assert!(
+                    known,
+                    "{kind}: {same} is itself only another word for something"
+                );
             }
         }
     }

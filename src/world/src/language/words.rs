@@ -45,15 +45,22 @@ pub(super) fn tokens(text: &str) -> Vec<Token> {
     found
 }
 
-/// The words of a text in lower case, without punctuation: `"Two Spiral-bound notebooks!"` gives `two`, `spiral`, `bound`,
-/// `notebooks`.
+/// The words of a text in lower case, without punctuation: `"Two Spiral-bound notebooks!"` gives
+/// `two`, `spiral`, `bound`, `notebooks`.
 pub fn words(text: &str) -> Vec<String> {
-    let word = |token| if let Token::Word(word) = token { Some(word) } else { None };
+    let word = |token| {
+        if let Token::Word(word) = token {
+            Some(word)
+        } else {
+            None
+        }
+    };
     tokens(text).into_iter().filter_map(word).collect()
 }
 
-/// The singular of a lower-case noun by the rules -ies, -ves, -es and -s, and a few irregular ones. Words that are no plurals
-/// come back as they are, or with an ending cut that every form of the word loses alike.
+/// The singular of a lower-case noun by the rules -ies, -ves, -es and -s, and a few irregular ones.
+/// Words that are no plurals come back as they are, or with an ending cut that every form of the
+/// word loses alike.
 pub fn lemma(word: &str) -> String {
     const IRREGULAR: [(&str, &str); 9] = [
         ("knives", "knife"),
@@ -76,26 +83,40 @@ pub fn lemma(word: &str) -> String {
         return format!("{stem}y");
     }
     if let Some(stem) = word.strip_suffix("es")
-        && ["ss", "x", "z", "ch", "sh", "o"].iter().any(|ending| stem.ends_with(ending))
+        && ["ss", "x", "z", "ch", "sh", "o"]
+            .iter()
+            .any(|ending| stem.ends_with(ending))
         && stem.chars().count() > 2
     {
         return stem.to_owned();
     }
     match word.strip_suffix('s') {
-        Some(stem) if stem.chars().count() > 1 && !stem.ends_with(['s', 'u', 'i']) => stem.to_owned(),
+        Some(stem) if stem.chars().count() > 1 && !stem.ends_with(['s', 'u', 'i']) => {
+            stem.to_owned()
+        }
         _ => word.to_owned(),
     }
 }
 
-/// The lemmas of a name, joined by spaces, without leading articles: the form in which names are compared.
+/// The lemmas of a name, joined by spaces, without leading articles: the form in which names are
+/// compared.
 pub(super) fn normal(name: &str) -> String {
     let words = words(name);
-    let first = words.iter().position(|word| !ARTICLES.contains(&word.as_str())).unwrap_or(0);
-    words[first..].iter().map(|word| lemma(word)).collect::<Vec<_>>().join(" ")
+    let first = words
+        .iter()
+        .position(|word| !ARTICLES.contains(&word.as_str()))
+        .unwrap_or(0);
+    words[first..]
+        .iter()
+        .map(|word| lemma(word))
+        .collect::<Vec<_>>()
+        .join(" ")
 }
 
 /// Words that open a noun phrase and carry no description.
-pub(super) const ARTICLES: [&str; 12] = ["a", "an", "the", "my", "your", "our", "some", "any", "this", "that", "these", "those"];
+pub(super) const ARTICLES: [&str; 12] = [
+    "a", "an", "the", "my", "your", "our", "some", "any", "this", "that", "these", "those",
+];
 
 #[cfg(test)]
 mod tests {

@@ -19,10 +19,11 @@ const STORE: [&str; 1] = ["store"];
 #[cfg(not(feature = "analytics"))]
 const STORE: [&str; 0] = [];
 
-/// Measure why episodes failed. From every step of an episode reel computes how many decisions a competent agent that knows
-/// what this agent knew still needs at worst: it looks before it picks, asks where several things fit, and puts back what was
-/// taken by mistake. A step that loses decisions has a regret; the decisive step is the first harm that was never repaid.
-/// Then a competent agent takes over at that step, which is verified by a replay where the branch is kept.
+/// Measure why episodes failed. From every step of an episode reel computes how many decisions a
+/// competent agent that knows what this agent knew still needs at worst: it looks before it picks,
+/// asks where several things fit, and puts back what was taken by mistake. A step that loses
+/// decisions has a regret; the decisive step is the first harm that was never repaid. Then a
+/// competent agent takes over at that step, which is verified by a replay where the branch is kept.
 ///
 /// Examples:
 ///   reel blame trace.mcap                        # the decisive step, why, and what would have been better
@@ -32,8 +33,10 @@ const STORE: [&str; 0] = [];
 ///   reel blame --store store && reel query --store store "SELECT cause, count(*) FROM blame GROUP BY cause"
 ///   reel blame faulty --labels                   # how often it is right, on what `reel faults run` wrote
 ///
-/// Costs and regrets are in decisions; `knowing` is the cost for one who knows besides which receptacles are meant. Causes: perception (the wrong candidate, although its look told it apart),
-/// communication (nobody was asked although several fitted), memory (against what was known), other.
+/// Costs and regrets are in decisions; `knowing` is the cost for one who knows besides which
+/// receptacles are meant. Causes: perception (the wrong candidate, although its look told it
+/// apart), communication (nobody was asked although several fitted), memory (against what was
+/// known), other.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -72,7 +75,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let mut store = arguments.store.as_ref().map(Store::open).transpose()?;
     #[cfg(feature = "analytics")]
     let paths = match &store {
-        Some(store) => store.failed_traces()?.into_iter().map(PathBuf::from).collect(),
+        Some(store) => store
+            .failed_traces()?
+            .into_iter()
+            .map(PathBuf::from)
+            .collect(),
         None => inputs::traces(&arguments.paths)?,
     };
     #[cfg(not(feature = "analytics"))]
@@ -81,12 +88,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         std::fs::create_dir_all(folder)?;
     }
     let bar = progress::bar(paths.len(), "blame");
-    let options = Options { alternatives: !arguments.no_alternatives, branches: arguments.branches.clone() };
-    let measured = match arguments.elsewhere.each("blame", &asked(&options), &paths, |more| bar.inc(more))? {
-        Some(answers) => {
-            answers.into_iter().zip(&paths).map(|(answer, path)| received(answer, path, &options)).collect::<Result<_, _>>()?
-        }
-        None => blame_all(&paths, inputs::workers(arguments.jobs), &options, || bar.inc(1)),
+    let options = Options {
+        alternatives: !arguments.no_alternatives,
+        branches: arguments.branches.clone(),
+    };
+    let measured = match arguments
+        .elsewhere
+        .each("blame", &asked(&options), &paths, |more| bar.inc(more))?
+    {
+        Some(answers) => answers
+            .into_iter()
+            .zip(&paths)
+            .map(|(answer, path)| received(answer, path, &options))
+            .collect::<Result<_, _>>()?,
+        None => blame_all(&paths, inputs::workers(arguments.jobs), &options, || {
+            bar.inc(1)
+        }),
     };
     bar.finish_and_clear();
     let mut unreadable = false;
@@ -111,7 +128,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             print_summary(&measured);
             println!("kept in table `blame` of {}", store.location());
         }
-        return Ok(if unreadable { Answer::Loss } else { Answer::Yes });
+        return Ok(if unreadable {
+            Answer::Loss
+        } else {
+            Answer::Yes
+        });
     }
     if arguments.labels && !arguments.json {
         evaluation::print(&measured)?;
@@ -129,22 +150,34 @@ struct Answered {
     branch: Option<String>,
 }
 
-/// What an executor is asked: whether alternatives are played, and whether their branches are wanted.
+/// What an executor is asked: whether alternatives are played, and whether their branches are
+/// wanted.
 fn asked(options: &Options) -> (bool, bool) {
     (options.alternatives, options.branches.is_some())
 }
 
 /// What an executor said, with trace and branch where they are here.
-fn received(answer: Answered, trace: &Path, options: &Options) -> anyhow::Result<Result<Measured, String>> {
+fn received(
+    answer: Answered,
+    trace: &Path,
+    options: &Options,
+) -> anyhow::Result<Result<Measured, String>> {
     let mut measured = match answer.measured {
         Ok(measured) => measured,
         Err(reason) => return Ok(Err(reason)),
     };
     measured.trace = trace.to_owned();
-    let there = measured.alternative.as_mut().and_then(|found| found.trace.as_mut());
+    let there = measured
+        .alternative
+        .as_mut()
+        .and_then(|found| found.trace.as_mut());
     if let (Some(folder), Some(path), Some(bytes)) = (&options.branches, there, answer.branch) {
-        *path = folder.join(path.file_name().context("the branch of an executor has no name")?);
-        std::fs::write(&*path, BASE64.decode(bytes)?).with_context(|| format!("cannot write {}", path.display()))?;
+        *path = folder.join(
+            path.file_name()
+                .context("the branch of an executor has no name")?,
+        );
+        std::fs::write(&*path, BASE64.decode(bytes)?)
+            .with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(Ok(measured))
 }
@@ -153,15 +186,30 @@ fn received(answer: Answered, trace: &Path, options: &Options) -> anyhow::Result
 #[cfg(feature = "cluster")]
 pub fn work() -> reel_cluster::Work {
     crate::elsewhere::work("blame", |traces, (alternatives, branches): (bool, bool)| {
-        let folder = branches.then(tempfile::tempdir).transpose().map_err(|error| error.to_string())?;
-        let options = Options { alternatives, branches: folder.as_ref().map(|folder| folder.path().to_owned()) };
+        let folder = branches
+            .then(tempfile::tempdir)
+            .transpose()
+            .map_err(|error| error.to_string())?;
+        let options = Options {
+            alternatives,
+            branches: folder.as_ref().map(|folder| folder.path().to_owned()),
+        };
         let answered = |measured: Result<Measured, String>| {
-            let kept = measured.as_ref().ok().and_then(|one| one.alternative.as_ref()?.trace.as_ref());
-            let branch =
-                kept.map(std::fs::read).transpose().map_err(|error| error.to_string())?.map(|bytes| BASE64.encode(bytes));
+            let kept = measured
+                .as_ref()
+                .ok()
+                .and_then(|one| one.alternative.as_ref()?.trace.as_ref());
+            let branch = kept
+                .map(std::fs::read)
+                .transpose()
+                .map_err(|error| error.to_string())?
+                .map(|bytes| BASE64.encode(bytes));
             Ok(Answered { measured, branch })
         };
-        blame_all(traces, 1, &options, || ()).into_iter().map(answered).collect()
+        blame_all(traces, 1, &options, || ())
+            .into_iter()
+            .map(answered)
+            .collect()
     })
 }
 
@@ -184,18 +232,33 @@ pub fn tell(store: &str, jobs: Option<usize>) -> anyhow::Result<()> {
 }
 
 fn print(measured: &Measured, trace: &Trace, steps: bool) {
-    let Measured { blame, alternative, no_alternative, .. } = measured;
+    let Measured {
+        blame,
+        alternative,
+        no_alternative,
+        ..
+    } = measured;
     let how = match blame.success {
         Some(true) => "succeeded",
         Some(false) => "failed",
         None => "broken off",
     };
-    println!("{}: {how} after {} calls, {} decisions lost", measured.trace.display(), trace.steps.len(), blame.wasted);
+    println!(
+        "{}: {how} after {} calls, {} decisions lost",
+        measured.trace.display(),
+        trace.steps.len(),
+        blame.wasted
+    );
     if steps {
         print_steps(blame, trace);
     }
-    let Some(decisive) = &blame.decisive else { return };
-    println!("  decisive  call {}  {}   {}", decisive.step, decisive.call, decisive.outcome);
+    let Some(decisive) = &blame.decisive else {
+        return;
+    };
+    println!(
+        "  decisive  call {}  {}   {}",
+        decisive.step, decisive.call, decisive.outcome
+    );
     println!("  why       {}", decisive.why);
     println!("  cause     {}", cause(decisive.cause));
     match (alternative, no_alternative) {
@@ -204,9 +267,16 @@ fn print(measured: &Measured, trace: &Trace, steps: bool) {
                 "planner" => "a competent agent goes on and succeeds",
                 _ => "only the oracle, which knows the truth, goes on and succeeds",
             };
-            println!("  better    {}; {who} after {} calls", decisive.advice, found.length);
+            println!(
+                "  better    {}; {who} after {} calls",
+                decisive.advice, found.length
+            );
             if let Some(path) = &found.trace {
-                let verdict = if found.verified { "replays exactly" } else { "DOES NOT REPLAY EXACTLY" };
+                let verdict = if found.verified {
+                    "replays exactly"
+                } else {
+                    "DOES NOT REPLAY EXACTLY"
+                };
                 println!("  branch    {}: {verdict}", path.display());
             }
         }
@@ -215,7 +285,9 @@ fn print(measured: &Measured, trace: &Trace, steps: bool) {
     }
     match (blame.repairable_at_end, blame.point_of_no_return) {
         (true, _) => println!("  in time   success was to be had for sure up to the last call"),
-        (false, Some(step)) => println!("  in time   after call {step} success could no longer be had for sure"),
+        (false, Some(step)) => {
+            println!("  in time   after call {step} success could no longer be had for sure")
+        }
         (false, None) => {}
     }
 }
@@ -223,7 +295,12 @@ fn print(measured: &Measured, trace: &Trace, steps: bool) {
 /// A row of table `blame`.
 #[cfg(feature = "analytics")]
 fn stored(measured: &Measured) -> Blamed {
-    let Measured { blame, alternative, no_alternative, .. } = measured;
+    let Measured {
+        blame,
+        alternative,
+        no_alternative,
+        ..
+    } = measured;
     let decisive = blame.decisive.as_ref();
     let small = |number: u32| i32::try_from(number).unwrap_or(i32::MAX);
     Blamed {
@@ -244,7 +321,9 @@ fn stored(measured: &Measured) -> Blamed {
         other: blame.shares.other,
         alternative: alternative.as_ref().map(|found| found.policy.clone()),
         alternative_length: alternative.as_ref().map(|found| small(found.length)),
-        alternative_trace: alternative.as_ref().and_then(|found| Some(found.trace.as_ref()?.display().to_string())),
+        alternative_trace: alternative
+            .as_ref()
+            .and_then(|found| Some(found.trace.as_ref()?.display().to_string())),
         verified: alternative.as_ref().is_some_and(|found| found.verified),
         reason: no_alternative.clone(),
     }
@@ -252,12 +331,28 @@ fn stored(measured: &Measured) -> Blamed {
 
 fn print_steps(blame: &Blame, trace: &Trace) {
     println!("  call  cost  after  regret  knowing");
-    let number = |number: Option<u32>| number.map_or_else(|| "-".to_owned(), |number| number.to_string());
+    let number =
+        |number: Option<u32>| number.map_or_else(|| "-".to_owned(), |number| number.to_string());
     for (step, cost) in trace.steps.iter().zip(&blame.costs) {
-        let regret = cost.regret.map_or_else(|| "-".to_owned(), |lost| if lost == 0 { String::new() } else { lost.to_string() });
-        let error = step.outcome.error.map_or_else(String::new, |code| format!("   {code}"));
+        let regret = cost.regret.map_or_else(
+            || "-".to_owned(),
+            |lost| {
+                if lost == 0 {
+                    String::new()
+                } else {
+                    lost.to_string()
+                }
+            },
+        );
+        let error = step
+            .outcome
+            .error
+            .map_or_else(String::new, |code| format!("   {code}"));
         let [before, after, knowing] = [cost.before, cost.after, cost.hindsight].map(number);
-        println!("  {:>4} {before:>5} {after:>6} {regret:>7} {knowing:>8}   {}{error}", step.step, step.input.call);
+        println!(
+            "  {:>4} {before:>5} {after:>6} {regret:>7} {knowing:>8}   {}{error}",
+            step.step, step.input.call
+        );
     }
 }
 
@@ -271,21 +366,44 @@ fn cause(cause: Cause) -> &'static str {
 }
 
 fn print_summary(measured: &[Measured]) {
-    let failed: Vec<&Measured> = measured.iter().filter(|one| one.blame.success == Some(false)).collect();
+    let failed: Vec<&Measured> = measured
+        .iter()
+        .filter(|one| one.blame.success == Some(false))
+        .collect();
     println!("{} of {} episodes failed", failed.len(), measured.len());
-    let better = failed.iter().filter(|one| one.alternative.is_some()).count();
-    let verified = failed.iter().filter(|one| one.alternative.as_ref().is_some_and(|found| found.verified)).count();
-    let in_time = failed.iter().filter(|one| one.blame.repairable_at_end).count();
+    let better = failed
+        .iter()
+        .filter(|one| one.alternative.is_some())
+        .count();
+    let verified = failed
+        .iter()
+        .filter(|one| one.alternative.as_ref().is_some_and(|found| found.verified))
+        .count();
+    let in_time = failed
+        .iter()
+        .filter(|one| one.blame.repairable_at_end)
+        .count();
     // Only branches that are kept are replayed.
-    let verified = if verified > 0 { format!(" ({verified} replayed exactly)") } else { String::new() };
-    println!("  in {better} the alternative succeeds{verified}, in {in_time} success was to be had to the end");
-    let shares = |share: fn(&Blame) -> f64| failed.iter().map(|one| share(&one.blame)).sum::<f64>() / failed.len() as f64;
+    let verified = if verified > 0 {
+        format!(" ({verified} replayed exactly)")
+    } else {
+        String::new()
+    };
+    println!(
+        "  in {better} the alternative succeeds{verified}, in {in_time} success was to be had to the end"
+    );
+    let shares = |share: fn(&Blame) -> f64| {
+        failed.iter().map(|one| share(&one.blame)).sum::<f64>() / failed.len() as f64
+    };
     for (name, share) in [
         ("perception", shares(|blame| blame.shares.perception)),
         ("communication", shares(|blame| blame.shares.communication)),
         ("memory", shares(|blame| blame.shares.memory)),
         ("other", shares(|blame| blame.shares.other)),
     ] {
-        println!("  {name:<14} {:>5.1}% of what was lost for good", 100.0 * share);
+        println!(
+            "  {name:<14} {:>5.1}% of what was lost for good",
+            100.0 * share
+        );
     }
 }

@@ -32,13 +32,17 @@ pub struct Arguments {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    #[command(about = "Supervised training sets: what the agent saw before a decision, and what it should do")]
+    #[command(
+        about = "Supervised training sets: what the agent saw before a decision, and what it should do"
+    )]
     #[cfg(feature = "analytics")]
     Sft(Box<sft::Arguments>),
     #[command(about = "Rollout groups for reinforcement learning: rewards, returns and advantages")]
     #[cfg(feature = "analytics")]
     Rl(Box<rl::Arguments>),
-    #[command(about = "Preference pairs: failed decisions beside their smallest repairs, and value targets")]
+    #[command(
+        about = "Preference pairs: failed decisions beside their smallest repairs, and value targets"
+    )]
     #[cfg(feature = "analytics")]
     Preferences(preferences::Arguments),
     #[command(about = "Traces as the eval_output that REAL's published agents write")]
@@ -99,12 +103,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
             if *json {
                 println!("{}", json!({ "out": out }));
             } else {
-                println!("{}: open it with `rerun {0}`; `reel view` needs no Rerun", out.display());
+                println!(
+                    "{}: open it with `rerun {0}`; `reel view` needs no Rerun",
+                    out.display()
+                );
             }
             Ok(Answer::Yes)
         }
         Command::Sheet { trace, out, json } => {
-            std::fs::write(out, reel_view::contact_sheet(&reel_trace::Trace::read(trace)?)?)?;
+            std::fs::write(
+                out,
+                reel_view::contact_sheet(&reel_trace::Trace::read(trace)?)?,
+            )?;
             if *json {
                 println!("{}", json!({ "out": out }));
             } else {

@@ -1,4 +1,5 @@
-//! `reel export preferences`: failed episodes beside their smallest repairs, as pairs, and what every moment still cost.
+//! `reel export preferences`: failed episodes beside their smallest repairs, as pairs, and what
+//! every moment still cost.
 
 use std::{
     collections::BTreeMap,
@@ -22,17 +23,19 @@ use crate::{Answer, inputs, progress};
 /// Discount of the value targets (paper, Training Objective).
 const GAMMA: f64 = 0.99;
 
-/// Preference pairs from the failed episodes of a store: each is repaired by the smallest change of its calls, replayed, and
-/// becomes a pair at the first call that differs: the same prompt, the repaired decision chosen, the recorded one rejected
-/// (`preferences.jsonl`, prompt/chosen/rejected as TRL loads them). `values.jsonl` has the cost-to-go of every step of both:
-/// the decisions that a competent agent needed at worst, and 0.99 to that power as a value target.
+/// Preference pairs from the failed episodes of a store: each is repaired by the smallest change of
+/// its calls, replayed, and becomes a pair at the first call that differs: the same prompt, the
+/// repaired decision chosen, the recorded one rejected (`preferences.jsonl`, prompt/chosen/rejected
+/// as TRL loads them). `values.jsonl` has the cost-to-go of every step of both: the decisions that
+/// a competent agent needed at worst, and 0.99 to that power as a value target.
 ///
 /// Example:
 ///   reel ingest traces --store store
 ///   reel export preferences --store store --out preferences
 ///   python -c "import datasets; print(datasets.load_dataset('json', data_files='preferences/preferences.jsonl'))"
 ///
-/// An episode that does not replay bit for bit, or that nothing repairs, gives no pair; the report says why.
+/// An episode that does not replay bit for bit, or that nothing repairs, gives no pair; the report
+/// says why.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -71,16 +74,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         bail!("the folder {} is not empty", out.display());
     }
     let traces = out.join("traces");
-    fs::create_dir_all(&traces).with_context(|| format!("cannot make the folder {}", traces.display()))?;
+    fs::create_dir_all(&traces)
+        .with_context(|| format!("cannot make the folder {}", traces.display()))?;
     let failed = Store::open(&arguments.store)?.failed_traces()?;
     let bar = progress::bar(failed.len(), "repair");
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(arguments.jobs)).build()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(inputs::workers(arguments.jobs))
+        .build()?;
     let one = |path: &String| {
-        let made = pair(Path::new(path), &traces).map_err(|reason| (path.clone(), format!("{reason:#}")));
+        let made =
+            pair(Path::new(path), &traces).map_err(|reason| (path.clone(), format!("{reason:#}")));
         bar.inc(1);
         made
     };
-    let made: Vec<Result<Pair, (String, String)>> = pool.install(|| failed.par_iter().with_max_len(1).map(one).collect());
+    let made: Vec<Result<Pair, (String, String)>> =
+        pool.install(|| failed.par_iter().with_max_len(1).map(one).collect());
     bar.finish_and_clear();
     let (mut pairs, mut refused) = (Vec::new(), Vec::new());
     for made in made {
@@ -91,11 +99,21 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
     let count = pool.install(|| write(arguments, &pairs, &mut refused))?;
     if arguments.json {
-        let refused: Vec<Value> = refused.iter().map(|(trace, reason)| json!({ "trace": trace, "reason": reason })).collect();
-        println!("{}", json!({ "failed": failed.len(), "pairs": count, "refused": refused, "out": out }));
+        let refused: Vec<Value> = refused
+            .iter()
+            .map(|(trace, reason)| json!({ "trace": trace, "reason": reason }))
+            .collect();
+        println!(
+            "{}",
+            json!({ "failed": failed.len(), "pairs": count, "refused": refused, "out": out })
+        );
         return Ok(Answer::Yes);
     }
-    println!("{count} pairs of {} failed episodes in {}", failed.len(), out.display());
+    println!(
+        "{count} pairs of {} failed episodes in {}",
+        failed.len(),
+        out.display()
+    );
     for (trace, reason) in refused {
         println!("  none of {trace}: {reason}");
     }
@@ -110,20 +128,35 @@ fn pair(path: &Path, traces: &Path) -> anyhow::Result<Pair> {
     }
     let blame = blame(&failed);
     let decisive = blame.decisive.as_ref().context("nothing was lost in it")?;
-    let name = path.file_stem().map_or_else(|| "trace".into(), |stem| stem.to_string_lossy().into_owned());
+    let name = path.file_stem().map_or_else(
+        || "trace".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
     let record = traces.join(format!("{name}--repaired.mcap"));
     let repair = repair(&failed, decisive, Some(&record))?.map_err(anyhow::Error::msg)?;
     if !repair.verified {
         bail!("its repair does not replay exactly");
     }
-    Ok(Pair { repaired: Trace::read(&record)?, failed, blame, repair })
+    Ok(Pair {
+        repaired: Trace::read(&record)?,
+        failed,
+        blame,
+        repair,
+    })
 }
 
 /// Makes the examples of all these episodes with the exporter of training sets, and pairs them.
-fn write(arguments: &Arguments, pairs: &[Pair], refused: &mut Vec<(String, String)>) -> anyhow::Result<usize> {
+fn write(
+    arguments: &Arguments,
+    pairs: &[Pair],
+    refused: &mut Vec<(String, String)>,
+) -> anyhow::Result<usize> {
     let Arguments { out, .. } = arguments;
     let (work, examples) = (out.join(".store"), out.join(".examples"));
-    let paths: Vec<PathBuf> = pairs.iter().flat_map(|pair| [pair.failed.path.clone(), pair.repaired.path.clone()]).collect();
+    let paths: Vec<PathBuf> = pairs
+        .iter()
+        .flat_map(|pair| [pair.failed.path.clone(), pair.repaired.path.clone()])
+        .collect();
     let mut store = Store::open_or_create(&work)?;
     store.ingest(&paths, &|_, _| ())?;
     reel_export::export(&store, &examples, &options(arguments), &|_| (), &|_| ())?;
@@ -132,7 +165,8 @@ fn write(arguments: &Arguments, pairs: &[Pair], refused: &mut Vec<(String, Strin
     let mut values = BufWriter::new(fs::File::create(out.join("values.jsonl"))?);
     let mut count = 0;
     for pair in pairs {
-        let row = |trace: &Trace| rows.get(&format!("{}/{}", trace.header.episode_id, pair.repair.at));
+        let row =
+            |trace: &Trace| rows.get(&format!("{}/{}", trace.header.episode_id, pair.repair.at));
         if let (Some(rejected), Some(chosen)) = (row(&pair.failed), row(&pair.repaired)) {
             writeln!(preferences, "{}", preference(pair, rejected, chosen))?;
             count += 1;
@@ -140,7 +174,10 @@ fn write(arguments: &Arguments, pairs: &[Pair], refused: &mut Vec<(String, Strin
             let reason = format!("only one of the two has a decision {}", pair.repair.at);
             refused.push((pair.failed.path.display().to_string(), reason));
         }
-        for (trace, measured) in [(&pair.failed, &pair.blame), (&pair.repaired, &blame(&pair.repaired))] {
+        for (trace, measured) in [
+            (&pair.failed, &pair.blame),
+            (&pair.repaired, &blame(&pair.repaired)),
+        ] {
             for cost in &measured.costs {
                 let value = cost.before.map_or(0.0, |cost| GAMMA.powi(cost as i32));
                 writeln!(
@@ -185,7 +222,10 @@ fn rows(folder: &Path) -> anyhow::Result<BTreeMap<String, Value>> {
     for entry in fs::read_dir(parts)? {
         for line in fs::read_to_string(entry?.path())?.lines() {
             let row: Value = serde_json::from_str(line)?;
-            let name = row["provenance"]["example"].as_str().unwrap_or_default().to_owned();
+            let name = row["provenance"]["example"]
+                .as_str()
+                .unwrap_or_default()
+                .to_owned();
             rows.insert(name, row);
         }
     }
@@ -195,9 +235,19 @@ fn rows(folder: &Path) -> anyhow::Result<BTreeMap<String, Value>> {
 fn options(arguments: &Arguments) -> ExportOptions {
     let pixels_max = (arguments.pixels > 0).then_some(arguments.pixels);
     ExportOptions {
-        selection: Selection { failed: true, mistakes: true, after_decisive: true, contradictions: true, ..Selection::default() },
+        selection: Selection {
+            failed: true,
+            mistakes: true,
+            after_decisive: true,
+            contradictions: true,
+            ..Selection::default()
+        },
         writer: WriterOptions {
-            pictures: PictureOptions { encoding: Encoding::Png, pixels_max, ..PictureOptions::default() },
+            pictures: PictureOptions {
+                encoding: Encoding::Png,
+                pixels_max,
+                ..PictureOptions::default()
+            },
             ..WriterOptions::new(Format::Trl)
         },
         style: Style::SingleTurn,

@@ -20,8 +20,9 @@ use crate::{Answer, inputs, progress};
 ///   obs/images/ep_<n>/ep_<n>_step_<i>.png          the images of the records
 ///   anno_checkpoint/annotated_checkpoint.<ep>.json the records of an episode with their thoughts
 ///   annotated_output.json                          those of all episodes
-/// Thoughts are the notes beside a trace (`reel annotate`), else those of the rules; the History of a record is the numbered list
-/// of all results so far, as the script makes it. docs/real-formats.md says how streams become the script's pickle files.
+/// Thoughts are the notes beside a trace (`reel annotate`), else those of the rules; the History of
+/// a record is the numbered list of all results so far, as the script makes it.
+/// docs/real-formats.md says how streams become the script's pickle files.
 ///
 /// Example:
 ///   reel export real-annotation traces --out annotation
@@ -49,23 +50,41 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let paths = inputs::traces(&arguments.paths)?;
     let out = &arguments.out;
-    let (mut templates, mut samples, mut images): (Vec<Value>, Vec<Value>, usize) = (Vec::new(), Vec::new(), 0);
+    let (mut templates, mut samples, mut images): (Vec<Value>, Vec<Value>, usize) =
+        (Vec::new(), Vec::new(), 0);
     let bar = progress::bar(paths.len(), "export");
     for (number, path) in (1..).zip(&paths) {
         let trace = Trace::read(path)?;
-        let subset = arguments.subset.clone().unwrap_or_else(|| trace.header.family.to_string());
+        let subset = arguments
+            .subset
+            .clone()
+            .unwrap_or_else(|| trace.header.family.to_string());
         let written = episode(&trace, number, Some(subset));
         for step in 1..=written.steps.len() {
-            let Some(image) = written.image_path(step) else { continue };
+            let Some(image) = written.image_path(step) else {
+                continue;
+            };
             if let Some(rgb) = trace.frame_rgb(Some(trace.steps[step - 1].step))? {
-                save(&out.join(image), &encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32))?;
+                save(
+                    &out.join(image),
+                    &encode_png(&rgb, FRAME_WIDTH as u32, FRAME_HEIGHT as u32),
+                )?;
                 images += 1;
             }
         }
         let streams = out.join("streams");
-        save_json(&streams.join(format!("{number}.json")), &json!(events(&trace, &written)))?;
-        save_json(&streams.join(format!("{number}_meta.json")), &written.task.to_json())?;
-        let of_episode = written.samples(&answers(&notes(path, &trace, arguments.seed)?), &Wording::OURS);
+        save_json(
+            &streams.join(format!("{number}.json")),
+            &json!(events(&trace, &written)),
+        )?;
+        save_json(
+            &streams.join(format!("{number}_meta.json")),
+            &written.task.to_json(),
+        )?;
+        let of_episode = written.samples(
+            &answers(&notes(path, &trace, arguments.seed)?),
+            &Wording::OURS,
+        );
         let checkpoint = format!("anno_checkpoint/annotated_checkpoint.{}.json", written.id());
         save_json(&out.join(checkpoint), &json!(of_episode))?;
         templates.extend(written.templates(&Wording::OURS));
@@ -76,9 +95,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     save_json(&out.join("template.json"), &json!(templates))?;
     save_json(&out.join("annotated_output.json"), &json!(samples))?;
     if arguments.json {
-        println!("{}", json!({ "out": out, "episodes": paths.len(), "records": samples.len(), "images": images }));
+        println!(
+            "{}",
+            json!({ "out": out, "episodes": paths.len(), "records": samples.len(), "images": images })
+        );
     } else {
-        println!("{} records of {} episodes and {images} images in {}", samples.len(), paths.len(), out.display());
+        println!(
+            "{} records of {} episodes and {images} images in {}",
+            samples.len(),
+            paths.len(),
+            out.display()
+        );
     }
     Ok(Answer::Yes)
 }
@@ -91,7 +118,11 @@ fn notes(path: &std::path::Path, trace: &Trace, seed: u64) -> anyhow::Result<Vec
         return Ok(entries.into_iter().map(|entry| entry.note).collect());
     }
     let task = PublicTask::of(&trace.task, &trace.scene);
-    Ok(annotate(&task, &Step::all(trace), episode_seed(seed, &trace.chain())))
+    Ok(annotate(
+        &task,
+        &Step::all(trace),
+        episode_seed(seed, &trace.chain()),
+    ))
 }
 
 fn save_json(path: &std::path::Path, value: &Value) -> anyhow::Result<()> {
@@ -100,6 +131,7 @@ fn save_json(path: &std::path::Path, value: &Value) -> anyhow::Result<()> {
 
 fn save(path: &std::path::Path, bytes: &[u8]) -> anyhow::Result<()> {
     let folder = path.parent().unwrap_or(path);
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))
 }

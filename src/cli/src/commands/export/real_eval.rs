@@ -16,12 +16,13 @@ use crate::{Answer, inputs};
 /// End of the range of episodes that the client has by default.
 const END_IDX: i64 = 999_999;
 
-/// Traces as the `eval_output` that REAL's published agents write, so that its own analysis reads them: for each episode a folder
-/// <scene>/<task>/<model> with its calls, results, images and summary, and for each model a file with all results. Success is the
-/// client's: it compares the last world graph with the goal. `reel import real-eval` reads the folder back.
+/// Traces as the `eval_output` that REAL's published agents write, so that its own analysis reads
+/// them: for each episode a folder <scene>/<task>/<model> with its calls, results, images and
+/// summary, and for each model a file with all results. Success is the client's: it compares the
+/// last world graph with the goal. `reel import real-eval` reads the folder back.
 ///
-/// Images come from the trace; run `reel expand` on lean traces before. Folders that hold something are skipped, as the client
-/// does.
+/// Images come from the trace; run `reel expand` on lean traces before. Folders that hold something
+/// are skipped, as the client does.
 ///
 /// Example:
 ///   reel export real-eval traces --out eval_output
@@ -71,25 +72,46 @@ pub fn execute(arguments: &Arguments) -> anyhow::Result<Answer> {
         let mut recorded = Recorded::new(&paths);
         let results = match run(&settings, &mut recorded) {
             Ok(results) => results,
-            Err(error) => return Err(recorded.problem().map_or_else(|| error.into(), anyhow::Error::from)),
+            Err(error) => {
+                return Err(recorded
+                    .problem()
+                    .map_or_else(|| error.into(), anyhow::Error::from));
+            }
         };
         skipped += results["skipped"].as_u64().unwrap_or_default();
         if arguments.json {
             println!("{}", json!({ "out": arguments.out, "results": results }));
         } else {
-            let [total, finished, successes] = ["total", "finished", "successes"].map(|key| results[key].clone());
-            println!("{model}: {total} episodes in {}, {finished} finished, {successes} successes", arguments.out.display());
+            let [total, finished, successes] =
+                ["total", "finished", "successes"].map(|key| results[key].clone());
+            println!(
+                "{model}: {total} episodes in {}, {finished} finished, {successes} successes",
+                arguments.out.display()
+            );
         }
     }
     if skipped > 0 {
-        eprintln!("reel: {skipped} episodes skipped: their folders are not empty; give another --out");
+        eprintln!(
+            "reel: {skipped} episodes skipped: their folders are not empty; give another --out"
+        );
     }
-    Ok(if skipped > 0 { Answer::Loss } else { Answer::Yes })
+    Ok(if skipped > 0 {
+        Answer::Loss
+    } else {
+        Answer::Yes
+    })
 }
 
 /// Now, as the client names its runs.
 fn now() -> anyhow::Result<String> {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock stands before 1970")?;
-    let time = i64::try_from(since.as_micros()).ok().and_then(chrono::DateTime::from_timestamp_micros);
-    Ok(time.context("the clock stands too far in the future")?.format("%Y%m%d_%H%M%S_%6f").to_string())
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .context("the clock stands before 1970")?;
+    let time = i64::try_from(since.as_micros())
+        .ok()
+        .and_then(chrono::DateTime::from_timestamp_micros);
+    Ok(time
+        .context("the clock stands too far in the future")?
+        .format("%Y%m%d_%H%M%S_%6f")
+        .to_string())
 }

@@ -10,10 +10,11 @@ use reel_reward::{Estimator, PAPER_EPS, Returns, Scale};
 use super::shared::{Shared, format, style};
 use crate::{Answer, commands::reward::Named};
 
-/// Rollout groups from the episodes of a store, for GRPO and GSPO: every decision of every rollout, failed ones too, with its
-/// reward, the return of its episode, the advantage in its group and, where they were recorded, the tokens with their
-/// log-probabilities. A group is the prompt group that was recorded; else the episodes of a task by the same policy. Only episodes
-/// that replay bit for bit become rows. The tasks are listed in tasks.json, as a trainer asks for them.
+/// Rollout groups from the episodes of a store, for GRPO and GSPO: every decision of every rollout,
+/// failed ones too, with its reward, the return of its episode, the advantage in its group and,
+/// where they were recorded, the tokens with their log-probabilities. A group is the prompt group
+/// that was recorded; else the episodes of a task by the same policy. Only episodes that replay bit
+/// for bit become rows. The tasks are listed in tasks.json, as a trainer asks for them.
 ///
 /// Examples:
 ///   reel export rl --store store --out rl --group-size 8
@@ -34,8 +35,9 @@ pub struct Arguments {
     style: Style,
     #[command(flatten)]
     grouping: Grouping,
-    /// Score the episodes under this preset instead of taking the recorded rewards: paper, real-repo, real-trainer or a TOML
-    /// file. Decisions after the preset is done with an episode are left out
+    /// Score the episodes under this preset instead of taking the recorded rewards: paper,
+    /// real-repo, real-trainer or a TOML file. Decisions after the preset is done with an episode
+    /// are left out
     #[arg(long, value_name = "PRESET")]
     preset: Option<String>,
     /// What the dataset is called
@@ -54,10 +56,12 @@ pub struct Grouping {
     /// Where no prompt group was recorded: only episodes of equal seed are one
     #[arg(long)]
     same_seed: bool,
-    /// How rewards become a return: paper (gamma 0.99, 30 decisions) or published (plain sum, 50 decisions)
+    /// How rewards become a return: paper (gamma 0.99, 30 decisions) or published (plain sum, 50
+    /// decisions)
     #[arg(long, value_name = "NAME", default_value = "paper", value_parser = returns)]
     returns: Returns,
-    /// How returns become advantages: paper, ngrpo, grpo, rloo or reinforce++; without it paper, or ngrpo with --returns published
+    /// How returns become advantages: paper, ngrpo, grpo, rloo or reinforce++; without it paper, or
+    /// ngrpo with --returns published
     #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(Estimator::NAMES))]
     advantage: Option<String>,
     /// Whose deviation divides the advantages of grpo, rloo and reinforce++: group, batch or none
@@ -66,7 +70,8 @@ pub struct Grouping {
     /// Keeps groups of equal returns from dividing by nothing (advantage paper) [default: 0.000001]
     #[arg(long, value_name = "EPS")]
     eps: Option<f64>,
-    /// The virtual reward that joins each group (advantage ngrpo); without it a little above the group's best
+    /// The virtual reward that joins each group (advantage ngrpo); without it a little above the
+    /// group's best
     #[arg(long, value_name = "REWARD", allow_negative_numbers = true)]
     virtual_max: Option<f64>,
 }
@@ -77,12 +82,21 @@ impl Grouping {
     /// # Errors
     /// Fails if an option belongs to another estimator.
     pub fn options(&self) -> anyhow::Result<RolloutOptions> {
-        let published = if self.returns == Returns::PUBLISHED { "ngrpo" } else { "paper" };
+        let published = if self.returns == Returns::PUBLISHED {
+            "ngrpo"
+        } else {
+            "paper"
+        };
         let name = self.advantage.as_deref().unwrap_or(published);
         let Some(mut advantage) = Estimator::named(name, self.scale.unwrap_or_default()) else {
-            bail!("no estimator is called '{name}'; there are {}", Estimator::NAMES.join(", "));
+            bail!(
+                "no estimator is called '{name}'; there are {}",
+                Estimator::NAMES.join(", ")
+            );
         };
-        let foreign = |option: &str, of: &str| anyhow::anyhow!("--{option} is of {of}, not of --advantage {name}; leave it out");
+        let foreign = |option: &str, of: &str| {
+            anyhow::anyhow!("--{option} is of {of}, not of --advantage {name}; leave it out")
+        };
         match &mut advantage {
             Estimator::Paper { eps } => *eps = self.eps.unwrap_or(PAPER_EPS),
             _ if self.eps.is_some() => return Err(foreign("eps", "--advantage paper")),
@@ -90,19 +104,34 @@ impl Grouping {
         }
         match &mut advantage {
             Estimator::Ngrpo { virtual_max } => *virtual_max = self.virtual_max,
-            _ if self.virtual_max.is_some() => return Err(foreign("virtual-max", "--advantage ngrpo")),
+            _ if self.virtual_max.is_some() => {
+                return Err(foreign("virtual-max", "--advantage ngrpo"));
+            }
             _ => {}
         }
-        if self.scale.is_some() && matches!(advantage, Estimator::Paper { .. } | Estimator::Ngrpo { .. }) {
+        if self.scale.is_some()
+            && matches!(advantage, Estimator::Paper { .. } | Estimator::Ngrpo { .. })
+        {
             return Err(foreign("scale", "grpo, rloo and reinforce++"));
         }
         let group_size = self.group_size.map(|size| size as usize);
-        Ok(RolloutOptions { same_seed: self.same_seed, group_size, returns: self.returns, advantage, preset: None })
+        Ok(RolloutOptions {
+            same_seed: self.same_seed,
+            group_size,
+            returns: self.returns,
+            advantage,
+            preset: None,
+        })
     }
 }
 
 fn returns(name: &str) -> Result<Returns, String> {
-    Returns::parse(name).ok_or_else(|| format!("there are {}", Returns::ALL.map(|returns| returns.name).join(" and ")))
+    Returns::parse(name).ok_or_else(|| {
+        format!(
+            "there are {}",
+            Returns::ALL.map(|returns| returns.name).join(" and ")
+        )
+    })
 }
 
 fn scale(name: &str) -> Result<Scale, String> {
@@ -125,10 +154,26 @@ fn rollout_style(name: &str) -> Result<Style, String> {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let mut options = arguments.shared.options(arguments.format, arguments.style, &arguments.name)?;
-    let preset = arguments.preset.as_deref().map(Named::find).transpose()?.map(|named| named.preset);
-    options.rollouts = Some(RolloutOptions { preset, ..arguments.grouping.options()? });
-    options.selection =
-        Selection { failed: true, mistakes: true, after_decisive: true, contradictions: true, ..options.selection };
+    let mut options =
+        arguments
+            .shared
+            .options(arguments.format, arguments.style, &arguments.name)?;
+    let preset = arguments
+        .preset
+        .as_deref()
+        .map(Named::find)
+        .transpose()?
+        .map(|named| named.preset);
+    options.rollouts = Some(RolloutOptions {
+        preset,
+        ..arguments.grouping.options()?
+    });
+    options.selection = Selection {
+        failed: true,
+        mistakes: true,
+        after_decisive: true,
+        contradictions: true,
+        ..options.selection
+    };
     arguments.shared.export(&arguments.out, &options)
 }

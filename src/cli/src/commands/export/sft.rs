@@ -8,9 +8,10 @@ use reel_export::Selection;
 use super::shared::{Shared, format, style};
 use crate::Answer;
 
-/// Training examples from the episodes of a store: what the agent saw before a decision, and what it should do. Only episodes
-/// that replay bit for bit become rows; every row names its trace, call, verdict, reward preset and rules. Broken off, the
-/// same command goes on where it stopped. Same store version, same options: same bytes.
+/// Training examples from the episodes of a store: what the agent saw before a decision, and what
+/// it should do. Only episodes that replay bit for bit become rows; every row names its trace,
+/// call, verdict, reward preset and rules. Broken off, the same command goes on where it stopped.
+/// Same store version, same options: same bytes.
 ///
 /// Example:
 ///   reel ingest traces --store store
@@ -18,9 +19,9 @@ use crate::Answer;
 ///   reel dataset lint sft
 ///   reel export sft --store store --out real --format ms-swift --prompt REAL/training/mcp_gspo/prompts/real_grpo_prompt.txt
 ///
-/// Style single-turn is that of REAL's trainer, and its answers are what REAL's published agent, trainer, gym and scheduler
-/// read: <think>...</think> and {"summary": {...}, "next action": {"tool_name": ..., "args": {...}}}. The multi-turn styles
-/// are for other trainers.
+/// Style single-turn is that of REAL's trainer, and its answers are what REAL's published agent,
+/// trainer, gym and scheduler read: <think>...</think> and {"summary": {...}, "next action":
+/// {"tool_name": ..., "args": {...}}}. The multi-turn styles are for other trainers.
 #[derive(clap::Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
@@ -30,7 +31,8 @@ pub struct Arguments {
     /// What loads it: parquet (Hugging Face), trl, openai, ms-swift, llama-factory, qwen-vl
     #[arg(long, value_name = "NAME", default_value = "parquet", value_parser = format)]
     format: Format,
-    /// How a decision is put: single-turn (REAL's trainer), multi-turn (an episode with native tool calls), multi-turn-prefix
+    /// How a decision is put: single-turn (REAL's trainer), multi-turn (an episode with native tool
+    /// calls), multi-turn-prefix
     #[arg(long, value_name = "STYLE", default_value = "single-turn", value_parser = style)]
     style: Style,
     /// Failed and broken-off episodes too, up to their decisive step (run `reel taxonomy` before)
@@ -66,7 +68,10 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let mut options = arguments.shared.options(arguments.format, arguments.style, &arguments.name)?;
+    let mut options =
+        arguments
+            .shared
+            .options(arguments.format, arguments.style, &arguments.name)?;
     let balances = |what: &str| arguments.balance.iter().any(|name| name == what);
     options.selection = Selection {
         failed: arguments.failed,

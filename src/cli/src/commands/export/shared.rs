@@ -1,4 +1,5 @@
-//! What `reel export sft` and `reel export rl` share: the store, the words, the pictures, the parts, the run and the telling.
+//! What `reel export sft` and `reel export rl` share: the store, the words, the pictures, the
+//! parts, the run and the telling.
 
 use std::{
     collections::BTreeSet,
@@ -22,7 +23,8 @@ pub struct StoreSource {
     /// An earlier version of the store
     #[arg(long, value_name = "N")]
     version: Option<u64>,
-    /// Only episodes that fulfil this condition on table `episodes`, in SQL, e.g. "family = 'SUL' AND spl > 0.5"
+    /// Only episodes that fulfil this condition on table `episodes`, in SQL, e.g. "family = 'SUL'
+    /// AND spl > 0.5"
     #[arg(long = "where", value_name = "SQL")]
     condition: Option<String>,
 }
@@ -38,13 +40,21 @@ impl StoreSource {
 
     /// The episodes that fulfil the condition; `None` if there is no condition.
     pub fn episodes(&self) -> anyhow::Result<Option<BTreeSet<String>>> {
-        let Some(condition) = &self.condition else { return Ok(None) };
+        let Some(condition) = &self.condition else {
+            return Ok(None);
+        };
         let batches = Session::new(self.open()?)?
-            .run(&format!("SELECT episode_id FROM episodes WHERE {condition}"))
+            .run(&format!(
+                "SELECT episode_id FROM episodes WHERE {condition}"
+            ))
             .with_context(|| format!("--where {condition}"))?;
         let mut found = BTreeSet::new();
         for batch in &batches {
-            found.extend(reel_tables::rows_from::<(String,)>(batch)?.into_iter().map(|(episode,)| episode));
+            found.extend(
+                reel_tables::rows_from::<(String,)>(batch)?
+                    .into_iter()
+                    .map(|(episode,)| episode),
+            );
         }
         Ok(Some(found))
     }
@@ -55,7 +65,8 @@ impl StoreSource {
 pub struct Shared {
     #[command(flatten)]
     source: StoreSource,
-    /// Whose words: auto (a model's own where it spoke, else written by rules), rules, recorded, notes (of `reel annotate`)
+    /// Whose words: auto (a model's own where it spoke, else written by rules), rules, recorded,
+    /// notes (of `reel annotate`)
     #[arg(long, value_name = "WORDS", default_value = "auto", value_parser = words)]
     words: Words,
     #[command(flatten)]
@@ -87,7 +98,8 @@ pub struct Shared {
     /// Tokens of an example beyond which it counts as too long
     #[arg(long, value_name = "TOKENS", default_value_t = reel_dataset::CONTEXT_TOKENS)]
     budget: u32,
-    /// The `tokenizer.json` of the model that shall learn, to count tokens by; without it a token is four bytes
+    /// The `tokenizer.json` of the model that shall learn, to count tokens by; without it a token
+    /// is four bytes
     #[arg(long, value_name = "FILE")]
     tokenizer: Option<PathBuf>,
     /// Licence of the data, as the dataset's card names it
@@ -106,7 +118,12 @@ pub struct Shared {
 
 impl Shared {
     /// The options of an export; the caller adds what is its own.
-    pub fn options(&self, format: Format, style: Style, name: &str) -> anyhow::Result<ExportOptions> {
+    pub fn options(
+        &self,
+        format: Format,
+        style: Style,
+        name: &str,
+    ) -> anyhow::Result<ExportOptions> {
         let train = 1.0 - self.validation - self.test;
         let encoding = match self.images.as_str() {
             "webp" => Some(Encoding::Webp),
@@ -116,9 +133,17 @@ impl Shared {
         };
         let pixels_max = (self.pixels > 0).then_some(self.pixels);
         Ok(ExportOptions {
-            selection: Selection { episodes: self.source.episodes()?, seed: self.seed, ..Selection::default() },
+            selection: Selection {
+                episodes: self.source.episodes()?,
+                seed: self.seed,
+                ..Selection::default()
+            },
             writer: WriterOptions {
-                pictures: PictureOptions { encoding: encoding.unwrap_or_default(), pixels_max, ..PictureOptions::default() },
+                pictures: PictureOptions {
+                    encoding: encoding.unwrap_or_default(),
+                    pixels_max,
+                    ..PictureOptions::default()
+                },
                 rows_max: self.rows_per_file,
                 budget: self.budget,
                 ..WriterOptions::new(format)
@@ -127,7 +152,8 @@ impl Shared {
             prompt: self.prompt.prompt()?,
             words: self.words,
             split_by: self.split,
-            ratios: Ratios::new([train, self.validation, self.test]).context("--validation and --test")?,
+            ratios: Ratios::new([train, self.validation, self.test])
+                .context("--validation and --test")?,
             pictures: encoding.is_some(),
             allow_unverified: self.allow_unverified,
             replay: !self.no_replay,
@@ -150,7 +176,9 @@ impl Shared {
             let written = |count: usize| writing.inc(count as u64);
             reel_export::export(&store, out, options, &verified, &written)
         };
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(self.jobs)).build()?;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(inputs::workers(self.jobs))
+            .build()?;
         let report = pool.install(make);
         verifying.finish_and_clear();
         writing.finish_and_clear();
@@ -195,7 +223,10 @@ fn command(arguments: impl Iterator<Item = String>) -> String {
         match argument.split('=').next() {
             Some("--out" | "--jobs") if !argument.contains('=') => drop(arguments.next()),
             Some("--out" | "--jobs" | "--json") => {}
-            _ if argument.contains(|letter: char| letter.is_whitespace() || "'\"$()<>|&;*?".contains(letter)) => {
+            _ if argument.contains(|letter: char| {
+                letter.is_whitespace() || "'\"$()<>|&;*?".contains(letter)
+            }) =>
+            {
                 said.push(format!("'{}'", argument.replace('\'', "'\\''")));
             }
             _ => said.push(argument),
@@ -206,18 +237,39 @@ fn command(arguments: impl Iterator<Item = String>) -> String {
 
 fn tell(report: &ExportReport, out: &Path, json: bool) -> anyhow::Result<Answer> {
     for refusal in &report.refused {
-        let call = refusal.call.map_or_else(String::new, |call| format!(", call {call}"));
-        eprintln!("reel: {}{call} is left out: {}", refusal.trace, refusal.reason);
+        let call = refusal
+            .call
+            .map_or_else(String::new, |call| format!(", call {call}"));
+        eprintln!(
+            "reel: {}{call} is left out: {}",
+            refusal.trace, refusal.reason
+        );
     }
-    let answer = if report.refused.is_empty() { Answer::Yes } else { Answer::Loss };
+    let answer = if report.refused.is_empty() {
+        Answer::Yes
+    } else {
+        Answer::Loss
+    };
     if json {
         println!("{}", serde_json::to_string(report)?);
         return Ok(answer);
     }
     let examples: u64 = report.examples.values().sum();
-    let parts: Vec<String> = report.examples.iter().map(|(split, count)| format!("{} {count}", split.as_str())).collect();
-    println!("{examples} examples ({}) of {} episodes in {}", parts.join(", "), report.episodes, out.display());
-    println!("  {} pictures; store version {}", report.pictures, report.table_version);
+    let parts: Vec<String> = report
+        .examples
+        .iter()
+        .map(|(split, count)| format!("{} {count}", split.as_str()))
+        .collect();
+    println!(
+        "{examples} examples ({}) of {} episodes in {}",
+        parts.join(", "),
+        report.episodes,
+        out.display()
+    );
+    println!(
+        "  {} pictures; store version {}",
+        report.pictures, report.table_version
+    );
     for (reason, count) in &report.left_out {
         println!("  left out: {count} {reason}");
     }
@@ -225,7 +277,10 @@ fn tell(report: &ExportReport, out: &Path, json: bool) -> anyhow::Result<Answer>
         println!("  refused: {} (said above)", report.refused.len());
     }
     if report.unverified > 0 {
-        println!("  {} examples are of episodes that are not verified, and say so", report.unverified);
+        println!(
+            "  {} examples are of episodes that are not verified, and say so",
+            report.unverified
+        );
     }
     if report.history.mended + report.history.dropped > 0 {
         println!(

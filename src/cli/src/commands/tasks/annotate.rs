@@ -24,15 +24,18 @@ use crate::{Answer, inputs, progress};
 /// Tasks that are worked on before their files are written.
 const BATCH: usize = 10;
 
-/// Put questions into the plans of tasks, and make the instructions so vague that they have to be asked.
+/// Put questions into the plans of tasks, and make the instructions so vague that they have to be
+/// asked.
 ///
-/// Strategy A leaves open which object is meant ("a mug"), strategy B which of several receptacles of a kind ("a table"). One or two
-/// questions a task, drawn by seed from those that apply; each is tried with the simulated user first: what was said before leaves at
-/// least two possible, the answer one. Tasks in which nothing can be asked are left out and counted. `reel run` with the oracle then
-/// plays the conversation as part of the episode.
+/// Strategy A leaves open which object is meant ("a mug"), strategy B which of several receptacles
+/// of a kind ("a table"). One or two questions a task, drawn by seed from those that apply; each is
+/// tried with the simulated user first: what was said before leaves at least two possible, the
+/// answer one. Tasks in which nothing can be asked are left out and counted. `reel run` with the
+/// oracle then plays the conversation as part of the episode.
 ///
-/// PATH is what `reel tasks generate` wrote, or any task file or folder. Files go to DIR/<scene>/<family>/, and the scene beside them.
-/// Broken off, the same command goes on where it stopped: files of the same task, scene and options are kept.
+/// PATH is what `reel tasks generate` wrote, or any task file or folder. Files go to
+/// DIR/<scene>/<family>/, and the scene beside them. Broken off, the same command goes on where it
+/// stopped: files of the same task, scene and options are kept.
 ///
 /// Examples:
 ///   reel tasks generate --count 200 --out made && reel tasks annotate made --out social
@@ -44,8 +47,8 @@ pub struct Arguments {
     /// Task file or folder
     #[arg(value_name = "PATH")]
     tasks: PathBuf,
-    /// Scene for all tasks: a file, or the name of one that comes with Reel; without it the one that each task names, found beside the
-    /// tasks or among those that come with Reel
+    /// Scene for all tasks: a file, or the name of one that comes with Reel; without it the one
+    /// that each task names, found beside the tasks or among those that come with Reel
     #[arg(long, value_name = "SCENE")]
     scene: Option<PathBuf>,
     /// Strategies that may be used
@@ -91,24 +94,47 @@ struct Counts {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let strategies = parse_strategies(&arguments.strategies)?;
-    let loaded = inputs::tasks(&arguments.tasks, arguments.scene.as_deref(), reel_tasks::Listed::AsWritten)?;
+    let loaded = inputs::tasks(
+        &arguments.tasks,
+        arguments.scene.as_deref(),
+        reel_tasks::Listed::AsWritten,
+    )?;
     let (sets, broken) = (loaded.by_scene(), loaded.broken);
     let author = Author::new(arguments, &strategies)?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(inputs::workers(arguments.jobs)).build()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(inputs::workers(arguments.jobs))
+        .build()?;
     let all: usize = sets.iter().map(|(_, tasks)| tasks.len()).sum();
     let bar = progress::bar(all, "tasks");
     let mut counts = Counts::default();
     for (scene, tasks) in &sets {
         save_scene(&arguments.out, scene)?;
-        let file = |task: &Task| arguments.out.join(&scene.scene_id).join(format!("{}.yaml", task.task_id));
+        let file = |task: &Task| {
+            arguments
+                .out
+                .join(&scene.scene_id)
+                .join(format!("{}.yaml", task.task_id))
+        };
         for batch in tasks.chunks(BATCH) {
-            let done: Vec<anyhow::Result<Done>> =
-                pool.install(|| batch.par_iter().map(|task| author.write(task, scene, &file(task))).collect());
+            let done: Vec<anyhow::Result<Done>> = pool.install(|| {
+                batch
+                    .par_iter()
+                    .map(|task| author.write(task, scene, &file(task)))
+                    .collect()
+            });
             // What was done before something failed is there for the next run.
             for (task, done) in batch.iter().zip(done) {
-                let done = done.with_context(|| format!("task {}; what is done is kept, run the command again", task.task_id))?;
+                let done = done.with_context(|| {
+                    format!(
+                        "task {}; what is done is kept, run the command again",
+                        task.task_id
+                    )
+                })?;
                 if let Done::Annotated(annotated, _) = &done {
-                    save(&file(task), &reel_tasks::yaml::write(&annotated.task, scene))?;
+                    save(
+                        &file(task),
+                        &reel_tasks::yaml::write(&annotated.task, scene),
+                    )?;
                 }
                 counts.add(&done);
                 bar.inc(1);
@@ -121,7 +147,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     } else {
         counts.print(arguments, author.asks_model());
     }
-    Ok(if broken == 0 && counts.annotated > 0 { Answer::Yes } else { Answer::No })
+    Ok(if broken == 0 && counts.annotated > 0 {
+        Answer::Yes
+    } else {
+        Answer::No
+    })
 }
 
 impl Counts {
@@ -144,7 +174,11 @@ impl Counts {
         };
         self.annotated += 1;
         for annotation in annotations {
-            let name = format!("{} {}", annotation.strategy.as_str(), annotation.about.as_str());
+            let name = format!(
+                "{} {}",
+                annotation.strategy.as_str(),
+                annotation.about.as_str()
+            );
             *self.questions.entry(name).or_default() += 1;
         }
     }
@@ -159,7 +193,11 @@ impl Counts {
     }
 
     fn print(&self, arguments: &Arguments, with_model: bool) {
-        println!("{} tasks with questions in {}", self.annotated, arguments.out.display());
+        println!(
+            "{} tasks with questions in {}",
+            self.annotated,
+            arguments.out.display()
+        );
         if self.kept > 0 {
             println!("  {:5} of them were there already", self.kept);
         }
@@ -190,11 +228,18 @@ struct Author<'a> {
 
 impl<'a> Author<'a> {
     fn new(arguments: &Arguments, strategies: &'a [Strategy]) -> anyhow::Result<Self> {
-        let options = Options { strategies, seed: arguments.seed };
+        let options = Options {
+            strategies,
+            seed: arguments.seed,
+        };
         #[cfg(feature = "service")]
         let model = {
-            fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
-            arguments.model.client(&arguments.out.join("model-replies"), &arguments.out.join("model-calls.jsonl"))?
+            fs::create_dir_all(&arguments.out)
+                .with_context(|| format!("cannot make the folder {}", arguments.out.display()))?;
+            arguments.model.client(
+                &arguments.out.join("model-replies"),
+                &arguments.out.join("model-calls.jsonl"),
+            )?
         };
         Ok(Self {
             options,
@@ -224,7 +269,13 @@ impl<'a> Author<'a> {
     /// Stands in a file for all that it was made from.
     fn made_from(&self, task: &Task, scene: &Scene) -> String {
         let Options { strategies, seed } = self.options;
-        let inputs = json!([Digest::of_json(task), Digest::of_json(scene), strategies, seed, self.name()]);
+        let inputs = json!([
+            Digest::of_json(task),
+            Digest::of_json(scene),
+            strategies,
+            seed,
+            self.name()
+        ]);
         Digest::of_json(&inputs).short()
     }
 }
@@ -239,7 +290,12 @@ impl Author<'_> {
         "rules".to_owned()
     }
 
-    fn improved(&self, _: &Task, _: &Scene, by_rules: Annotated) -> anyhow::Result<(Annotated, String, Option<String>)> {
+    fn improved(
+        &self,
+        _: &Task,
+        _: &Scene,
+        by_rules: Annotated,
+    ) -> anyhow::Result<(Annotated, String, Option<String>)> {
         Ok((by_rules, self.name(), None))
     }
 }
@@ -251,20 +307,43 @@ impl Author<'_> {
     }
 
     fn name(&self) -> String {
-        let of_model = |client: &Client| format!("{} by prompt {}", client.endpoint().model, proposal::prompt_version().short());
-        self.model.as_ref().map_or_else(|| "rules".to_owned(), of_model)
+        let of_model = |client: &Client| {
+            format!(
+                "{} by prompt {}",
+                client.endpoint().model,
+                proposal::prompt_version().short()
+            )
+        };
+        self.model
+            .as_ref()
+            .map_or_else(|| "rules".to_owned(), of_model)
     }
 
     /// The model's proposal, if there is a model and nothing speaks against it.
-    fn improved(&self, task: &Task, scene: &Scene, by_rules: Annotated) -> anyhow::Result<(Annotated, String, Option<String>)> {
-        let Some(client) = &self.model else { return Ok((by_rules, self.name(), None)) };
+    fn improved(
+        &self,
+        task: &Task,
+        scene: &Scene,
+        by_rules: Annotated,
+    ) -> anyhow::Result<(Annotated, String, Option<String>)> {
+        let Some(client) = &self.model else {
+            return Ok((by_rules, self.name(), None));
+        };
         let summary = proposal::summary(task, scene, self.options.strategies);
-        let messages = vec![Message::text(Role::System, proposal::PROMPT), Message::text(Role::User, summary)];
-        let reply = client.complete(&Request { messages, ..Request::default() })?;
-        Ok(match proposal::judge(task, scene, self.options.strategies, &reply.text) {
-            Ok(annotated) => (annotated, self.name(), None),
-            Err(why) => (by_rules, "rules".to_owned(), Some(why.kind().to_owned())),
-        })
+        let messages = vec![
+            Message::text(Role::System, proposal::PROMPT),
+            Message::text(Role::User, summary),
+        ];
+        let reply = client.complete(&Request {
+            messages,
+            ..Request::default()
+        })?;
+        Ok(
+            match proposal::judge(task, scene, self.options.strategies, &reply.text) {
+                Ok(annotated) => (annotated, self.name(), None),
+                Err(why) => (by_rules, "rules".to_owned(), Some(why.kind().to_owned())),
+            },
+        )
     }
 }
 
@@ -282,7 +361,9 @@ fn kept(file: &Path, scene: &Scene, made_from: &str) -> Option<Vec<Annotation>> 
 fn parse_strategies(names: &[String]) -> anyhow::Result<Vec<Strategy>> {
     let mut strategies = Vec::new();
     for name in names {
-        let Some(strategy) = Strategy::parse(name) else { bail!("no strategy is called '{name}'; there are A and B") };
+        let Some(strategy) = Strategy::parse(name) else {
+            bail!("no strategy is called '{name}'; there are A and B")
+        };
         if !strategies.contains(&strategy) {
             strategies.push(strategy);
         }

@@ -1,4 +1,5 @@
-//! `reel tasks compatibility`: the table of what belongs where, to be changed by people or written by a model.
+//! `reel tasks compatibility`: the table of what belongs where, to be changed by people or written
+//! by a model.
 
 #[cfg(feature = "service")]
 use std::collections::BTreeMap;
@@ -16,9 +17,10 @@ use crate::model::Model;
 
 /// Write the table of what belongs where, as it comes along or as a model sees it.
 ///
-/// Tasks are generated from it: an object moves between two receptacles that both hold it. Without a model it is the table that comes
-/// with Reel, to be changed in an editor. A model is asked once for every kind of receptacle in every kind of room that the scenes
-/// have; where its answer cannot be used, what the table said stays. Replies are kept beside the file and not asked for again.
+/// Tasks are generated from it: an object moves between two receptacles that both hold it. Without
+/// a model it is the table that comes with Reel, to be changed in an editor. A model is asked once
+/// for every kind of receptacle in every kind of room that the scenes have; where its answer cannot
+/// be used, what the table said stays. Replies are kept beside the file and not asked for again.
 ///
 /// Examples:
 ///   reel tasks compatibility --out table.json
@@ -51,36 +53,65 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 
 /// Reads a table.
 pub fn read(file: &PathBuf) -> anyhow::Result<Compatibility> {
-    let text = fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let text =
+        fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
     let table = serde_json::from_str(&text);
-    table.with_context(|| format!("{} is no table of what belongs where; `reel tasks compatibility` writes one", file.display()))
+    table.with_context(|| {
+        format!(
+            "{} is no table of what belongs where; `reel tasks compatibility` writes one",
+            file.display()
+        )
+    })
 }
 
 #[cfg(not(feature = "service"))]
-fn proposed(_: &Arguments, _: &Compatibility, _: &[Arc<Scene>]) -> anyhow::Result<Option<Compatibility>> {
+fn proposed(
+    _: &Arguments,
+    _: &Compatibility,
+    _: &[Arc<Scene>],
+) -> anyhow::Result<Option<Compatibility>> {
     Ok(None)
 }
 
 /// The table as a model sees it; none where no model was named.
 #[cfg(feature = "service")]
-fn proposed(arguments: &Arguments, table: &Compatibility, scenes: &[Arc<Scene>]) -> anyhow::Result<Option<Compatibility>> {
+fn proposed(
+    arguments: &Arguments,
+    table: &Compatibility,
+    scenes: &[Arc<Scene>],
+) -> anyhow::Result<Option<Compatibility>> {
     use reel_generate::task::compatibility::{PROMPT, judge, question};
     use reel_model::{Message, Request, Role};
     use reel_tasks::library::objects;
 
     let Arguments { out, model, .. } = arguments;
     let beside = |ending: &str| out.with_extension(ending);
-    let Some(client) = model.client(&beside("model-replies"), &beside("model-calls.jsonl"))? else { return Ok(None) };
+    let Some(client) = model.client(&beside("model-replies"), &beside("model-calls.jsonl"))? else {
+        return Ok(None);
+    };
     let places = table.places(scenes.iter().map(Arc::as_ref));
     let bar = crate::progress::bar(places.len(), "places");
     let (mut rows, mut unused, asked) = (BTreeMap::new(), 0, places.len());
     for place in places {
-        let messages = vec![Message::text(Role::System, PROMPT), Message::text(Role::User, question(&place, objects()))];
-        let reply = client.complete(&Request { messages, ..Request::default() })?;
+        let messages = vec![
+            Message::text(Role::System, PROMPT),
+            Message::text(Role::User, question(&place, objects())),
+        ];
+        let reply = client.complete(&Request {
+            messages,
+            ..Request::default()
+        })?;
         match judge(&reply.text, objects()) {
             Some(held) => {
                 if !held.unknown.is_empty() {
-                    bar.suspend(|| eprintln!("reel: {} in the {}: unknown {}", place.kind, place.room, held.unknown.join(", ")));
+                    bar.suspend(|| {
+                        eprintln!(
+                            "reel: {} in the {}: unknown {}",
+                            place.kind,
+                            place.room,
+                            held.unknown.join(", ")
+                        )
+                    });
                 }
                 rows.insert(place, held.known);
             }
@@ -92,6 +123,10 @@ fn proposed(arguments: &Arguments, table: &Compatibility, scenes: &[Arc<Scene>])
     if rows.is_empty() {
         bail!("none of the {asked} answers holds a list of things that there are");
     }
-    println!("{} of {asked} places by {}, {unused} as they were", rows.len(), client.endpoint().model);
+    println!(
+        "{} of {asked} places by {}, {unused} as they were",
+        rows.len(),
+        client.endpoint().model
+    );
     Ok(Some(table.with(rows)))
 }

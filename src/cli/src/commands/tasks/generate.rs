@@ -3,7 +3,9 @@
 use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
-use reel_generate::task::{Compatibility, Made, Options, Placing, Rejection, Statistics, TaskType, make, real};
+use reel_generate::task::{
+    Compatibility, Made, Options, Placing, Rejection, Statistics, TaskType, make, real,
+};
 use reel_tasks::real_proc;
 use reel_world::Scene;
 use serde_json::json;
@@ -31,7 +33,8 @@ pub struct Arguments {
     /// Types: basic, distractor, articulation (or store, retrieve), interactive, gather
     #[arg(long, value_name = "TYPES", value_delimiter = ',')]
     types: Vec<String>,
-    /// Table of what belongs where, as `reel tasks compatibility` writes it; without it the one that comes with Reel
+    /// Table of what belongs where, as `reel tasks compatibility` writes it; without it the one
+    /// that comes with Reel
     #[arg(long, value_name = "FILE")]
     compatibility: Option<PathBuf>,
     /// How many tasks
@@ -40,8 +43,9 @@ pub struct Arguments {
     /// Seed of everything random
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// reel; real: the schema of REAL-Bench and nothing else, which has no tasks that move several objects; or real-proc: one
-    /// DIR/<scene>/<type>.yaml as REAL's task generator writes it, with objects on its placement grid
+    /// reel; real: the schema of REAL-Bench and nothing else, which has no tasks that move several
+    /// objects; or real-proc: one DIR/<scene>/<type>.yaml as REAL's task generator writes it, with
+    /// objects on its placement grid
     #[arg(long, value_name = "NAME", default_value = "reel", value_parser = ["reel", "real", "real-proc"])]
     format: String,
     /// Folder for the files
@@ -58,7 +62,11 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let scenes = super::scenes(&arguments.scene)?;
-    let table = arguments.compatibility.as_ref().map(super::compatibility::read).transpose()?;
+    let table = arguments
+        .compatibility
+        .as_ref()
+        .map(super::compatibility::read)
+        .transpose()?;
     let in_real = arguments.format == "real";
     let options = Options {
         scenes: &scenes,
@@ -68,7 +76,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         types: &parse_types(&arguments.types, in_real)?,
         count: arguments.count,
         seed: arguments.seed,
-        placing: if arguments.format == "real-proc" { Placing::Grid } else { Placing::Reach },
+        placing: if arguments.format == "real-proc" {
+            Placing::Grid
+        } else {
+            Placing::Reach
+        },
         jobs: inputs::workers(arguments.jobs),
     };
     let bar = progress::bar(arguments.count, "tasks");
@@ -90,18 +102,44 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     } else {
         print(statistics, arguments);
     }
-    Ok(if made.tasks.len() == arguments.count { Answer::Yes } else { Answer::No })
+    Ok(if made.tasks.len() == arguments.count {
+        Answer::Yes
+    } else {
+        Answer::No
+    })
 }
 
 fn print(statistics: &Statistics, arguments: &Arguments) {
-    let Statistics { tasks, drafts, receptacle_pairs, triplets, .. } = statistics;
-    println!("{tasks} tasks in {}, from {drafts} drafts", arguments.out.display());
-    println!("{receptacle_pairs} pairs of receptacles, {triplets} (source, destination, object) triplets");
+    let Statistics {
+        tasks,
+        drafts,
+        receptacle_pairs,
+        triplets,
+        ..
+    } = statistics;
+    println!(
+        "{tasks} tasks in {}, from {drafts} drafts",
+        arguments.out.display()
+    );
+    println!(
+        "{receptacle_pairs} pairs of receptacles, {triplets} (source, destination, object) triplets"
+    );
     println!("  filter      seen  passed");
     for step in statistics.filters() {
-        let share = if step.seen == 0 { 100.0 } else { 100.0 * step.passed as f64 / step.seen as f64 };
-        println!("  {:8} {:7} {:7}  {share:5.1}%", step.filter, step.seen, step.passed);
-        for (why, count) in statistics.rejected.iter().filter(|(why, _)| Rejection::FILTERS[why.filter()] == step.filter) {
+        let share = if step.seen == 0 {
+            100.0
+        } else {
+            100.0 * step.passed as f64 / step.seen as f64
+        };
+        println!(
+            "  {:8} {:7} {:7}  {share:5.1}%",
+            step.filter, step.seen, step.passed
+        );
+        for (why, count) in statistics
+            .rejected
+            .iter()
+            .filter(|(why, _)| Rejection::FILTERS[why.filter()] == step.filter)
+        {
             println!("           {count:7}          {}", why.as_str());
         }
     }
@@ -109,20 +147,35 @@ fn print(statistics: &Statistics, arguments: &Arguments) {
 
 fn write(made: &Made, scenes: &[Arc<Scene>], arguments: &Arguments) -> anyhow::Result<()> {
     let out = &arguments.out;
-    for scene in made.tasks.iter().map(|(scene, _)| *scene).collect::<BTreeSet<_>>() {
+    for scene in made
+        .tasks
+        .iter()
+        .map(|(scene, _)| *scene)
+        .collect::<BTreeSet<_>>()
+    {
         save_scene(out, &scenes[scene])?;
     }
     if arguments.format == "real-proc" {
-        let tasks = made.tasks.iter().map(|(scene, task)| (task, scenes[*scene].as_ref()));
-        return real_proc::export(tasks).iter().try_for_each(|file| save(&out.join(&file.path), &file.text()));
+        let tasks = made
+            .tasks
+            .iter()
+            .map(|(scene, task)| (task, scenes[*scene].as_ref()));
+        return real_proc::export(tasks)
+            .iter()
+            .try_for_each(|file| save(&out.join(&file.path), &file.text()));
     }
     for (index, (scene, task)) in made.tasks.iter().enumerate() {
         let scene = &scenes[*scene];
         let text = match arguments.format.as_str() {
-            "real" => real::write(task, scene, index).context("a task that moves several objects has no published form")?,
+            "real" => real::write(task, scene, index)
+                .context("a task that moves several objects has no published form")?,
             _ => reel_tasks::yaml::write(task, scene),
         };
-        save(&out.join(&scene.scene_id).join(format!("{}.yaml", task.task_id)), &text)?;
+        save(
+            &out.join(&scene.scene_id)
+                .join(format!("{}.yaml", task.task_id)),
+            &text,
+        )?;
     }
     Ok(())
 }
@@ -132,15 +185,22 @@ fn parse_types(names: &[String], in_real: bool) -> anyhow::Result<Vec<TaskType>>
     for name in names {
         let meant = TaskType::parse(name);
         if meant.is_empty() {
-            bail!("no type is called '{name}'; there are basic, distractor, articulation, store, retrieve, interactive, gather");
+            bail!(
+                "no type is called '{name}'; there are basic, distractor, articulation, store, retrieve, interactive, gather"
+            );
         }
         types.extend(meant);
     }
     if in_real && types.contains(&TaskType::Gather) {
-        bail!("tasks of type gather move several objects, which the published schema cannot say; leave out --format real");
+        bail!(
+            "tasks of type gather move several objects, which the published schema cannot say; leave out --format real"
+        );
     }
     if types.is_empty() {
-        types = TaskType::ALL.into_iter().filter(|kind| !in_real || *kind != TaskType::Gather).collect();
+        types = TaskType::ALL
+            .into_iter()
+            .filter(|kind| !in_real || *kind != TaskType::Gather)
+            .collect();
     }
     Ok(types)
 }

@@ -1,6 +1,6 @@
-//! `reel tasks`: checks task files, makes them (`generate` from a table of what belongs where, `compatibility`; `draw` for
-//! measurements), reads the published ones (`real-bench`), puts questions into their plans (`annotate`), and says what they are
-//! like (`report`).
+//! `reel tasks`: checks task files, makes them (`generate` from a table of what belongs where,
+//! `compatibility`; `draw` for measurements), reads the published ones (`real-bench`), puts
+//! questions into their plans (`annotate`), and says what they are like (`report`).
 
 mod annotate;
 mod compatibility;
@@ -41,19 +41,20 @@ enum Command {
         /// Task file or folder
         #[arg(value_name = "PATH")]
         path: PathBuf,
-        /// Scene for all tasks: a file, or the name of one that comes with Reel; without it the one that each task names, found beside
-        /// the tasks or among those that come with Reel
+        /// Scene for all tasks: a file, or the name of one that comes with Reel; without it the one
+        /// that each task names, found beside the tasks or among those that come with Reel
         #[arg(long, value_name = "FILE")]
         scene: Option<PathBuf>,
         /// Print JSON
         #[arg(long)]
         json: bool,
     },
-    /// Draw plain tasks of one scene: what the published measurements of this project were made with
+    /// Draw plain tasks of one scene: what the published measurements of this project were made
+    /// with
     #[command(verbatim_doc_comment)]
     ///
-    /// One object moves, out of the 240 of the small library; nothing is simulated before it is kept.
-    /// Use `reel tasks generate` for training and evaluation.
+    /// One object moves, out of the 240 of the small library; nothing is simulated before it is
+    /// kept. Use `reel tasks generate` for training and evaluation.
     ///
     /// Example:
     ///   reel tasks draw --count 40 --seed 1 --out tasks
@@ -93,22 +94,44 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         Command::Compatibility(arguments) => compatibility::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::RealBench(arguments) => real_bench::run(arguments),
-        Command::Draw { scene, count, families, seed, out, json } => {
+        Command::Draw {
+            scene,
+            count,
+            families,
+            seed,
+            out,
+            json,
+        } => {
             let scene = inputs::scene(scene.as_deref())?;
             let families = parse_families(families)?;
-            let made = generate(&GenerateOptions { scene: &scene, families: &families, count: *count, seed: *seed });
+            let made = generate(&GenerateOptions {
+                scene: &scene,
+                families: &families,
+                count: *count,
+                seed: *seed,
+            });
             for task in &made.tasks {
-                save(&out.join(format!("{}.yaml", task.task_id)), &reel_tasks::yaml::write(task, &scene))?;
+                save(
+                    &out.join(format!("{}.yaml", task.task_id)),
+                    &reel_tasks::yaml::write(task, &scene),
+                )?;
             }
             if *json {
-                println!("{}", json!({ "tasks": made.tasks.len(), "rejected": made.rejected, "out": out }));
+                println!(
+                    "{}",
+                    json!({ "tasks": made.tasks.len(), "rejected": made.rejected, "out": out })
+                );
             } else {
                 println!("{} tasks in {}", made.tasks.len(), out.display());
                 for (reason, count) in &made.rejected {
                     println!("  rejected {count}: {reason}");
                 }
             }
-            Ok(if made.tasks.len() == *count { Answer::Yes } else { Answer::No })
+            Ok(if made.tasks.len() == *count {
+                Answer::Yes
+            } else {
+                Answer::No
+            })
         }
     }
 }
@@ -116,7 +139,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 /// Writes a file as a whole or not at all.
 fn save(path: &Path, text: &str) -> anyhow::Result<()> {
     let folder = path.parent().unwrap_or(path);
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}", folder.display()))?;
     let part = path.with_extension("part");
     fs::write(&part, text).with_context(|| format!("cannot write {}", part.display()))?;
     fs::rename(&part, path).with_context(|| format!("cannot write {}", path.display()))
@@ -124,19 +148,31 @@ fn save(path: &Path, text: &str) -> anyhow::Result<()> {
 
 /// Writes the scene of tasks beside them.
 fn save_scene(folder: &Path, scene: &Scene) -> anyhow::Result<()> {
-    save(&folder.join(format!("{}.json", scene.scene_id)), &scene_file(scene)?)
+    save(
+        &folder.join(format!("{}.json", scene.scene_id)),
+        &scene_file(scene)?,
+    )
 }
 
 fn check(path: &Path, scene: Option<&Path>, as_json: bool) -> anyhow::Result<Answer> {
-    let LoadedSet { report, scenes, warnings } = reel_tasks::load_with(path, &inputs::scene_source(scene)?, Listed::AsWritten);
-    warnings.iter().for_each(|warning| eprintln!("reel: {warning}"));
+    let LoadedSet {
+        report,
+        scenes,
+        warnings,
+    } = reel_tasks::load_with(path, &inputs::scene_source(scene)?, Listed::AsWritten);
+    warnings
+        .iter()
+        .for_each(|warning| eprintln!("reel: {warning}"));
     let (loaded, files) = (report.tasks.len(), report.tasks.len() + report.broken.len());
     if files == 0 {
         bail!("no task file (.yaml) in {}", path.display());
     }
     if as_json {
         let broken: Vec<String> = report.broken.iter().map(ToString::to_string).collect();
-        println!("{}", json!({ "loaded": loaded, "files": files, "oddities": report.oddities, "broken": broken }));
+        println!(
+            "{}",
+            json!({ "loaded": loaded, "files": files, "oddities": report.oddities, "broken": broken })
+        );
     } else {
         for oddity in &report.oddities {
             println!("{oddity}");
@@ -149,12 +185,19 @@ fn check(path: &Path, scene: Option<&Path>, as_json: bool) -> anyhow::Result<Ans
             *kinds.entry(oddity.kind.as_str()).or_default() += 1;
         }
         let names: Vec<&str> = scenes.iter().map(|scene| scene.scene_id.as_str()).collect();
-        println!("{loaded} of {files} tasks load in scene {}", names.join(", "));
+        println!(
+            "{loaded} of {files} tasks load in scene {}",
+            names.join(", ")
+        );
         for (kind, count) in kinds {
             println!("  {count:4} {kind}");
         }
     }
-    Ok(if report.broken.is_empty() { Answer::Yes } else { Answer::No })
+    Ok(if report.broken.is_empty() {
+        Answer::Yes
+    } else {
+        Answer::No
+    })
 }
 
 /// The scenes that were named; without a name the home.
@@ -170,7 +213,8 @@ fn parse_families(names: &[String]) -> anyhow::Result<Vec<Family>> {
         return Ok(Family::ALL.to_vec());
     }
     let parse = |name: &String| {
-        Family::parse(name).with_context(|| format!("no family is called '{name}'; there are FDP, FODP, FDO, SUL"))
+        Family::parse(name)
+            .with_context(|| format!("no family is called '{name}'; there are FDP, FODP, FDO, SUL"))
     };
     names.iter().map(parse).collect()
 }

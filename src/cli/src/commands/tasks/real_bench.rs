@@ -1,4 +1,5 @@
-//! `reel tasks real-bench`: the published benchmark, from a checkout of its repository into task and scene files.
+//! `reel tasks real-bench`: the published benchmark, from a checkout of its repository into task
+//! and scene files.
 
 use std::{
     fs,
@@ -15,14 +16,16 @@ use crate::Answer;
 /// Files that failed a check are named, so many of them.
 const BROKEN_SHOWN: usize = 20;
 
-/// Make REAL-Bench playable: check the published task files, rebuild their scenes from where objects are placed, and write both.
+/// Make REAL-Bench playable: check the published task files, rebuild their scenes from where
+/// objects are placed, and write both.
 ///
-/// CHECKOUT is a checkout of github.com/InternRobotics/REAL, or its folder `benchmark`. Everything is checked as the published loader
-/// checks it; a file that fails is named and left out. DIR/tasks/<family>/<task>.yaml are the published files, unchanged, and
-/// DIR/scenes/<scene>.json the scenes. Commands that take tasks find the scene by themselves.
+/// CHECKOUT is a checkout of github.com/InternRobotics/REAL, or its folder `benchmark`. Everything
+/// is checked as the published loader checks it; a file that fails is named and left out.
+/// DIR/tasks/<family>/<task>.yaml are the published files, unchanged, and DIR/scenes/<scene>.json
+/// the scenes. Commands that take tasks find the scene by themselves.
 ///
-/// The published scenes are not public. Heights of surfaces follow from the placements exactly, extents are lower bounds, and what
-/// nothing was placed on is assumed; the table says which.
+/// The published scenes are not public. Heights of surfaces follow from the placements exactly,
+/// extents are lower bounds, and what nothing was placed on is assumed; the table says which.
 ///
 /// Exit code 3 if files are left out or the bundle is not complete.
 ///
@@ -46,49 +49,83 @@ pub struct Arguments {
 
 /// Runs `reel tasks real-bench`.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
-    let Arguments { checkout, out, json: as_json } = arguments;
+    let Arguments {
+        checkout,
+        out,
+        json: as_json,
+    } = arguments;
     let checkout = Checkout::read(checkout)?;
     let (mut broken, mut rebuilt) = (Vec::new(), Vec::new());
     let mut loaded = 0;
     for scene_id in checkout.scene_ids() {
-        let scene = checkout.rebuild(scene_id).with_context(|| format!("scene {scene_id} cannot be rebuilt"))?;
+        let scene = checkout
+            .rebuild(scene_id)
+            .with_context(|| format!("scene {scene_id} cannot be rebuilt"))?;
         let report = checkout.load(&scene.scene);
         broken.extend(report.broken.iter().map(ToString::to_string));
         loaded += report.tasks.len();
-        save(&out.join("scenes").join(format!("{scene_id}.json")), &scene.text)?;
+        save(
+            &out.join("scenes").join(format!("{scene_id}.json")),
+            &scene.text,
+        )?;
         rebuilt.push((report.tasks.len(), scene));
     }
     broken.splice(0..0, checkout.broken.iter().map(ToString::to_string));
     if loaded == 0 {
-        broken.iter().take(BROKEN_SHOWN).for_each(|error| eprintln!("reel: {error}"));
+        broken
+            .iter()
+            .take(BROKEN_SHOWN)
+            .for_each(|error| eprintln!("reel: {error}"));
         bail!("no task could be loaded from {}", checkout.root.display());
     }
     for file in &checkout.files {
         copy(&file.path, &out.join("tasks").join(file.relative_path()))?;
     }
-    let complaints: Vec<String> = checkout.complaints.iter().map(ToString::to_string).collect();
+    let complaints: Vec<String> = checkout
+        .complaints
+        .iter()
+        .map(ToString::to_string)
+        .collect();
     let files = checkout.files.len() + checkout.broken.len();
     if *as_json {
-        let scenes: Vec<Value> = rebuilt.iter().map(|(tasks, scene)| scene_json(*tasks, scene)).collect();
+        let scenes: Vec<Value> = rebuilt
+            .iter()
+            .map(|(tasks, scene)| scene_json(*tasks, scene))
+            .collect();
         println!(
             "{}",
             json!({ "loaded": loaded, "files": files, "scenes": scenes, "broken": broken, "complaints": complaints, "out": out })
         );
     } else {
-        broken.iter().take(BROKEN_SHOWN).for_each(|error| println!("broken: {error}"));
+        broken
+            .iter()
+            .take(BROKEN_SHOWN)
+            .for_each(|error| println!("broken: {error}"));
         if broken.len() > BROKEN_SHOWN {
             println!("broken: {} more files", broken.len() - BROKEN_SHOWN);
         }
-        complaints.iter().for_each(|complaint| println!("bundle: {complaint}"));
-        rebuilt.iter().for_each(|(tasks, scene)| print!("{}", table(*tasks, scene)));
-        println!("{loaded} of {files} tasks load; play them with `reel run --tasks {}`", out.join("tasks").display());
+        complaints
+            .iter()
+            .for_each(|complaint| println!("bundle: {complaint}"));
+        rebuilt
+            .iter()
+            .for_each(|(tasks, scene)| print!("{}", table(*tasks, scene)));
+        println!(
+            "{loaded} of {files} tasks load; play them with `reel run --tasks {}`",
+            out.join("tasks").display()
+        );
     }
-    Ok(if broken.is_empty() && complaints.is_empty() { Answer::Yes } else { Answer::Loss })
+    Ok(if broken.is_empty() && complaints.is_empty() {
+        Answer::Yes
+    } else {
+        Answer::Loss
+    })
 }
 
 /// Copies a published file as it is; nothing of it may be lost.
 fn copy(from: &Path, to: &Path) -> anyhow::Result<()> {
-    let text = fs::read_to_string(from).with_context(|| format!("cannot read {}", from.display()))?;
+    let text =
+        fs::read_to_string(from).with_context(|| format!("cannot read {}", from.display()))?;
     save(to, &text)
 }
 
@@ -106,7 +143,11 @@ fn table(tasks: usize, rebuilt: &Rebuilt) -> String {
         "extents"
     );
     for row in &rebuilt.evidence {
-        let [height, extents] = if row.placements == 0 { ["assumed"; 2] } else { ["proven", "at least"] };
+        let [height, extents] = if row.placements == 0 {
+            ["assumed"; 2]
+        } else {
+            ["proven", "at least"]
+        };
         let door = if row.door { " (door)" } else { "" };
         let [x, y] = row.extents_m;
         text.push_str(&format!(
@@ -126,7 +167,11 @@ fn table(tasks: usize, rebuilt: &Rebuilt) -> String {
 
 fn scene_json(tasks: usize, rebuilt: &Rebuilt) -> Value {
     let receptacle = |row: &reel_tasks::real_bench::Evidence| {
-        let (height, extents) = if row.placements == 0 { ("assumed", "assumed") } else { ("proven", "lower bound") };
+        let (height, extents) = if row.placements == 0 {
+            ("assumed", "assumed")
+        } else {
+            ("proven", "lower bound")
+        };
         json!({
             "id": row.receptacle, "room": row.room, "door": row.door, "placements": row.placements,
             "height_m": row.height_m, "height": height, "extents_m": row.extents_m, "extents": extents,

@@ -11,9 +11,11 @@ use serde_json::json;
 
 use crate::{Answer, inputs};
 
-/// Show how plan length, distractors, object sizes and instruction length are distributed in a set of tasks.
+/// Show how plan length, distractors, object sizes and instruction length are distributed in a set
+/// of tasks.
 ///
-/// Each task plays in the scene that it names, found beside the tasks or among those that come with Reel.
+/// Each task plays in the scene that it names, found beside the tasks or among those that come with
+/// Reel.
 ///
 /// Example:
 ///   reel tasks report made --against real-bench/tasks
@@ -34,7 +36,12 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     let ours = report(&tasks(&arguments.tasks)?);
-    let theirs = arguments.against.as_deref().map(tasks).transpose()?.map(|tasks| report(&tasks));
+    let theirs = arguments
+        .against
+        .as_deref()
+        .map(tasks)
+        .transpose()?
+        .map(|tasks| report(&tasks));
     if arguments.json {
         println!("{}", json!({ "tasks": ours, "against": theirs }));
         return Ok(Answer::Yes);
@@ -44,10 +51,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         "{:6} {:30} {head}{}",
         "family",
         "",
-        theirs.as_ref().map_or(String::new(), |_| format!("   | against {}", head.trim_start()))
+        theirs.as_ref().map_or(String::new(), |_| format!(
+            "   | against {}",
+            head.trim_start()
+        ))
     );
     for row in &ours {
-        let other = theirs.iter().flatten().find(|other| (other.family, other.quantity) == (row.family, row.quantity));
+        let other = theirs
+            .iter()
+            .flatten()
+            .find(|other| (other.family, other.quantity) == (row.family, row.quantity));
         let family = row.family.map_or("all", |family| family.as_str());
         println!(
             "{family:6} {:30} {}{}",
@@ -61,7 +74,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 
 fn numbers(row: &Row) -> String {
     let of = &row.distribution;
-    format!("{:6} {:6.2} {:7.2} {:7.2} {:7.2}", of.count, of.min, of.median, of.mean, of.max)
+    format!(
+        "{:6} {:6.2} {:7.2} {:7.2} {:7.2}",
+        of.count, of.min, of.median, of.mean, of.max
+    )
 }
 
 /// The tasks of a folder, in whatever scenes.

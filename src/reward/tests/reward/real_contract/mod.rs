@@ -6,7 +6,10 @@ use std::collections::BTreeSet;
 
 use reel_reward::{
     Ending, EpisodeOutcome, Fired, MetricOptions, Preset, Term, TrainingFigures, TrainingMetric,
-    trainer::{Categories, Graph, HandViolation, Rollout, TextError, Turn, is_not_found, marker_in_answer, refusal},
+    trainer::{
+        Categories, Graph, HandViolation, Rollout, TextError, Turn, is_not_found, marker_in_answer,
+        refusal,
+    },
 };
 use reel_vectors::{Report, items, load, text};
 use reel_world::answer::Answer;
@@ -15,7 +18,11 @@ use serde_json::{Map, Value, json};
 /// A preset from a published configuration.
 fn preset(base: &str, config: &Value, more: &str) -> Preset {
     let (mut weights, mut rules) = (String::new(), String::new());
-    for section in ["reward_weights", "partial_credit_weights", "anti_exploit_weights"] {
+    for section in [
+        "reward_weights",
+        "partial_credit_weights",
+        "anti_exploit_weights",
+    ] {
         for (key, value) in config[section].as_object().into_iter().flatten() {
             match key.as_str() {
                 "step_penalty_start" => rules += &format!("free_steps = {value}\n"),
@@ -41,11 +48,18 @@ fn preset(base: &str, config: &Value, more: &str) -> Preset {
     if config["use_anti_exploit"] == true {
         rules += "anti_exploit = true\n";
     }
-    Preset::from_toml(&format!("name = 'of-a-vector'\nbase = '{base}'\n[weights]\n{weights}[rules]\n{rules}{more}")).unwrap()
+    Preset::from_toml(&format!(
+        "name = 'of-a-vector'\nbase = '{base}'\n[weights]\n{weights}[rules]\n{rules}{more}"
+    ))
+    .unwrap()
 }
 
 fn sum(terms: &[Fired], of: &[Term]) -> f64 {
-    terms.iter().filter(|fired| of.contains(&fired.term)).map(|fired| fired.value).sum()
+    terms
+        .iter()
+        .filter(|fired| of.contains(&fired.term))
+        .map(|fired| fired.value)
+        .sum()
 }
 
 fn count(terms: &[Fired], of: Term) -> usize {
@@ -53,20 +67,38 @@ fn count(terms: &[Fired], of: Term) -> usize {
 }
 
 const PARTIAL: &[Term] = &[Term::PickCorrectObject, Term::PartialMove];
-const TRACK: &[Term] = &[Term::FirstVisitTargetFurniture, Term::NavRevisitWindow, Term::RepeatedPerception, Term::RepeatedGaze];
-const TOOLS: &[Term] = &[Term::AskTool, Term::AskWhenAmbiguous, Term::UsedMarkerFromAnswer, Term::BlindPick];
+const TRACK: &[Term] = &[
+    Term::FirstVisitTargetFurniture,
+    Term::NavRevisitWindow,
+    Term::RepeatedPerception,
+    Term::RepeatedGaze,
+];
+const TOOLS: &[Term] = &[
+    Term::AskTool,
+    Term::AskWhenAmbiguous,
+    Term::UsedMarkerFromAnswer,
+    Term::BlindPick,
+];
 
 #[test]
 fn the_metric_counts_as_published() {
-    let Some(document) = load("reward.json") else { return };
+    let Some(document) = load("reward.json") else {
+        return;
+    };
     let mut report = Report::new("reward.json", "metric");
     for case in items(&document["metric"]) {
         let defaults = MetricOptions::default();
-        let size = |key: &str, default: usize| case["config"][key].as_u64().map_or(default, |value| value as usize);
+        let size = |key: &str, default: usize| {
+            case["config"][key]
+                .as_u64()
+                .map_or(default, |value| value as usize)
+        };
         let mut metric = TrainingMetric::new(MetricOptions {
             history_max: size("max_history", defaults.history_max),
             window: size("window_size", defaults.window),
-            success_min: case["config"]["success_threshold"].as_f64().unwrap_or(defaults.success_min),
+            success_min: case["config"]["success_threshold"]
+                .as_f64()
+                .unwrap_or(defaults.success_min),
         });
         let mut episodes = Vec::new();
         for (id, episode) in items(&case["episodes"]).iter().enumerate() {
@@ -74,10 +106,17 @@ fn the_metric_counts_as_published() {
             for step in items(&episode["steps"]) {
                 let matched = step[1]["matched_diffs"].as_array().map_or(0, Vec::len);
                 let targets = episode["targets"].as_u64().unwrap() as u32;
-                outcome.step(targets, step[0].as_f64().unwrap(), matched as u32, step[1]["completion_rate"].as_f64());
+                outcome.step(
+                    targets,
+                    step[0].as_f64().unwrap(),
+                    matched as u32,
+                    step[1]["completion_rate"].as_f64(),
+                );
             }
             let end = &episode["end"];
-            outcome.completion = end["completion_rate"].as_f64().unwrap_or(outcome.completion);
+            outcome.completion = end["completion_rate"]
+                .as_f64()
+                .unwrap_or(outcome.completion);
             outcome.success = end["success"].as_bool();
             outcome.timeout = end["timeout"] == true;
             outcome.invalid_action = end["invalid_action"] == true;
@@ -135,8 +174,13 @@ fn content(of: &Value) -> Vec<Value> {
 /// Whole episodes, step by step: pay, state, end.
 #[test]
 fn the_trainer_pays_whole_episodes_as_published() {
-    let Some(document) = load("trainer_episodes.json") else { return };
-    let (mut resets, mut steps) = (Report::new("trainer_episodes.json", "resets"), Report::new("trainer_episodes.json", "steps"));
+    let Some(document) = load("trainer_episodes.json") else {
+        return;
+    };
+    let (mut resets, mut steps) = (
+        Report::new("trainer_episodes.json", "resets"),
+        Report::new("trainer_episodes.json", "steps"),
+    );
     let mut ends = Report::new("trainer_episodes.json", "episodes");
     for episode in items(&document["episodes"]) {
         let id = text(&episode["id"]);
@@ -148,12 +192,17 @@ fn the_trainer_pays_whole_episodes_as_published() {
         let limits = format!(
             "max_turns = {}\n{}",
             episode["max_turns"],
-            config["max_steps"].as_u64().map_or(String::new(), |steps| format!("max_steps = {steps}\n"))
+            config["max_steps"]
+                .as_u64()
+                .map_or(String::new(), |steps| format!("max_steps = {steps}\n"))
         );
         let preset = preset("real-trainer", &config["reward_config"], &limits);
         let payload = &episode["payload"];
-        let sent =
-            if payload.is_object() { vec![json!({ "type": "text", "text": payload.to_string() })] } else { content(payload) };
+        let sent = if payload.is_object() {
+            vec![json!({ "type": "text", "text": payload.to_string() })]
+        } else {
+            content(payload)
+        };
         let (_, asked) = text(&episode["task"]).split_once('/').unwrap();
         let rollout = Rollout::reset(&preset, asked, &sent);
         resets.compare(id, &reset_wanted(&episode["reset"]), &reset_found(&rollout));
@@ -167,8 +216,18 @@ fn the_trainer_pays_whole_episodes_as_published() {
 }
 
 fn reset_wanted(reset: &Value) -> Value {
-    let keys = ["error", "invalid_task", "stale", "done", "target_diffs", "targets"];
-    keys.into_iter().map(|key| (key.to_owned(), reset[key].clone())).collect::<Map<String, Value>>().into()
+    let keys = [
+        "error",
+        "invalid_task",
+        "stale",
+        "done",
+        "target_diffs",
+        "targets",
+    ];
+    keys.into_iter()
+        .map(|key| (key.to_owned(), reset[key].clone()))
+        .collect::<Map<String, Value>>()
+        .into()
 }
 
 fn reset_found(rollout: &Result<Rollout, reel_reward::trainer::ResetError>) -> Value {
@@ -189,8 +248,10 @@ fn reset_found(rollout: &Result<Rollout, reel_reward::trainer::ResetError>) -> V
 }
 
 fn targets(remaining: &[(String, String, bool)]) -> Value {
-    let mut targets: Vec<Value> =
-        remaining.iter().map(|(kind, place, add)| json!([kind, place, if *add { "add" } else { "remove" }])).collect();
+    let mut targets: Vec<Value> = remaining
+        .iter()
+        .map(|(kind, place, add)| json!([kind, place, if *add { "add" } else { "remove" }]))
+        .collect();
     targets.sort_by_key(Value::to_string);
     json!(targets)
 }
@@ -212,8 +273,14 @@ fn play(mut rollout: Rollout, episode: &Value, steps: &mut Report, ends: &mut Re
         let calls = items(&step["calls"]);
         let action = Answer::parse(text(&step["text"])).action;
         let turn = match (calls.first(), action) {
-            (Some(_), _) if result["isError"] == true || result.get("raise").is_some() => Turn::Failed,
-            (Some(call), _) => Turn::Call { tool: text(&call["name"]), arguments: &call["arguments"], content: &items_of_result },
+            (Some(_), _) if result["isError"] == true || result.get("raise").is_some() => {
+                Turn::Failed
+            }
+            (Some(call), _) => Turn::Call {
+                tool: text(&call["name"]),
+                arguments: &call["arguments"],
+                content: &items_of_result,
+            },
             (None, None) => Turn::Unreadable,
             (None, Some(action)) if action.name == "finish" => Turn::Finish,
             (None, Some(_)) => Turn::TimedOut,
@@ -225,7 +292,9 @@ fn play(mut rollout: Rollout, episode: &Value, steps: &mut Report, ends: &mut Re
         let turn_limit = sum(&paid.terms, &[Term::TurnLimit]);
         horizon += turn_limit;
         let state = rollout.state();
-        let done = state.ending.is_some_and(|ending| ending != Ending::TurnLimit);
+        let done = state
+            .ending
+            .is_some_and(|ending| ending != Ending::TurnLimit);
         let failed = state.ending == Some(Ending::CallFailed);
         let told = TextError::find(&paid.observation).filter(|_| called && !failed);
         let completion = (called && !failed) || turn_is_finish(&paid.terms, state.ending);
@@ -249,13 +318,28 @@ fn play(mut rollout: Rollout, episode: &Value, steps: &mut Report, ends: &mut Re
             "hand_occupied": state.hand_occupied, "remaining": targets(&state.remaining), "graph": graph(&state.graph),
             "distractor_visible": state.ambiguous, "asked_since": state.asked, "last_ask_marker": state.named_marker,
         });
-        let (info, breakdown, wanted) = (&expected["info"], &expected["info"]["reward_breakdown"], &expected["state"]);
+        let (info, breakdown, wanted) = (
+            &expected["info"],
+            &expected["info"]["reward_breakdown"],
+            &expected["state"],
+        );
         let observation = text(&expected["observation"]);
-        let observation = observation.trim_end_matches("⟦+complete⟧").trim_end_matches("⟦+horizon⟧").trim_end();
+        let observation = observation
+            .trim_end_matches("⟦+complete⟧")
+            .trim_end_matches("⟦+horizon⟧")
+            .trim_end();
         let number = |key: &str| breakdown[key].as_f64().unwrap_or(0.0);
         let length = |key: &str| breakdown[key].as_array().map_or(0, Vec::len);
-        let tools = ["reward", "ask_when_ambiguous", "used_marker_from_answer", "blind_pick_penalty"];
-        let tools: f64 = tools.into_iter().filter_map(|key| breakdown["tool_reward"][key].as_f64()).sum();
+        let tools = [
+            "reward",
+            "ask_when_ambiguous",
+            "used_marker_from_answer",
+            "blind_pick_penalty",
+        ];
+        let tools: f64 = tools
+            .into_iter()
+            .filter_map(|key| breakdown["tool_reward"][key].as_f64())
+            .sum();
         let wanted = json!({
             "reward": expected["reward"], "done": expected["done"],
             "completion": info["completion_rate"],
@@ -280,9 +364,14 @@ fn play(mut rollout: Rollout, episode: &Value, steps: &mut Report, ends: &mut Re
             count(&paid.terms, Term::DiffMatch) as u32,
             Some(state.completion),
         );
-        assert!(before.ending.is_none(), "{id} {index}: a step after the end");
+        assert!(
+            before.ending.is_none(),
+            "{id} {index}: a step after the end"
+        );
     }
-    let Some(expected) = episode["rollout"].as_object() else { return };
+    let Some(expected) = episode["rollout"].as_object() else {
+        return;
+    };
     let ending = rollout.ending();
     outcome.success = Some(ending == Some(Ending::Complete));
     let total = rollout.total();
@@ -326,77 +415,128 @@ fn graph_wanted(graph: &Value) -> Value {
     for (place, state) in graph.as_object().unwrap() {
         let content = state.as_array().or_else(|| state["content"].as_array());
         for kind in content.into_iter().flatten() {
-            *counts.entry((place.clone(), text(kind).to_owned())).or_insert(0) += 1;
+            *counts
+                .entry((place.clone(), text(kind).to_owned()))
+                .or_insert(0) += 1;
         }
     }
-    sorted(&counts.into_iter().map(|((place, kind), count)| json!([place, kind, count])).collect::<Vec<_>>().into())
+    sorted(
+        &counts
+            .into_iter()
+            .map(|((place, kind), count)| json!([place, kind, count]))
+            .collect::<Vec<_>>()
+            .into(),
+    )
 }
 
 #[test]
 fn names_become_categories_as_published() {
-    let Some(document) = load("trainer_contract.json") else { return };
+    let Some(document) = load("trainer_contract.json") else {
+        return;
+    };
     let mut report = Report::new("trainer_contract.json", "mapping");
     for (index, case) in items(&document["mapping"]).iter().enumerate() {
         let categories = Categories::of_payload(&case["payload"]);
-        let found: Map<String, Value> = categories.iter().map(|(asset, category)| (asset.to_owned(), json!(category))).collect();
+        let found: Map<String, Value> = categories
+            .iter()
+            .map(|(asset, category)| (asset.to_owned(), json!(category)))
+            .collect();
         report.compare(&index.to_string(), &case["mapping"], &Value::Object(found));
     }
     report.finish();
     let mut report = Report::new("trainer_contract.json", "convert");
     for (index, case) in items(&document["convert"]).iter().enumerate() {
         let entries = case["mapping"].as_object().unwrap().iter();
-        let meta: Map<String, Value> =
-            entries.map(|(asset, category)| (asset.clone(), json!({ "category": category }))).collect();
+        let meta: Map<String, Value> = entries
+            .map(|(asset, category)| (asset.clone(), json!({ "category": category })))
+            .collect();
         let categories = Categories::of_payload(&json!({ "distractor_metadata": meta }));
-        report.compare(&index.to_string(), &case["converted"], &categories.convert_json(&case["graph"]));
+        report.compare(
+            &index.to_string(),
+            &case["converted"],
+            &categories.convert_json(&case["graph"]),
+        );
     }
     report.finish();
 }
 
 #[test]
 fn graphs_are_refused_as_published() {
-    let Some(document) = load("trainer_contract.json") else { return };
+    let Some(document) = load("trainer_contract.json") else {
+        return;
+    };
     let mut report = Report::new("trainer_contract.json", "validate");
     for (index, case) in items(&document["validate"]).iter().enumerate() {
         let [old, new] = [&case["old"], &case["new"]].map(|graph| Graph::of_json(graph).size());
         // a graph comes with a call alone; without one, and at the end, nobody counts the objects
         let counts = !matches!(text(&case["tool"]), "" | "finish");
-        let new = if counts { new } else { reel_reward::trainer::GraphSize { objects: old.objects, ..new } };
+        let new = if counts {
+            new
+        } else {
+            reel_reward::trainer::GraphSize {
+                objects: old.objects,
+                ..new
+            }
+        };
         let found = refusal(&old, &new);
         let found = json!({ "accepted": found.is_none(), "reason": found.map_or("", |refusal| refusal.as_str()) });
-        report.compare(&index.to_string(), &json!({ "accepted": case["accepted"], "reason": case["reason"] }), &found);
+        report.compare(
+            &index.to_string(),
+            &json!({ "accepted": case["accepted"], "reason": case["reason"] }),
+            &found,
+        );
     }
     report.finish();
 }
 
 #[test]
 fn texts_are_read_as_published() {
-    let Some(document) = load("trainer_contract.json") else { return };
+    let Some(document) = load("trainer_contract.json") else {
+        return;
+    };
     let trainer = Preset::real_trainer();
     let mut report = Report::new("trainer_contract.json", "error_text");
     for case in items(&document["error_text"]) {
         let error = TextError::find(text(&case["text"]));
-        let term = |error: TextError| if error.is_severe() { Term::ListedSevere } else { Term::ListedModerate };
+        let term = |error: TextError| {
+            if error.is_severe() {
+                Term::ListedSevere
+            } else {
+                Term::ListedModerate
+            }
+        };
         let found = json!({
             "penalty": error.map_or(0.0, |error| trainer.weight(term(error))),
             "error_type": error.map(|error| if error.is_severe() { "severe" } else { "moderate" }),
             "error_pattern": error.map(TextError::pattern),
         });
-        let wanted =
-            json!({ "penalty": case["penalty"], "error_type": case["error_type"], "error_pattern": case["error_pattern"] });
+        let wanted = json!({ "penalty": case["penalty"], "error_type": case["error_type"], "error_pattern": case["error_pattern"] });
         report.compare(text(&case["text"]), &wanted, &found);
     }
     report.finish();
     let mut report = Report::new("trainer_contract.json", "ask_marker");
     for case in items(&document["ask_marker"]) {
-        let known: Vec<&String> = case["markers"].as_object().into_iter().flatten().map(|(marker, _)| marker).collect();
-        report.compare(text(&case["answer"]), &case["marker"], &json!(marker_in_answer(text(&case["answer"]), &known)));
+        let known: Vec<&String> = case["markers"]
+            .as_object()
+            .into_iter()
+            .flatten()
+            .map(|(marker, _)| marker)
+            .collect();
+        report.compare(
+            text(&case["answer"]),
+            &case["marker"],
+            &json!(marker_in_answer(text(&case["answer"]), &known)),
+        );
     }
     report.finish();
     let mut report = Report::new("trainer_contract.json", "not_found");
     for case in items(&document["not_found"]) {
         let found = is_not_found(text(&case["observation"]), case["instruction"].as_str());
-        report.compare(text(&case["observation"]), &case["task_not_found"], &json!(found));
+        report.compare(
+            text(&case["observation"]),
+            &case["task_not_found"],
+            &json!(found),
+        );
     }
     report.finish();
 }
@@ -410,44 +550,74 @@ fn rollout(category: &Value) -> Rollout {
         "initial_world_graph": { "a": { "content": names }, "b": { "content": [] } },
         "target_world_graph": { "a": { "content": [names[1]] }, "b": { "content": [names[0]] } },
     });
-    Rollout::reset(&Preset::real_trainer(), "t", &[json!({ "type": "text", "text": payload.to_string() })]).unwrap()
+    Rollout::reset(
+        &Preset::real_trainer(),
+        "t",
+        &[json!({ "type": "text", "text": payload.to_string() })],
+    )
+    .unwrap()
 }
 
 fn call(rollout: &mut Rollout, tool: &str, items: &[Value]) {
-    rollout.step(Turn::Call { tool, arguments: &json!({}), content: items });
+    rollout.step(Turn::Call {
+        tool,
+        arguments: &json!({}),
+        content: items,
+    });
 }
 
 #[test]
 fn the_hand_is_followed_as_published() {
-    let Some(document) = load("trainer_contract.json") else { return };
+    let Some(document) = load("trainer_contract.json") else {
+        return;
+    };
     let mut report = Report::new("trainer_contract.json", "hand");
     for case in items(&document["hand"]) {
         let mut rollout = rollout(&json!("mug"));
         if case["occupied"] == true {
             call(&mut rollout, "pick", &[]);
         }
-        let paid = rollout.step(Turn::Call { tool: text(&case["tool"]), arguments: &json!({}), content: &[] });
+        let paid = rollout.step(Turn::Call {
+            tool: text(&case["tool"]),
+            arguments: &json!({}),
+            content: &[],
+        });
         let violation = rollout.state().hand_violation.map(HandViolation::as_str);
-        let found = json!({ "penalty": sum(&paid.terms, &[Term::HandViolation]), "violation": violation });
-        report.compare(text(&case["tool"]), &json!({ "penalty": case["penalty"], "violation": case["violation"] }), &found);
+        let found =
+            json!({ "penalty": sum(&paid.terms, &[Term::HandViolation]), "violation": violation });
+        report.compare(
+            text(&case["tool"]),
+            &json!({ "penalty": case["penalty"], "violation": case["violation"] }),
+            &found,
+        );
     }
     report.finish();
 }
 
 #[test]
 fn candidates_are_seen_as_published() {
-    let Some(document) = load("trainer_contract.json") else { return };
+    let Some(document) = load("trainer_contract.json") else {
+        return;
+    };
     let mut report = Report::new("trainer_contract.json", "ambiguity");
     for (index, case) in items(&document["ambiguity"]).iter().enumerate() {
         let target = &case["target_object"];
         let first = target.as_array().map_or(target, |list| &list[0]);
-        let category = first.get("category").or(first.as_str().map(|_| first)).cloned().unwrap_or(json!(""));
+        let category = first
+            .get("category")
+            .or(first.as_str().map(|_| first))
+            .cloned()
+            .unwrap_or(json!(""));
         let mut rollout = rollout(&category);
         // the vectors begin with an answer that named a marker
         let asked = json!({ "type": "text", "text": "marker_1" });
         call(&mut rollout, "ask", &[asked]);
         let debug = json!({ "CURRENT_MARKER_MAP": case["markers"] });
-        call(&mut rollout, text(&case["tool"]), &[json!({ "type": "text", "text": format!("Debug Info:\n{debug}") })]);
+        call(
+            &mut rollout,
+            text(&case["tool"]),
+            &[json!({ "type": "text", "text": format!("Debug Info:\n{debug}") })],
+        );
         let state = rollout.state();
         let found = json!({ "distractor_visible": state.ambiguous, "asked_since": state.asked });
         let wanted = json!({ "distractor_visible": case["distractor_visible"], "asked_since": case["asked_since"] });
@@ -456,12 +626,29 @@ fn candidates_are_seen_as_published() {
     report.finish();
 }
 
-/// So that a vector that is not read is noticed: the parts that belong to the trainer's view are all compared here.
+/// So that a vector that is not read is noticed: the parts that belong to the trainer's view are
+/// all compared here.
 #[test]
 fn the_parts_of_the_contract_are_known() {
-    let Some(document) = load("trainer_contract.json") else { return };
-    let parts: BTreeSet<&str> = document.as_object().unwrap().keys().map(String::as_str).collect();
-    let known = ["mapping", "convert", "validate", "error_text", "hand", "ambiguity", "ask_marker", "not_found"];
+    let Some(document) = load("trainer_contract.json") else {
+        return;
+    };
+    let parts: BTreeSet<&str> = document
+        .as_object()
+        .unwrap()
+        .keys()
+        .map(String::as_str)
+        .collect();
+    let known = [
+        "mapping",
+        "convert",
+        "validate",
+        "error_text",
+        "hand",
+        "ambiguity",
+        "ask_marker",
+        "not_found",
+    ];
     let elsewhere = ["README", "tool_lists", "names", "task_lists", "allocation"];
     assert_eq!(parts, known.into_iter().chain(elsewhere).collect());
 }
