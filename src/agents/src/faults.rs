@@ -3,9 +3,9 @@
 
 use std::{collections::BTreeSet, sync::Arc};
 
+use crate::plan::Intent;
 use rand_chacha::ChaCha8Rng;
 use reel_episode::Observation;
-use reel_plan::Intent;
 use reel_world::{
     AssetId, ObjectInstance, ReceptacleId, Scene, Task, Tool, ToolCall,
     record::{MarkerTarget, PolicyInfo, StepInput},

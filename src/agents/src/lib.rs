@@ -11,6 +11,7 @@ mod narration;
 mod oracle;
 mod outside;
 mod perception;
+pub mod plan;
 mod planner;
 mod policy;
 mod random;

@@ -3,8 +3,8 @@
 
 use std::collections::VecDeque;
 
+use crate::plan::Intent;
 use reel_episode::Observation;
-use reel_plan::Intent;
 use reel_world::{Tool, ToolCall, record::PolicyOutput};
 
 /// The history of calls, in words.

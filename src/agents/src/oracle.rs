@@ -7,9 +7,9 @@ use std::{
     sync::Arc,
 };
 
+use crate::plan::{Intent, Situation, calls, plan, published_plan};
 use rand_chacha::ChaCha8Rng;
 use reel_episode::{Privileged, user::which};
-use reel_plan::{Intent, Situation, calls, plan, published_plan};
 use reel_world::{
     DoorState, ErrorCode, HORIZON, InstanceId, PlanStep, ReceptacleId, Task, Tool, WorldGraph,
     record::{MarkerTarget, PolicyInfo, StepInput},

@@ -4,7 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use reel_plan::{Belief, Deed, Errand, Move, Objection, Thing, View};
+use crate::plan::{Belief, Deed, Errand, Move, Objection, Thing, View};
 use reel_world::{
     ErrorCode, FLOOR, ObjectInstance, ReceptacleId, Task, Tool, ToolCall, language,
     record::{PolicyInfo, StepInput},

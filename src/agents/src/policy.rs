@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
+use crate::plan::Thing;
 use reel_episode::{Briefing, Observation, Privileged};
-use reel_plan::Thing;
 use reel_world::{
     Attributes, ObjectInstance, ReceptacleId, Scene, Task,
     record::{PolicyInfo, StepInput},

@@ -2,7 +2,7 @@
 
 use std::{io, path::PathBuf};
 
-use reel_model::ModelError;
+use reel_llm::client::ModelError;
 use reel_world::Digest;
 
 /// Every error of the crate.

@@ -9,10 +9,10 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_assets::Folder;
-#[cfg(feature = "analytics")]
-use reel_buckets::Buckets;
 use reel_replay::SnapshotCache;
+#[cfg(feature = "analytics")]
+use reel_tables::buckets::Buckets;
+use reel_tasks::assets::Folder;
 use reel_tasks::{Listed, SceneSource};
 use reel_trace::{Trace, is_remote, list_remote};
 use reel_world::{AssetId, Meshes, Scene, Scenes, Skills, Task};
@@ -34,11 +34,11 @@ pub fn scene(path: Option<&Path>) -> anyhow::Result<Arc<Scene>> {
         return Ok(Arc::new(reel_tasks::home()));
     };
     let name = path.to_str().unwrap_or_default();
-    if let Some(scene) = reel_generate::scene::built_in(name) {
+    if let Some(scene) = reel_tasks::generate::scene::built_in(name) {
         return Ok(Arc::new(scene));
     }
     if !path.exists() {
-        let names: Vec<&str> = reel_generate::scene::names().collect();
+        let names: Vec<&str> = reel_tasks::generate::scene::names().collect();
         bail!(
             "no scene file {}, and no scene of that name comes along; there are home, {}",
             path.display(),
@@ -117,7 +117,7 @@ pub fn tasks(path: &Path, scene: Option<&Path>, listed: Listed) -> anyhow::Resul
 pub fn scene_source(scene: Option<&Path>) -> anyhow::Result<SceneSource> {
     let given = scene.map(|path| self::scene(Some(path))).transpose()?;
     Ok(given.map_or(
-        SceneSource::ById(reel_generate::scene::by_id),
+        SceneSource::ById(reel_tasks::generate::scene::by_id),
         SceneSource::Given,
     ))
 }
@@ -204,7 +204,7 @@ pub fn buckets() -> Buckets {
         .and_then(|text| text.parse::<f64>().ok())
         .filter(|gib| *gib > 0.0);
     let bytes_max = (gib.unwrap_or(BUCKET_CACHE_GIB) * f64::from(1 << 30)) as u64;
-    Buckets::new(reel_buckets::Cache::at(
+    Buckets::new(reel_tables::buckets::Cache::at(
         folder.unwrap_or_else(|| env::temp_dir().join("reel-buckets")),
         bytes_max,
     ))

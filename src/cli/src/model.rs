@@ -6,7 +6,7 @@ use std::{
     time::{Duration, SystemTime, UNIX_EPOCH},
 };
 
-use reel_model::{ApiKey, Cache, CallLog, Client, Clock, Endpoint};
+use reel_llm::client::{ApiKey, Cache, CallLog, Client, Clock, Endpoint};
 
 /// Whom to ask.
 #[derive(clap::Args)]

@@ -4,8 +4,8 @@ use std::{collections::BTreeMap, path::Path, sync::Arc, time::Duration};
 
 use anyhow::{Context, bail};
 use reel_agents::{AgentError, Job, Outside, POLICIES, Seats, builtin};
-use reel_model::{ApiKey, CallLog, Client, Endpoint};
-use reel_pilot::{AgentStyle, Embeddings, ModelUser, SIMILARITY_DEFAULT, agent};
+use reel_llm::agent::{AgentStyle, Embeddings, ModelUser, SIMILARITY_DEFAULT, agent};
+use reel_llm::client::{ApiKey, CallLog, Client, Endpoint};
 use reel_prompt::Prompt;
 use serde_json::{Map, Value, json};
 

@@ -11,7 +11,7 @@ use datafusion::{
     },
 };
 use object_store::{ObjectStore, local::LocalFileSystem};
-use reel_buckets::Opened;
+use reel_tables::buckets::Opened;
 use url::Url;
 
 /// What plans run in.

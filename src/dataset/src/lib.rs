@@ -12,6 +12,7 @@ mod error;
 mod example;
 mod format;
 mod json;
+pub mod lint;
 mod manifest;
 mod picture;
 mod privileged;

@@ -11,7 +11,9 @@ mod functions;
 mod fusion;
 mod limits;
 pub mod named;
+pub mod pattern;
 mod session;
+pub mod statistics;
 mod tables;
 
 use arrow::array::RecordBatch;

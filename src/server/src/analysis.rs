@@ -4,7 +4,7 @@
 use std::{sync::Arc, time::Duration};
 
 use axum::Router;
-use reel_blame::Options;
+use reel_counterfactual::blame::Options;
 use reel_query::Parameters;
 use reel_trace::Trace;
 use rmcp::{
@@ -149,7 +149,7 @@ impl Analysis {
             .archive
             .existing(name)
             .map_err(|error| error.to_string())?;
-        let measured = reel_blame::blame_all(
+        let measured = reel_counterfactual::blame::blame_all(
             &[path],
             1,
             &Options {
@@ -174,7 +174,7 @@ impl Analysis {
             .archive
             .read(name)
             .map_err(|error| error.to_string())?;
-        let blame = reel_blame::blame(&trace);
+        let blame = reel_counterfactual::blame::blame(&trace);
         let parameters = Parameters::from([("id".to_owned(), trace.header.episode_id.clone())]);
         let class = rows(
             &self.app,

@@ -11,7 +11,7 @@ use std::{
 use reel_live::{Setup, Stages};
 use reel_mcp::AskWhom;
 use reel_reward::Preset;
-use reel_tasks::{GenerateOptions, Listed, SceneSource, generate, home};
+use reel_tasks::{DrawOptions, Listed, SceneSource, draw, home};
 use reel_trace::{Durability, Images, RecordOptions};
 use reel_world::{Family, Profile, Scene, Skills, Task};
 use serde::{Deserialize, Serialize};
@@ -396,7 +396,10 @@ impl Config {
         self.check()?;
         let play = &self.play;
         let given = match &play.scene {
-            Some(path) => match path.to_str().and_then(reel_generate::scene::built_in) {
+            Some(path) => match path
+                .to_str()
+                .and_then(reel_tasks::generate::scene::built_in)
+            {
                 Some(scene) => Some(Arc::new(scene)),
                 None => {
                     let loaded = reel_tasks::scene::load(path)?;
@@ -412,7 +415,7 @@ impl Config {
         let (mut tasks, scenes) = match &play.tasks {
             Some(path) => {
                 let source = given.map_or(
-                    SceneSource::ById(reel_generate::scene::by_id),
+                    SceneSource::ById(reel_tasks::generate::scene::by_id),
                     SceneSource::Given,
                 );
                 let loaded = reel_tasks::load_with(path, &source, Listed::AsWritten);
@@ -505,11 +508,11 @@ impl Config {
 
 /// Tasks of all families in the home that comes with Reel.
 fn made(scene: &Scene, seed: u64) -> Vec<Arc<Task>> {
-    let options = GenerateOptions {
+    let options = DrawOptions {
         scene,
         families: &Family::ALL,
         count: TASKS_MADE,
         seed,
     };
-    generate(&options).tasks.into_iter().map(Arc::new).collect()
+    draw(&options).tasks.into_iter().map(Arc::new).collect()
 }

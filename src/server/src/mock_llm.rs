@@ -12,7 +12,7 @@ use axum::{
     routing::{get, post},
 };
 use futures_util::stream;
-use reel_pilot::script::{Script, Trouble};
+use reel_llm::agent::script::{Script, Trouble};
 use serde_json::{Value, json};
 use tokio::{net::TcpListener, time::sleep};
 

@@ -119,14 +119,14 @@ mod tests {
     use std::{path::Path, sync::Arc};
 
     use reel_tables::{Store, synthesize};
-    use reel_tasks::{GenerateOptions, generate, home};
+    use reel_tasks::{DrawOptions, draw, home};
     use reel_world::Family;
 
     use super::Tables;
 
     fn fill(place: &Path, seed: u64) {
         let scene = home();
-        let tasks = generate(&GenerateOptions {
+        let tasks = draw(&DrawOptions {
             scene: &scene,
             families: &Family::ALL,
             count: 4,

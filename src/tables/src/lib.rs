@@ -3,6 +3,7 @@
 //! Reads traces as they were recorded; never runs physics, never judges an episode (that is SQL's
 //! job), and nobody outside `store` knows how the tables lie.
 
+pub mod buckets;
 mod rescore;
 mod rows;
 pub mod schema;

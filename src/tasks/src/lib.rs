@@ -3,15 +3,17 @@
 //! Reads outside files, so everything here that fails says which file, which line and which field.
 //! Never simulates: whether a task can be done is found out by running it.
 
+pub mod assets;
 pub mod attributes;
+pub mod generate;
 pub mod library;
 pub mod scene;
 pub mod yaml;
 
 mod document;
+mod draw;
 mod error;
 mod field;
-mod generate;
 mod load;
 mod lookup;
 mod oddity;
@@ -22,8 +24,8 @@ pub mod real_proc;
 mod real_schema;
 pub mod wording;
 
+pub use draw::{DrawOptions, Drawn, draw};
 pub use error::TaskError;
-pub use generate::{GenerateOptions, Generated, generate};
 pub use load::{Listed, LoadReport, LoadedSet, load, load_as, load_with, parse};
 pub use lookup::SceneSource;
 pub use oddity::{Oddity, OddityKind};

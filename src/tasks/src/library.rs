@@ -65,7 +65,7 @@ pub fn objects() -> &'static [LibraryObject] {
     })
 }
 
-/// The 240 objects of 60 categories that [`crate::generate`] draws from: what its seeds mean
+/// The 240 objects of 60 categories that [`crate::draw`] draws from: what its seeds mean
 /// depends on them.
 pub fn small() -> &'static [LibraryObject] {
     static OBJECTS: OnceLock<Vec<LibraryObject>> = OnceLock::new();

@@ -18,7 +18,7 @@ use std::sync::{
 };
 
 use rayon::prelude::*;
-use reel_model::{Client, Message, ModelError, Reply, Request, Role};
+use reel_llm::client::{Client, Message, ModelError, Reply, Request, Role};
 use reel_world::{Digest, FailureClass};
 use serde::{Deserialize, Serialize};
 

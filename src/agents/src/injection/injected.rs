@@ -3,9 +3,9 @@
 
 use std::{collections::VecDeque, sync::Arc};
 
+use crate::plan::Intent;
 use rand_chacha::ChaCha8Rng;
 use reel_episode::Privileged;
-use reel_plan::Intent;
 use reel_world::{
     InstanceId, ReceptacleId, Scene, Task, Tool, ToolCall,
     record::{Marker, MarkerTarget, PolicyInfo, StepInput},

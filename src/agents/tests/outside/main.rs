@@ -9,7 +9,7 @@ use reel_agents::{
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_tasks::{GenerateOptions, generate, home};
+use reel_tasks::{DrawOptions, draw, home};
 use reel_trace::{Images, Trace};
 use reel_world::{
     ErrorCode, Family, Profile, Skills,
@@ -56,7 +56,7 @@ impl Matcher for Blind {
 /// The oracle in a task in which it asks, with these outside.
 fn play(outside: Outside, path: &std::path::Path) -> (Result<EpisodeReport, AgentError>, Trace) {
     let scene = home();
-    let mut tasks = generate(&GenerateOptions {
+    let mut tasks = draw(&DrawOptions {
         scene: &scene,
         families: &[Family::SUL],
         count: 1,

@@ -9,7 +9,7 @@ use reel_agents::{
 };
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_tasks::{GenerateOptions, generate, home};
+use reel_tasks::{DrawOptions, draw, home};
 use reel_trace::Trace;
 use reel_world::{
     ErrorCode, FailureClass, Family, HORIZON, Profile, Scene, Skills, Task, record::PolicyInfo,
@@ -326,7 +326,7 @@ struct World {
 impl World {
     fn new(count: usize, seed: u64) -> World {
         let scene = Arc::new(home());
-        let made = generate(&GenerateOptions {
+        let made = draw(&DrawOptions {
             scene: &scene,
             families: &Family::ALL,
             count,

@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, env, sync::Arc, thread};
 use reel_episode::{Episode, EpisodeConfig, StepOutput};
 use reel_reward::Preset;
 use reel_sim::Primitive;
-use reel_tasks::{GenerateOptions, generate, home};
+use reel_tasks::{DrawOptions, draw, home};
 use reel_world::{
     Door, ErrorCode, Family, Profile, ReceptacleId, Scene, Skills, Task, Tool,
     record::{MarkerTarget, PolicyInfo, StepInput, StepRecord},
@@ -219,7 +219,7 @@ impl Play {
 fn measure(seed: u64) -> [u32; 5] {
     let scene = home();
     let made = |families: &[Family], count| {
-        generate(&GenerateOptions {
+        draw(&DrawOptions {
             scene: &scene,
             families,
             count,

@@ -12,7 +12,7 @@ mod prompt;
 
 use std::{fs, io, path::Path, sync::Arc};
 
-use reel_model::{Client, Message, Reply, Role};
+use reel_llm::client::{Client, Message, Reply, Role};
 use reel_prompt::Prompt;
 use reel_world::Digest;
 

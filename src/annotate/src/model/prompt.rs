@@ -3,7 +3,7 @@
 
 use std::{ops::Range, sync::Arc};
 
-use reel_model::{Message, Request, Role};
+use reel_llm::client::{Message, Request, Role};
 use reel_prompt::{EpisodePrompt, Prompt, SingleTurn};
 use reel_world::Digest;
 use serde_json::{Map, Value, json};

@@ -5,7 +5,7 @@ mod model;
 mod published;
 mod real_contract;
 mod rules;
-#[path = "../../../model/tests/model/scripted.rs"]
+#[path = "../../../llm/tests/model/scripted.rs"]
 #[expect(
     dead_code,
     reason = "the writer needs not all that the client's tests do"

@@ -8,7 +8,7 @@ use reel_annotate::{
     history_check, prompt_version, read_notes,
 };
 use reel_history::{Deed, Setting};
-use reel_model::{CallLog, Client, Endpoint};
+use reel_llm::client::{CallLog, Client, Endpoint};
 use reel_prompt::{Prompt, TEMPLATE, Wording};
 use reel_trace::Trace;
 use reel_world::Digest;

@@ -11,7 +11,7 @@ use reel_annotate::{
     history_check, notes_path, version, write_notes,
 };
 use reel_history::{Deed, Setting};
-use reel_model::Client;
+use reel_llm::client::Client;
 use reel_prompt::Prompt;
 use reel_trace::Trace;
 use serde_json::json;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use reel_assets::{Folder, Listed, Survey, Verdict};
+use reel_tasks::assets::{Folder, Listed, Survey, Verdict};
 use serde_json::json;
 
 use crate::Answer;

@@ -14,9 +14,9 @@ use std::{
 use anyhow::{Context, bail};
 use reel_agents::{AgentError, EpisodeReport, Job, RecordTo, Seats, run_all};
 use reel_episode::EpisodeConfig;
+use reel_query::statistics::{bootstrap, mcnemar, wilson};
 use reel_reward::Preset;
 use reel_sim::sim_version;
-use reel_statistics::{bootstrap, mcnemar, wilson};
 use reel_tasks::Listed;
 use reel_trace::{Durability, Images, RecordOptions, Trace};
 use reel_world::{

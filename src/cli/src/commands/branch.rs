@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_agents::{EpisodeReport, RecordTo};
-use reel_branch::{Branch, Then, fork, parse_call, parse_calls};
+use reel_counterfactual::branch::{Branch, Then, fork, parse_call, parse_calls};
 use reel_replay::{Descent, Ending, verify_branch};
 use reel_trace::{Images, RecordOptions, Trace};
 use reel_world::{Digest, ToolCall};

@@ -8,7 +8,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use rayon::prelude::*;
-use reel_buckets::Sent;
+use reel_tables::buckets::Sent;
 use reel_trace::{is_remote, list_remote, local};
 use serde_json::json;
 

@@ -4,7 +4,7 @@ use std::{fs, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
 use reel_dataset::TokenizerFile;
-use reel_lint::{Dataset, Format, Options, image_bytes, lint, show};
+use reel_dataset::lint::{Dataset, Format, Options, image_bytes, lint, show};
 
 use crate::{Answer, progress};
 

@@ -9,7 +9,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use reel_query::{Format, named};
-use reel_tasks::{GenerateOptions, generate};
+use reel_tasks::{DrawOptions, draw};
 use reel_trace::Trace;
 use reel_world::{Family, Profile, Skills, Task};
 
@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
     }
     let workers = inputs::workers(arguments.jobs);
     let scene = inputs::scene(None)?;
-    let made = generate(&GenerateOptions {
+    let made = draw(&DrawOptions {
         scene: &scene,
         families: &Family::ALL,
         count: arguments.count,

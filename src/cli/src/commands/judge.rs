@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use reel_model::Clock as _;
+use reel_llm::client::Clock as _;
 use reel_query::Session;
 use reel_tables::{Label, Store};
 use reel_taxonomy::{

@@ -2,7 +2,7 @@
 
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
-use reel_pilot::script::{Script, Trouble};
+use reel_llm::agent::script::{Script, Trouble};
 use reel_server::{MockOptions, mock_llm};
 use reel_trace::Trace;
 

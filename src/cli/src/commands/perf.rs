@@ -9,12 +9,12 @@ use std::{
 
 use anyhow::{Context, anyhow};
 use reel_agents::{Job, RecordTo, builtin, run_all};
-use reel_blame::{alternative, blame};
+use reel_counterfactual::blame::{alternative, blame};
 use reel_episode::EpisodeConfig;
 use reel_replay::{SnapshotCache, seek, verify_with};
 use reel_reward::Preset;
 use reel_sim::{Given, Simulator, Stage, geometry::Pose, physics::Physics, render::Detail};
-use reel_tasks::{GenerateOptions, generate};
+use reel_tasks::{DrawOptions, draw};
 use reel_trace::{Images, Trace, encode_webp};
 use reel_world::{
     FRAME_HEIGHT, FRAME_WIDTH, Family, Profile, Scene, Skills, Task, record::PolicyInfo,
@@ -104,7 +104,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
 
 fn measure(arguments: &Arguments) -> anyhow::Result<Figures> {
     let scene = inputs::scene(None)?;
-    let made = generate(&GenerateOptions {
+    let made = draw(&DrawOptions {
         scene: &scene,
         families: &Family::ALL,
         count: arguments.count,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use reel_blame::{Edit, Repair, blame, repair};
+use reel_counterfactual::blame::{Edit, Repair, blame, repair};
 use reel_trace::Trace;
 use serde_json::{Value, json};
 

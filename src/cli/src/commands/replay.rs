@@ -183,7 +183,9 @@ fn verify(
 
 /// What executors do for this command.
 #[cfg(feature = "cluster")]
-pub fn works(assets: &std::sync::Arc<Option<reel_assets::Folder>>) -> [reel_cluster::Work; 2] {
+pub fn works(
+    assets: &std::sync::Arc<Option<reel_tasks::assets::Folder>>,
+) -> [reel_cluster::Work; 2] {
     use crate::elsewhere::work;
 
     let (of_replay, of_outcomes) = (assets.clone(), assets.clone());

@@ -6,7 +6,7 @@ use std::{
 };
 
 use anyhow::Context;
-use reel_generate::{
+use reel_tasks::generate::{
     portrait,
     scene::{Brief, Finding, Plan, built_in, check, generate, names, views},
 };

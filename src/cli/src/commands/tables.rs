@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::bail;
 use reel_tables::{Store, Table, views};
-use reel_tasks::{GenerateOptions, generate};
+use reel_tasks::{DrawOptions, draw};
 use reel_world::{Family, Task};
 use serde_json::json;
 
@@ -168,7 +168,7 @@ fn synthesize(store: &str, episodes: u64, tasks: usize, seed: u64) -> anyhow::Re
         bail!("there is a store already: {store}; made-up episodes go into a new one");
     }
     let scene = inputs::scene(None)?;
-    let made = generate(&GenerateOptions {
+    let made = draw(&DrawOptions {
         scene: &scene,
         families: &Family::ALL,
         count: tasks,

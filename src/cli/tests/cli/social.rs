@@ -101,7 +101,7 @@ fn annotated_tasks_are_played_and_replayed_and_a_broken_off_run_goes_on() {
 #[cfg(feature = "service")]
 #[test]
 fn a_models_proposal_stands_where_nothing_is_against_it() {
-    use reel_generate::social::{Options, Strategy, annotate};
+    use reel_tasks::generate::social::{Options, Strategy, annotate};
 
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
@@ -112,7 +112,7 @@ fn a_models_proposal_stands_where_nothing_is_against_it() {
             "tasks", "generate", "--scene", "S3", "--count", "8", "--seed", "1", "--out", "made",
         ],
     );
-    let scene = reel_generate::scene::built_in("S3").unwrap();
+    let scene = reel_tasks::generate::scene::built_in("S3").unwrap();
     let tasks = reel_tasks::load(&folder.join("made/S3"), &scene).tasks;
     let options = Options {
         strategies: &Strategy::ALL,

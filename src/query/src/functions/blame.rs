@@ -11,7 +11,7 @@ use datafusion::{
     error::{DataFusionError, Result},
     logical_expr::{ColumnarValue, ScalarUDF, Volatility, create_udf},
 };
-use reel_blame::{Blame, Decisive};
+use reel_counterfactual::blame::{Blame, Decisive};
 use reel_trace::Trace;
 
 use super::{FunctionHelp, simulator::each};
@@ -44,7 +44,7 @@ fn blame(arguments: &[ColumnarValue], control: &Control) -> Result<ColumnarValue
     let rows: Vec<Option<Blame>> = each(&arrays[0], control, |path, _| {
         let trace =
             Trace::read(path).map_err(|error| DataFusionError::External(Box::new(error)))?;
-        Ok(reel_blame::blame(&trace))
+        Ok(reel_counterfactual::blame::blame(&trace))
     })?;
     let decisive = || {
         rows.iter()

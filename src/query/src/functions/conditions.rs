@@ -7,6 +7,7 @@ use std::{
     sync::Arc,
 };
 
+use crate::pattern::{ColumnKind, Condition, Literal, Op, Operand, Pattern, StepColumn};
 use arrow::{
     array::{
         Array, ArrayRef, AsArray, BooleanArray, Float64Array, Int32Array, ListArray, Scalar,
@@ -24,7 +25,6 @@ use datafusion::{
     common::exec_err,
     error::{DataFusionError, Result},
 };
-use reel_pattern::{ColumnKind, Condition, Literal, Op, Operand, Pattern, StepColumn};
 
 /// The steps of many episodes, flat, and where each episode begins.
 pub(super) struct Episodes<'a> {

@@ -2,11 +2,14 @@
 //! fits, back and forth, and a column of the steps as a list. Patterns are matched over the bits
 //! that come of their conditions.
 //!
-//! The language of the patterns is `reel_pattern`'s. [`needs`] says which columns of the steps a
+//! The language of the patterns is `reel_query::pattern`'s. [`needs`] says which columns of the steps a
 //! call reads, so that a query reads no others from disk.
 
 use std::{collections::BTreeSet, sync::Arc};
 
+use crate::pattern::{
+    ColumnKind, Condition, Literal, Op, Operand, Oscillation, Pattern, StepColumn,
+};
 use arrow::{
     array::{
         Array, ArrayRef, AsArray, BooleanArray, BooleanBufferBuilder, Int32Array, Int64Array,
@@ -24,7 +27,6 @@ use datafusion::{
         Signature, Volatility,
     },
 };
-use reel_pattern::{ColumnKind, Condition, Literal, Op, Operand, Oscillation, Pattern, StepColumn};
 
 use super::{
     FunctionHelp,
@@ -255,7 +257,7 @@ impl StepFunction {
             .iter()
             .filter_map(|field| Some((field.name().as_str(), kind(field)?)))
             .collect();
-        let wrong = |error: reel_pattern::PatternError| {
+        let wrong = |error: crate::pattern::PatternError| {
             DataFusionError::Plan(format!("{}: {error}", self.name))
         };
         match self.kind {
@@ -375,7 +377,7 @@ fn oscillation(steps: &Episodes) -> Result<StructArray> {
     let mut found: Vec<Option<(Oscillation, &str, &str)>> = Vec::with_capacity(steps.len());
     for row in 0..steps.len() {
         let range = steps.range(row);
-        let run = reel_pattern::oscillation(range.clone().map(place));
+        let run = crate::pattern::oscillation(range.clone().map(place));
         found.push(run.filter(|_| steps.list.is_valid(row)).map(|run| {
             let first = range.start + run.first_step;
             let (one, other) = (places.text(first), places.text(first + 1));

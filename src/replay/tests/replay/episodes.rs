@@ -8,7 +8,7 @@ use std::{
 use reel_agents::{Outside, RecordTo, policy, run_episode};
 use reel_episode::EpisodeConfig;
 use reel_reward::Preset;
-use reel_tasks::{GenerateOptions, generate, home};
+use reel_tasks::{DrawOptions, draw, home};
 use reel_trace::{Images, Recorder, Trace};
 use reel_world::{Family, Profile, Scene, Skills, Task, chain, record::PolicyInfo};
 
@@ -16,13 +16,13 @@ use reel_world::{Family, Profile, Scene, Skills, Task, chain, record::PolicyInfo
 pub fn tasks() -> &'static [Arc<Task>] {
     static TASKS: OnceLock<Vec<Arc<Task>>> = OnceLock::new();
     TASKS.get_or_init(|| {
-        let options = GenerateOptions {
+        let options = DrawOptions {
             scene: &home(),
             families: &Family::ALL,
             count: 4,
             seed: 7,
         };
-        let tasks: Vec<_> = generate(&options).tasks.into_iter().map(Arc::new).collect();
+        let tasks: Vec<_> = draw(&options).tasks.into_iter().map(Arc::new).collect();
         assert_eq!(tasks.len(), 4);
         tasks
     })

@@ -10,7 +10,7 @@ use std::{
 
 use axum::{Json, extract::State};
 use base64::{Engine as _, prelude::BASE64_STANDARD};
-use reel_lint::{Dataset, Example, Image, Options, Part, image_bytes, lint};
+use reel_dataset::lint::{Dataset, Example, Image, Options, Part, image_bytes, lint};
 use reel_live::check_name;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

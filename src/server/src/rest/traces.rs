@@ -10,8 +10,8 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use reel_agents::{AgentError, RecordTo};
-use reel_blame::Options;
-use reel_branch::{Branch, BranchError, Then};
+use reel_counterfactual::blame::Options;
+use reel_counterfactual::branch::{Branch, BranchError, Then};
 use reel_replay::{Verdict, Viewpoint, view_at};
 use reel_reward::Preset;
 use reel_trace::{Images, RecordOptions, Trace, TraceError, encode_png};
@@ -481,7 +481,7 @@ pub(super) async fn branch(
             calls: body.calls,
             then,
         };
-        let report = reel_branch::fork(&parent, body.at, None)
+        let report = reel_counterfactual::branch::fork(&parent, body.at, None)
             .and_then(|fork| branch.play(&fork, Some(&record)));
         let report = report.map_err(|error| {
             if is_in_the_way(&error) {
@@ -536,7 +536,7 @@ pub(super) async fn blame(
             alternatives: asked.alternative,
             branches: None,
         };
-        let measured = reel_blame::blame_all(&[path], 1, &options, || ()).pop();
+        let measured = reel_counterfactual::blame::blame_all(&[path], 1, &options, || ()).pop();
         let measured = measured.unwrap_or_else(|| Err("nothing was measured".to_owned()));
         let mut value =
             json!(measured.map_err(|error| ApiError::unprocessable("bad_trace", error))?);

@@ -2,12 +2,12 @@
 
 use std::{path::PathBuf, sync::Arc};
 
+use crate::buckets::bucket;
 use deltalake::logstore::{LogStoreRef, StorageConfig, default_logstore};
 use object_store::{
     ObjectMeta, ObjectStore, ObjectStoreExt as _, local::LocalFileSystem, path::Path,
     prefix::PrefixStore,
 };
-use reel_buckets::bucket;
 use reel_trace::is_remote;
 use url::Url;
 

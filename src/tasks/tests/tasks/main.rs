@@ -1,8 +1,8 @@
 //! The crate from outside: published tasks, fixtures of our own, scenes, the generator.
 
 mod checkout;
+mod draw;
 mod fixtures;
-mod generator;
 mod lookup;
 mod published;
 mod real_contract;

@@ -1,6 +1,6 @@
 //! Why a case has no verdict.
 
-use reel_model::ModelError;
+use reel_llm::client::ModelError;
 
 /// Every error of the judge. Each belongs to one case; the others go on.
 #[derive(Debug, thiserror::Error)]

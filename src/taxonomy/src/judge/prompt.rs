@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use reel_model::{Message, Part, Request, Role};
+use reel_llm::client::{Message, Part, Request, Role};
 use reel_world::Digest;
 use serde_json::json;
 

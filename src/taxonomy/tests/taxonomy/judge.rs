@@ -5,7 +5,7 @@ use std::{
     time::Duration,
 };
 
-use reel_model::{Cache, Client, Endpoint};
+use reel_llm::client::{Cache, Client, Endpoint};
 use reel_taxonomy::judge::{
     Case, JudgeError, Options, Picture, Proven, REFUSED_MAX, Source, Turn, Verdict, judge,
     judge_all, prompt_version,

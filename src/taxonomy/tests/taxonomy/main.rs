@@ -7,7 +7,7 @@ mod play;
 mod judge;
 mod paper;
 mod rules;
-#[path = "../../../model/tests/model/scripted.rs"]
+#[path = "../../../llm/tests/model/scripted.rs"]
 #[expect(
     dead_code,
     reason = "the judge needs not all that the client's tests do"

@@ -9,7 +9,7 @@ use super::layers::workspace;
 
 /// The crates whose results are recorded and compared. Clippy reads one `clippy.toml` a crate and
 /// does not merge files, so each has a copy.
-const COMPUTING: &[&str] = &["world", "reward", "plan", "sim", "episode"];
+const COMPUTING: &[&str] = &["world", "reward", "agents", "sim", "episode"];
 
 const TYPES: &[&str] = &[
     "std::collections::HashMap",

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, fs};
 
 use anyhow::{Context, bail};
 use reel_agents::Label;
-use reel_blame::Measured;
+use reel_counterfactual::blame::Measured;
 use reel_trace::Trace;
 
 /// What came of one kind of fault.

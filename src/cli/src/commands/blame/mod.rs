@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use base64::{Engine as _, engine::general_purpose::STANDARD as BASE64};
-use reel_blame::{Blame, Cause, Measured, Options, blame_all};
+use reel_counterfactual::blame::{Blame, Cause, Measured, Options, blame_all};
 #[cfg(feature = "analytics")]
 use reel_tables::{Blamed, Store};
 use reel_trace::Trace;

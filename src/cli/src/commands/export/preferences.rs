@@ -10,7 +10,7 @@ use std::{
 
 use anyhow::{Context, bail};
 use rayon::prelude::*;
-use reel_blame::{Blame, Repair, blame, repair};
+use reel_counterfactual::blame::{Blame, Repair, blame, repair};
 use reel_dataset::{Encoding, Format, PictureOptions, Ratios, Style, WriterOptions};
 use reel_export::{ExportOptions, Selection, SplitBy, Words};
 use reel_replay::verify_trace;

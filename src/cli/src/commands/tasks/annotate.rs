@@ -9,10 +9,12 @@ use std::{
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 #[cfg(feature = "service")]
-use reel_generate::social::proposal;
-use reel_generate::social::{Annotated, Annotation, FIELD, Options, Skipped, Strategy, annotate};
+use reel_llm::client::{Client, Message, Request, Role};
 #[cfg(feature = "service")]
-use reel_model::{Client, Message, Request, Role};
+use reel_tasks::generate::social::proposal;
+use reel_tasks::generate::social::{
+    Annotated, Annotation, FIELD, Options, Skipped, Strategy, annotate,
+};
 use reel_world::{Digest, Scene, Task};
 use serde_json::{Value, json};
 

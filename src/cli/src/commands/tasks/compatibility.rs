@@ -8,7 +8,7 @@ use std::{fs, path::PathBuf, sync::Arc};
 use anyhow::Context;
 #[cfg(feature = "service")]
 use anyhow::bail;
-use reel_generate::task::Compatibility;
+use reel_tasks::generate::task::Compatibility;
 use reel_world::Scene;
 
 use crate::Answer;
@@ -80,8 +80,8 @@ fn proposed(
     table: &Compatibility,
     scenes: &[Arc<Scene>],
 ) -> anyhow::Result<Option<Compatibility>> {
-    use reel_generate::task::compatibility::{PROMPT, judge, question};
-    use reel_model::{Message, Request, Role};
+    use reel_llm::client::{Message, Request, Role};
+    use reel_tasks::generate::task::compatibility::{PROMPT, judge, question};
     use reel_tasks::library::objects;
 
     let Arguments { out, model, .. } = arguments;

@@ -3,7 +3,7 @@
 use std::{collections::BTreeSet, path::PathBuf, sync::Arc};
 
 use anyhow::{Context, bail};
-use reel_generate::task::{
+use reel_tasks::generate::task::{
     Compatibility, Made, Options, Placing, Rejection, Statistics, TaskType, make, real,
 };
 use reel_tasks::real_proc;

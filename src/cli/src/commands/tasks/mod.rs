@@ -16,7 +16,7 @@ use std::{
 };
 
 use anyhow::{Context, bail};
-use reel_tasks::{GenerateOptions, Listed, LoadedSet, generate};
+use reel_tasks::{DrawOptions, Listed, LoadedSet, draw};
 use reel_world::{Family, Scene};
 use serde_json::json;
 
@@ -104,7 +104,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Answer> {
         } => {
             let scene = inputs::scene(scene.as_deref())?;
             let families = parse_families(families)?;
-            let made = generate(&GenerateOptions {
+            let made = draw(&DrawOptions {
                 scene: &scene,
                 families: &families,
                 count: *count,

@@ -5,7 +5,7 @@ use std::{
     sync::Arc,
 };
 
-use reel_generate::task::report::{Row, report};
+use reel_tasks::generate::task::report::{Row, report};
 use reel_world::Task;
 use serde_json::json;
 

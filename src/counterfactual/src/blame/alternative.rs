@@ -1,0 +1,110 @@
+//! The better future of a decisive step, played and verified: a competent agent that knows what the
+//! episode's agent knew takes over there; where even that fails, the oracle, which knows the truth.
+//! Never an edit of single calls.
+
+use std::path::{Path, PathBuf};
+
+use crate::branch::{Branch, BranchError, fork};
+use reel_agents::RecordTo;
+use reel_replay::{Fork, verify_branch};
+use reel_trace::{Images, RecordOptions, Trace};
+use reel_world::ToolCall;
+use serde::{Deserialize, Serialize};
+
+use crate::blame::Decisive;
+
+/// Who may take over, the one that knows less first.
+const HEIRS: [&str; 2] = ["planner", "oracle"];
+
+/// What would have been better.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Alternative {
+    /// The policy that takes over at the decisive step: `planner` knows what the agent knew,
+    /// `oracle` knows the truth.
+    pub policy: String,
+    /// Decisions of the whole episode then.
+    pub length: u32,
+    /// The branch, where one was wanted.
+    pub trace: Option<PathBuf>,
+    /// Whether the branch was replayed and is exact, with the parent's past.
+    pub verified: bool,
+}
+
+/// Plays what would have been better at the decisive step, and records and verifies it where a path
+/// is given.
+///
+/// # Errors
+/// When the episode cannot be executed up to there, or the branch cannot be written. Inside: why
+/// nobody succeeds from there.
+pub fn alternative(
+    trace: &Trace,
+    decisive: &Decisive,
+    record: Option<&Path>,
+) -> Result<Result<Alternative, String>, BranchError> {
+    let fork = fork(trace, decisive.step as usize, None)?;
+    let better = match better_future(&fork)? {
+        Ok(better) => better,
+        Err(why) => return Ok(Err(why)),
+    };
+    let verified = match record {
+        Some(path) => recorded(&better.branch, &fork, path)?,
+        None => false,
+    };
+    let (policy, trace) = (better.policy.to_owned(), record.map(Path::to_owned));
+    Ok(Ok(Alternative {
+        policy,
+        length: better.length,
+        trace,
+        verified,
+    }))
+}
+
+/// A future in which the episode succeeds.
+pub(crate) struct Better {
+    policy: &'static str,
+    branch: Branch,
+    length: u32,
+    /// Its calls from there on.
+    pub calls: Vec<ToolCall>,
+}
+
+/// Lets each heir take over until one succeeds; else says how each failed.
+pub(crate) fn better_future(fork: &Fork<'_>) -> Result<Result<Better, String>, BranchError> {
+    let mut told = Vec::new();
+    for policy in HEIRS {
+        let branch = Branch::policy(policy, fork.parent().header.seed);
+        let (report, calls) = branch.play_for_calls(fork)?;
+        if report.success {
+            return Ok(Ok(Better {
+                policy,
+                branch,
+                length: report.length,
+                calls,
+            }));
+        }
+        let why = report
+            .unreachable
+            .unwrap_or_else(|| format!("{:?} after {} calls", report.end_reason, report.length));
+        told.push(format!("{policy}: {why}"));
+    }
+    Ok(Err(format!(
+        "from call {} on nobody succeeds ({})",
+        fork.call(),
+        told.join("; ")
+    )))
+}
+
+/// Records a branch, and replays what was recorded.
+pub(crate) fn recorded(branch: &Branch, fork: &Fork<'_>, path: &Path) -> Result<bool, BranchError> {
+    let record = RecordTo {
+        path: path.to_owned(),
+        options: RecordOptions::from(Images::None),
+    };
+    branch.play(fork, Some(&record))?;
+    let made = Trace::read(path).map_err(|error| BranchError::Unreadable {
+        path: path.to_owned(),
+        error: error.to_string(),
+    })?;
+    let made = made.with_meshes(&*fork.parent().meshes);
+    Ok(verify_branch(&made, fork.parent()).holds())
+}

@@ -1,0 +1,86 @@
+//! Many episodes at a time, on several threads; results come in the order of the paths.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use reel_trace::Trace;
+use serde::{Deserialize, Serialize};
+
+use crate::blame::{Alternative, Blame, alternative, blame};
+
+/// A measured trace.
+#[derive(Clone, PartialEq, Debug, Serialize, Deserialize)]
+pub struct Measured {
+    /// The trace.
+    pub trace: PathBuf,
+    /// What was measured.
+    #[serde(flatten)]
+    pub blame: Blame,
+    /// What would have been better at the decisive step, where it was asked for.
+    pub alternative: Option<Alternative>,
+    /// Why there is none, where it was asked for.
+    pub no_alternative: Option<String>,
+}
+
+/// How traces are measured.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Whether what would have been better is played.
+    pub alternatives: bool,
+    /// The folder for those branches, verified; none: they are played and thrown away.
+    pub branches: Option<PathBuf>,
+}
+
+/// Measures traces. A trace that cannot be read is an error in words, and keeps the others from
+/// nothing.
+pub fn blame_all(
+    paths: &[PathBuf],
+    workers: usize,
+    options: &Options,
+    on_done: impl Fn() + Sync,
+) -> Vec<Result<Measured, String>> {
+    let measure = |path: &PathBuf| {
+        let measured = Trace::read(path)
+            .map_err(|error| error.to_string())
+            .map(|trace| measure(&trace, options));
+        on_done();
+        measured
+    };
+    match rayon::ThreadPoolBuilder::new()
+        .num_threads(workers.max(1))
+        .build()
+    {
+        Ok(pool) => pool.install(|| paths.par_iter().with_max_len(1).map(measure).collect()),
+        Err(_) => paths.iter().map(measure).collect(),
+    }
+}
+
+fn measure(trace: &Trace, options: &Options) -> Measured {
+    let blame = blame(trace);
+    let (mut found, mut reason) = (None, None);
+    if let Some(decisive) = blame.decisive.as_ref().filter(|_| options.alternatives) {
+        let path = options
+            .branches
+            .as_ref()
+            .map(|folder| folder.join(branch_name(&trace.path, decisive.step)));
+        match alternative(trace, decisive, path.as_deref()) {
+            Ok(Ok(alternative)) => found = Some(alternative),
+            Ok(Err(why)) => reason = Some(why),
+            Err(error) => reason = Some(error.to_string()),
+        }
+    }
+    Measured {
+        trace: trace.path.clone(),
+        blame,
+        alternative: found,
+        no_alternative: reason,
+    }
+}
+
+fn branch_name(trace: &Path, step: u32) -> String {
+    let stem = trace.file_stem().map_or_else(
+        || "trace".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    format!("{stem}--better-at-{step}.mcap")
+}

@@ -1,0 +1,199 @@
+//! What rows tell of an episode in their texts: receptacles, calls, outcomes. As deeds for the
+//! History validator.
+//!
+//! Reads the single-turn prompts of Reel, today's and former ones, and the tools' texts of SPEC
+//! sections 2 and 9; an outcome in other words is unknown, never guessed.
+
+use reel_history::{Deed, Mark, Place, Setting};
+use reel_world::{DoorState, ErrorCode, GraphEvent, ToolCall, ToolSpec};
+use serde_json::Value;
+
+use crate::lint::Call;
+
+/// The part of a prompt after a title, up to the end of the line.
+pub(super) fn line_after<'t>(prompt: &'t str, title: &str) -> Option<&'t str> {
+    let at = prompt.find(title)? + title.len();
+    prompt[at..].lines().next().map(str::trim)
+}
+
+/// The setting that a prompt tells: `Task: ..`, and lines `1) In room: id, id.` or `- id (category,
+/// room)`.
+pub(super) fn setting(prompt: &str) -> Setting {
+    let place = |line: &str| {
+        let (id, rest) = line.strip_prefix("- ")?.split_once(" (")?;
+        let (category, room) = rest.strip_suffix(')')?.split_once(", ")?;
+        Some(Place {
+            id: id.into(),
+            category: category.into(),
+            room: room.into(),
+            captions: Vec::new(),
+            door: None,
+        })
+    };
+    let instruction = line_after(prompt, "Task: ").unwrap_or_default().to_owned();
+    let room = |line: &str| {
+        let (number, rest) = line.split_once(") In ")?;
+        let (room, ids) = rest.strip_suffix('.')?.split_once(": ")?;
+        number.parse::<u32>().ok()?;
+        Some((room.to_owned(), ids.to_owned()))
+    };
+    let of_room = |(room, ids): (String, String)| {
+        let place = |id: &str| Place {
+            id: id.into(),
+            category: id
+                .trim_end_matches(|c: char| c.is_ascii_digit())
+                .trim_end_matches('_')
+                .replace('_', " "),
+            room: room.clone(),
+            captions: Vec::new(),
+            door: None,
+        };
+        ids.split(", ").map(place).collect::<Vec<_>>()
+    };
+    let places = prompt
+        .lines()
+        .filter_map(place)
+        .chain(prompt.lines().filter_map(room).flat_map(of_room));
+    Setting {
+        places: places.collect(),
+        things: Vec::new(),
+        instruction,
+        complete: false,
+    }
+}
+
+/// The last action and its outcome as a prompt tells them; `None` in the first decision.
+///
+/// # Errors
+/// Where the prompt has no such lines or the action does not read.
+pub(super) fn last(prompt: &str) -> Result<Option<(Call, String)>, ()> {
+    let action = line_after(prompt, "Last action: ").ok_or(())?;
+    if action.eq_ignore_ascii_case("none") || action == "{}" {
+        return Ok(None);
+    }
+    let call = serde_json::from_str::<Value>(action)
+        .ok()
+        .as_ref()
+        .and_then(Call::of_value)
+        .ok_or(())?;
+    let former = prompt
+        .rsplit_once("Last outcome: ")
+        .map(|(_, told)| told.split("\nCurrent view:").next().unwrap_or_default());
+    let today = || {
+        prompt
+            .rsplit_once("Last observation: ")
+            .and_then(|(_, told)| Some(told.split_once("Result: ")?.1))
+    };
+    let outcome = former.or_else(today).ok_or(())?;
+    Ok(Some((call, outcome.trim_end().to_owned())))
+}
+
+/// Makes deeds of calls and the texts of their outcomes, in order.
+#[derive(Default)]
+pub(super) struct Teller {
+    step: u32,
+    holding: bool,
+    markers: Vec<Mark>,
+}
+
+impl Teller {
+    /// The next deed; `None` if the text does not tell whether the call succeeded: the deeds after
+    /// it are not to be trusted.
+    pub(super) fn deed(&mut self, call: &Call, outcome: &str) -> Option<Deed> {
+        let mut deed = Deed::called(
+            self.step,
+            &ToolCall::new(call.name.clone(), call.arguments.clone()),
+            outcome,
+        );
+        self.step += 1;
+        let tool = ToolSpec::by_name(&call.name).map(|spec| spec.paper_name);
+        let error = if tool == Some("ask") {
+            None
+        } else {
+            ErrorCode::told_by(outcome)
+        };
+        match (tool, error) {
+            (None, None) => deed.error = Some(ErrorCode::UnknownTool.as_str().to_owned()),
+            (_, Some(code)) => deed.error = Some(code.as_str().to_owned()),
+            (Some(tool), None) => {
+                let success = SUCCESSES
+                    .iter()
+                    .find(|(name, _)| *name == tool)
+                    .map_or("", |(_, text)| text);
+                if !outcome.is_empty() && !outcome.trim_start().starts_with(success) {
+                    return None;
+                }
+                self.done(tool, outcome, &mut deed);
+            }
+        }
+        deed.held = self.holding.then(|| HELD.to_owned());
+        deed.markers.clone_from(&self.markers);
+        Some(deed)
+    }
+
+    fn done(&mut self, tool: &str, outcome: &str, deed: &mut Deed) {
+        let named = |title: &str| {
+            outcome
+                .trim()
+                .strip_prefix(title)
+                .map(|id| id.trim_end_matches('.').to_owned())
+        };
+        match tool {
+            "nav_to" => {
+                deed.receptacle.clone_from(&deed.argument);
+                self.markers.clear();
+            }
+            "show_receptacles" | "walk_around" => {
+                let mark = |line: &str| {
+                    let (number, id) = line.trim().split_once(": ")?;
+                    let receptacle = (tool == "show_receptacles").then(|| id.to_owned());
+                    Some(Mark {
+                        number: number.parse().ok()?,
+                        object: None,
+                        receptacle,
+                    })
+                };
+                self.markers = outcome.lines().filter_map(mark).collect();
+            }
+            "show_object_by_category" => self.markers.clear(),
+            "pick" => self.holding = true,
+            "place" => {
+                self.holding = false;
+                deed.receptacle = named("Placed the object on ");
+            }
+            "open" | "close" => {
+                let (to, from) = if tool == "open" {
+                    (DoorState::Open, DoorState::Closed)
+                } else {
+                    (DoorState::Closed, DoorState::Open)
+                };
+                deed.receptacle =
+                    named("Opened the door of ").or_else(|| named("Closed the door of "));
+                let change = |id: &String| GraphEvent::Door {
+                    receptacle: id.as_str().into(),
+                    from,
+                    to,
+                };
+                deed.changes.extend(deed.receptacle.as_ref().map(change));
+            }
+            "ask" => deed.reply = Some(outcome.to_owned()),
+            _ => {}
+        }
+    }
+}
+
+/// What the hand holds, of which rows tell no more.
+const HELD: &str = "held";
+
+/// How a success begins, by tool; `ask` and `finish` may say anything.
+const SUCCESSES: &[(&str, &str)] = &[
+    ("nav_to", "Arrived at"),
+    ("walk_around", "I found the following"),
+    ("show_object_by_category", "Found "),
+    ("show_receptacles", "Receptacles in view"),
+    ("gaze_at", "Looking at"),
+    ("pick", "Picked up"),
+    ("place", "Placed "),
+    ("open", "Opened "),
+    ("close", "Closed "),
+];

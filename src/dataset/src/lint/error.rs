@@ -1,0 +1,57 @@
+//! What cannot be read: a whole path ([`Error`]), or one row of a file that is otherwise fine
+//! ([`RowError`]).
+
+use std::{io, path::PathBuf};
+
+use parquet::errors::ParquetError;
+
+use crate::lint::Place;
+
+/// Why a dataset does not open.
+#[derive(thiserror::Error, Debug)]
+pub enum Error {
+    /// The path cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A folder without a file of rows.
+    #[error("no .json, .jsonl or .parquet file with training rows: name the folder that holds them: {}", path.display())]
+    NoRows {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// None of the six formats.
+    #[error("not a training set: {found}; expected {expected}: {}", path.display())]
+    NotRecognised {
+        /// The file.
+        path: PathBuf,
+        /// What its first rows are like.
+        found: String,
+        /// What would have been understood.
+        expected: &'static str,
+    },
+    /// Not a Parquet file, or a torn one.
+    #[error("not a whole Parquet file: {source}: {}", path.display())]
+    Parquet {
+        /// The file.
+        path: PathBuf,
+        /// What the reader said.
+        source: ParquetError,
+    },
+}
+
+/// A row that cannot be read; the rows after it can.
+#[derive(thiserror::Error, Clone, PartialEq, Eq, Debug)]
+#[error("{message}")]
+pub struct RowError {
+    /// The row.
+    pub place: Place,
+    /// Column of the offending character in its line, from 1; 0 where there is none.
+    pub column: usize,
+    /// What is wrong and what was expected.
+    pub message: String,
+}

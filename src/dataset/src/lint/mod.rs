@@ -1,0 +1,27 @@
+//! What is wrong with a training set, ours or anybody's: reads the formats of SPEC section 11 and
+//! reports with examples.
+//!
+//! Owns the reading of rows into one common form ([`Example`]), the checks, the report and the
+//! showing of an example. Never changes a file and never asks a model; what a trainer's loader
+//! would do silently is said aloud.
+
+mod checks;
+mod dataset;
+mod error;
+mod example;
+mod formats;
+mod json;
+mod parquet_rows;
+mod picture;
+mod report;
+mod show;
+
+pub use crate::Format;
+pub use checks::{Options, lint};
+pub use dataset::{Dataset, DatasetFile, Rows};
+pub use error::{Error, RowError};
+pub use example::{Example, Image, ImageSource, Part, Place, Role, Turn};
+pub use picture::{Picture, PictureError, PictureFormat};
+pub use reel_world::answer::{Answer, Call};
+pub use report::{CheckReport, ExampleRef, Finding, Report, Severity};
+pub use show::{image_bytes, show};

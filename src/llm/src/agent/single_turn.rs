@@ -1,0 +1,326 @@
+//! The agent of REAL's rollouts: one user message a decision, made from the prompt template; the
+//! answer is reasoning and one JSON object. What it is asked equals what it is trained on, byte for
+//! byte (`reel_prompt`).
+
+use std::sync::Arc;
+
+use crate::client::{Client, Message, Part, Request, Role};
+use reel_agents::{Context, NoAnswer, Policy};
+use reel_prompt::{EpisodePrompt, Outcome, Prompt};
+use reel_world::{
+    ToolCall,
+    answer::Answer,
+    record::{PolicyInfo, StepInput},
+};
+
+use crate::agent::agent::{AgentStyle, image, info, no_call, output, picture};
+
+/// A model that is asked anew for every decision.
+pub struct SingleTurn {
+    client: Arc<Client>,
+    prompt: Arc<Prompt>,
+    seed: u64,
+    /// What it remembers; `None` before the first decision.
+    turn: Option<reel_prompt::SingleTurn>,
+    last: Option<Last>,
+    /// The latest one; a call without a picture leaves it.
+    picture: Option<Vec<u8>>,
+}
+
+/// The last call, whose outcome is not known yet.
+struct Last {
+    call: ToolCall,
+    /// The answer that made it; `None` if somebody else decided.
+    answer: Option<String>,
+}
+
+impl SingleTurn {
+    /// An agent at the start of an episode.
+    pub fn new(client: Arc<Client>, prompt: Arc<Prompt>, seed: u64) -> Self {
+        Self {
+            client,
+            prompt,
+            seed,
+            turn: None,
+            last: None,
+            picture: None,
+        }
+    }
+
+    /// Takes in what came of the last call, and asks for the next.
+    fn request(&mut self, context: &Context<'_>) -> Request {
+        self.picture = picture(context).or(self.picture.take());
+        let prompt = &self.prompt;
+        let turn = self.turn.get_or_insert_with(|| {
+            let receptacles = context
+                .briefing
+                .receptacles
+                .iter()
+                .map(|(id, _, room)| (id.as_str(), room.as_str()));
+            let episode = EpisodePrompt::new(
+                Arc::clone(prompt),
+                &context.briefing.instruction,
+                receptacles,
+            );
+            reel_prompt::SingleTurn::new(Arc::new(episode))
+        });
+        // REAL's first prompt holds no observation yet, and so no image.
+        let mut shown = None;
+        if let Some(Last { call, answer }) = self.last.take() {
+            shown.clone_from(&self.picture);
+            let outcome = Outcome {
+                tool: &call.name,
+                text: &context.observation.text,
+                images: usize::from(shown.is_some()),
+                held: context.observation.held.as_deref(),
+            };
+            match answer {
+                Some(answer) => turn.update(&answer, &outcome),
+                None => turn.watch(&call, &outcome),
+            }
+        }
+        let parts = [Part::Text(turn.prompt())]
+            .into_iter()
+            .chain(shown.map(image))
+            .collect();
+        Request {
+            messages: vec![Message::new(Role::User, parts)],
+            ..Request::default()
+        }
+    }
+}
+
+impl Policy for SingleTurn {
+    fn info(&self) -> PolicyInfo {
+        info(
+            AgentStyle::SingleTurn,
+            &self.client,
+            self.seed,
+            self.prompt.digest(),
+        )
+    }
+
+    fn wants_truth(&self) -> bool {
+        false
+    }
+
+    fn act(&mut self, context: &Context<'_>) -> Result<StepInput, NoAnswer> {
+        let request = self.request(context);
+        let reply = self.client.complete(&request).map_err(NoAnswer::new)?;
+        let answer = Answer::parse(&reply.text);
+        let call = answer
+            .action
+            .clone()
+            .map_or_else(no_call, |call| ToolCall::new(call.name, call.arguments));
+        let input = StepInput::said(call.clone(), output(&answer, reply.text.clone(), &reply));
+        self.last = Some(Last {
+            call,
+            answer: Some(reply.text),
+        });
+        Ok(input)
+    }
+
+    fn watch(&mut self, context: &Context<'_>, input: &StepInput) {
+        self.request(context);
+        self.last = Some(Last {
+            call: input.call.clone(),
+            answer: None,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use crate::client::{Clock, Endpoint};
+    use reel_dataset::{
+        Episode, ExampleOptions, Receptacle, Secrets, Source, Split, Step, Told, examples,
+    };
+    use reel_episode::{Briefing, Observation};
+    use reel_world::{FRAME_HEIGHT, FRAME_WIDTH, Frame, NameSet};
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    struct NoClock;
+
+    impl Clock for NoClock {
+        fn now_ns(&self) -> u64 {
+            0
+        }
+
+        fn sleep(&self, _: Duration) {}
+    }
+
+    #[test]
+    fn a_model_is_asked_as_it_was_taught() {
+        let calls = [
+            (
+                "nav_to",
+                json!({"receptacle_name": "table_1"}),
+                "Arrived at table_1.",
+            ),
+            (
+                "walk_around",
+                Value::Null,
+                "I found the following object(s): \n\t0: a(an) mug.\n",
+            ),
+            (
+                "pick",
+                json!({"marker_id": 0}),
+                "Picked up the object with marker 0.",
+            ),
+        ];
+        let briefing = Briefing {
+            instruction: "Bring the \"red\" mug to the desk.".to_owned(),
+            receptacles: vec![("table_1".into(), "table".to_owned(), "kitchen/0".to_owned())],
+        };
+        let client = Client::new(
+            Endpoint::new("http://localhost:9/v1", "m"),
+            Arc::new(NoClock),
+        )
+        .unwrap();
+        let table = Receptacle {
+            id: "table_1".into(),
+            category: "table".into(),
+            room: "kitchen/0".into(),
+        };
+        let step = |(index, (name, arguments, outcome)): (usize, &(&str, Value, &str))| Step {
+            call: index as u32,
+            tool: (*name).to_owned(),
+            call_name: (*name).to_owned(),
+            arguments: arguments.clone(),
+            outcome: (*outcome).to_owned(),
+            history: format!("I made {index} calls."),
+            held: (index == 2).then(|| "mug".to_owned()),
+            images: vec![reel_world::Digest::of(b"view")],
+            learn: true,
+            ..Step::default()
+        };
+        let finish = ("finish", Value::Null, "");
+        let episode = Episode {
+            episode_id: "e".to_owned(),
+            task_id: "FDP/t".to_owned(),
+            family: "FDP".to_owned(),
+            scene_id: "home".to_owned(),
+            policy: "oracle".to_owned(),
+            split: Split::default(),
+            told: Told::new(&briefing.instruction, vec![table], Secrets::none()).into(),
+            names: NameSet::Paper,
+            steps: calls
+                .iter()
+                .chain([&finish])
+                .enumerate()
+                .map(step)
+                .collect(),
+            source: Source::default(),
+        };
+        let taught = examples(&episode, &ExampleOptions::default()).examples;
+        let answers: Vec<String> = taught
+            .iter()
+            .map(|example| example.messages()[1].1.to_string())
+            .collect();
+
+        let mut agent = SingleTurn::new(Arc::new(client), Prompt::builtin(), 0);
+        let pixels = vec![0; FRAME_WIDTH * FRAME_HEIGHT * 3];
+        for (step, taught) in taught.iter().enumerate() {
+            let text = step
+                .checked_sub(1)
+                .map_or(String::new(), |before| calls[before].2.to_owned());
+            // The second call gives no picture: the one before stays.
+            let frame = (step != 2).then(|| Frame {
+                rgb: pixels.clone(),
+                ids: Vec::new(),
+                depth_mm: Vec::new(),
+            });
+            let observation = Observation {
+                text,
+                error: None,
+                frame,
+                held: (step == 3).then(|| "mug".to_owned()),
+            };
+            let context = Context {
+                briefing: &briefing,
+                observation: &observation,
+                seen: &[],
+                truth: None,
+                step: step as u32,
+            };
+            let asked = agent.request(&context);
+            let [(role, user), _] = taught.messages().try_into().unwrap();
+            assert_eq!((role, asked.messages.len()), ("user", 1));
+            let [Part::Text(text), images @ ..] = &asked.messages[0].parts[..] else {
+                panic!("no text comes first")
+            };
+            assert_eq!(*text, user, "{}", taught.id);
+            assert_eq!(images.len(), taught.images().count(), "{}", taught.id);
+            assert_eq!(
+                user.matches("<image>").count(),
+                images.len(),
+                "{}",
+                taught.id
+            );
+            if let Some((name, arguments, _)) = calls.get(step) {
+                let call = ToolCall::new(*name, arguments.clone());
+                agent.last = Some(Last {
+                    call,
+                    answer: Some(answers[step].clone()),
+                });
+            }
+        }
+        let last = taught.last().unwrap().messages()[0].1.to_string();
+        for part in [
+            "Hand: holding: mug",
+            "{'History': '0) I made 0 calls.\n1) I made 1 calls.",
+            r#"{"tool_name": "pick", "args": {"marker_id": "0"}}"#,
+        ] {
+            assert!(last.contains(part), "{part}\n{last}");
+        }
+    }
+
+    #[test]
+    fn calls_of_others_are_remembered() {
+        let briefing = Briefing {
+            instruction: "Bring it.".to_owned(),
+            receptacles: Vec::new(),
+        };
+        let client = Client::new(
+            Endpoint::new("http://localhost:9/v1", "m"),
+            Arc::new(NoClock),
+        )
+        .unwrap();
+        let mut agent = SingleTurn::new(Arc::new(client), Prompt::builtin(), 0);
+        let observation = |text: &str| Observation {
+            text: text.to_owned(),
+            error: None,
+            frame: None,
+            held: None,
+        };
+        let (start, arrived) = (observation(""), observation("Arrived at table_1."));
+        let context = |observation, step| Context {
+            briefing: &briefing,
+            observation,
+            seen: &[],
+            truth: None,
+            step,
+        };
+        agent.watch(
+            &context(&start, 0),
+            &StepInput::bare(ToolCall::new(
+                "nav_to",
+                json!({"receptacle_name": "table_1"}),
+            )),
+        );
+        let asked = agent.request(&context(&arrived, 1));
+        let [Part::Text(text)] = &asked.messages[0].parts[..] else {
+            panic!("one text")
+        };
+        assert!(
+            text.contains(
+                r#"{'History': '0) {"tool_name":"navigate_to","args":{"receptacle_name":"table_1"}}: Arrived at table_1.'}"#
+            ),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,398 @@
+//! Asking: the cache first, then the endpoint, again where that may help, and a line in the log.
+
+use std::{io, sync::Arc, time::Duration};
+
+use reel_world::{Digest, canonical_json};
+use ureq::{
+    Agent,
+    config::Config,
+    http::{Uri, header::RETRY_AFTER},
+    tls::{RootCerts, TlsConfig},
+};
+
+use crate::client::{
+    Cache, Call, CallLog, Clock, Endpoint, ModelError, Reply, Request,
+    cache::Kept,
+    error::excerpt,
+    reply::{self, Answer, NoAnswer},
+    request,
+};
+
+/// Longest answer that is read, in bytes.
+const ANSWER_BYTES_MAX: u64 = 16 << 20;
+/// Longest pause of our own between two tries.
+const PAUSE_MAX: Duration = Duration::from_secs(30);
+/// Longest pause that an endpoint may ask for.
+const RETRY_AFTER_MAX: Duration = Duration::from_secs(60);
+
+/// A client of one endpoint, for any number of threads.
+pub struct Client {
+    endpoint: Endpoint,
+    url: String,
+    agent: Agent,
+    clock: Arc<dyn Clock>,
+    cache: Option<Cache>,
+    log: Option<CallLog>,
+}
+
+impl Client {
+    /// A client; nothing is asked yet.
+    ///
+    /// # Errors
+    /// When the endpoint's address cannot be one.
+    pub fn new(endpoint: Endpoint, clock: Arc<dyn Clock>) -> Result<Self, ModelError> {
+        let url = endpoint.url()?;
+        let agent = agent(&endpoint, &url)?;
+        Ok(Self {
+            endpoint,
+            url,
+            agent,
+            clock,
+            cache: None,
+            log: None,
+        })
+    }
+
+    /// Keeps replies, and gives kept ones.
+    pub fn with_cache(self, cache: Cache) -> Self {
+        Self {
+            cache: Some(cache),
+            ..self
+        }
+    }
+
+    /// Logs every call.
+    pub fn with_log(self, log: CallLog) -> Self {
+        Self {
+            log: Some(log),
+            ..self
+        }
+    }
+
+    /// The endpoint.
+    pub fn endpoint(&self) -> &Endpoint {
+        &self.endpoint
+    }
+
+    /// Asks, and waits for the reply.
+    ///
+    /// # Errors
+    /// When there is no reply after all tries, or it cannot be kept or logged as it should.
+    pub fn complete(&self, request: &Request) -> Result<Reply, ModelError> {
+        let body = canonical_json(&request::body(&self.endpoint, request));
+        let digest = Digest::of(body.as_bytes());
+        let time_ns = self.clock.now_ns();
+        let kept = self.cache.as_ref().and_then(|cache| cache.get(&digest));
+        let cached = kept.is_some();
+        let (attempts, result) = match kept {
+            Some(kept) => (0, Ok(kept)),
+            None => self.ask_and_keep(&digest, &body, time_ns),
+        };
+        let tokens = result.as_ref().map_or([None; 2], |kept| {
+            [kept.answer.tokens_read, kept.answer.tokens_written]
+        });
+        self.note(
+            time_ns,
+            digest,
+            &self.url,
+            (attempts, cached),
+            tokens,
+            result.as_ref().err(),
+        )?;
+        Ok(reply(result?, cached, digest))
+    }
+
+    /// The vectors of texts, by the endpoint's `/embeddings`, in the order of the texts.
+    ///
+    /// # Errors
+    /// When there is no answer after all tries, or it cannot be logged as it should.
+    pub fn embed(&self, texts: &[&str]) -> Result<Vec<Vec<f32>>, ModelError> {
+        let url = self.endpoint.embeddings_url()?;
+        let body = canonical_json(&request::embedding_body(&self.endpoint, texts));
+        let time_ns = self.clock.now_ns();
+        let (attempts, result) =
+            self.ask(&url, &body, |text| reply::parse_vectors(text, texts.len()));
+        self.note(
+            time_ns,
+            Digest::of(body.as_bytes()),
+            &url,
+            (attempts, false),
+            [None; 2],
+            result.as_ref().err(),
+        )?;
+        result
+    }
+
+    /// A line of the log, where there is one.
+    fn note(
+        &self,
+        time_ns: u64,
+        request: Digest,
+        url: &str,
+        (attempts, cached): (u32, bool),
+        [tokens_read, tokens_written]: [Option<u32>; 2],
+        error: Option<&ModelError>,
+    ) -> Result<(), ModelError> {
+        let Some(log) = &self.log else { return Ok(()) };
+        log.write(&Call {
+            time_ns,
+            request,
+            url: url.to_owned(),
+            model: self.endpoint.model.clone(),
+            attempts,
+            cached,
+            tokens_read,
+            tokens_written,
+            latency_ns: self.clock.now_ns().saturating_sub(time_ns),
+            error: error.map(ToString::to_string),
+        })
+    }
+
+    /// The kept reply to a request, if there is one. Nobody is asked, and as no call is made none
+    /// is logged.
+    pub fn kept(&self, request: &Request) -> Option<Reply> {
+        let digest = Digest::of(canonical_json(&request::body(&self.endpoint, request)).as_bytes());
+        Some(reply(self.cache.as_ref()?.get(&digest)?, true, digest))
+    }
+
+    fn ask_and_keep(
+        &self,
+        digest: &Digest,
+        body: &str,
+        time_ns: u64,
+    ) -> (u32, Result<Kept, ModelError>) {
+        let (attempts, result) = self.ask(&self.url, body, |text| {
+            reply::parse(text, self.endpoint.logprobs)
+        });
+        let result = result.and_then(|answer| {
+            let kept = Kept {
+                answer,
+                latency_ns: self.clock.now_ns().saturating_sub(time_ns),
+            };
+            self.cache
+                .as_ref()
+                .map_or(Ok(()), |cache| cache.put(digest, kept.clone()))?;
+            Ok(kept)
+        });
+        (attempts, result)
+    }
+
+    /// Asks until there is an answer or no hope of one; with how often it asked.
+    fn ask<T>(
+        &self,
+        url: &str,
+        body: &str,
+        read: impl Fn(&str) -> Result<T, NoAnswer>,
+    ) -> (u32, Result<T, ModelError>) {
+        let mut attempts = 1;
+        loop {
+            match self.attempt(url, body, attempts, &read) {
+                Ok(answer) => return (attempts, Ok(answer)),
+                Err(failure)
+                    if attempts > self.endpoint.retries || !failure.error.is_transient() =>
+                {
+                    return (attempts, Err(failure.error));
+                }
+                Err(failure) => {
+                    let pause = failure
+                        .retry_after
+                        .map_or_else(|| pause(attempts), |asked| asked.min(RETRY_AFTER_MAX));
+                    self.clock.sleep(pause);
+                    attempts += 1;
+                }
+            }
+        }
+    }
+
+    fn attempt<T>(
+        &self,
+        url: &str,
+        body: &str,
+        attempts: u32,
+        read: impl Fn(&str) -> Result<T, NoAnswer>,
+    ) -> Result<T, Failure> {
+        let broken = |error| Failure {
+            error: self.broken(url, error, attempts),
+            retry_after: None,
+        };
+        let mut post = self.agent.post(url).content_type("application/json");
+        if let Some(key) = &self.endpoint.api_key {
+            post = post.header("authorization", key.bearer());
+        }
+        let mut response = post.send(body).map_err(broken)?;
+        let status = response.status();
+        let retry_after = response
+            .headers()
+            .get(RETRY_AFTER)
+            .and_then(|value| value.to_str().ok()?.trim().parse().ok());
+        let bytes = response
+            .body_mut()
+            .with_config()
+            .limit(ANSWER_BYTES_MAX)
+            .read_to_vec()
+            .map_err(broken)?;
+        let text = self.without_key(&String::from_utf8_lossy(&bytes));
+        let url = url.to_owned();
+        if !status.is_success() {
+            let error = ModelError::Status {
+                url,
+                attempts,
+                status: status.as_u16(),
+                excerpt: excerpt(&text),
+            };
+            return Err(Failure {
+                error,
+                retry_after: retry_after.map(Duration::from_secs),
+            });
+        }
+        read(&text).map_err(|none| {
+            let error = match none.cut {
+                true => ModelError::Cut {
+                    url,
+                    attempts,
+                    what: none.what,
+                },
+                false => ModelError::Answer {
+                    url,
+                    what: none.what,
+                    excerpt: excerpt(&text),
+                },
+            };
+            Failure {
+                error,
+                retry_after: None,
+            }
+        })
+    }
+
+    /// What the transport says, in our terms.
+    fn broken(&self, url: &str, error: ureq::Error, attempts: u32) -> ModelError {
+        let url = url.to_owned();
+        let what = self.without_key(&error.to_string());
+        match error {
+            ureq::Error::Timeout(_) => ModelError::Timeout {
+                url,
+                attempts,
+                timeout_s: self.endpoint.timeout.as_secs_f64(),
+            },
+            ureq::Error::HostNotFound | ureq::Error::ConnectionFailed => ModelError::Connect {
+                url,
+                attempts,
+                what,
+            },
+            ureq::Error::Io(error) => match error.kind() {
+                io::ErrorKind::ConnectionRefused
+                | io::ErrorKind::HostUnreachable
+                | io::ErrorKind::NetworkUnreachable
+                | io::ErrorKind::AddrNotAvailable => ModelError::Connect {
+                    url,
+                    attempts,
+                    what,
+                },
+                // rustls speaks through the connection it sits on
+                io::ErrorKind::InvalidData => ModelError::Tls { url, what },
+                _ => ModelError::Cut {
+                    url,
+                    attempts,
+                    what,
+                },
+            },
+            ureq::Error::Tls(_) | ureq::Error::Rustls(_) => ModelError::Tls { url, what },
+            ureq::Error::BodyExceedsLimit(_) | ureq::Error::BadUri(_) | ureq::Error::Http(_) => {
+                ModelError::Answer {
+                    url,
+                    what,
+                    excerpt: excerpt(""),
+                }
+            }
+            _ => ModelError::Cut {
+                url,
+                attempts,
+                what,
+            },
+        }
+    }
+
+    fn without_key(&self, text: &str) -> String {
+        self.endpoint
+            .api_key
+            .as_ref()
+            .map_or_else(|| text.to_owned(), |key| key.redact(text))
+    }
+}
+
+fn reply(kept: Kept, cached: bool, request: Digest) -> Reply {
+    let Kept {
+        answer:
+            Answer {
+                text,
+                calls,
+                truncated,
+                tokens_read,
+                tokens_written,
+                logprobs,
+            },
+        latency_ns,
+    } = kept;
+    Reply {
+        text,
+        calls,
+        truncated,
+        tokens_read,
+        tokens_written,
+        logprobs,
+        latency_ns,
+        cached,
+        request,
+    }
+}
+
+struct Failure {
+    error: ModelError,
+    retry_after: Option<Duration>,
+}
+
+/// Before the next try, after so many: 1, 2, 4, ... seconds.
+fn pause(attempts: u32) -> Duration {
+    Duration::from_secs(1u64.checked_shl(attempts - 1).unwrap_or(u64::MAX)).min(PAUSE_MAX)
+}
+
+/// Statuses are read, not thrown; a redirect is never followed: the key goes nowhere else. Proxies
+/// come from the environment, but what runs on this machine is asked directly.
+fn agent(endpoint: &Endpoint, url: &str) -> Result<Agent, ModelError> {
+    let uri: Uri = url.parse().map_err(|_| ModelError::BaseUrl {
+        what: "it cannot be read",
+    })?;
+    let host = uri.host().ok_or(ModelError::BaseUrl {
+        what: "it names no host",
+    })?;
+    let mut config = Config::builder()
+        .timeout_global(Some(endpoint.timeout))
+        .http_status_as_error(false)
+        .max_redirects(0)
+        .max_redirects_will_error(false)
+        .user_agent(concat!("reel/", env!("CARGO_PKG_VERSION")))
+        .tls_config(
+            TlsConfig::builder()
+                .root_certs(RootCerts::PlatformVerifier)
+                .build(),
+        );
+    if host == "localhost" || host == "[::1]" || host.starts_with("127.") {
+        config = config.proxy(None);
+    }
+    Ok(config.build().into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pauses_double_up_to_a_bound() {
+        let seconds: Vec<u64> = [1, 2, 3, 5, 6, 64, 65, u32::MAX]
+            .into_iter()
+            .map(|attempts| pause(attempts).as_secs())
+            .collect();
+        assert_eq!(seconds, [1, 2, 4, 16, 30, 30, 30, 30]);
+    }
+}

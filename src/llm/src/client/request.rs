@@ -1,0 +1,141 @@
+//! What is asked, and how it stands on the wire.
+
+use base64::{Engine, engine::general_purpose::STANDARD};
+use serde_json::{Map, Value, json};
+
+use crate::client::Endpoint;
+
+/// A conversation that the model is to continue.
+#[derive(Clone, PartialEq, Debug, Default)]
+pub struct Request {
+    /// In their order.
+    pub messages: Vec<Message>,
+    /// The functions that it may call, as a list of `{type: function, function: {...}}`; null where
+    /// there are none.
+    pub tools: Value,
+}
+
+/// A message of a conversation.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Message {
+    /// Who speaks.
+    pub role: Role,
+    /// Texts and pictures in their order.
+    pub parts: Vec<Part>,
+    /// The functions that the model called in it, as it wrote them.
+    pub calls: Vec<Value>,
+    /// The call that it answers, by its id.
+    pub answers: Option<String>,
+}
+
+impl Message {
+    /// A message of texts and pictures.
+    pub fn new(role: Role, parts: Vec<Part>) -> Self {
+        Self {
+            role,
+            parts,
+            calls: Vec::new(),
+            answers: None,
+        }
+    }
+
+    /// A message of one text.
+    pub fn text(role: Role, text: impl Into<String>) -> Self {
+        Self::new(role, vec![Part::Text(text.into())])
+    }
+
+    /// What came of a call.
+    pub fn outcome(call: impl Into<String>, text: impl Into<String>) -> Self {
+        Self {
+            answers: Some(call.into()),
+            ..Self::text(Role::Tool, text)
+        }
+    }
+}
+
+/// Who speaks.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Role {
+    /// Whoever wrote the prompt.
+    System,
+    /// Who asks.
+    User,
+    /// The model.
+    Assistant,
+    /// A function that the model called.
+    Tool,
+}
+
+/// A part of a message.
+#[derive(Clone, PartialEq, Debug)]
+pub enum Part {
+    /// Words.
+    Text(String),
+    /// A picture, sent as a data URL.
+    Image {
+        /// e.g. `image/png`
+        media_type: String,
+        /// The file's content.
+        bytes: Vec<u8>,
+    },
+}
+
+/// The body of a request for the vectors of texts.
+pub(crate) fn embedding_body(endpoint: &Endpoint, texts: &[&str]) -> Value {
+    json!({"model": endpoint.model, "input": texts})
+}
+
+/// The body of the request. It holds no address and no key.
+pub(crate) fn body(endpoint: &Endpoint, request: &Request) -> Value {
+    let messages: Vec<Value> = request.messages.iter().map(message).collect();
+    let mut body = Map::new();
+    body.insert("model".into(), json!(endpoint.model));
+    body.insert("messages".into(), Value::Array(messages));
+    body.insert("temperature".into(), json!(endpoint.temperature));
+    body.insert("max_tokens".into(), json!(endpoint.max_tokens));
+    if endpoint.logprobs {
+        body.insert("logprobs".into(), json!(true));
+    }
+    if !request.tools.is_null() {
+        body.insert("tools".into(), request.tools.clone());
+    }
+    for (name, value) in &endpoint.extra {
+        match value {
+            Value::Null => drop(body.remove(name)),
+            value => drop(body.insert(name.clone(), value.clone())),
+        }
+    }
+    Value::Object(body)
+}
+
+/// One text is a plain string: servers without eyes take no lists.
+fn message(message: &Message) -> Value {
+    let role = match message.role {
+        Role::System => "system",
+        Role::User => "user",
+        Role::Assistant => "assistant",
+        Role::Tool => "tool",
+    };
+    let content = match message.parts.as_slice() {
+        [] => Value::Null,
+        [Part::Text(text)] => json!(text),
+        parts => parts.iter().map(part).collect(),
+    };
+    let mut said = json!({"role": role, "content": content});
+    if !message.calls.is_empty() {
+        said["tool_calls"] = message.calls.iter().cloned().collect();
+    }
+    if let Some(call) = &message.answers {
+        said["tool_call_id"] = json!(call);
+    }
+    said
+}
+
+fn part(part: &Part) -> Value {
+    match part {
+        Part::Text(text) => json!({"type": "text", "text": text}),
+        Part::Image { media_type, bytes } => {
+            json!({"type": "image_url", "image_url": {"url": format!("data:{media_type};base64,{}", STANDARD.encode(bytes))}})
+        }
+    }
+}

@@ -1,0 +1,497 @@
+//! Social annotation (paper, Social Interaction Annotation): what an expert has to ask before it
+//! can know what is meant. The instruction is rewritten to leave something open, and questions
+//! about it are put into the plan; whoever follows the plan asks them, so that an annotated
+//! trajectory is an episode like any other.
+//!
+//! Strategy A asks which object is meant, strategy B which of several receptacles alike. Nothing is
+//! asked that was told, and everything is told in the end: [`settles`] plays the conversation with
+//! the simulated user before a task is let through. Knows no file and no model; what a model
+//! proposes (`proposal`) is judged by the same rules.
+
+pub mod proposal;
+mod talk;
+mod words;
+
+use std::fmt;
+
+use crate::{Stream, wording::indefinite};
+use reel_world::{PlanStep, ReceptacleId, Scene, Task};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use crate::generate::task::describe;
+pub use talk::{Objection, settles};
+use words::{is_vague, moves_one, phrase_in, place_of_step, places, pool};
+
+/// So many receptacles a question names; of more it only says that there are several.
+const NAMED_MAX: usize = 4;
+
+/// How the expert comes to speak (paper, Annotation Strategies).
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+pub enum Strategy {
+    /// Proactive clarification: the instruction is underspecified.
+    A,
+    /// Disambiguation: several receptacles of a kind.
+    B,
+}
+
+impl Strategy {
+    /// Both.
+    pub const ALL: [Strategy; 2] = [Strategy::A, Strategy::B];
+
+    /// As it stands in files.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Strategy::A => "A",
+            Strategy::B => "B",
+        }
+    }
+
+    /// Reads what [`Strategy::as_str`] wrote.
+    pub fn parse(text: &str) -> Option<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|strategy| strategy.as_str() == text)
+    }
+}
+
+/// What a question is about.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum About {
+    /// Which object is meant.
+    Object,
+    /// Where it stands.
+    Source,
+    /// Where it shall go.
+    Destination,
+}
+
+impl About {
+    /// All, in the order in which they are asked.
+    pub const ALL: [About; 3] = [About::Object, About::Source, About::Destination];
+
+    /// As it stands in files.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            About::Object => "object",
+            About::Source => "source",
+            About::Destination => "destination",
+        }
+    }
+
+    /// The strategy that asks about it.
+    pub fn strategy(self) -> Strategy {
+        if self == About::Object {
+            Strategy::A
+        } else {
+            Strategy::B
+        }
+    }
+}
+
+/// A question in a plan.
+#[derive(Clone, PartialEq, Eq, Debug, Serialize, Deserialize)]
+pub struct Annotation {
+    /// The strategy.
+    pub strategy: Strategy,
+    /// What it asks about.
+    pub about: About,
+    /// The step of the plan, as it was before, that it comes before.
+    pub insert_before: usize,
+    /// What is said; none where that depends on what is seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub question: Option<String>,
+}
+
+/// What may be done.
+#[derive(Clone, Copy, Debug)]
+pub struct Options<'a> {
+    /// The strategies that may be used.
+    pub strategies: &'a [Strategy],
+    /// Seed of all choices.
+    pub seed: u64,
+}
+
+/// A task with questions in its plan.
+#[derive(Clone, PartialEq, Debug)]
+pub struct Annotated {
+    /// The task; its field `social` says what was done.
+    pub task: Task,
+    /// What was done, in the order of the plan.
+    pub annotations: Vec<Annotation>,
+}
+
+/// Why a task was left as it was.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Skipped {
+    /// No plan to put questions into.
+    NoPlan,
+    /// There are questions in the plan.
+    AsksAlready,
+    /// It is vague about something that the strategies do not ask about.
+    LeftVague,
+    /// Nothing in the scene is like what is meant.
+    NothingAlike,
+    /// The instruction does not say it in words that could be left out.
+    NotWorded,
+    /// The user's answer would not settle it.
+    NotSettled,
+}
+
+impl fmt::Display for Skipped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Skipped::NoPlan => "it has no plan",
+            Skipped::AsksAlready => "its plan asks already",
+            Skipped::LeftVague => "it is vague about what the strategies do not ask",
+            Skipped::NothingAlike => "nothing is like what is meant",
+            Skipped::NotWorded => "the instruction has no words for it that could be left out",
+            Skipped::NotSettled => "the user's answer would not settle it",
+        })
+    }
+}
+
+/// A question that may be asked, and the words that make it necessary.
+struct Proposal {
+    annotation: Annotation,
+    /// Words of the instruction, and what stands for them; none where it is vague already.
+    instead: Option<(std::ops::Range<usize>, String)>,
+}
+
+/// Puts one or two questions into the plan of a task, by strategies drawn from those that apply,
+/// and rewrites its instruction so that they have to be asked. What is vague already is always
+/// asked about.
+///
+/// # Errors
+/// The reason why nothing can be asked.
+pub fn annotate(task: &Task, scene: &Scene, options: &Options<'_>) -> Result<Annotated, Skipped> {
+    if task.plan.is_empty() {
+        return Err(Skipped::NoPlan);
+    }
+    if task.plan.iter().any(|step| step.action == "ask") {
+        return Err(Skipped::AsksAlready);
+    }
+    let mut stream = Stream::new(
+        options.seed,
+        &format!("social/{}/{}", task.scene_id, task.task_id),
+        0,
+    );
+    let (mut needed, mut possible, mut why) = (Vec::new(), Vec::new(), Skipped::NothingAlike);
+    for about in About::ALL {
+        let allowed = options.strategies.contains(&about.strategy());
+        match propose(task, scene, about, &mut stream) {
+            Ok(proposal) if proposal.instead.is_none() && !allowed => {
+                return Err(Skipped::LeftVague);
+            }
+            Ok(proposal) if proposal.instead.is_none() => needed.push(proposal),
+            Ok(proposal) if allowed => possible.push(proposal),
+            Ok(_) => {}
+            Err(reason) => why = why.max(reason),
+        }
+    }
+    let wanted = 1 + stream.below(2);
+    let order = stream.pick_some(&(0..possible.len()).collect::<Vec<_>>(), possible.len());
+    let mut choices: Vec<Vec<usize>> = Vec::new();
+    if needed.is_empty() && wanted == 2 {
+        choices.extend(
+            order
+                .iter()
+                .enumerate()
+                .flat_map(|(at, one)| order[at + 1..].iter().map(|other| vec![*one, *other])),
+        );
+    }
+    if needed.len() < wanted {
+        choices.extend(order.iter().map(|one| vec![*one]));
+    }
+    if !needed.is_empty() {
+        choices.push(Vec::new());
+    }
+    for choice in choices {
+        let chosen: Vec<&Proposal> = needed
+            .iter()
+            .chain(choice.iter().map(|index| &possible[*index]))
+            .collect();
+        let both_ends = [About::Source, About::Destination]
+            .iter()
+            .all(|end| chosen.iter().any(|one| one.annotation.about == *end));
+        // "From a table to a table" is nothing that people say.
+        if both_ends
+            && [(&task.src, &task.dest), (&task.dest, &task.src)]
+                .iter()
+                .any(|(one, other)| alike(scene, one, other))
+        {
+            continue;
+        }
+        let annotations = chosen
+            .iter()
+            .map(|proposal| proposal.annotation.clone())
+            .collect();
+        match apply(
+            task,
+            scene,
+            reworded(&task.instruction, &chosen),
+            annotations,
+        ) {
+            Ok(annotated) => return Ok(annotated),
+            Err(_) => why = why.max(Skipped::NotSettled),
+        }
+    }
+    Err(why)
+}
+
+/// Puts these questions under this instruction, if the outcome is as it shall be: see [`settles`].
+///
+/// # Errors
+/// What speaks against it.
+pub fn apply(
+    task: &Task,
+    scene: &Scene,
+    instruction: String,
+    mut annotations: Vec<Annotation>,
+) -> Result<Annotated, Objection> {
+    annotations
+        .sort_by_key(|annotation| (annotation.insert_before, annotation.about != About::Source));
+    let mut next = task.clone();
+    let is_told = instruction == task.instruction;
+    next.instruction = instruction;
+    next.fuzzy = true;
+    if annotations
+        .iter()
+        .any(|annotation| annotation.about == About::Object)
+        && next.purpose.is_none()
+    {
+        next.purpose = Some(task.target_object().category.clone());
+    }
+    talk::admits(task, &annotations)?;
+    insert(&mut next.plan, &annotations);
+    talk::settles(&next, scene)?;
+    talk::leaves_the_rest(task, &next, scene, &annotations)?;
+    // One more question that can pay (SPEC section 5, `B_ask`), if receptacles were told apart
+    // before.
+    let vaguer = About::ALL[1..].iter().any(|about| {
+        places(task, scene, *about, &[&task.instruction]).len() < 2
+            && places(&next, scene, *about, &[&next.instruction]).len() > 1
+    });
+    if let (true, Some(budget)) = (vaguer, next.extra.get_mut("episodes[0].ask_budget")) {
+        *budget = json!(budget.as_u64().map_or(1, |asks| (asks + 1).min(3)));
+    }
+    let mut social = json!({ "annotations": annotations });
+    if !is_told {
+        social["instruction_before"] = json!(task.instruction);
+    }
+    next.extra.insert(FIELD.to_owned(), social);
+    Ok(Annotated {
+        task: next,
+        annotations,
+    })
+}
+
+/// Where a task file says what was done to it.
+pub const FIELD: &str = "episodes[0].social";
+
+/// Puts questions into a plan, the last one first, so that the indices of the others stay valid; of
+/// several before one step, the first comes first.
+///
+/// # Panics
+/// When an index is beyond the end of the plan.
+pub fn insert(plan: &mut Vec<PlanStep>, annotations: &[Annotation]) {
+    let mut order: Vec<&Annotation> = annotations.iter().collect();
+    order.sort_by_key(|annotation| annotation.insert_before);
+    for annotation in order.into_iter().rev() {
+        let text = |text: &str| Value::from(text);
+        let mut args = [
+            ("strategy", text(annotation.strategy.as_str())),
+            ("about", text(annotation.about.as_str())),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .to_vec();
+        args.extend(
+            annotation
+                .question
+                .as_deref()
+                .map(|question| ("question".to_owned(), text(question))),
+        );
+        plan.insert(
+            annotation.insert_before,
+            PlanStep {
+                action: "ask".to_owned(),
+                args: args.into_iter().collect(),
+            },
+        );
+    }
+}
+
+fn propose(
+    task: &Task,
+    scene: &Scene,
+    about: About,
+    stream: &mut Stream,
+) -> Result<Proposal, Skipped> {
+    match about {
+        About::Object => object(task, scene),
+        About::Source | About::Destination => place(task, scene, about, stream),
+    }
+}
+
+/// Strategy A.
+fn object(task: &Task, scene: &Scene) -> Result<Proposal, Skipped> {
+    if !moves_one(task) {
+        return Err(Skipped::NothingAlike);
+    }
+    let find = task
+        .plan
+        .iter()
+        .position(|step| step.action == "find")
+        .ok_or(Skipped::NotWorded)?;
+    let proposal = |instead| Proposal {
+        annotation: Annotation {
+            strategy: Strategy::A,
+            about: About::Object,
+            insert_before: find + 1,
+            question: None,
+        },
+        instead,
+    };
+    if is_vague(task, scene, About::Object) {
+        return Ok(proposal(None));
+    }
+    let target = task.target_object();
+    let alike = task
+        .objects
+        .iter()
+        .filter(|object| object.receptacle == task.src && object.category == target.category)
+        .count();
+    if alike < 2 {
+        return Err(Skipped::NothingAlike);
+    }
+    let caption = target.caption.as_deref().unwrap_or_default();
+    let phrases = describe::object(&target.category, caption, &target.attributes);
+    let at = phrase_in(&task.instruction, &phrases).ok_or(Skipped::NotWorded)?;
+    Ok(proposal(Some((at, indefinite(&target.category)))))
+}
+
+/// Strategy B.
+fn place(
+    task: &Task,
+    scene: &Scene,
+    about: About,
+    stream: &mut Stream,
+) -> Result<Proposal, Skipped> {
+    let is_source = about == About::Source;
+    let right = scene
+        .receptacle(if is_source { &task.src } else { &task.dest })
+        .ok_or(Skipped::NotWorded)?;
+    let likes = pool(task, scene, about);
+    if likes.len() < 2 || (is_source && !moves_one(task)) {
+        return Err(Skipped::NothingAlike);
+    }
+    let vaguely = indefinite(&right.category);
+    let instead = if is_vague(task, scene, about) {
+        None
+    } else {
+        let phrases = words::names(right, scene);
+        Some((
+            phrase_in(&task.instruction, &phrases).ok_or(Skipped::NotWorded)?,
+            vaguely,
+        ))
+    };
+    let category = &right.category;
+    let inside = right.door.exists();
+    let (ask, names) = if is_source {
+        let ways = if inside {
+            ["look in", "check"]
+        } else {
+            ["look on", "check"]
+        };
+        let mut rooms: Vec<String> = Vec::new();
+        for like in &likes {
+            let room = format!("the one in the {}", like.room_name());
+            if !rooms.contains(&room) {
+                rooms.push(room);
+            }
+        }
+        (
+            format!("Which {category} should I {}", ways[stream.below(2)]),
+            Some(rooms),
+        )
+    } else {
+        let ways = if inside {
+            ["put it into", "bring it to"]
+        } else {
+            ["put it on", "bring it to"]
+        };
+        let names = likes
+            .iter()
+            .map(|like| words::name(like, scene))
+            .collect::<Option<Vec<String>>>();
+        (
+            format!("Which {category} should I {}", ways[stream.below(2)]),
+            names,
+        )
+    };
+    let question = match names.filter(|names| names.len() <= NAMED_MAX) {
+        Some(names) => format!("{ask}: {}?", or(&names)),
+        None => format!("There are several. {ask}?"),
+    };
+    // Before the way to the destination, detours included, or before everything.
+    let way = task
+        .plan
+        .iter()
+        .position(|step| place_of_step(step) == Some(task.dest.as_str()))
+        .unwrap_or(0);
+    let is_visit = |step: &PlanStep| step.action == "nav_to";
+    let way = way
+        - task.plan[..way]
+            .iter()
+            .rev()
+            .take_while(|step| is_visit(step))
+            .count();
+    let insert_before = if is_source || stream.below(2) == 0 {
+        0
+    } else {
+        way
+    };
+    let annotation = Annotation {
+        strategy: Strategy::B,
+        about,
+        insert_before,
+        question: Some(question),
+    };
+    Ok(Proposal {
+        annotation,
+        instead,
+    })
+}
+
+/// The instruction with vaguer words in the places of these.
+fn reworded(instruction: &str, proposals: &[&Proposal]) -> String {
+    let mut all: Vec<_> = proposals
+        .iter()
+        .filter_map(|proposal| proposal.instead.clone())
+        .collect();
+    all.sort_by_key(|(at, _)| std::cmp::Reverse(at.start));
+    let mut text = instruction.to_owned();
+    for (at, vaguely) in all {
+        text.replace_range(at, &vaguely);
+    }
+    text
+}
+
+fn alike(scene: &Scene, one: &ReceptacleId, other: &ReceptacleId) -> bool {
+    let category = |id| {
+        scene
+            .receptacle(id)
+            .map_or("", |receptacle| receptacle.category.as_str())
+    };
+    words::is_called(category(one), category(other))
+}
+
+fn or(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        [one] => one.clone(),
+        [firsts @ .., last] => format!("{} or {last}", firsts.join(", ")),
+    }
+}
