@@ -3,6 +3,7 @@
 
 mod determinism;
 mod layers;
+mod links;
 
 use reel_tidy::{
     LINES_MAX, crates, files, inherits_lints, leftovers, machine_paths, opens_with_doc, read, root,
